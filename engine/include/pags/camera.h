@@ -1,0 +1,48 @@
+/* A pinhole camera without distortion, and camera and path files. */
+#ifndef PAGS_CAMERA_H
+#define PAGS_CAMERA_H
+
+#include <pags/base.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pags_camera {
+  int width, height;            /* pixels, 1..65535 */
+  double fx, fy, cx, cy;        /* pixels; image corners at 0 and width/height */
+  double world_from_camera[12]; /* 3x4 row-major [R|t], OpenCV axes, metres, absolute (the scene's origin not subtracted) */
+  double time;                  /* seconds; NaN where unknown */
+} pags_camera;
+
+/* Checks sizes, focal lengths, that all numbers are finite and that R is a rotation within 1e-3 (it is then made exactly
+ * orthonormal). `what` names the camera in the message. */
+PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
+
+/* The same camera at width/factor x height/factor pixels (rounded down, at least 1); the principal point scales. */
+PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double factor);
+
+/* 3x4 [R|t] of the inverse rigid motion. */
+PAGS_API void pags_rigid_inverse(const double m[12], double out[12]);
+/* a * b for 3x4 rigid motions. */
+PAGS_API void pags_rigid_multiply(const double a[12], const double b[12], double out[12]);
+/* Rotation part (row-major 3x3) of a quaternion w x y z, normalised here; identity for a zero quaternion. */
+PAGS_API void pags_rotation_from_quaternion(const double q[4], double r[9]);
+PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);
+
+/* One camera, or a path. A camera file is JSON: width height fx fy cx cy camera_from_world_quaternion_wxyz
+ * camera_from_world_translation and optional time; a path file is {"fps": f, "frames": [camera, ...]}. */
+typedef struct pags_path {
+  double fps; /* frames per second; 0 for a single camera */
+  int64_t count;
+  pags_camera *cameras; /* freed by pags_path_destroy */
+} pags_path;
+
+PAGS_API pags_result pags_path_load(const char *path, pags_path *out); /* either kind of file */
+PAGS_API pags_result pags_path_save(const char *path, const pags_path *cameras);
+PAGS_API void pags_path_destroy(pags_path *path);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

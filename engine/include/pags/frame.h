@@ -1,0 +1,133 @@
+/* One frame: cull -> project -> shade -> bin -> raster, and the way back.
+ *
+ * A pags_frame owns the memory of a frame and is used again and again; from the third frame of a kind on it makes no heap
+ * call. Results are the same bits for any number of threads, any cluster size and any order of the Gaussians whose depths are
+ * distinct (equal depths: the smaller id in front).
+ *
+ * Blending (Kerbl et al. 2023): front to back in the order (depth, id); alpha = min(0.99, opacity * exp(-d' S^-1 d / 2)),
+ * skipped under 1/255; a pixel stops before the Gaussian that would take its transmittance below 1e-4. */
+#ifndef PAGS_FRAME_H
+#define PAGS_FRAME_H
+
+#include <pags/base.h>
+#include <pags/camera.h>
+#include <pags/gaussians.h>
+#include <pags/tasks.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Runs of `size` Gaussians that lie together in memory (and, if Morton-ordered, in space), with bounds that a whole run can be
+ * rejected by. Bytes per Gaussian: 28 / size. */
+typedef struct pags_clusters {
+  int64_t count;  /* ceil(gaussians / size) */
+  int size;       /* 1, or a multiple of 16 up to 256; 64 by default */
+  float *lo[3], *hi[3]; /* bounding box of the means */
+  float *sigma;   /* largest sigma of any member */
+} pags_clusters;
+
+PAGS_API pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count, int size);
+PAGS_API void pags_clusters_destroy(pags_clusters *clusters);
+/* Recomputes the bounds of clusters [first, last) from the Gaussians. */
+PAGS_API void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussians, int64_t first, int64_t last);
+
+/* Gaussians that share a frame of reference. */
+typedef struct pags_part {
+  const pags_gaussians *gaussians;
+  const pags_clusters *clusters;   /* over those Gaussians */
+  const int32_t *id;               /* id of each Gaussian, for output and for ties; NULL: first_id + row */
+  int32_t first_id;
+  double world_from_model[12];     /* rigid, 3x4 */
+} pags_part;
+
+typedef struct pags_frame_options {
+  double origin[3];     /* of the float positions, metres */
+  float background[3];  /* display-referred sRGB, 0..1 */
+  float near_plane;     /* Gaussians with camera z <= this are not drawn; metres, default 0.01 */
+  float low_pass;       /* px^2 added to both variances, default 0.3 (0.1 is Mip-Splatting's) */
+  int antialiased;      /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
+  int sh_degree;        /* highest degree used, 0..3; default 3 */
+  int exp_degree;       /* polynomial degree of exp2 in the rasteriser: 3 (7.5e-5 relative) or 5 (4e-7, default) */
+  int extra_channels;   /* 1: depth and id too */
+  int count_pairs;      /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
+  int keep_for_backward; /* 1: keep what pags_frame_backward needs */
+} pags_frame_options;
+
+PAGS_API pags_frame_options pags_frame_options_default(void);
+
+/* Planes of `stride` floats a row, `height` rows; owned by the frame, valid until its next render. */
+typedef struct pags_picture {
+  int width, height;
+  int stride;                 /* width rounded up to 16 */
+  const float *rgb[3];        /* background included; not clamped */
+  const float *transmittance; /* what is left of the background: 1 - alpha */
+  const float *depth;         /* sum(w z)/sum(w), camera z in metres, 0 where nothing was blended; NULL without extras */
+  const int32_t *id;          /* id of the Gaussian with the largest weight (tie: the nearer), -1 for none; NULL without */
+} pags_picture;
+
+typedef struct pags_frame_stats {
+  double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward */
+  double ms_raster_backward, ms_project_backward;                    /* backward; the latter with the receiver's work */
+  int64_t gaussians;       /* that exist */
+  int64_t loaded;          /* read: members of clusters in view */
+  int64_t shaded;          /* colour computed */
+  int64_t binned;          /* in at least one tile */
+  int64_t pairs_binned;    /* (Gaussian, tile) */
+  int64_t pairs_evaluated; /* (Gaussian, pixel) lanes computed; 0 unless counted */
+  int64_t pairs_blended;   /* of these, blended; 0 unless counted */
+} pags_frame_stats;
+
+typedef struct pags_frame pags_frame;
+
+PAGS_API pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out); /* `tasks` must outlive it */
+PAGS_API void pags_frame_destroy(pags_frame *frame);
+
+/* Called for each cluster in view, before any of its Gaussians is read, from several threads at once but once per cluster: a
+ * trainer brings deferred parameters up to date here. May change the members' parameters, not the bounds. */
+typedef void pags_touch_fn(void *user, int part, int64_t cluster, int worker);
+
+/* PAGS_CANCELLED when the tasks were; PAGS_ERROR_MEMORY; PAGS_ERROR_LIMIT beyond 2^31 Gaussians. `touch` may be NULL. */
+PAGS_API pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                                       const pags_frame_options *options, pags_touch_fn *touch, void *user,
+                                       pags_picture *out);
+
+/* dLoss/d(picture); each plane has the picture's stride and height. NULL planes mean zero; rgb must be given. */
+typedef struct pags_picture_gradient {
+  const float *rgb[3];
+  const float *transmittance;
+  const float *depth_sum; /* by sum(w z), not by the quotient; needs nothing of extra_channels */
+} pags_picture_gradient;
+
+/* Gradients of the Gaussians of one cluster, in the worker's scratch: read them before returning. */
+typedef struct pags_cluster_gradient {
+  int part;
+  int64_t cluster;
+  int64_t first; /* row of the first member */
+  int count;     /* members */
+  int stride;    /* floats from plane to plane, multiple of 16, >= count */
+  int planes;    /* pags_plane_count(active degree): planes beyond are zero and not stored */
+  const float *data;       /* plane p of member i: data[p * stride + i]; 0 for members not drawn */
+  const float *mean2d;     /* |dL/d mean2D| in NDC units (pixel gradient times W/2, H/2), 0 if not drawn */
+  const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad) */
+  const float *radius;     /* 3 sigma of the larger axis in px; 0 if not drawn */
+  const uint8_t *drawn;    /* 1: passed projection and fell into at least one tile */
+} pags_cluster_gradient;
+
+/* Called for every cluster in view (touched ones exactly), from several threads at once, once each. The gradient of a row with a
+ * non-finite value is set to zero and counted. */
+typedef void pags_receive_fn(void *user, const pags_cluster_gradient *gradient, int worker);
+
+/* After a render with keep_for_backward. `bad_rows` (may be NULL) receives the number of rows whose gradient was
+ * not finite. */
+PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive,
+                                         void *user, int64_t *bad_rows);
+
+PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);
+PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame); /* made so far, for the test of steady state */
+PAGS_API size_t pags_frame_bytes(const pags_frame *frame);        /* held now */
+
+#ifdef __cplusplus
+}
+#endif
+#endif
