@@ -1,0 +1,38 @@
+/* Result codes and the line of text that goes with a failure. */
+#include "pags/base.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+/* One line per thread: two threads may fail at once without seeing each other's. */
+static _Thread_local char message[1024];
+
+pags_result pags_fail(pags_result code, const char *format, ...) {
+  /* The arguments may include the message stored before, as in pags_fail(code, "%s: %s", path, pags_error_message()),
+   * so it is put together elsewhere. */
+  char text[sizeof message];
+  va_list arguments;
+  va_start(arguments, format);
+  int length = vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  snprintf(message, sizeof message, "%s", length < 0 ? pags_result_name(code) : text);
+  return code;
+}
+
+const char *pags_error_message(void) {
+  return message;
+}
+
+const char *pags_result_name(pags_result code) {
+  switch (code) {
+    case PAGS_OK: return "ok";
+    case PAGS_ERROR_ARGUMENT: return "argument error";
+    case PAGS_ERROR_IO: return "input/output error";
+    case PAGS_ERROR_FORMAT: return "format error";
+    case PAGS_ERROR_MEMORY: return "out of memory";
+    case PAGS_ERROR_LIMIT: return "limit exceeded";
+    case PAGS_ERROR_UNSUPPORTED: return "unsupported";
+    case PAGS_CANCELLED: return "cancelled";
+  }
+  return "unknown result";
+}

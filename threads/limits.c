@@ -1,0 +1,180 @@
+/* Processors and memory this process may use: affinity mask, physical memory, and the limits of its control group.
+ *
+ * A limit may sit on the process's group or on any ancestor, so all are read. Inside a container /proc/self/cgroup may
+ * name the path as the host sees it while the mount shows the container's own group as the root; levels that don't exist
+ * are therefore passed over, and the walk always ends at the root. Both layouts of Linux are read: version 2 (one tree)
+ * and version 1 (a tree per controller).
+ * Source: Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of the Linux kernel. */
+#define _GNU_SOURCE /* sched_getaffinity */
+#include "limits.h"
+
+#include "pags/tasks.h"
+
+#include <inttypes.h>
+#include <sched.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+enum { PATH_BYTES = 4096 };
+
+/* A limit of one group: reads from the folder `group` and lowers *limit. */
+typedef void limit_fn(const char *group, uint64_t *limit);
+
+/* Reads the first line of group/name. */
+static bool read_line(const char *group, const char *name, char *line, int size) {
+  char path[PATH_BYTES];
+  int length = snprintf(path, sizeof path, "%s/%s", group, name);
+  if (length < 0 || length >= (int)sizeof path)
+    return false;
+  FILE *file = fopen(path, "r");
+  if (!file)
+    return false;
+  bool found = fgets(line, size, file) != NULL;
+  fclose(file);
+  return found;
+}
+
+static void lower(uint64_t *limit, uint64_t value) {
+  if (value < *limit)
+    *limit = value;
+}
+
+/* Part of a processor counts as one: half of two threads' time is more than one thread's. */
+static void lower_to_quota(uint64_t *limit, int64_t quota, int64_t period) {
+  if (quota > 0 && period > 0)
+    lower(limit, (uint64_t)(quota / period) + (quota % period != 0));
+}
+
+static void cpu_limit_v2(const char *group, uint64_t *limit) {
+  char line[128];
+  int64_t quota, period;
+  if (read_line(group, "cpu.max", line, sizeof line) && sscanf(line, "%" SCNd64 " %" SCNd64, &quota, &period) == 2)
+    lower_to_quota(limit, quota, period);
+}
+
+static void cpu_limit_v1(const char *group, uint64_t *limit) {
+  char line[128];
+  int64_t quota, period;
+  if (read_line(group, "cpu.cfs_quota_us", line, sizeof line) && sscanf(line, "%" SCNd64, &quota) == 1 &&
+      read_line(group, "cpu.cfs_period_us", line, sizeof line) && sscanf(line, "%" SCNd64, &period) == 1)
+    lower_to_quota(limit, quota, period);
+}
+
+static void memory_limit_from(const char *group, const char *name, uint64_t *limit) {
+  char line[128];
+  uint64_t bytes;
+  if (read_line(group, name, line, sizeof line) && sscanf(line, "%" SCNu64, &bytes) == 1)
+    lower(limit, bytes);
+}
+
+/* Above memory.high the kernel slows a group down until it is of no use, so that counts as a limit too. */
+static void memory_limit_v2(const char *group, uint64_t *limit) {
+  memory_limit_from(group, "memory.max", limit);
+  memory_limit_from(group, "memory.high", limit);
+}
+
+static void memory_limit_v1(const char *group, uint64_t *limit) {
+  memory_limit_from(group, "memory.limit_in_bytes", limit);
+}
+
+/* Applies `read` to mount/path and every ancestor down to `mount` itself. */
+static void walk_up(const char *root, const char *mount, const char *path, limit_fn *read, uint64_t *limit) {
+  char group[PATH_BYTES];
+  int length = snprintf(group, sizeof group, "%s/sys/fs/cgroup%s%s", root, mount, path);
+  if (length < 0 || length >= (int)sizeof group)
+    return;
+  size_t mount_length = strlen(root) + strlen("/sys/fs/cgroup") + strlen(mount);
+  for (;;) {
+    read(group, limit);
+    char *slash = strrchr(group + mount_length, '/');
+    if (!slash)
+      return;
+    *slash = '\0';
+  }
+}
+
+static bool list_has(const char *list, const char *name) {
+  size_t length = strlen(name);
+  for (const char *at = list; at; at = strchr(at, ',')) {
+    at += *at == ',';
+    if (strncmp(at, name, length) == 0 && (at[length] == ',' || at[length] == '\0'))
+      return true;
+  }
+  return false;
+}
+
+/* A line is "id:controllers:path"; version 2 has no controllers there. */
+static void apply_line(const char *root, char *line, const char *controller, limit_fn *v1, limit_fn *v2,
+                       uint64_t *limit) {
+  line[strcspn(line, "\n")] = '\0';
+  char *controllers = strchr(line, ':');
+  char *path = controllers ? strchr(controllers + 1, ':') : NULL;
+  if (!path)
+    return;
+  ++controllers;
+  *path++ = '\0';
+  if (controllers[0] == '\0') {
+    walk_up(root, "", path, v2, limit);
+    walk_up(root, "/unified", path, v2, limit);
+  } else if (list_has(controllers, controller)) {
+    /* The folder is called after all controllers of the tree; distributions link the single names to it. */
+    char mount[256];
+    int length = snprintf(mount, sizeof mount, "/%s", controllers);
+    if (length > 0 && length < (int)sizeof mount)
+      walk_up(root, mount, path, v1, limit);
+    snprintf(mount, sizeof mount, "/%s", controller);
+    walk_up(root, mount, path, v1, limit);
+  }
+}
+
+static uint64_t cgroup_limit(const char *root, const char *controller, limit_fn *v1, limit_fn *v2, uint64_t ceiling) {
+  char path[PATH_BYTES];
+  int length = snprintf(path, sizeof path, "%s/proc/self/cgroup", root);
+  if (length < 0 || length >= (int)sizeof path)
+    return ceiling;
+  FILE *file = fopen(path, "r");
+  if (!file)
+    return ceiling;
+  uint64_t limit = ceiling;
+  char line[PATH_BYTES];
+  while (fgets(line, sizeof line, file))
+    apply_line(root, line, controller, v1, v2, &limit);
+  fclose(file);
+  return limit;
+}
+
+int pags_cgroup_threads(const char *root, int ceiling) {
+  return (int)cgroup_limit(root, "cpu", cpu_limit_v1, cpu_limit_v2, (uint64_t)ceiling);
+}
+
+uint64_t pags_cgroup_memory(const char *root, uint64_t ceiling) {
+  return cgroup_limit(root, "memory", memory_limit_v1, memory_limit_v2, ceiling);
+}
+
+/* The mask must be as large as the kernel's own, which isn't known beforehand. */
+static int affinity_count(void) {
+  for (int cpus = 1024; cpus <= 1 << 20; cpus *= 4) {
+    cpu_set_t *set = CPU_ALLOC((size_t)cpus);
+    if (!set)
+      break;
+    size_t bytes = CPU_ALLOC_SIZE((size_t)cpus);
+    int count = sched_getaffinity(0, bytes, set) == 0 ? CPU_COUNT_S(bytes, set) : 0;
+    CPU_FREE(set);
+    if (count > 0)
+      return count;
+  }
+  long online = sysconf(_SC_NPROCESSORS_ONLN);
+  return online > 0 ? (int)online : 1;
+}
+
+int pags_available_threads(void) {
+  return pags_cgroup_threads("", affinity_count());
+}
+
+uint64_t pags_available_memory(void) {
+  long pages = sysconf(_SC_PHYS_PAGES);
+  long page_bytes = sysconf(_SC_PAGESIZE);
+  uint64_t physical = pages > 0 && page_bytes > 0 ? (uint64_t)pages * (uint64_t)page_bytes : UINT64_MAX;
+  return pags_cgroup_memory("", physical);
+}

@@ -1,0 +1,459 @@
+/* The pool: parallel loops, background jobs, and the same interface over a host's threads.
+ *
+ * A loop is joined, not handed out. The caller writes its description, opens the gate, and works on it like everybody
+ * else; a worker that sees the gate open counts itself in, draws blocks until there are none, closes the gate and counts
+ * itself out. The loop is over when the gate is closed and the count is zero. So a worker busy with a job, or asleep,
+ * holds nobody up, and the description may be overwritten as soon as the loop is over, since nobody can join a closed one.
+ *
+ * A training step runs dozens of loops with little between them, hence idle workers watch the gate for a moment before
+ * they sleep. Sleeping and opening use sequentially consistent atomics: of "I sleep" and "the gate is open" at least one
+ * is seen by the other side, so that no wake-up is lost. */
+#include "pags/tasks.h"
+
+#include <assert.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <time.h>
+
+/* How long to watch before sleeping: a few times the cost of a wake-up through the kernel (5 to 10 us). */
+enum { SPIN_NANOSECONDS = 40000 };
+
+/* The gate's bits; those below count the workers inside. */
+#define GATE_OPEN 0x80000000u
+#define GATE_AWAITED 0x40000000u /* the caller sleeps until the count is zero */
+#define GATE_COUNT 0x3fffffffu
+
+enum { JOB_IDLE, JOB_QUEUED, JOB_RUNNING, JOB_DONE };
+
+typedef struct loop {
+  int64_t count, grain;
+  uint64_t blocks;
+  pags_block_fn *fn;
+  void *context;
+} loop;
+
+typedef struct hand {
+  pags_tasks *tasks;
+  int worker;
+  pthread_t thread;
+} hand;
+
+struct pags_tasks {
+  int workers;
+  int started;         /* threads of ours that run */
+  bool hosted;         /* `runner` brings the threads */
+  pags_runner runner;
+  hand *crew;          /* [workers]; entry 0 is the caller */
+  pags_arena **arenas; /* [workers] */
+  loop loop;           /* written with the gate closed and nobody inside */
+
+  /* Each of these is hammered by other threads than its neighbours are, hence lines of their own. */
+  _Alignas(64) atomic_uint gate;
+  _Alignas(64) atomic_uint_fast64_t next_block;
+  _Alignas(64) atomic_int cancelled;
+  atomic_int sleepers;
+  atomic_int queued; /* jobs in the list, for looks without the lock */
+  atomic_int stopping;
+
+  _Alignas(64) pthread_mutex_t lock; /* guards the list and the jobs' states */
+  pthread_cond_t wake;               /* for sleeping workers */
+  pthread_cond_t left;               /* for a caller who waits for the count to fall to zero */
+  pthread_cond_t job_done;
+  pags_job *first_job, *last_job;
+};
+
+/* Which workers of which pools this thread is at the moment, innermost first. */
+typedef struct inside {
+  const pags_tasks *tasks;
+  int worker;
+  const struct inside *outer;
+} inside;
+
+static _Thread_local const inside *innermost;
+
+static const inside *find_inside(const pags_tasks *tasks) {
+  const inside *at = innermost;
+  while (at && at->tasks != tasks)
+    at = at->outer;
+  return at;
+}
+
+static void relax(void) {
+#if defined(__x86_64__) || defined(__i386__)
+  __builtin_ia32_pause();
+#elif defined(__aarch64__)
+  __asm__ volatile("yield");
+#endif
+}
+
+static int64_t now_nanoseconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+/* Watches until `ready` or until it isn't worth it any more; says which. */
+static bool spin_until(bool (*ready)(pags_tasks *), pags_tasks *tasks) {
+  int64_t deadline = 0;
+  for (;;) {
+    for (int i = 0; i < 32; ++i) {
+      if (ready(tasks))
+        return true;
+      relax();
+    }
+    int64_t now = now_nanoseconds();
+    if (deadline == 0)
+      deadline = now + SPIN_NANOSECONDS;
+    else if (now >= deadline)
+      return false;
+  }
+}
+
+/* ---- Loops ---- */
+
+static void run_block(const loop *l, uint64_t block, int worker) {
+  int64_t begin = (int64_t)block * l->grain;
+  int64_t end = l->grain < l->count - begin ? begin + l->grain : l->count;
+  l->fn(l->context, begin, end, worker);
+}
+
+static void run_shared_blocks(pags_tasks *tasks, int worker) {
+  const loop l = tasks->loop;
+  while (!pags_tasks_cancelled(tasks)) {
+    uint64_t block = atomic_fetch_add_explicit(&tasks->next_block, 1, memory_order_relaxed);
+    if (block >= l.blocks)
+      return;
+    run_block(&l, block, worker);
+  }
+}
+
+static void run_all_blocks(const pags_tasks *tasks, const loop *l, int worker) {
+  for (uint64_t block = 0; block < l->blocks && !pags_tasks_cancelled(tasks); ++block)
+    run_block(l, block, worker);
+}
+
+static bool gate_is_open(pags_tasks *tasks) {
+  return (atomic_load(&tasks->gate) & GATE_OPEN) != 0;
+}
+
+static bool nobody_inside(pags_tasks *tasks) {
+  return (atomic_load(&tasks->gate) & GATE_COUNT) == 0;
+}
+
+/* Counts the calling worker in; false when there is no loop to join. */
+static bool enter_gate(pags_tasks *tasks) {
+  unsigned seen = atomic_load(&tasks->gate);
+  while (seen & GATE_OPEN)
+    if (atomic_compare_exchange_weak(&tasks->gate, &seen, seen + 1))
+      return true;
+  return false;
+}
+
+/* No block is left, so nobody else need enter; being counted in, we know that it is still the same loop we close. */
+static void leave_gate(pags_tasks *tasks) {
+  atomic_fetch_and(&tasks->gate, ~GATE_OPEN);
+  unsigned before = atomic_fetch_sub(&tasks->gate, 1);
+  if ((before & GATE_AWAITED) && (before & GATE_COUNT) == 1) {
+    pthread_mutex_lock(&tasks->lock);
+    pthread_cond_signal(&tasks->left);
+    pthread_mutex_unlock(&tasks->lock);
+  }
+}
+
+static void close_gate(pags_tasks *tasks) {
+  atomic_fetch_and(&tasks->gate, ~GATE_OPEN);
+  if (spin_until(nobody_inside, tasks))
+    return;
+  pthread_mutex_lock(&tasks->lock);
+  atomic_fetch_or(&tasks->gate, GATE_AWAITED);
+  while (!nobody_inside(tasks))
+    pthread_cond_wait(&tasks->left, &tasks->lock);
+  atomic_fetch_and(&tasks->gate, ~GATE_AWAITED);
+  pthread_mutex_unlock(&tasks->lock);
+}
+
+/* Wakes up to `wanted` sleepers for work that has just become visible. A sleeper counts itself before it looks for work,
+ * under the lock: either it saw the work, or we see it here, and taking the lock waits until it really waits. */
+static void wake_sleepers(pags_tasks *tasks, uint64_t wanted) {
+  int sleepers = atomic_load(&tasks->sleepers);
+  if (sleepers == 0)
+    return;
+  pthread_mutex_lock(&tasks->lock);
+  pthread_mutex_unlock(&tasks->lock);
+  if (wanted >= (uint64_t)sleepers) {
+    pthread_cond_broadcast(&tasks->wake);
+  } else {
+    for (uint64_t i = 0; i < wanted; ++i)
+      pthread_cond_signal(&tasks->wake);
+  }
+}
+
+static void run_on_pool(pags_tasks *tasks) {
+  atomic_store(&tasks->gate, GATE_OPEN);
+  wake_sleepers(tasks, tasks->loop.blocks - 1);
+  run_shared_blocks(tasks, 0);
+  close_gate(tasks);
+}
+
+static void host_entry(void *argument, int worker) {
+  pags_tasks *tasks = argument;
+  assert(worker >= 0 && worker < tasks->workers);
+  const inside here = {tasks, worker, innermost};
+  innermost = &here;
+  run_shared_blocks(tasks, worker);
+  innermost = here.outer;
+}
+
+bool pags_parallel_for(pags_tasks *tasks, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
+  assert(grain > 0 && fn);
+  if (count <= 0)
+    return !pags_tasks_cancelled(tasks);
+  const loop l = {count, grain, (uint64_t)(count / grain) + (count % grain != 0), fn, context};
+  const inside *already = find_inside(tasks);
+  if (already) {
+    run_all_blocks(tasks, &l, already->worker);
+    return !pags_tasks_cancelled(tasks);
+  }
+  const inside here = {tasks, 0, innermost};
+  innermost = &here;
+  if (tasks->workers == 1 || l.blocks == 1) {
+    run_all_blocks(tasks, &l, 0);
+  } else {
+    tasks->loop = l;
+    atomic_store_explicit(&tasks->next_block, 0, memory_order_relaxed);
+    if (tasks->hosted)
+      tasks->runner.run(tasks->runner.user, host_entry, tasks);
+    else
+      run_on_pool(tasks);
+  }
+  innermost = here.outer;
+  return !pags_tasks_cancelled(tasks);
+}
+
+void pags_tasks_cancel(pags_tasks *tasks) {
+  atomic_store(&tasks->cancelled, 1);
+}
+
+void pags_tasks_reset(pags_tasks *tasks) {
+  atomic_store(&tasks->cancelled, 0);
+}
+
+bool pags_tasks_cancelled(const pags_tasks *tasks) {
+  return atomic_load_explicit(&tasks->cancelled, memory_order_relaxed) != 0;
+}
+
+/* ---- Jobs ---- */
+
+static void append_job(pags_tasks *tasks, pags_job *job) {
+  job->next = NULL;
+  job->state = JOB_QUEUED;
+  if (tasks->last_job)
+    tasks->last_job->next = job;
+  else
+    tasks->first_job = job;
+  tasks->last_job = job;
+  atomic_fetch_add(&tasks->queued, 1);
+}
+
+/* Lock held; `job` is in the list. */
+static void remove_job(pags_tasks *tasks, pags_job *job) {
+  pags_job *previous = NULL;
+  for (pags_job *at = tasks->first_job; at != job; at = at->next)
+    previous = at;
+  if (previous)
+    previous->next = job->next;
+  else
+    tasks->first_job = job->next;
+  if (tasks->last_job == job)
+    tasks->last_job = previous;
+  atomic_fetch_sub(&tasks->queued, 1);
+}
+
+/* Takes `job` out of the list and runs it. Lock held at entry and at return, but not while the job runs; once it counts
+ * as done it is the submitter's again, and we don't touch it any more. */
+static void run_job_locked(pags_tasks *tasks, pags_job *job) {
+  remove_job(tasks, job);
+  job->state = JOB_RUNNING;
+  pthread_mutex_unlock(&tasks->lock);
+  job->run(job->context);
+  pthread_mutex_lock(&tasks->lock);
+  job->state = JOB_DONE;
+  pthread_cond_broadcast(&tasks->job_done);
+}
+
+static bool run_next_job(pags_tasks *tasks) {
+  if (atomic_load(&tasks->queued) == 0)
+    return false;
+  pthread_mutex_lock(&tasks->lock);
+  pags_job *job = tasks->first_job;
+  if (job)
+    run_job_locked(tasks, job);
+  pthread_mutex_unlock(&tasks->lock);
+  return job != NULL;
+}
+
+void pags_job_submit(pags_tasks *tasks, pags_job *job) {
+  assert(job->run);
+  pthread_mutex_lock(&tasks->lock);
+  assert(job->state == JOB_IDLE || job->state == JOB_DONE);
+  append_job(tasks, job);
+  pthread_mutex_unlock(&tasks->lock);
+  wake_sleepers(tasks, 1);
+}
+
+void pags_job_wait(pags_tasks *tasks, pags_job *job) {
+  /* Loops inside of the job then run inline, as they do on a worker. */
+  const inside *already = find_inside(tasks);
+  const inside here = {tasks, already ? already->worker : 0, innermost};
+  innermost = &here;
+  pthread_mutex_lock(&tasks->lock);
+  if (job->state == JOB_QUEUED)
+    run_job_locked(tasks, job);
+  while (job->state == JOB_RUNNING)
+    pthread_cond_wait(&tasks->job_done, &tasks->lock);
+  job->state = JOB_IDLE;
+  pthread_mutex_unlock(&tasks->lock);
+  innermost = here.outer;
+}
+
+/* ---- Threads ---- */
+
+static bool has_work(pags_tasks *tasks) {
+  return gate_is_open(tasks) || atomic_load(&tasks->queued) != 0 || atomic_load(&tasks->stopping);
+}
+
+static void sleep_until_work(pags_tasks *tasks) {
+  pthread_mutex_lock(&tasks->lock);
+  atomic_fetch_add(&tasks->sleepers, 1);
+  while (!has_work(tasks))
+    pthread_cond_wait(&tasks->wake, &tasks->lock);
+  atomic_fetch_sub(&tasks->sleepers, 1);
+  pthread_mutex_unlock(&tasks->lock);
+}
+
+static void *worker_main(void *argument) {
+  const hand *self = argument;
+  pags_tasks *tasks = self->tasks;
+  const inside here = {tasks, self->worker, NULL};
+  innermost = &here;
+  for (;;) {
+    if (enter_gate(tasks)) {
+      run_shared_blocks(tasks, self->worker);
+      leave_gate(tasks);
+    } else if (run_next_job(tasks)) {
+      continue;
+    } else if (atomic_load(&tasks->stopping)) {
+      break;
+    } else if (!spin_until(has_work, tasks)) {
+      sleep_until_work(tasks);
+    }
+  }
+  innermost = NULL;
+  return NULL;
+}
+
+/* Workers take no signals: handlers belong to the threads of the program. */
+static bool start_workers(pags_tasks *tasks) {
+  sigset_t all, before;
+  sigfillset(&all);
+  pthread_sigmask(SIG_SETMASK, &all, &before);
+  bool started = true;
+  for (int i = 1; i < tasks->workers && started; ++i) {
+    hand *h = &tasks->crew[i];
+    *h = (hand){.tasks = tasks, .worker = i};
+    started = pthread_create(&h->thread, NULL, worker_main, h) == 0;
+    tasks->started += started;
+  }
+  pthread_sigmask(SIG_SETMASK, &before, NULL);
+  return started;
+}
+
+static bool create_arenas(pags_tasks *tasks) {
+  tasks->arenas = calloc((size_t)tasks->workers, sizeof *tasks->arenas);
+  if (!tasks->arenas)
+    return false;
+  for (int i = 0; i < tasks->workers; ++i) {
+    tasks->arenas[i] = pags_arena_create();
+    if (!tasks->arenas[i])
+      return false;
+  }
+  return true;
+}
+
+static pags_tasks *create_without_threads(int workers) {
+  pags_tasks *tasks = aligned_alloc(_Alignof(pags_tasks), sizeof *tasks);
+  if (!tasks)
+    return NULL;
+  *tasks = (pags_tasks){.workers = workers};
+  pthread_mutex_init(&tasks->lock, NULL);
+  pthread_cond_init(&tasks->wake, NULL);
+  pthread_cond_init(&tasks->left, NULL);
+  pthread_cond_init(&tasks->job_done, NULL);
+  if (!create_arenas(tasks)) {
+    pags_tasks_destroy(tasks);
+    return NULL;
+  }
+  return tasks;
+}
+
+pags_tasks *pags_tasks_create(int threads) {
+  assert(threads >= 0);
+  pags_tasks *tasks = create_without_threads(threads > 0 ? threads : pags_available_threads());
+  if (!tasks)
+    return NULL;
+  tasks->crew = calloc((size_t)tasks->workers, sizeof *tasks->crew);
+  if (!tasks->crew || !start_workers(tasks)) {
+    pags_tasks_destroy(tasks);
+    return NULL;
+  }
+  return tasks;
+}
+
+pags_tasks *pags_tasks_create_with_runner(const pags_runner *runner) {
+  assert(runner && runner->run && runner->workers >= 1 && runner->workers <= 256);
+  pags_tasks *tasks = create_without_threads(runner->workers);
+  if (!tasks)
+    return NULL;
+  tasks->hosted = true;
+  tasks->runner = *runner;
+  return tasks;
+}
+
+/* The caller lends a hand, and is the only one to do so where there are no threads. */
+static void finish_jobs(pags_tasks *tasks) {
+  const inside here = {tasks, 0, innermost};
+  innermost = &here;
+  while (run_next_job(tasks))
+    continue;
+  innermost = here.outer;
+}
+
+void pags_tasks_destroy(pags_tasks *tasks) {
+  if (!tasks)
+    return;
+  finish_jobs(tasks);
+  atomic_store(&tasks->stopping, 1);
+  wake_sleepers(tasks, UINT64_MAX);
+  for (int i = 1; i <= tasks->started; ++i)
+    pthread_join(tasks->crew[i].thread, NULL);
+  for (int i = 0; tasks->arenas && i < tasks->workers; ++i)
+    pags_arena_destroy(tasks->arenas[i]);
+  pthread_cond_destroy(&tasks->job_done);
+  pthread_cond_destroy(&tasks->left);
+  pthread_cond_destroy(&tasks->wake);
+  pthread_mutex_destroy(&tasks->lock);
+  free(tasks->arenas);
+  free(tasks->crew);
+  free(tasks);
+}
+
+int pags_tasks_workers(const pags_tasks *tasks) {
+  return tasks->workers;
+}
+
+pags_arena *pags_tasks_arena(pags_tasks *tasks, int worker) {
+  assert(worker >= 0 && worker < tasks->workers);
+  return tasks->arenas[worker];
+}
