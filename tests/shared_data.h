@@ -1,0 +1,23 @@
+/* Test data that is not part of the repository: the folder named by PAGS_SHARED_DATA, else ../shared/data beside the sources. */
+#ifndef PAGS_TESTS_SHARED_DATA_H
+#define PAGS_TESTS_SHARED_DATA_H
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+/* Puts the path of `name` into `path` and returns 1 if it can be read; else prints what is wanted and returns 0: the
+ * test then calls skip(). */
+static inline int pags_shared_data(const char *name, char *path, size_t size) {
+  const char *folder = getenv("PAGS_SHARED_DATA");
+  if (folder)
+    snprintf(path, size, "%s/%s", folder, name);
+  else
+    snprintf(path, size, "%s/../shared/data/%s", PAGS_SOURCE_DIR, name);
+  if (access(path, R_OK) == 0)
+    return 1;
+  printf("skipped: needs %s (set PAGS_SHARED_DATA to the folder of the test data)\n", path);
+  return 0;
+}
+
+#endif

@@ -1,0 +1,466 @@
+/* LPIPS: against a plain double evaluation with generated weights, against the reference distances of the test data, and the
+ * reader of its weights file on broken input. */
+#include <pags/eval.h>
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <cmocka.h>
+#include <zlib.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/rng.h"
+#include "eval/npz.h"
+#include "shared_data.h"
+
+/* ------------------------------------------------------------------------------------------------ a writer of .npz */
+
+typedef struct buffer {
+  uint8_t *bytes;
+  size_t size, room;
+} buffer;
+
+static void put(buffer *b, const void *bytes, size_t size) {
+  if (b->size + size > b->room) {
+    b->room = 2 * (b->size + size);
+    b->bytes = realloc(b->bytes, b->room);
+    assert_non_null(b->bytes);
+  }
+  memcpy(b->bytes + b->size, bytes, size);
+  b->size += size;
+}
+
+static void put_number(buffer *b, uint32_t value, int bytes) {
+  for (int i = 0; i < bytes; i++)
+    put(b, &(uint8_t){(uint8_t)(value >> (8 * i))}, 1);
+}
+
+typedef struct npz_writer {
+  buffer file, directory;
+  uint32_t members;
+} npz_writer;
+
+static void put_member(npz_writer *w, const char *name, uint32_t method, const buffer *data) {
+  char full[64];
+  snprintf(full, sizeof full, "%s.npy", name);
+  uint32_t offset = (uint32_t)w->file.size, crc = (uint32_t)crc32(0, data->bytes, (uInt)data->size);
+  uint32_t length = (uint32_t)strlen(full), size = (uint32_t)data->size;
+  put(&w->file, "PK\3\4", 4);
+  put_number(&w->file, 20, 2), put_number(&w->file, 0, 2), put_number(&w->file, method, 2), put_number(&w->file, 0, 4);
+  put_number(&w->file, crc, 4), put_number(&w->file, size, 4), put_number(&w->file, size, 4);
+  put_number(&w->file, length, 2), put_number(&w->file, 4, 2); /* an extra field, as zip64-minded writers leave */
+  put(&w->file, full, length), put_number(&w->file, 0, 4);
+  put(&w->file, data->bytes, data->size);
+  buffer *d = &w->directory;
+  put(d, "PK\1\2", 4);
+  put_number(d, 20, 2), put_number(d, 20, 2), put_number(d, 0, 2), put_number(d, method, 2), put_number(d, 0, 4);
+  put_number(d, crc, 4), put_number(d, size, 4), put_number(d, size, 4), put_number(d, length, 2);
+  put_number(d, 0, 4), put_number(d, 0, 4), put_number(d, 0, 4), put_number(d, offset, 4);
+  put(d, full, length);
+  w->members++;
+}
+
+static void put_array(npz_writer *w, const char *name, const char *descr, int rank, const int *shape, const float *data) {
+  char header[128] = "";
+  int used = snprintf(header, sizeof header, "{'descr': '%s', 'fortran_order': False, 'shape': (", descr);
+  size_t count = 1;
+  for (int i = 0; i < rank; i++) {
+    used += snprintf(header + used, sizeof header - (size_t)used, "%d,%s", shape[i], i + 1 < rank ? " " : "");
+    count *= (size_t)shape[i];
+  }
+  used += snprintf(header + used, sizeof header - (size_t)used, "), }\n");
+  buffer npy = {0};
+  put(&npy, "\x93NUMPY\1\0", 8);
+  put_number(&npy, (uint32_t)used, 2);
+  put(&npy, header, (size_t)used);
+  put(&npy, data, count * sizeof *data);
+  put_member(w, name, 0, &npy);
+  free(npy.bytes);
+}
+
+static void finish(npz_writer *w) {
+  uint32_t at = (uint32_t)w->file.size;
+  put(&w->file, w->directory.bytes, w->directory.size);
+  put(&w->file, "PK\5\6", 4);
+  put_number(&w->file, 0, 4), put_number(&w->file, w->members, 2), put_number(&w->file, w->members, 2);
+  put_number(&w->file, (uint32_t)w->directory.size, 4), put_number(&w->file, at, 4), put_number(&w->file, 0, 2);
+  free(w->directory.bytes);
+}
+
+/* ------------------------------------------------------------------------------------------------ generated weights */
+
+static const int squeezes[8] = {16, 16, 32, 32, 48, 48, 64, 64}, expands[8] = {64, 64, 128, 128, 192, 192, 256, 256};
+static const int head_planes[7] = {64, 128, 256, 384, 384, 512, 512};
+
+static float *random_floats(int64_t count, uint64_t stream, double lo, double hi) {
+  float *data = malloc((size_t)count * sizeof *data);
+  assert_non_null(data);
+  for (int64_t i = 0; i < count; i++)
+    data[i] = (float)(lo + (hi - lo) * pags_rng_uniform(7, stream, (uint64_t)i));
+  return data;
+}
+
+/* Weights that keep the size of the activations; leaves out the member named `without`. */
+static void put_random(npz_writer *w, const char *name, int rank, const int *shape, double lo, double hi, const char *without) {
+  int64_t count = 1;
+  for (int i = 0; i < rank; i++)
+    count *= shape[i];
+  float *data = random_floats(count, crc32(0, (const uint8_t *)name, (uInt)strlen(name)), lo, hi);
+  if (!without || strcmp(without, name) != 0)
+    put_array(w, name, "<f4", rank, shape, data);
+  free(data);
+}
+
+static void put_conv(npz_writer *w, const char *name, int outputs, int inputs, int size, const char *without) {
+  char full[64];
+  double bound = sqrt(6.0 / (inputs * size * size));
+  snprintf(full, sizeof full, "%s.weight", name);
+  put_random(w, full, 4, (int[]){outputs, inputs, size, size}, -bound, bound, without);
+  snprintf(full, sizeof full, "%s.bias", name);
+  put_random(w, full, 1, &outputs, -0.1, 0.2, without);
+}
+
+static buffer make_weights(const char *without) {
+  npz_writer w = {0};
+  char name[32];
+  put_conv(&w, "conv1", 64, 3, 3, without);
+  for (int i = 0, inputs = 64; i < 8; inputs = 2 * expands[i++]) {
+    snprintf(name, sizeof name, "fire%d.squeeze", i + 2);
+    put_conv(&w, name, squeezes[i], inputs, 1, without);
+    snprintf(name, sizeof name, "fire%d.expand1x1", i + 2);
+    put_conv(&w, name, expands[i], squeezes[i], 1, without);
+    snprintf(name, sizeof name, "fire%d.expand3x3", i + 2);
+    put_conv(&w, name, expands[i], squeezes[i], 3, without);
+  }
+  for (int i = 0; i < 7; i++) {
+    snprintf(name, sizeof name, "lin%d", i);
+    put_random(&w, name, 1, &head_planes[i], 0.0, 1.0, without);
+  }
+  const int three = 3;
+  put_random(&w, "shift", 1, &three, -0.2, 0.0, without);
+  put_random(&w, "scale", 1, &three, 0.4, 0.5, without);
+  finish(&w);
+  return w.file;
+}
+
+static void temporary_path(char *path, size_t size) {
+  const char *folder = getenv("TMPDIR");
+  snprintf(path, size, "%s/pags_lpips_%ld.npz", folder ? folder : "/tmp", (long)getpid());
+}
+
+static pags_result load_bytes(const uint8_t *bytes, size_t size, pags_lpips **out) {
+  char path[256];
+  temporary_path(path, sizeof path);
+  assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
+  pags_result result = pags_lpips_load(path, out);
+  unlink(path);
+  return result;
+}
+
+/* ------------------------------------------------------------------------------------------------ plain evaluation */
+
+typedef struct map {
+  int channels, width, height;
+  double *v;
+} map;
+
+static map map_make(int channels, int width, int height) {
+  map m = {channels, width, height, calloc((size_t)(channels * width * height), sizeof(double))};
+  assert_non_null(m.v);
+  return m;
+}
+
+static double *at(const map *m, int c, int y, int x) { return m->v + ((int64_t)c * m->height + y) * m->width + x; }
+
+static const float *weights_of(const pags_npz *npz, const char *layer, const char *kind) {
+  char name[64];
+  snprintf(name, sizeof name, "%s.%s", layer, kind);
+  const pags_npz_array *array = pags_npz_find(npz, name);
+  assert_non_null(array);
+  return array->data;
+}
+
+/* Writes channels [first, first + outputs) of `out`. */
+static void convolve(const map *in, const pags_npz *npz, const char *layer, int outputs, int size, int step, int pad, map *out,
+                     int first) {
+  const float *weight = weights_of(npz, layer, "weight"), *bias = weights_of(npz, layer, "bias");
+  for (int o = 0; o < outputs; o++)
+    for (int y = 0; y < out->height; y++)
+      for (int x = 0; x < out->width; x++) {
+        double s = (double)bias[o];
+        for (int i = 0; i < in->channels; i++)
+          for (int ky = 0; ky < size; ky++)
+            for (int kx = 0; kx < size; kx++) {
+              int sy = y * step + ky - pad, sx = x * step + kx - pad;
+              if (sy >= 0 && sy < in->height && sx >= 0 && sx < in->width)
+                s += (double)weight[((o * in->channels + i) * size + ky) * size + kx] * *at(in, i, sy, sx);
+            }
+        *at(out, first + o, y, x) = fmax(s, 0.0);
+      }
+}
+
+static map plain_pool(map in) {
+  map out = map_make(in.channels, (int)ceil((in.width - 3) / 2.0) + 1, (int)ceil((in.height - 3) / 2.0) + 1);
+  for (int c = 0; c < out.channels; c++)
+    for (int y = 0; y < out.height; y++)
+      for (int x = 0; x < out.width; x++)
+        for (int k = 0; k < 9; k++)
+          if (2 * y + k / 3 < in.height && 2 * x + k % 3 < in.width)
+            *at(&out, c, y, x) = fmax(*at(&out, c, y, x), *at(&in, c, 2 * y + k / 3, 2 * x + k % 3));
+  free(in.v);
+  return out;
+}
+
+static map plain_fire(map in, const pags_npz *npz, int index) {
+  char name[32];
+  map squeezed = map_make(squeezes[index], in.width, in.height), out = map_make(2 * expands[index], in.width, in.height);
+  snprintf(name, sizeof name, "fire%d.squeeze", index + 2);
+  convolve(&in, npz, name, squeezes[index], 1, 1, 0, &squeezed, 0);
+  snprintf(name, sizeof name, "fire%d.expand1x1", index + 2);
+  convolve(&squeezed, npz, name, expands[index], 1, 1, 0, &out, 0);
+  snprintf(name, sizeof name, "fire%d.expand3x3", index + 2);
+  convolve(&squeezed, npz, name, expands[index], 3, 1, 1, &out, expands[index]);
+  free(in.v);
+  free(squeezed.v);
+  return out;
+}
+
+static map plain_first(const pags_image *image, const pags_npz *npz) {
+  const float *shift = pags_npz_find(npz, "shift")->data, *scale = pags_npz_find(npz, "scale")->data;
+  map in = map_make(3, image->width, image->height);
+  for (int i = 0; i < image->width * image->height; i++)
+    for (int c = 0; c < 3; c++)
+      in.v[c * image->width * image->height + i] =
+          (2.0 * (double)((const float *)image->data)[3 * i + c] - 1.0 - (double)shift[c]) / (double)scale[c];
+  map out = map_make(64, (image->width - 3) / 2 + 1, (image->height - 3) / 2 + 1);
+  convolve(&in, npz, "conv1", 64, 3, 2, 0, &out, 0);
+  free(in.v);
+  return out;
+}
+
+static double plain_head(const map *a, const map *b, const pags_npz *npz, int index) {
+  char name[16];
+  snprintf(name, sizeof name, "lin%d", index);
+  const float *lin = pags_npz_find(npz, name)->data;
+  int pixels = a->width * a->height;
+  double sum = 0.0;
+  for (int p = 0; p < pixels; p++) {
+    double na = 0.0, nb = 0.0;
+    for (int c = 0; c < a->channels; c++) {
+      na += a->v[c * pixels + p] * a->v[c * pixels + p];
+      nb += b->v[c * pixels + p] * b->v[c * pixels + p];
+    }
+    for (int c = 0; c < a->channels; c++)
+      sum += (double)lin[c] *
+             pow(a->v[c * pixels + p] / (sqrt(na) + 1e-10) - b->v[c * pixels + p] / (sqrt(nb) + 1e-10), 2.0);
+  }
+  return sum / pixels;
+}
+
+static double plain_lpips(const pags_image *a, const pags_image *b, const pags_npz *npz) {
+  map m[2] = {plain_first(a, npz), plain_first(b, npz)};
+  double distance = plain_head(&m[0], &m[1], npz, 0);
+  for (int i = 0, head = 1; i < 8; i++) {
+    for (int k = 0; k < 2; k++) {
+      if (i == 0 || i == 2 || i == 4)
+        m[k] = plain_pool(m[k]);
+      m[k] = plain_fire(m[k], npz, i);
+    }
+    if (i == 1 || i >= 3)
+      distance += plain_head(&m[0], &m[1], npz, head++);
+  }
+  free(m[0].v);
+  free(m[1].v);
+  return distance;
+}
+
+/* ------------------------------------------------------------------------------------------------ tests */
+
+static pags_image random_image(int width, int height, uint64_t stream) {
+  pags_image image = {0};
+  assert_int_equal(pags_image_create(&image, width, height, 3, PAGS_F32), PAGS_OK);
+  for (int i = 0; i < width * height * 3; i++)
+    ((float *)image.data)[i] = (float)pags_rng_uniform(11, stream, (uint64_t)i);
+  return image;
+}
+
+static void test_generated_weights(void **state) {
+  (void)state;
+  static const int sizes[][2] = {{32, 32}, {41, 36}, {50, 33}};
+  buffer file = make_weights(NULL);
+  pags_npz npz = {0};
+  pags_lpips *lpips = NULL;
+  assert_int_equal(pags_npz_parse(file.bytes, file.size, "weights", &npz), PAGS_OK);
+  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_OK);
+  for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+    pags_image a = random_image(sizes[i][0], sizes[i][1], 2 * i), b = random_image(sizes[i][0], sizes[i][1], 2 * i + 1);
+    double expected = plain_lpips(&a, &b, &npz), first = 0.0;
+    for (int threads = 1; threads <= 3; threads++) {
+      double distance = 0.0;
+      pags_tasks *tasks = pags_tasks_create(threads);
+      assert_int_equal(pags_lpips_distance(lpips, &a, &b, tasks, &distance), PAGS_OK);
+      assert_float_equal(distance, expected, 2e-6 * expected);
+      if (threads == 1)
+        first = distance;
+      assert_memory_equal(&distance, &first, sizeof first);
+      assert_int_equal(pags_lpips_distance(lpips, &a, &a, tasks, &distance), PAGS_OK);
+      assert_true(distance == 0.0);
+      pags_tasks_destroy(tasks);
+    }
+    pags_image_destroy(&a);
+    pags_image_destroy(&b);
+  }
+  pags_lpips_destroy(lpips);
+  pags_npz_destroy(&npz);
+  free(file.bytes);
+}
+
+static double distance_of_files(const pags_lpips *lpips, pags_tasks *tasks, const char *folder, const char *a, const char *b) {
+  char path[1024];
+  pags_image images[2] = {{0}};
+  double distance = -1.0;
+  for (int k = 0; k < 2; k++) {
+    snprintf(path, sizeof path, "%s/pairs/%s", folder, k ? b : a);
+    if (pags_image_load(path, PAGS_F32, 3, &images[k]) != PAGS_OK)
+      fail_msg("%s", pags_error_message());
+  }
+  assert_int_equal(pags_lpips_distance(lpips, &images[0], &images[1], tasks, &distance), PAGS_OK);
+  pags_image_destroy(&images[0]);
+  pags_image_destroy(&images[1]);
+  return distance;
+}
+
+static void test_reference_distances(void **state) {
+  (void)state;
+  char folder[512], path[1024];
+  if (!pags_shared_data("lpips-squeeze", folder, sizeof folder))
+    skip();
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_lpips *lpips = NULL;
+  pags_json *json = NULL;
+  snprintf(path, sizeof path, "%s/lpips_squeeze.npz", folder);
+  assert_int_equal(pags_lpips_load(path, &lpips), PAGS_OK);
+  snprintf(path, sizeof path, "%s/reference.json", folder);
+  assert_int_equal(pags_json_parse_file(path, &json), PAGS_OK);
+  int pairs = 0;
+  for (const pags_json_value *v = pags_json_root(json)->first; v; v = v->next, pairs++) {
+    const char *a = NULL, *b = NULL;
+    double expected = 0.0;
+    assert_int_equal(pags_json_string(json, v, "a", &a), PAGS_OK);
+    assert_int_equal(pags_json_string(json, v, "b", &b), PAGS_OK);
+    assert_int_equal(pags_json_number(json, v, "distance", &expected), PAGS_OK);
+    assert_float_equal(distance_of_files(lpips, tasks, folder, a, b), expected, 2e-5);
+  }
+  assert_true(pairs >= 6);
+  pags_json_destroy(json);
+  pags_lpips_destroy(lpips);
+  pags_tasks_destroy(tasks);
+}
+
+static void test_small_pictures_are_refused(void **state) {
+  (void)state;
+  buffer file = make_weights(NULL);
+  pags_lpips *lpips = NULL;
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_image a = random_image(31, 64, 1);
+  double distance = 0.0;
+  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_OK);
+  assert_int_equal(pags_lpips_distance(lpips, &a, &a, tasks, &distance), PAGS_ERROR_ARGUMENT);
+  pags_image_destroy(&a);
+  pags_lpips_destroy(lpips);
+  pags_tasks_destroy(tasks);
+  free(file.bytes);
+}
+
+static void test_missing_member_is_named(void **state) {
+  (void)state;
+  buffer file = make_weights("fire5.expand1x1.bias");
+  pags_lpips *lpips = NULL;
+  assert_int_equal(load_bytes(file.bytes, file.size, &lpips), PAGS_ERROR_FORMAT);
+  assert_null(lpips);
+  assert_non_null(strstr(pags_error_message(), "fire5.expand1x1.bias"));
+  free(file.bytes);
+}
+
+static buffer small_archive(const char *descr) {
+  npz_writer w = {0};
+  const float data[6] = {1, 2, 3, 4, 5, 6};
+  put_array(&w, "a", descr, 2, (int[]){2, 3}, data);
+  put_array(&w, "b", descr, 1, (int[]){4}, data);
+  put_array(&w, "scalar", descr, 0, NULL, data);
+  finish(&w);
+  return w.file;
+}
+
+static void test_npz_reads(void **state) {
+  (void)state;
+  buffer file = small_archive("<f4");
+  pags_npz npz = {0};
+  assert_int_equal(pags_npz_parse(file.bytes, file.size, "x", &npz), PAGS_OK);
+  assert_int_equal(npz.count, 3);
+  const pags_npz_array *a = pags_npz_find(&npz, "a"), *scalar = pags_npz_find(&npz, "scalar");
+  assert_non_null(a);
+  assert_int_equal(a->rank, 2);
+  assert_int_equal(a->shape[1], 3);
+  assert_true(a->data[5] == 6.0f);
+  assert_int_equal(scalar->rank, 0);
+  assert_int_equal(scalar->count, 1);
+  assert_null(pags_npz_find(&npz, "c"));
+  pags_npz_destroy(&npz);
+  free(file.bytes);
+}
+
+static void test_npz_broken(void **state) {
+  (void)state;
+  buffer file = small_archive("<f4"), doubles = small_archive("<f8");
+  pags_npz npz = {0};
+  assert_int_equal(pags_npz_parse(doubles.bytes, doubles.size, "x", &npz), PAGS_ERROR_UNSUPPORTED);
+  for (size_t size = 0; size < file.size; size++) { /* in a block of its own, for the address sanitizer */
+    uint8_t *part = malloc(size + 1);
+    memcpy(part, file.bytes, size);
+    assert_int_not_equal(pags_npz_parse(part, size, "x", &npz), PAGS_OK);
+    assert_null(npz.arrays);
+    free(part);
+  }
+  /* Any byte of the end record, the directory or the headers may be anything: no crash, and no leak. */
+  for (size_t i = 0; i < file.size; i++)
+    for (int k = 0; k < 8; k++) {
+      file.bytes[i] ^= (uint8_t)(1 << k);
+      if (pags_npz_parse(file.bytes, file.size, "x", &npz) == PAGS_OK)
+        pags_npz_destroy(&npz);
+      file.bytes[i] ^= (uint8_t)(1 << k);
+    }
+  file.bytes[100] ^= 1; /* within the first member's data */
+  assert_int_equal(pags_npz_parse(file.bytes, file.size, "x", &npz), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), "CRC"));
+  free(file.bytes);
+  free(doubles.bytes);
+}
+
+static void test_npz_deflated(void **state) {
+  (void)state;
+  npz_writer w = {0};
+  buffer data = {0};
+  pags_npz npz = {0};
+  put(&data, "anything", 8);
+  put_member(&w, "a", 8, &data);
+  finish(&w);
+  assert_int_equal(pags_npz_parse(w.file.bytes, w.file.size, "x", &npz), PAGS_ERROR_UNSUPPORTED);
+  free(data.bytes);
+  free(w.file.bytes);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_generated_weights),       cmocka_unit_test(test_reference_distances),
+      cmocka_unit_test(test_small_pictures_are_refused), cmocka_unit_test(test_missing_member_is_named),
+      cmocka_unit_test(test_npz_reads),               cmocka_unit_test(test_npz_broken),
+      cmocka_unit_test(test_npz_deflated),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
