@@ -72,6 +72,17 @@ static void steady_state_calls_no_heap(void **state) {
   pags_arena_destroy(arena);
 }
 
+static void a_reset_folds_the_chunks(void **state) {
+  (void)state;
+  pags_arena *arena = pags_arena_create();
+  fill(arena, 50);
+  pags_arena_reset(arena);
+  uint64_t calls = pags_arena_heap_calls(arena);
+  assert_non_null(pags_arena_alloc(arena, pags_arena_high_water(arena) - 64, 1)); /* 64: the gap under sanitizers */
+  assert_int_equal(pags_arena_heap_calls(arena), calls);
+  pags_arena_destroy(arena);
+}
+
 static void marks_give_back_what_came_later(void **state) {
   (void)state;
   pags_arena *arena = pags_arena_create();
@@ -116,6 +127,7 @@ int main(void) {
       cmocka_unit_test(empty_blocks_have_addresses_of_their_own),
       cmocka_unit_test(impossible_sizes_are_refused),
       cmocka_unit_test(steady_state_calls_no_heap),
+      cmocka_unit_test(a_reset_folds_the_chunks),
       cmocka_unit_test(marks_give_back_what_came_later),
       cmocka_unit_test(high_water_is_the_most_at_once),
   };
