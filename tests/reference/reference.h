@@ -1,0 +1,152 @@
+/* The oracle: the forward and backward of pags/frame.h in plain double-precision C, written to be read.
+ *
+ * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a mistake of
+ * the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
+ * tests/gradients/test_reference.c. Test code: running out of memory aborts.
+ *
+ * Definition (Zwicker et al. 2001; Kerbl et al. 2023; gsplat for the compensation and the off-centre clamp):
+ *   Sigma  = R(q) diag(sigma)^2 R(q)',  sigma = exp(raw scale), q normalised, identity when zero
+ *   p      = camera_from_model * mean;  drawn only when p.z > near_plane
+ *   J      = [fx/z 0 -fx u/z; 0 fy/z -fy v/z],  u = clamp(x/z), v = clamp(y/z) to the picture widened by 15 % of its
+ *            size (0.3 tan of half the field of view) on every side; the mean itself is not clamped
+ *   cov    = J W Sigma W' J' + low_pass I,  conic = cov^-1;  not drawn when det cov isn't positive and finite
+ *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)); not drawn below 1/255
+ *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
+ *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
+ *            stops before T (1 - alpha) < 1e-4 */
+#ifndef PAGS_TESTS_REFERENCE_H
+#define PAGS_TESTS_REFERENCE_H
+
+#include <pags/camera.h>
+#include <pags/frame.h>
+#include <pags/gaussians.h>
+
+typedef struct reference_part {
+  int64_t count;
+  int sh_degree;
+  double *planes;    /* raw parameters: plane p of Gaussian i is planes[p * count + i]; planes as in pags/gaussians.h */
+  const int32_t *id; /* NULL: first_id + i */
+  int32_t first_id;
+  double world_from_model[12];
+} reference_part;
+
+/* Allocates zeroed planes with an identity pose. */
+reference_part reference_part_create(int64_t count, int sh_degree);
+/* The same Gaussians, ids and pose as the engine's part, widened to double. */
+reference_part reference_part_from(const pags_part *part);
+void reference_part_destroy(reference_part *part);
+
+/* What one Gaussian looks like in the picture. Everything but `drawn` is only defined when it is drawn. */
+typedef struct reference_splat {
+  int drawn;
+  int32_t id;
+  double camera[3];  /* mean in camera axes, metres; [2] is the depth */
+  double mean2d[2];  /* pixels */
+  double cov[3];     /* xx xy yy with the low-pass, px^2 */
+  double conic[3];   /* inverse of cov */
+  double opacity;    /* with the compensation */
+  double compensation;
+  double colour[3];
+  int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
+  int clamped_colour[3]; /* 1: negative before max(0, .) */
+  int floored;           /* compensation at its floor */
+  double margin; /* relative distance to the nearest of the clamps above */
+} reference_splat;
+
+/* One Gaussian blended into one pixel. */
+typedef struct reference_contribution {
+  int32_t pixel;        /* y * width + x */
+  int64_t gaussian;     /* index over all parts, in order */
+  double falloff;       /* exp(-d' conic d / 2) */
+  double alpha_raw;     /* before the cap */
+  double transmittance; /* before this Gaussian */
+} reference_contribution;
+
+typedef struct reference_picture {
+  int width, height;
+  double *rgb; /* three planes of width * height */
+  double *transmittance;
+  double *depth_sum; /* sum of w z */
+  double *depth;     /* depth_sum / sum of w; 0 where nothing was blended */
+  int32_t *id;       /* of the largest weight (tie: the nearer); -1 for none */
+
+  /* How near a pixel came to a different decision, relative: alpha to 1/255 or 0.99, transmittance to 1e-4, its
+   * Gaussians to their clamps; and the smallest gap of depth between neighbours in its list. A float renderer may decide
+   * otherwise where these are of the order of its rounding. */
+  double *margin;
+  double *depth_margin;
+
+  int64_t splat_count;
+  reference_splat *splats; /* of all parts, in order */
+  int64_t contribution_count;
+  reference_contribution *contributions; /* front to back */
+  uint64_t decisions; /* hash of every discrete decision: contributors, caps, clamps */
+} reference_picture;
+
+reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
+                                   const pags_frame_options *options);
+void reference_picture_destroy(reference_picture *picture);
+
+/* Derivatives of a loss by the picture, planes of width * height without padding; NULL means zero. */
+typedef struct reference_picture_gradient {
+  const double *rgb; /* three planes */
+  const double *transmittance;
+  const double *depth_sum;
+} reference_picture_gradient;
+
+typedef struct reference_part_gradient {
+  int64_t count;
+  double *planes;     /* as reference_part.planes */
+  double *mean2d;     /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
+  double *mean2d_abs; /* sums over pixels of the absolute values */
+} reference_part_gradient;
+
+/* Writes one gradient per part. `picture` is the render of the same arguments. */
+void reference_backward(const reference_part *parts, int part_count, const pags_camera *camera,
+                        const pags_frame_options *options, const reference_picture *picture,
+                        const reference_picture_gradient *gradient, reference_part_gradient *out);
+void reference_gradient_destroy(reference_part_gradient *gradients, int part_count);
+
+/* Shared by the two directions. */
+
+#define REFERENCE_ALPHA_MIN (1.0 / 255.0)
+#define REFERENCE_ALPHA_CAP 0.99
+#define REFERENCE_STOP 1e-4
+#define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* of the determinants' ratio */
+
+/* The frame of a part as seen from the camera. */
+typedef struct reference_view {
+  double rotation[9];    /* camera_from_model */
+  double translation[3];
+  double position[3]; /* of the camera in the model's frame */
+} reference_view;
+
+reference_view reference_view_of(const reference_part *part, const pags_camera *camera, const pags_frame_options *options);
+
+/* The steps from raw parameters to the 2D covariance, kept for the way back. */
+typedef struct reference_projection {
+  double sigma[3];
+  double unit_quaternion[4];
+  double quaternion_length; /* 0: identity was taken */
+  double rotation[9];       /* R(q) */
+  double slope[2];          /* x/z, y/z after the clamp */
+  double jacobian[6];       /* 2x3 */
+  double factor[6];         /* 2x3: J W R(q) diag(sigma); covariance before the low-pass is factor factor' */
+} reference_projection;
+
+reference_projection reference_project(const reference_part *part, int64_t i, const reference_view *view,
+                                       const pags_camera *camera, reference_splat *splat);
+
+/* Unit direction and distance from the camera to a mean; (0, 0, 1) and 0 where they coincide. */
+double reference_direction(const reference_part *part, int64_t i, const reference_view *view, double direction[3]);
+/* The 16 real SH of degree <= 3 in INRIA's order and signs, and their derivatives by x, y, z as free variables. */
+void reference_sh(const double direction[3], double basis[16], double derivative[16][3]);
+int reference_sh_degree(const reference_part *part, const pags_frame_options *options);
+
+static inline double reference_value(const reference_part *part, int plane, int64_t i) {
+  return part->planes[(int64_t)plane * part->count + i];
+}
+
+void *reference_alloc(int64_t count, size_t size); /* zeroed; aborts without memory */
+
+#endif
