@@ -1,0 +1,371 @@
+/* The JSON reader: a recursive descent over the whole text into a tree of values in file order. */
+#include "base/json.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/text.h"
+
+enum { DEPTH_LIMIT = 128, BLOCK_VALUES = 512 };
+
+/* Values never move, since parents and siblings point to them. */
+typedef struct block {
+  struct block *next;
+  int used;
+  pags_json_value values[BLOCK_VALUES];
+} block;
+
+struct pags_json {
+  char *path;
+  char *source;  /* the text, terminated */
+  char *strings; /* decoded strings and numbers, each terminated: never longer than the source plus one */
+  block *blocks;
+  const pags_json_value *root;
+};
+
+typedef struct reader {
+  pags_json *json;
+  const char *at, *end;
+  char *string_at;
+  int line, depth;
+} reader;
+
+static pags_result syntax_error(const reader *r, const char *expected) {
+  unsigned char c = r->at < r->end ? (unsigned char)*r->at : 0;
+  const char *path = r->json->path;
+  if (r->at >= r->end)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found the end of the file", path, r->line, expected);
+  if (c > 32 && c < 127)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found '%c'", path, r->line, expected, c);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s, found byte 0x%02x", path, r->line, expected, c);
+}
+
+static void skip_space(reader *r) {
+  for (; r->at < r->end; ++r->at) {
+    if (*r->at == '\n')
+      ++r->line;
+    else if (*r->at != ' ' && *r->at != '\t' && *r->at != '\r')
+      return;
+  }
+}
+
+static pags_json_value *new_value(reader *r) {
+  pags_json *json = r->json;
+  if (!json->blocks || json->blocks->used == BLOCK_VALUES) {
+    block *fresh = calloc(1, sizeof *fresh);
+    if (!fresh)
+      return NULL;
+    fresh->next = json->blocks;
+    json->blocks = fresh;
+  }
+  return &json->blocks->values[json->blocks->used++];
+}
+
+static bool is_digit(const reader *r) { return r->at < r->end && *r->at >= '0' && *r->at <= '9'; }
+
+static bool skip_digits(reader *r) {
+  if (!is_digit(r))
+    return false;
+  while (is_digit(r))
+    ++r->at;
+  return true;
+}
+
+static pags_result read_number(reader *r, pags_json_value *value) {
+  const char *begin = r->at;
+  if (*r->at == '-')
+    ++r->at;
+  if (r->at < r->end && *r->at == '0')
+    ++r->at;
+  else if (!skip_digits(r))
+    return syntax_error(r, "a digit");
+  if (r->at < r->end && *r->at == '.') {
+    ++r->at;
+    if (!skip_digits(r))
+      return syntax_error(r, "a digit after the point");
+  }
+  if (r->at < r->end && (*r->at == 'e' || *r->at == 'E')) {
+    ++r->at;
+    if (r->at < r->end && (*r->at == '+' || *r->at == '-'))
+      ++r->at;
+    if (!skip_digits(r))
+      return syntax_error(r, "a digit of the exponent");
+  }
+  size_t length = (size_t)(r->at - begin);
+  memcpy(r->string_at, begin, length);
+  r->string_at[length] = 0;
+  value->type = PAGS_JSON_NUMBER;
+  value->text = r->string_at;
+  value->number = pags_text_to_double(value->text, NULL);
+  r->string_at += length + 1;
+  if (!isfinite(value->number))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: the number %.40s is too large", r->json->path, r->line, value->text);
+  return PAGS_OK;
+}
+
+static int hex_digit(char c) {
+  if (c >= '0' && c <= '9')
+    return c - '0';
+  if (c >= 'a' && c <= 'f')
+    return c - 'a' + 10;
+  if (c >= 'A' && c <= 'F')
+    return c - 'A' + 10;
+  return -1;
+}
+
+/* The four digits after "\u". */
+static pags_result read_hex4(reader *r, unsigned *code) {
+  *code = 0;
+  for (int i = 0; i < 4; ++i, ++r->at) {
+    int digit = r->at < r->end ? hex_digit(*r->at) : -1;
+    if (digit < 0)
+      return syntax_error(r, "four hexadecimal digits after \\u");
+    *code = *code * 16 + (unsigned)digit;
+  }
+  return PAGS_OK;
+}
+
+static void put_utf8(reader *r, unsigned code) {
+  char *out = r->string_at;
+  if (code < 0x80) {
+    *out++ = (char)code;
+  } else if (code < 0x800) {
+    *out++ = (char)(0xC0 | code >> 6);
+    *out++ = (char)(0x80 | (code & 63));
+  } else if (code < 0x10000) {
+    *out++ = (char)(0xE0 | code >> 12);
+    *out++ = (char)(0x80 | (code >> 6 & 63));
+    *out++ = (char)(0x80 | (code & 63));
+  } else {
+    *out++ = (char)(0xF0 | code >> 18);
+    *out++ = (char)(0x80 | (code >> 12 & 63));
+    *out++ = (char)(0x80 | (code >> 6 & 63));
+    *out++ = (char)(0x80 | (code & 63));
+  }
+  r->string_at = out;
+}
+
+static pags_result read_unicode_escape(reader *r) {
+  unsigned code, low;
+  PAGS_TRY(read_hex4(r, &code));
+  if (code >= 0xD800 && code < 0xDC00) {
+    if (r->end - r->at < 2 || r->at[0] != '\\' || r->at[1] != 'u')
+      return syntax_error(r, "the second half of a surrogate pair");
+    r->at += 2;
+    PAGS_TRY(read_hex4(r, &low));
+    if (low < 0xDC00 || low > 0xDFFF)
+      return syntax_error(r, "the second half of a surrogate pair before this");
+    code = 0x10000 + ((code - 0xD800) << 10) + (low - 0xDC00);
+  } else if (code >= 0xDC00 && code <= 0xDFFF) {
+    return syntax_error(r, "the first half of a surrogate pair before this");
+  }
+  if (code == 0)
+    return syntax_error(r, "a string without \\u0000 before this");
+  put_utf8(r, code);
+  return PAGS_OK;
+}
+
+static pags_result read_escape(reader *r) {
+  static const char names[] = "\"\\/bfnrt", values[] = "\"\\/\b\f\n\r\t";
+  const char *found = r->at < r->end && *r->at ? strchr(names, *r->at) : NULL;
+  if (found) {
+    *r->string_at++ = values[found - names];
+    ++r->at;
+    return PAGS_OK;
+  }
+  if (r->at < r->end && *r->at == 'u') {
+    ++r->at;
+    return read_unicode_escape(r);
+  }
+  return syntax_error(r, "an escape sequence");
+}
+
+static pags_result read_string(reader *r, const char **out) {
+  *out = r->string_at;
+  ++r->at;
+  for (;;) {
+    if (r->at >= r->end || (unsigned char)*r->at < 0x20)
+      return syntax_error(r, "the end of a string");
+    char c = *r->at++;
+    if (c == '"')
+      break;
+    if (c == '\\')
+      PAGS_TRY(read_escape(r));
+    else
+      *r->string_at++ = c;
+  }
+  *r->string_at++ = 0;
+  return PAGS_OK;
+}
+
+static pags_result read_word(reader *r, const char *word) {
+  size_t length = strlen(word);
+  if ((size_t)(r->end - r->at) < length || memcmp(r->at, word, length) != 0)
+    return syntax_error(r, "a value");
+  r->at += length;
+  return PAGS_OK;
+}
+
+static pags_result read_value(reader *r, const char *key, pags_json_value **out);
+
+static pags_result read_key(reader *r, const char **key) {
+  skip_space(r);
+  if (r->at >= r->end || *r->at != '"')
+    return syntax_error(r, "a key in quotes");
+  PAGS_TRY(read_string(r, key));
+  skip_space(r);
+  if (r->at >= r->end || *r->at != ':')
+    return syntax_error(r, "':'");
+  ++r->at;
+  return PAGS_OK;
+}
+
+static pags_result read_children(reader *r, pags_json_value *parent, char close) {
+  const pags_json_value **link = &parent->first;
+  ++r->at;
+  skip_space(r);
+  if (r->at < r->end && *r->at == close) {
+    ++r->at;
+    return PAGS_OK;
+  }
+  for (;;) {
+    const char *key = NULL;
+    pags_json_value *child;
+    if (close == '}')
+      PAGS_TRY(read_key(r, &key));
+    PAGS_TRY(read_value(r, key, &child));
+    *link = child;
+    link = &child->next;
+    ++parent->count;
+    skip_space(r);
+    if (r->at < r->end && *r->at == close) {
+      ++r->at;
+      return PAGS_OK;
+    }
+    if (r->at >= r->end || *r->at != ',')
+      return syntax_error(r, close == '}' ? "',' or '}'" : "',' or ']'");
+    ++r->at;
+  }
+}
+
+static pags_result read_content(reader *r, pags_json_value *value) {
+  char c = r->at < r->end ? *r->at : 0;
+  switch (c) {
+    case '{':
+    case '[':
+      value->type = c == '{' ? PAGS_JSON_OBJECT : PAGS_JSON_ARRAY;
+      return read_children(r, value, c == '{' ? '}' : ']');
+    case '"':
+      value->type = PAGS_JSON_STRING;
+      return read_string(r, &value->text);
+    case 't':
+    case 'f':
+      value->type = PAGS_JSON_BOOL;
+      value->boolean = c == 't';
+      return read_word(r, c == 't' ? "true" : "false");
+    case 'n':
+      return read_word(r, "null");
+    default:
+      return c == '-' || is_digit(r) ? read_number(r, value) : syntax_error(r, "a value");
+  }
+}
+
+static pags_result read_value(reader *r, const char *key, pags_json_value **out) {
+  skip_space(r);
+  pags_json_value *value = new_value(r);
+  if (!value)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s:%d: no memory for the values of the file", r->json->path, r->line);
+  if (++r->depth > DEPTH_LIMIT)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: nested deeper than %d levels", r->json->path, r->line, DEPTH_LIMIT);
+  value->line = r->line;
+  value->key = key;
+  value->source_begin = r->at;
+  PAGS_TRY(read_content(r, value));
+  value->source_end = r->at;
+  --r->depth;
+  *out = value;
+  return PAGS_OK;
+}
+
+static pags_result read_document(pags_json *json, size_t size) {
+  reader r = {.json = json, .at = json->source, .end = json->source + size, .string_at = json->strings, .line = 1};
+  if (size >= 3 && memcmp(r.at, "\xEF\xBB\xBF", 3) == 0)
+    r.at += 3; /* a byte order mark, as some Windows programs write it */
+  pags_json_value *root;
+  PAGS_TRY(read_value(&r, NULL, &root));
+  skip_space(&r);
+  if (r.at != r.end)
+    return syntax_error(&r, "the end of the file");
+  json->root = root;
+  return PAGS_OK;
+}
+
+/* Takes over `source`. */
+static pags_result parse_owned(const char *path, char *source, size_t size, pags_json **out) {
+  *out = NULL;
+  pags_json *json = calloc(1, sizeof *json);
+  if (!json) {
+    free(source);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", path);
+  }
+  json->source = source;
+  json->path = pags_text_copy(path);
+  json->strings = size <= SIZE_MAX - 2 ? malloc(size + 2) : NULL;
+  pags_result result = json->path && json->strings ? read_document(json, size)
+                                                   : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", path);
+  if (result != PAGS_OK) {
+    pags_json_destroy(json);
+    return result;
+  }
+  *out = json;
+  return PAGS_OK;
+}
+
+pags_result pags_json_parse_file(const char *path, pags_json **out) {
+  uint8_t *bytes;
+  size_t size;
+  *out = NULL;
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  return parse_owned(path, (char *)bytes, size, out);
+}
+
+pags_result pags_json_parse_text(const char *name, const char *text, size_t size, pags_json **out) {
+  *out = NULL;
+  char *copy = size < SIZE_MAX ? malloc(size + 1) : NULL;
+  if (!copy)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", name);
+  memcpy(copy, text, size);
+  copy[size] = 0;
+  return parse_owned(name, copy, size, out);
+}
+
+void pags_json_destroy(pags_json *json) {
+  if (!json)
+    return;
+  while (json->blocks) {
+    block *next = json->blocks->next;
+    free(json->blocks);
+    json->blocks = next;
+  }
+  free(json->strings);
+  free(json->source);
+  free(json->path);
+  free(json);
+}
+
+const pags_json_value *pags_json_root(const pags_json *json) { return json->root; }
+
+const char *pags_json_path(const pags_json *json) { return json->path; }
+
+pags_result pags_json_fail(const pags_json *json, const pags_json_value *value, const char *format, ...) {
+  char text[900];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: %s", json->path, value->line, text);
+}

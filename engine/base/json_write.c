@@ -1,0 +1,162 @@
+/* The JSON writer: a growing text with commas, indents and escapes put in. */
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/text.h"
+
+static void put(pags_json_writer *w, const char *text, size_t size) {
+  if (w->failed)
+    return;
+  if (size >= w->capacity - w->size) {
+    size_t grown = w->capacity < 1024 ? 1024 : w->capacity;
+    while (grown - w->size <= size && grown <= SIZE_MAX / 2)
+      grown *= 2;
+    char *data = grown - w->size > size ? realloc(w->data, grown) : NULL;
+    if (!data) {
+      w->failed = true;
+      return;
+    }
+    w->data = data;
+    w->capacity = grown;
+  }
+  memcpy(w->data + w->size, text, size);
+  w->size += size;
+  w->data[w->size] = 0;
+}
+
+static void put_text(pags_json_writer *w, const char *text) { put(w, text, strlen(text)); }
+
+static void put_line_break(pags_json_writer *w) {
+  if (!w->indent || w->flat)
+    return;
+  put(w, "\n", 1);
+  for (int i = 0; i < w->depth * w->indent; ++i)
+    put(w, " ", 1);
+}
+
+static void put_quoted(pags_json_writer *w, const char *text) {
+  put(w, "\"", 1);
+  for (const char *at = text; *at; ++at) {
+    unsigned char c = (unsigned char)*at;
+    char escape[8];
+    if (c == '"' || c == '\\')
+      put(w, (char[]){'\\', *at}, 2);
+    else if (c == '\n')
+      put(w, "\\n", 2);
+    else if (c == '\t')
+      put(w, "\\t", 2);
+    else if (c < 0x20)
+      put(w, escape, (size_t)snprintf(escape, sizeof escape, "\\u%04x", c));
+    else
+      put(w, at, 1);
+  }
+  put(w, "\"", 1);
+}
+
+/* What precedes every value: the comma after its sibling, a new line, its key. */
+static void begin_value(pags_json_writer *w, const char *key) {
+  if (w->has_sibling)
+    put_text(w, w->flat || !w->indent ? ", " : ",");
+  if (w->depth)
+    put_line_break(w);
+  if (key) {
+    put_quoted(w, key);
+    put(w, ": ", 2);
+  }
+  w->has_sibling = true;
+}
+
+static void begin_nested(pags_json_writer *w, const char *key, const char *open) {
+  begin_value(w, key);
+  put_text(w, open);
+  ++w->depth;
+  w->has_sibling = false;
+}
+
+static void end_nested(pags_json_writer *w, const char *close) {
+  assert(w->depth > 0);
+  --w->depth;
+  if (w->has_sibling)
+    put_line_break(w);
+  put_text(w, close);
+  w->has_sibling = true;
+}
+
+void pags_json_writer_init(pags_json_writer *writer, int indent) { *writer = (pags_json_writer){.indent = indent}; }
+
+void pags_json_writer_destroy(pags_json_writer *writer) {
+  free(writer->data);
+  *writer = (pags_json_writer){0};
+}
+
+void pags_json_begin_object(pags_json_writer *writer, const char *key) { begin_nested(writer, key, "{"); }
+void pags_json_end_object(pags_json_writer *writer) { end_nested(writer, "}"); }
+void pags_json_begin_array(pags_json_writer *writer, const char *key) { begin_nested(writer, key, "["); }
+void pags_json_end_array(pags_json_writer *writer) { end_nested(writer, "]"); }
+
+void pags_json_put_number(pags_json_writer *writer, const char *key, double value) {
+  char text[PAGS_DOUBLE_TEXT];
+  begin_value(writer, key);
+  if (isfinite(value))
+    put(writer, text, (size_t)pags_text_from_double(value, text));
+  else
+    put_text(writer, "null");
+}
+
+void pags_json_put_integer(pags_json_writer *writer, const char *key, int64_t value) {
+  char text[PAGS_DOUBLE_TEXT];
+  begin_value(writer, key);
+  put(writer, text, (size_t)snprintf(text, sizeof text, "%lld", (long long)value));
+}
+
+void pags_json_put_unsigned(pags_json_writer *writer, const char *key, uint64_t value) {
+  char text[PAGS_DOUBLE_TEXT];
+  begin_value(writer, key);
+  put(writer, text, (size_t)snprintf(text, sizeof text, "%llu", (unsigned long long)value));
+}
+
+void pags_json_put_bool(pags_json_writer *writer, const char *key, bool value) {
+  pags_json_put_raw(writer, key, value ? "true" : "false");
+}
+
+void pags_json_put_null(pags_json_writer *writer, const char *key) { pags_json_put_raw(writer, key, "null"); }
+
+void pags_json_put_string(pags_json_writer *writer, const char *key, const char *value) {
+  if (!value) {
+    pags_json_put_null(writer, key);
+    return;
+  }
+  begin_value(writer, key);
+  put_quoted(writer, value);
+}
+
+void pags_json_put_numbers(pags_json_writer *writer, const char *key, const double *values, int count) {
+  bool outer = writer->flat;
+  begin_nested(writer, key, "[");
+  writer->flat = true;
+  for (int i = 0; i < count; ++i)
+    pags_json_put_number(writer, NULL, values[i]);
+  end_nested(writer, "]");
+  writer->flat = outer;
+}
+
+void pags_json_put_raw(pags_json_writer *writer, const char *key, const char *text) {
+  begin_value(writer, key);
+  put_text(writer, text);
+}
+
+pags_result pags_json_writer_finish(pags_json_writer *writer) {
+  assert(writer->depth == 0);
+  put(writer, "\n", 1);
+  return writer->failed ? pags_fail(PAGS_ERROR_MEMORY, "no memory for %zu bytes of JSON", writer->size) : PAGS_OK;
+}
+
+pags_result pags_json_writer_save(pags_json_writer *writer, const char *path) {
+  PAGS_TRY(pags_json_writer_finish(writer));
+  return pags_file_write(path, writer->data, writer->size);
+}

@@ -1,0 +1,24 @@
+/* The one receiver of log lines. */
+#include "base/log.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+static pags_log_fn *log_receiver;
+static void *log_user;
+
+void pags_log_set(pags_log_fn *receiver, void *user) {
+  log_receiver = receiver;
+  log_user = user;
+}
+
+void pags_log(pags_log_level level, const char *format, ...) {
+  if (!log_receiver)
+    return;
+  char line[1024];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
+  log_receiver(log_user, level, line);
+}

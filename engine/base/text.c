@@ -1,0 +1,57 @@
+/* Numbers to and from text in the C locale, whatever locale the host program has set. */
+#include "base/text.h"
+
+#include <locale.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A program around us may have called setlocale, and then strtod stops at the point of "0.5". uselocale changes the calling
+ * thread only; a failing newlocale leaves the host's locale in place. */
+typedef struct c_locale {
+  locale_t c, previous;
+} c_locale;
+
+static c_locale c_locale_enter(void) {
+  c_locale scope = {newlocale(LC_ALL_MASK, "C", (locale_t)0), (locale_t)0};
+  if (scope.c != (locale_t)0)
+    scope.previous = uselocale(scope.c);
+  return scope;
+}
+
+static void c_locale_leave(c_locale scope) {
+  if (scope.c == (locale_t)0)
+    return;
+  uselocale(scope.previous);
+  freelocale(scope.c);
+}
+
+double pags_text_to_double(const char *text, char **end) {
+  c_locale scope = c_locale_enter();
+  double value = strtod(text, end);
+  c_locale_leave(scope);
+  return value;
+}
+
+int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]) {
+  c_locale scope = c_locale_enter();
+  int length = 0;
+  for (int digits = 15; digits <= 17; ++digits) {
+    length = snprintf(out, PAGS_DOUBLE_TEXT, "%.*g", digits, value);
+    double back = strtod(out, NULL);
+    if (memcmp(&back, &value, sizeof back) == 0)
+      break;
+  }
+  c_locale_leave(scope);
+  return length;
+}
+
+char *pags_text_copy(const char *text) {
+  if (!text)
+    return NULL;
+  size_t size = strlen(text) + 1;
+  char *copy = malloc(size);
+  if (copy)
+    memcpy(copy, text, size);
+  return copy;
+}
