@@ -19,7 +19,9 @@ typedef struct pags_camera {
  * orthonormal). `what` names the camera in the message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
-/* The same camera at width/factor x height/factor pixels (rounded down, at least 1); the principal point scales. */
+/* The same camera at width/factor x height/factor pixels (rounded down, at least 1). Focal lengths and principal point are
+ * divided by `factor` exactly: pixel (x, y) covers [x, x + 1] * factor of the source, what is left over at the right and
+ * at the bottom is cut off. */
 PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double factor);
 
 /* 3x4 [R|t] of the inverse rigid motion. */

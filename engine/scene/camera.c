@@ -1,0 +1,145 @@
+/* Rigid motions, rotations and the pinhole camera. */
+#include <pags/camera.h>
+
+#include <math.h>
+#include <string.h>
+
+void pags_rigid_inverse(const double m[12], double out[12]) {
+  double inverse[12];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j)
+      inverse[4 * i + j] = m[4 * j + i];
+    inverse[4 * i + 3] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
+  }
+  memcpy(out, inverse, sizeof inverse);
+}
+
+void pags_rigid_multiply(const double a[12], const double b[12], double out[12]) {
+  double product[12];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 4; ++j)
+      product[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j];
+    product[4 * i + 3] += a[4 * i + 3];
+  }
+  memcpy(out, product, sizeof product);
+}
+
+void pags_rotation_from_quaternion(const double q[4], double r[9]) {
+  double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  double w = 1, x = 0, y = 0, z = 0;
+  if (norm > 0) {
+    w = q[0] / norm;
+    x = q[1] / norm;
+    y = q[2] / norm;
+    z = q[3] / norm;
+  }
+  r[0] = 1 - 2 * (y * y + z * z);
+  r[1] = 2 * (x * y - w * z);
+  r[2] = 2 * (x * z + w * y);
+  r[3] = 2 * (x * y + w * z);
+  r[4] = 1 - 2 * (x * x + z * z);
+  r[5] = 2 * (y * z - w * x);
+  r[6] = 2 * (x * z - w * y);
+  r[7] = 2 * (y * z + w * x);
+  r[8] = 1 - 2 * (x * x + y * y);
+}
+
+/* Shepperd 1978: divides by the largest of the four components, so that nothing cancels. w >= 0 in the result. */
+void pags_quaternion_from_rotation(const double r[9], double q[4]) {
+  double trace = r[0] + r[4] + r[8];
+  double square[4] = {trace, r[0], r[4], r[8]}; /* in the order of q_k^2 = (1 + 2 r_kk - trace) / 4, w^2 = (1 + trace) / 4 */
+  int largest = 0;
+  for (int k = 1; k < 4; ++k)
+    if (square[k] > square[largest])
+      largest = k;
+  double sums[4] = {0, r[7] - r[5], r[2] - r[6], r[3] - r[1]}; /* 4 w x, 4 w y, 4 w z */
+  double out[4];
+  if (largest == 0) {
+    double root = sqrt(1 + trace);
+    out[0] = 0.5 * root;
+    for (int k = 1; k < 4; ++k)
+      out[k] = 0.5 * sums[k] / root;
+  } else {
+    int i = largest - 1, j = (i + 1) % 3, k = (i + 2) % 3;
+    double root = sqrt(1 + r[4 * i] - r[4 * j] - r[4 * k]);
+    out[0] = 0.5 * sums[largest] / root;
+    out[1 + i] = 0.5 * root;
+    out[1 + j] = 0.5 * (r[3 * i + j] + r[3 * j + i]) / root;
+    out[1 + k] = 0.5 * (r[3 * i + k] + r[3 * k + i]) / root;
+  }
+  double sign = out[0] < 0 ? -1 : 1;
+  for (int k = 0; k < 4; ++k)
+    q[k] = sign * out[k];
+}
+
+/* Largest entry of |R R^T - I|. */
+static double orthonormal_error(const double m[12]) {
+  double error = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
+      error = fmax(error, fabs(dot - (i == j)));
+    }
+  return error;
+}
+
+/* Rows of cofactors: for a rotation they are its own rows. */
+static double cofactors(const double m[12], double c[9]) {
+  for (int i = 0; i < 3; ++i) {
+    const double *a = m + (i + 1) % 3 * 4, *b = m + (i + 2) % 3 * 4;
+    c[3 * i] = a[1] * b[2] - a[2] * b[1];
+    c[3 * i + 1] = a[2] * b[0] - a[0] * b[2];
+    c[3 * i + 2] = a[0] * b[1] - a[1] * b[0];
+  }
+  return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
+}
+
+/* The nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2 (Higham 1986), quadratic from within
+ * 1e-3. An already orthonormal matrix is left alone, so that cameras keep their bits from one check to the next. */
+static void make_orthonormal(double m[12]) {
+  for (int step = 0; step < 4 && orthonormal_error(m) > 1e-15; ++step) {
+    double c[9];
+    double determinant = cofactors(m, c);
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j)
+        m[4 * i + j] = 0.5 * (m[4 * i + j] + c[3 * i + j] / determinant);
+  }
+}
+
+pags_result pags_camera_check(pags_camera *camera, const char *what) {
+  if (camera->width < 1 || camera->width > 65535 || camera->height < 1 || camera->height > 65535)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a picture of 1 to 65535 pixels a side, found %d x %d", what,
+                     camera->width, camera->height);
+  if (!(camera->fx > 0 && camera->fy > 0 && isfinite(camera->fx) && isfinite(camera->fy)))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected positive focal lengths, found fx %g, fy %g", what, camera->fx,
+                     camera->fy);
+  if (!isfinite(camera->cx) || !isfinite(camera->cy))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a finite principal point, found cx %g, cy %g", what, camera->cx,
+                     camera->cy);
+  for (int i = 0; i < 12; ++i)
+    if (!isfinite(camera->world_from_camera[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the camera's pose is not finite", what);
+  double c[9];
+  double error = orthonormal_error(camera->world_from_camera);
+  if (error > 2e-3 || cofactors(camera->world_from_camera, c) < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the camera's pose is not a rotation and a translation (off by %.3g)", what,
+                     error > 2e-3 ? error : 2.0);
+  make_orthonormal(camera->world_from_camera);
+  return PAGS_OK;
+}
+
+static int scaled_size(int size, double factor) {
+  int scaled = (int)floor((double)size / factor);
+  return scaled < 1 ? 1 : scaled;
+}
+
+pags_camera pags_camera_downscale(const pags_camera *camera, double factor) {
+  pags_camera scaled = *camera;
+  scaled.width = scaled_size(camera->width, factor);
+  scaled.height = scaled_size(camera->height, factor);
+  scaled.fx = camera->fx / factor;
+  scaled.fy = camera->fy / factor;
+  scaled.cx = camera->cx / factor;
+  scaled.cy = camera->cy / factor;
+  return scaled;
+}

@@ -1,0 +1,133 @@
+/* Camera files and path files. */
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "scene/camera_json.h"
+
+static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
+
+static pags_result read_pose(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
+  double q[4], t[3], r[9], pose[12];
+  PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_quaternion_wxyz", 4, q));
+  PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_translation", 3, t));
+  double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  if (!(norm > 1e-6 && isfinite(norm)))
+    return pags_json_fail(json, object, "expected a quaternion of about unit length for "
+                                        "'camera_from_world_quaternion_wxyz', found one of length %g", norm);
+  pags_rotation_from_quaternion(q, r);
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j)
+      pose[4 * i + j] = r[3 * i + j];
+    pose[4 * i + 3] = t[i];
+  }
+  pags_rigid_inverse(pose, camera->world_from_camera);
+  return PAGS_OK;
+}
+
+pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
+  int64_t width, height;
+  PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
+  PAGS_TRY(pags_json_integer(json, object, "height", 1, 65535, &height));
+  camera->width = (int)width;
+  camera->height = (int)height;
+  PAGS_TRY(pags_json_number(json, object, "fx", &camera->fx));
+  PAGS_TRY(pags_json_number(json, object, "fy", &camera->fy));
+  PAGS_TRY(pags_json_number(json, object, "cx", &camera->cx));
+  PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
+  PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
+  PAGS_TRY(read_pose(json, object, camera));
+  char what[900];
+  snprintf(what, sizeof what, "%s:%d", pags_json_path(json), object->line);
+  return pags_camera_check(camera, what);
+}
+
+void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
+  double pose[12], r[9], q[4], t[3];
+  pags_rigid_inverse(camera->world_from_camera, pose);
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j)
+      r[3 * i + j] = pose[4 * i + j];
+    t[i] = pose[4 * i + 3];
+  }
+  pags_quaternion_from_rotation(r, q);
+  pags_json_put_integer(writer, "width", camera->width);
+  pags_json_put_integer(writer, "height", camera->height);
+  pags_json_put_number(writer, "fx", camera->fx);
+  pags_json_put_number(writer, "fy", camera->fy);
+  pags_json_put_number(writer, "cx", camera->cx);
+  pags_json_put_number(writer, "cy", camera->cy);
+  pags_json_put_numbers(writer, "camera_from_world_quaternion_wxyz", q, 4);
+  pags_json_put_numbers(writer, "camera_from_world_translation", t, 3);
+  if (!isnan(camera->time))
+    pags_json_put_number(writer, "time", camera->time);
+}
+
+static pags_result read_frames(const pags_json *json, const pags_json_value *root, pags_path *path) {
+  const pags_json_value *frames;
+  PAGS_TRY(pags_json_array(json, root, "frames", &frames));
+  PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
+  if (!(path->fps > 0))
+    return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", path->fps);
+  if (frames->count == 0)
+    return pags_json_fail(json, frames, "expected at least one camera in 'frames'");
+  path->cameras = calloc((size_t)frames->count, sizeof *path->cameras);
+  if (!path->cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its cameras", pags_json_path(json));
+  for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
+    PAGS_TRY(pags_camera_from_json(json, frame, &path->cameras[path->count++]));
+  return PAGS_OK;
+}
+
+static pags_result read_path(const pags_json *json, pags_path *path) {
+  const pags_json_value *root = pags_json_root(json);
+  PAGS_TRY(pags_json_as_object(json, root, "a camera or a path"));
+  if (pags_json_member(root, "frames"))
+    return read_frames(json, root, path);
+  path->cameras = calloc(1, sizeof *path->cameras);
+  if (!path->cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its camera", pags_json_path(json));
+  path->count = 1;
+  return pags_camera_from_json(json, root, path->cameras);
+}
+
+pags_result pags_path_load(const char *path, pags_path *out) {
+  pags_json *json;
+  *out = (pags_path){0};
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  pags_result result = read_path(json, out);
+  if (result != PAGS_OK)
+    pags_path_destroy(out);
+  pags_json_destroy(json);
+  return result;
+}
+
+pags_result pags_path_save(const char *path, const pags_path *cameras) {
+  assert(cameras->fps > 0 || cameras->count == 1);
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 1);
+  pags_json_begin_object(&writer, NULL);
+  if (cameras->fps > 0) {
+    pags_json_put_number(&writer, "fps", cameras->fps);
+    pags_json_begin_array(&writer, "frames");
+    for (int64_t i = 0; i < cameras->count; ++i) {
+      pags_json_begin_object(&writer, NULL);
+      pags_camera_to_json(&writer, &cameras->cameras[i]);
+      pags_json_end_object(&writer);
+    }
+    pags_json_end_array(&writer);
+  } else {
+    pags_camera_to_json(&writer, cameras->cameras);
+  }
+  pags_json_put_string(&writer, "axes", axes_note);
+  pags_json_end_object(&writer);
+  pags_result result = pags_json_writer_save(&writer, path);
+  pags_json_writer_destroy(&writer);
+  return result;
+}
+
+void pags_path_destroy(pags_path *path) {
+  free(path->cameras);
+  *path = (pags_path){0};
+}

@@ -1,0 +1,172 @@
+/* The set of Gaussians: memory, gathering of rows, search for rows that can't be drawn. */
+#include <pags/gaussians.h>
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LANES = 16, ALIGNMENT = 64 };
+static const int64_t count_limit = INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
+
+static int64_t round_up(int64_t count) { return (count + LANES - 1) / LANES * LANES; }
+
+/* `rows` is a multiple of 16, so that the size is one of 64 bytes. */
+static void *allocate(int64_t rows, int64_t planes) {
+  if (rows == 0 || (uint64_t)rows > SIZE_MAX / 4 / (uint64_t)planes)
+    return NULL;
+  return aligned_alloc(ALIGNMENT, (size_t)rows * (size_t)planes * 4);
+}
+
+static pags_result fail_memory(int64_t count, int64_t planes) {
+  return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians (%.1f MB)", (long long)count,
+                   (double)count * (double)planes * 4e-6);
+}
+
+static pags_result check_count(int64_t count) {
+  assert(count >= 0);
+  if (count > count_limit)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are more than the limit of %lld", (long long)count,
+                     (long long)count_limit);
+  return PAGS_OK;
+}
+
+pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degree) {
+  assert(sh_degree >= 0 && sh_degree <= 3);
+  *g = (pags_gaussians){.sh_degree = sh_degree};
+  PAGS_TRY(check_count(count));
+  PAGS_TRY(pags_gaussians_reserve(g, count));
+  g->count = count;
+  return PAGS_OK;
+}
+
+pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like) {
+  pags_result result = pags_gaussians_create(g, count, like->sh_degree);
+  if (result == PAGS_OK && like->s_sem)
+    result = pags_gaussians_add_s_sem(g);
+  if (result == PAGS_OK && like->object_id)
+    result = pags_gaussians_add_object_id(g);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(g);
+  return result;
+}
+
+void pags_gaussians_destroy(pags_gaussians *g) {
+  free(g->data);
+  free(g->s_sem);
+  free(g->object_id);
+  *g = (pags_gaussians){0};
+}
+
+pags_result pags_gaussians_add_s_sem(pags_gaussians *g) {
+  if (g->s_sem || g->stride == 0)
+    return PAGS_OK;
+  g->s_sem = allocate(g->stride, 1);
+  if (!g->s_sem)
+    return fail_memory(g->stride, 1);
+  memset(g->s_sem, 0, (size_t)g->stride * sizeof *g->s_sem);
+  return PAGS_OK;
+}
+
+static void fill_object_id(int32_t *object_id, int64_t first, int64_t last) {
+  for (int64_t i = first; i < last; ++i)
+    object_id[i] = -1;
+}
+
+pags_result pags_gaussians_add_object_id(pags_gaussians *g) {
+  if (g->object_id || g->stride == 0)
+    return PAGS_OK;
+  g->object_id = allocate(g->stride, 1);
+  if (!g->object_id)
+    return fail_memory(g->stride, 1);
+  fill_object_id(g->object_id, 0, g->stride);
+  return PAGS_OK;
+}
+
+/* Moves planes of `count` used floats to a wider stride, the rest zero. */
+static void widen(const float *from, int64_t from_stride, float *to, int64_t to_stride, int64_t count, int planes) {
+  for (int p = 0; p < planes; ++p) {
+    float *plane = to + p * to_stride;
+    if (count)
+      memcpy(plane, from + p * from_stride, (size_t)count * sizeof *plane);
+    memset(plane + count, 0, (size_t)(to_stride - count) * sizeof *plane);
+  }
+}
+
+pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
+  PAGS_TRY(check_count(capacity));
+  int64_t stride = round_up(capacity);
+  if (stride <= g->stride)
+    return PAGS_OK;
+  int planes = pags_plane_count(g->sh_degree);
+  float *data = allocate(stride, planes);
+  float *s_sem = g->s_sem ? allocate(stride, 1) : NULL;
+  int32_t *object_id = g->object_id ? allocate(stride, 1) : NULL;
+  if (!data || (g->s_sem && !s_sem) || (g->object_id && !object_id)) {
+    free(data);
+    free(s_sem);
+    free(object_id);
+    return fail_memory(stride, planes);
+  }
+  widen(g->data, g->stride, data, stride, g->count, planes);
+  if (s_sem)
+    widen(g->s_sem, g->stride, s_sem, stride, g->count, 1);
+  if (object_id) {
+    memcpy(object_id, g->object_id, (size_t)g->count * sizeof *object_id);
+    fill_object_id(object_id, g->count, stride);
+  }
+  free(g->data);
+  free(g->s_sem);
+  free(g->object_id);
+  g->data = data;
+  g->s_sem = s_sem;
+  g->object_id = object_id;
+  g->stride = stride;
+  return PAGS_OK;
+}
+
+void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count, pags_gaussians *to) {
+  assert(from != to && to->count == count && to->sh_degree == from->sh_degree);
+  for (int p = 0; p < pags_plane_count(from->sh_degree) && count; ++p) {
+    const float *source = pags_plane(from, p);
+    float *target = pags_plane(to, p);
+    for (int64_t i = 0; i < count; ++i)
+      target[i] = source[index[i]];
+  }
+  for (int64_t i = 0; i < count && from->s_sem && to->s_sem; ++i)
+    to->s_sem[i] = from->s_sem[index[i]];
+  for (int64_t i = 0; i < count && from->object_id && to->object_id; ++i)
+    to->object_id[i] = from->object_id[index[i]];
+}
+
+enum { BLOCK = 256 };
+
+static void mark_bad(const pags_gaussians *g, int64_t first, int count, uint8_t bad[BLOCK]) {
+  memset(bad, 0, BLOCK);
+  for (int p = 0; p < pags_plane_count(g->sh_degree); ++p) {
+    const float *plane = pags_plane(g, p) + first;
+    for (int i = 0; i < count; ++i)
+      bad[i] = bad[i] || !isfinite(plane[i]);
+  }
+  const float *q[4];
+  for (int k = 0; k < 4; ++k)
+    q[k] = pags_plane(g, PAGS_ROTATION + k) + first;
+  for (int i = 0; i < count; ++i)
+    bad[i] = bad[i] || (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0);
+}
+
+int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
+  int64_t bad_count = 0, good_count = 0;
+  uint8_t bad[BLOCK];
+  for (int64_t first = 0; first < g->count; first += BLOCK) {
+    int count = g->count - first < BLOCK ? (int)(g->count - first) : BLOCK;
+    mark_bad(g, first, count, bad);
+    for (int i = 0; i < count; ++i) {
+      if (bad[i])
+        ++bad_count;
+      else if (index)
+        index[good_count++] = first + i;
+    }
+  }
+  return bad_count;
+}
