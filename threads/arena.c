@@ -1,6 +1,6 @@
-/* A bump allocator over a few growing heap chunks, which a reset folds into one: after the first rounds it makes no heap
- * call any more. Under AddressSanitizer memory that isn't handed out is poisoned, and blocks lie apart, so that overruns
- * and stale pointers are caught as they would be with malloc. */
+/* A bump allocator over a few growing heap chunks, which a reset folds into one: after the first rounds it makes no
+ * heap call any more. Under AddressSanitizer memory that isn't handed out is poisoned, and blocks lie apart, so that
+ * overruns and stale pointers are caught as they would be with malloc. */
 #include "pags/tasks.h"
 
 #include <assert.h>
@@ -26,7 +26,7 @@ enum { GAP = 0 };
 /* One cache line, and one AVX-512 register. */
 enum { ALIGNMENT = 64 };
 enum { FIRST_CHUNK = 64 * 1024 };
-/* Each new chunk is at least as large as all before it together, so the size of the address space bounds their number. */
+/* Each new chunk is as large as all before it together while memory lasts: the address space bounds their number. */
 enum { CHUNKS_MAX = 64 };
 
 typedef struct chunk {

@@ -1,9 +1,9 @@
 /* Processors and memory this process may use: affinity mask, physical memory, and the limits of its control group.
  *
  * A limit may sit on the process's group or on any ancestor, so all are read. Inside a container /proc/self/cgroup may
- * name the path as the host sees it while the mount shows the container's own group as the root; levels that don't exist
- * are therefore passed over, and the walk always ends at the root. Both layouts of Linux are read: version 2 (one tree)
- * and version 1 (a tree per controller).
+ * name the path as the host sees it while the mount shows the container's own group as the root; levels that don't
+ * exist are therefore passed over, and the walk always ends at the root. Both layouts of Linux are read: version 2 (one
+ * tree) and version 1 (a tree per controller).
  * Source: Documentation/admin-guide/cgroup-v2.rst and cgroup-v1/memory.rst of the Linux kernel. */
 #define _GNU_SOURCE /* sched_getaffinity */
 #include "limits.h"

@@ -1,13 +1,14 @@
 /* The pool: parallel loops, background jobs, and the same interface over a host's threads.
  *
  * A loop is joined, not handed out. The caller writes its description, opens the gate, and works on it like everybody
- * else; a worker that sees the gate open counts itself in, draws blocks until there are none, closes the gate and counts
- * itself out. The loop is over when the gate is closed and the count is zero. So a worker busy with a job, or asleep,
- * holds nobody up, and the description may be overwritten as soon as the loop is over, since nobody can join a closed one.
+ * else; a worker that sees the gate open counts itself in, draws blocks until there are none, closes the gate and
+ * counts itself out. The loop is over when the gate is closed and the count is zero. So a worker busy with a job, or
+ * asleep, holds nobody up, and the description may be overwritten as soon as the loop is over, since nobody can join a
+ * closed one.
  *
  * A training step runs dozens of loops with little between them, hence idle workers watch the gate for a moment before
- * they sleep. Sleeping and opening use sequentially consistent atomics: of "I sleep" and "the gate is open" at least one
- * is seen by the other side, so that no wake-up is lost. */
+ * they sleep. Sleeping and opening use sequentially consistent atomics: of "I sleep" and "the gate is open" at least
+ * one is seen by the other side, so that no wake-up is lost. */
 #include "pags/tasks.h"
 
 #include <assert.h>
@@ -42,8 +43,8 @@ typedef struct hand {
 
 struct pags_tasks {
   int workers;
-  int started;         /* threads of ours that run */
-  bool hosted;         /* `runner` brings the threads */
+  int started; /* threads of ours that run */
+  bool hosted; /* `runner` brings the threads */
   pags_runner runner;
   hand *crew;          /* [workers]; entry 0 is the caller */
   pags_arena **arenas; /* [workers] */
@@ -174,8 +175,8 @@ static void close_gate(pags_tasks *tasks) {
   pthread_mutex_unlock(&tasks->lock);
 }
 
-/* Wakes up to `wanted` sleepers for work that has just become visible. A sleeper counts itself before it looks for work,
- * under the lock: either it saw the work, or we see it here, and taking the lock waits until it really waits. */
+/* Wakes up to `wanted` sleepers for work that has just become visible. A sleeper counts itself before it looks for
+ * work, under the lock: either it saw the work, or we see it here, and taking the lock waits until it really waits. */
 static void wake_sleepers(pags_tasks *tasks, uint64_t wanted) {
   int sleepers = atomic_load(&tasks->sleepers);
   if (sleepers == 0)

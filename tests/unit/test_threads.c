@@ -237,8 +237,8 @@ static void another_thread_can_cancel(void **state) {
 typedef struct work {
   pags_job job;
   pags_tasks *tasks;
-  int value;         /* not atomic: waiting must publish it */
-  atomic_int *gate;  /* waited for, where there is one */
+  int value;        /* not atomic: waiting must publish it */
+  atomic_int *gate; /* waited for, where there is one */
   atomic_int *begun;
 } work;
 

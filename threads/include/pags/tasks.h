@@ -1,7 +1,8 @@
 /* A runner for parallel loops: our own pool of threads, or the host's.
  *
  * Knows nothing of scenes. All scheduling is dynamic, so nothing may depend on which worker ran which block; work that
- * sums must write one partial per block and add the partials in block order (the same bits for any number of threads). */
+ * sums must write one partial per block and add the partials in block order (the same bits for any number of threads).
+ */
 #ifndef PAGS_TASKS_H
 #define PAGS_TASKS_H
 
@@ -60,8 +61,8 @@ void pags_tasks_cancel(pags_tasks *tasks);
 void pags_tasks_reset(pags_tasks *tasks);
 bool pags_tasks_cancelled(const pags_tasks *tasks);
 
-/* One piece of background work (decoding an image, say), done by a worker that has no loop to help with; loops never wait
- * for a running job. With a single worker, or a host's runner, jobs run inside pags_job_wait. The struct is
+/* One piece of background work (decoding an image, say), done by a worker that has no loop to help with; loops never
+ * wait for a running job. With a single worker, or a host's runner, jobs run inside pags_job_wait. The struct is
  * the caller's, must stay in place until waited for and may then be submitted again. */
 typedef struct pags_job {
   void (*run)(void *context);

@@ -1,0 +1,33 @@
+# A thin front for CMake's presets.
+#   make         configure and build (build/pags)
+#   make setup   install what is missing (Debian; elsewhere says what is needed)
+#   make demo    set up, build, and train and render a small scene of our own making
+#   make check   set up, build, run all tests
+#   make bench   build, run the benchmarks of the bare kernels and of each stage
+#   make clean   remove build/
+
+JOBS ?= $(shell nproc)
+
+all:
+	cmake --preset release
+	cmake --build --preset release --parallel $(JOBS)
+
+setup:
+	sh scripts/setup.sh
+
+demo: setup
+	$(MAKE) all
+	sh scripts/demo.sh
+
+check: setup
+	$(MAKE) all
+	ctest --preset release
+
+bench: all
+	build/pags bench roofline
+	build/pags bench stages
+
+clean:
+	rm -rf build
+
+.PHONY: all setup demo check bench clean

@@ -1,0 +1,61 @@
+#!/bin/sh
+# Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
+set -u
+
+needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libcmocka-dev"
+# The NEON kernels' tests; everything else does without.
+wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user"
+
+if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
+  echo "setup: this is no Debian; please see to these yourself:"
+  echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
+  echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4, cmocka;"
+  echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64"
+  exit 0
+fi
+
+missing_of() {
+  for package; do
+    case $(dpkg-query -W -f '${Status}' "$package" 2>/dev/null) in
+      *" installed") ;;
+      *) printf '%s ' "$package" ;;
+    esac
+  done
+}
+
+# shellcheck disable=SC2086 # lists of words
+missing_needed=$(missing_of $needed)
+# shellcheck disable=SC2086
+missing_wanted=$(missing_of $wanted)
+if [ -z "$missing_needed$missing_wanted" ]; then
+  exit 0
+fi
+
+if [ "$(id -u)" -eq 0 ]; then
+  as_root=""
+elif command -v sudo >/dev/null; then
+  as_root="sudo"
+else
+  echo "setup: missing: $missing_needed$missing_wanted"
+  echo "setup: neither root nor sudo here; as root, run"
+  echo "  apt-get install --no-install-recommends $missing_needed$missing_wanted"
+  [ -z "$missing_needed" ]
+  exit
+fi
+
+install() {
+  # shellcheck disable=SC2086
+  $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "$@"
+}
+
+echo "setup: installing $missing_needed$missing_wanted"
+$as_root apt-get update -q || echo "setup: apt-get update failed; trying with the lists that are here"
+# shellcheck disable=SC2086
+if [ -n "$missing_needed" ] && ! install $missing_needed; then
+  echo "setup: could not install $missing_needed" >&2
+  exit 1
+fi
+# shellcheck disable=SC2086
+if [ -n "$missing_wanted" ] && ! install $missing_wanted; then
+  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests"
+fi
