@@ -1,0 +1,39 @@
+/* Compiled once per ISA: all kernels and the table that names them. */
+#include "kernels.h"
+#include "vec.h"
+
+#include "project.inl"
+#include "shade.inl"
+#include "bin.inl"
+#include "raster.inl"
+#include "raster_backward.inl"
+#include "project_backward.inl"
+#include "ssim.inl"
+#include "adam.inl"
+
+#if defined(PAGS_ISA_AVX512)
+const pags_kernels pags_kernels_avx512 = {
+    .name = "avx512",
+#elif defined(PAGS_ISA_AVX2)
+const pags_kernels pags_kernels_avx2 = {
+    .name = "avx2",
+#elif defined(PAGS_ISA_NEON)
+const pags_kernels pags_kernels_neon = {
+    .name = "neon",
+#else
+const pags_kernels pags_kernels_scalar = {
+    .name = "scalar",
+#endif
+    .project = project,
+    .shade = shade,
+    .bin_count = bin_count,
+    .bin_fill = bin_fill,
+    .raster = raster,
+    .raster_backward = raster_backward,
+    .project_backward = project_backward,
+    .adam_replay = adam_replay,
+    .adam_update = adam_update,
+    .adam_reach = adam_reach,
+    .loss_rows = loss_rows,
+    .roofline = roofline,
+};

@@ -1,0 +1,192 @@
+/* The table of vector kernels: every stage's inner loop over plain arrays. Knows neither scenes nor threads.
+ *
+ * pags_kernels_get() picks the best table this processor runs, or the one that PAGS_CPU=scalar|avx2|avx512|neon names. The scalar
+ * table is always complete and is what the others are tested against. */
+#ifndef PAGS_SIMD_KERNELS_H
+#define PAGS_SIMD_KERNELS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+enum {
+  PAGS_LANES = 16,
+  PAGS_TILE = 16,       /* pixels a side */
+  PAGS_TILE_PIXELS = PAGS_TILE * PAGS_TILE,
+  PAGS_TILE_BLOCKS = 16 /* 4x4-pixel blocks of a tile: what one vector covers; block b at (b & 3, b >> 2) */
+};
+
+#define PAGS_ALPHA_MAX 0.99f
+#define PAGS_ALPHA_MIN (1.0f / 255.0f)
+#define PAGS_T_STOP 1e-4f
+#define PAGS_LOG2_255 7.99435344f
+
+/* A projected Gaussian, 64 bytes, one cache line.
+ * The falloff is 2^(log2_opacity - u^2 - v^2) with u = p (dx - h dy), v = w dy, d = pixel centre - mean: the Cholesky
+ * factor of log2(e)/2 times the inverse covariance. Writing it as a sum of squares keeps long thin Gaussians exact where
+ * the usual a dx^2 + 2 b dx dy + c dy^2 cancels, and cannot grow. */
+typedef struct pags_splat {
+  float x, y;          /* mean, px */
+  float p, h, w;       /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D = det, k = log2(e)/2 */
+  float log2_opacity;  /* <= 0 */
+  float r, g, b;       /* colour, >= 0 */
+  float z;             /* camera depth, metres; its bits are the sort key */
+  float slope;         /* B / A: the other regression line, for the tile test */
+  float extent_x, extent_y; /* half size of the box in which alpha >= 1/255, px */
+  int32_t id;
+  uint32_t tiles;      /* tiles it falls into; set by binning */
+  uint32_t clamped;    /* bit c: channel c was clamped at 0 */
+} pags_splat;
+
+/* What projection needs of a camera and a part; floats derived in double. */
+typedef struct pags_projection {
+  float r[9], t[3];        /* camera_from_model: p_cam = r p + t */
+  float eye[3];            /* camera centre in the model's frame */
+  float fx, fy, cx, cy;    /* px */
+  float lim_x0, lim_x1, lim_y0, lim_y1; /* clamp of x/z and y/z in the Jacobian */
+  float width, height;     /* px */
+  float near_plane, low_pass;
+  int32_t antialiased;
+  int32_t sh_degree;
+} pags_projection;
+
+enum { PAGS_SLOT_FLOATS = 12 }; /* partial gradient of one (Gaussian, tile) pair */
+enum { /* its layout: sums over the pair's pixels; s = dL/d(exponent, base 2) */
+  PAGS_SLOT_S, PAGS_SLOT_SU, PAGS_SLOT_SV, PAGS_SLOT_SUU, PAGS_SLOT_SUV, PAGS_SLOT_SVV,
+  PAGS_SLOT_R, PAGS_SLOT_G, PAGS_SLOT_B, PAGS_SLOT_Z,
+  PAGS_SLOT_ABS_X, PAGS_SLOT_ABS_Y
+};
+
+/* One entry of a tile's list: which splat, and which of that splat's tiles this is (row by row, from 0). */
+typedef struct pags_entry {
+  uint32_t splat, rank;
+} pags_entry;
+
+typedef struct pags_raster_out { /* top left pixel of the tile in each plane; NULL where not wanted (all of the last two or none) */
+  float *rgb[3];
+  float *transmittance;
+  float *depth, *depth_sum; /* sum(w z)/sum(w); sum(w z) */
+  int32_t *id;
+  int64_t stride;
+  float background[3];
+} pags_raster_out;
+
+typedef struct pags_raster_in {
+  const pags_splat *splats;
+  const pags_entry *entries; /* front to back */
+  int64_t count;
+  int x0, y0;          /* of the tile, px */
+  int width, height;   /* of the picture: pixels outside count as stopped */
+  int exp_degree;      /* 3 or 5 */
+  uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
+  int64_t *evaluated, *blended; /* added to; NULL: not counted */
+} pags_raster_in;
+
+typedef struct pags_raster_back {
+  const pags_splat *splats;
+  const pags_entry *entries;
+  const uint16_t *block_masks; /* as forward left them */
+  int64_t count;
+  const int64_t *slot_start; /* per splat */
+  float *slots;        /* PAGS_SLOT_FLOATS each; slot of a pair = slot_start[splat] + rank */
+  int x0, y0, width, height, exp_degree;
+  int64_t stride;      /* of all planes below; each points at the tile's top left pixel */
+  const float *rgb[3]; /* as forward left them (background included) */
+  const float *transmittance;
+  const float *depth_sum; /* sum(w z) or NULL when depth_gradient is */
+  const float *rgb_gradient[3];
+  const float *transmittance_gradient; /* NULL: zero */
+  const float *depth_gradient;         /* NULL: zero */
+  int32_t absolute; /* 1: fill the absolute sums too (always filled with depth_gradient or exp_degree 3) */
+  float background[3];
+} pags_raster_back;
+
+/* dL/d(raw parameters) of up to 16 neighbouring rows and what densification asks for. */
+typedef struct pags_row_gradient {
+  float *data;       /* plane p at data + p * stride */
+  int64_t stride;
+  float *mean2d, *mean2d_abs, *radius;
+} pags_row_gradient;
+
+typedef struct pags_adam_step { /* of one plane; symbols as in adam.inl */
+  float decay1, decay2; /* b1^n, b2^n, n - 1 being the steps without a gradient since the last with one */
+  float blend1, blend2; /* 1 - b1, 1 - b2 */
+  float rate;           /* r c_k */
+  float eps;            /* e_k */
+} pags_adam_step;
+
+/* A band of rows of one channel for the training loss. Planes begin at their row 0; rows of all of them are `stride` samples
+ * (a multiple of 16 >= width) apart. */
+typedef struct pags_loss_rows {
+  int width, height;        /* px */
+  int begin, end;           /* rows of the band */
+  int64_t stride;
+  const float *prediction;
+  const uint8_t *target;    /* 0..255 for 0..1; readable to the stride */
+  const uint8_t *mask;      /* 0: neither picture is seen there and nothing counts; NULL: every pixel does */
+  float *gradient;          /* rows [begin, end) written, zero beyond the width */
+  float l1_scale, ssim_scale; /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values) */
+  float *scratch;           /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
+  double l1, squared, ssim; /* out: sums over the band's counted pixels; `squared` of x clamped to [0, 1] */
+} pags_loss_rows;
+
+/* Floats from row to row of the scratch: an odd number of cache lines, so that rows don't fall into the same set. */
+static inline int64_t pags_loss_pitch(int64_t stride) { return 16 * ((stride + 2 * 16) / 16 | 1); }
+static inline int64_t pags_loss_scratch(int64_t stride) { return (5 * 16 + 8) * pags_loss_pitch(stride); }
+
+typedef struct pags_kernels {
+  const char *name; /* "scalar", "avx2", "avx512", "neon" */
+
+  /* Projects rows [0, count) of the planes (plane p at data + p * stride; rounded up to 16 rows must be readable) into
+   * `splats` (colour untouched) and `keys`: the bits of z, or UINT32_MAX where nothing is to be drawn. count <= 256.
+   * Zhou/Zwicker's EWA with INRIA's constants; det by Cauchy-Binet (a sum of squares: never negative). */
+  void (*project)(const pags_projection *view, const float *data, int64_t stride, int count, pags_splat *splats,
+                  uint32_t *keys);
+
+  /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). */
+  void (*shade)(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
+                pags_splat *splats);
+
+  /* Sets splats[i].tiles for the `count` splats named by `order` and adds to counts[tile] for each tile touched. */
+  void (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                    uint32_t *counts);
+  /* Writes each pair to entries[offsets[tile]++]. */
+  void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                   int64_t *offsets, pags_entry *entries);
+
+  void (*raster)(const pags_raster_in *in, const pags_raster_out *out);
+  void (*raster_backward)(const pags_raster_back *in);
+
+  /* Sums `slots` of each drawn row and goes on to the raw parameters (shade's and project's backward). Rows whose key is
+   * UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not finite (and set to zero). */
+  int (*project_backward)(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
+                          const pags_splat *splats, const int64_t *slot_start, const float *slots,
+                          const pags_row_gradient *out);
+
+  /* Adam over `rows` rows of one plane of parameters and moments (adam.inl). Rows up to the next multiple of 16 are read and
+   * written too, with a gradient of zero. */
+  void (*adam_replay)(float *p, const float *m, const float *v, int rows, const float *weights, int steps, float eps);
+  void (*adam_update)(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step);
+  /* range[0] = min, range[1] = max over rows of p and p - weight u, and of what range held. */
+  void (*adam_reach)(const float *p, const float *m, const float *v, int rows, float weight, float eps, float range[2]);
+
+  /* L1 + D-SSIM and their gradient (ssim.inl). */
+  void (*loss_rows)(pags_loss_rows *io);
+
+  /* Peak blended lanes: `steps` Gaussians over one 4x4 block, all from registers. Returns something to keep. */
+  float (*roofline)(const pags_splat *splats, int64_t steps, int exp_degree);
+} pags_kernels;
+
+/* NULL, with the reason in *why (a static string), when PAGS_CPU names a table that this machine or build lacks. */
+const pags_kernels *pags_kernels_get(const char **why);
+/* The table of that name, NULL if it can't run here. */
+const pags_kernels *pags_kernels_named(const char *name);
+
+extern const pags_kernels pags_kernels_scalar;
+#if defined(__x86_64__)
+extern const pags_kernels pags_kernels_avx2, pags_kernels_avx512;
+#elif defined(__aarch64__)
+extern const pags_kernels pags_kernels_neon;
+#endif
+
+#endif

@@ -1,0 +1,169 @@
+/* Projection of 3D Gaussians to the picture plane (EWA: Zwicker et al. 2001; constants of Kerbl et al. 2023).
+ *
+ *   M = J W R S, 2x3: S = diag(sigma), R the Gaussian's rotation, W = camera_from_model, J the Jacobian of the pinhole
+ *   covariance [A B; B C] = M M' + low_pass I
+ *   D0 = det(M M') = sum of the squared 2x2 minors of M (Cauchy-Binet), D = D0 + low_pass (A0 + C0) + low_pass^2
+ *
+ * Every term of D is non-negative, so a needle's determinant keeps its digits where A C - B^2 loses all of them. */
+
+/* Everything that the forward writes out or the backward starts from. */
+typedef struct projected {
+  vf x, y, z;              /* camera space */
+  vf mx, my;               /* px */
+  vf inv_z, tx, ty;        /* clamped x/z, y/z */
+  vm clamped_x, clamped_y;
+  vf sigma[3];
+  vf q[4], q_inv_norm;     /* unit quaternion, 1/|q| (0 for a zero quaternion, which is taken as the identity) */
+  vf rotation[9];          /* R */
+  vf j00, j02, j11, j12;   /* J */
+  vf t[6];                 /* J W, 2x3 */
+  vf m[6];                 /* M */
+  vf minor[3];             /* 12, 13, 23 */
+  vf a, b, c, d0, d;
+  vf compensation;         /* sqrt(max(2.5e-5, D0 / D)), 1 without antialiasing */
+  vf opacity;              /* compensated */
+  vf raw_opacity;          /* sigmoid(logit) */
+} projected;
+
+static inline void rotation_from_quaternion(projected *s, const float *data, int64_t stride) {
+  vf q[4];
+  for (int k = 0; k < 4; k++)
+    q[k] = v_load(data + (6 + k) * stride);
+  const vf norm2 = v_fma(q[0], q[0], v_dot3(q[1], q[2], q[3], q[1], q[2], q[3]));
+  const vm usable = v_gt(norm2, v_set(1e-30f));
+  s->q_inv_norm = v_maskz(usable, v_div(v_set(1.0f), v_sqrt(v_select(usable, norm2, v_set(1.0f)))));
+  s->q[0] = v_select(usable, v_mul(q[0], s->q_inv_norm), v_set(1.0f));
+  for (int k = 1; k < 4; k++)
+    s->q[k] = v_mul(q[k], s->q_inv_norm);
+  const vf w = s->q[0], x = s->q[1], y = s->q[2], z = s->q[3], two = v_set(2.0f), one = v_set(1.0f);
+  const vf xx = v_mul(x, x), yy = v_mul(y, y), zz = v_mul(z, z);
+  s->rotation[0] = v_fnma(two, v_add(yy, zz), one);
+  s->rotation[1] = v_mul(two, v_fnma(w, z, v_mul(x, y)));
+  s->rotation[2] = v_mul(two, v_fma(w, y, v_mul(x, z)));
+  s->rotation[3] = v_mul(two, v_fma(w, z, v_mul(x, y)));
+  s->rotation[4] = v_fnma(two, v_add(xx, zz), one);
+  s->rotation[5] = v_mul(two, v_fnma(w, x, v_mul(y, z)));
+  s->rotation[6] = v_mul(two, v_fnma(w, y, v_mul(x, z)));
+  s->rotation[7] = v_mul(two, v_fma(w, x, v_mul(y, z)));
+  s->rotation[8] = v_fnma(two, v_add(xx, yy), one);
+}
+
+/* Camera-space mean; J at the clamped direction. The clamp (INRIA's 1.3 tan, around the principal point as in gsplat) bounds what
+ * a Gaussian beside the picture can smear into it; the mean itself is not clamped. */
+static inline void project_mean(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+  const vf px = v_load(data), py = v_load(data + stride), pz = v_load(data + 2 * stride);
+  vf cam[3];
+  for (int k = 0; k < 3; k++)
+    cam[k] = v_fma(v_set(view->r[3 * k]), px,
+                   v_fma(v_set(view->r[3 * k + 1]), py, v_fma(v_set(view->r[3 * k + 2]), pz, v_set(view->t[k]))));
+  s->x = cam[0], s->y = cam[1], s->z = cam[2];
+  /* A member behind the near plane is masked later; until then keep the division harmless. */
+  const vf z = v_select(v_gt(s->z, v_set(view->near_plane)), s->z, v_set(1.0f));
+  s->inv_z = v_div(v_set(1.0f), z);
+  const vf dx = v_mul(s->x, s->inv_z), dy = v_mul(s->y, s->inv_z);
+  s->mx = v_fma(v_set(view->fx), dx, v_set(view->cx));
+  s->my = v_fma(v_set(view->fy), dy, v_set(view->cy));
+  s->tx = v_clamp(dx, v_set(view->lim_x0), v_set(view->lim_x1));
+  s->ty = v_clamp(dy, v_set(view->lim_y0), v_set(view->lim_y1));
+  s->clamped_x = m_or(v_lt(dx, v_set(view->lim_x0)), v_gt(dx, v_set(view->lim_x1)));
+  s->clamped_y = m_or(v_lt(dy, v_set(view->lim_y0)), v_gt(dy, v_set(view->lim_y1)));
+  s->j00 = v_mul(v_set(view->fx), s->inv_z);
+  s->j11 = v_mul(v_set(view->fy), s->inv_z);
+  s->j02 = v_mul(v_set(-1.0f), v_mul(s->j00, s->tx));
+  s->j12 = v_mul(v_set(-1.0f), v_mul(s->j11, s->ty));
+}
+
+static inline void project_covariance(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+  for (int k = 0; k < 3; k++) {
+    s->sigma[k] = v_exp(v_load(data + (3 + k) * stride));
+    s->t[k] = v_fma(s->j00, v_set(view->r[k]), v_mul(s->j02, v_set(view->r[6 + k])));
+    s->t[3 + k] = v_fma(s->j11, v_set(view->r[3 + k]), v_mul(s->j12, v_set(view->r[6 + k])));
+  }
+  for (int i = 0; i < 2; i++)
+    for (int k = 0; k < 3; k++)
+      s->m[3 * i + k] = v_mul(v_dot3(s->t[3 * i], s->t[3 * i + 1], s->t[3 * i + 2], s->rotation[k], s->rotation[3 + k],
+                                     s->rotation[6 + k]),
+                              s->sigma[k]);
+  const vf *const m = s->m;
+  s->minor[0] = v_fnma(m[1], m[3], v_mul(m[0], m[4]));
+  s->minor[1] = v_fnma(m[2], m[3], v_mul(m[0], m[5]));
+  s->minor[2] = v_fnma(m[2], m[4], v_mul(m[1], m[5]));
+  const vf a0 = v_dot3(m[0], m[1], m[2], m[0], m[1], m[2]), c0 = v_dot3(m[3], m[4], m[5], m[3], m[4], m[5]);
+  const vf low = v_set(view->low_pass);
+  s->b = v_dot3(m[0], m[1], m[2], m[3], m[4], m[5]);
+  s->a = v_add(a0, low);
+  s->c = v_add(c0, low);
+  s->d0 = v_dot3(s->minor[0], s->minor[1], s->minor[2], s->minor[0], s->minor[1], s->minor[2]);
+  s->d = v_add(s->d0, v_fma(low, v_add(a0, c0), v_mul(low, low)));
+}
+
+static inline void project_opacity(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+  const vf logit = v_load(data + 10 * stride);
+  s->raw_opacity = v_div(v_set(1.0f), v_add(v_set(1.0f), v_exp(v_sub(v_zero(), logit))));
+  s->compensation = v_set(1.0f);
+  if (view->antialiased)
+    s->compensation = v_sqrt(v_max(v_set(2.5e-5f), v_div(s->d0, s->d)));
+  s->opacity = v_mul(s->raw_opacity, s->compensation);
+}
+
+static inline void project_all(projected *s, const pags_projection *view, const float *data, int64_t stride) {
+  rotation_from_quaternion(s, data, stride);
+  project_mean(s, view, data, stride);
+  project_covariance(s, view, data, stride);
+  project_opacity(s, view, data, stride);
+}
+
+#define PAGS_HALF_LOG2E 0.72134752f
+
+static void project(const pags_projection *view, const float *data, int64_t stride, int count, pags_splat *splats,
+                    uint32_t *keys) {
+  for (int first = 0; first < count; first += V_LANES) {
+    projected s;
+    project_all(&s, view, data + first, stride);
+    const vf l = v_log2(v_max(s.opacity, v_set(1e-30f)));
+    /* |d| along an axis where the falloff reaches 1/255 (StopThePop's opacity-aware bound, not 3 sigma). */
+    const vf reach = v_mul(v_add(l, v_set(PAGS_LOG2_255)), v_set(1.0f / PAGS_HALF_LOG2E));
+    const vf extent_x = v_sqrt(v_max(v_mul(reach, s.a), v_zero()));
+    const vf extent_y = v_sqrt(v_max(v_mul(reach, s.c), v_zero()));
+    /* Comparisons are false for NaN, so a row with any non-finite value that matters drops out here. */
+    const vf huge = v_set(1e18f);
+    vm drawn = m_and(v_gt(s.z, v_set(view->near_plane)), v_ge(s.opacity, v_set(PAGS_ALPHA_MIN)));
+    drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
+    drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
+    drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
+    drawn = m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
+    drawn = m_and(drawn, m_and(v_lt(s.z, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
+    drawn = m_and(drawn, m_first(count - first));
+    const unsigned bits = m_bits(drawn);
+
+    const vf inv_c = v_div(v_set(1.0f), s.c);
+    float field[12][V_LANES];
+    v_store(field[0], s.mx);
+    v_store(field[1], s.my);
+    v_store(field[2], v_sqrt(v_div(v_mul(v_set(PAGS_HALF_LOG2E), s.c), s.d)));
+    v_store(field[3], v_mul(s.b, inv_c));
+    v_store(field[4], v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
+    v_store(field[5], v_min(l, v_zero()));
+    v_store(field[6], s.z);
+    v_store(field[7], v_div(s.b, s.a));
+    v_store(field[8], extent_x);
+    v_store(field[9], extent_y);
+    const int lanes = count - first < V_LANES ? count - first : V_LANES;
+    for (int k = 0; k < lanes; k++) {
+      uint32_t *const key = keys + first + k;
+      if (!(bits >> k & 1u)) {
+        *key = UINT32_MAX;
+        continue;
+      }
+      pags_splat *const out = splats + first + k;
+      out->x = field[0][k], out->y = field[1][k];
+      out->p = field[2][k], out->h = field[3][k], out->w = field[4][k];
+      out->log2_opacity = field[5][k];
+      out->z = field[6][k];
+      out->slope = field[7][k];
+      out->extent_x = field[8][k], out->extent_y = field[9][k];
+      out->tiles = 0;
+      memcpy(key, &out->z, sizeof *key);
+    }
+  }
+}

@@ -1,0 +1,187 @@
+/* Front-to-back blending of a tile (Kerbl et al. 2023), organised for vectors.
+ *
+ * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it can change
+ * are found at once (bin.inl's exact test, one lane a block); then block after block runs down its own splats with
+ * transmittance and colour in registers. A stopped pixel carries its transmittance with the sign set, so that no separate
+ * mask is kept: what would be blended next turns out below the stop threshold by itself. */
+
+enum { RASTER_CHUNK = 256 };
+
+typedef struct raster_state { /* of one block */
+  vf t, r, g, b;
+  vf depth, weight, best; /* extra channels only */
+  vi id;
+} raster_state;
+
+/* alpha of one splat at 16 pixel centres; exponent below log2(1/255) does not contribute. */
+static inline vf raster_alpha(const pags_splat *s, vf px, vf py, int degree, vm *contributes, vf *u, vf *v) {
+  const vf dx = v_sub(px, v_set(s->x)), dy = v_sub(py, v_set(s->y));
+  *u = v_mul(v_set(s->p), v_fnma(v_set(s->h), dy, dx));
+  *v = v_mul(v_set(s->w), dy);
+  const vf q = v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
+  *contributes = v_ge(q, v_set(-PAGS_LOG2_255));
+  return v_exp2(q, degree);
+}
+
+static inline unsigned raster_step(raster_state *state, const pags_splat *s, vf px, vf py, int degree, bool extra, bool count) {
+  vm contributes;
+  vf u, v;
+  const vf alpha = v_min(v_set(PAGS_ALPHA_MAX), raster_alpha(s, px, py, degree, &contributes, &u, &v));
+  const vf next = v_fnma(state->t, alpha, state->t);
+  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(blends, v_mul(alpha, state->t));
+  state->r = v_fma(w, v_set(s->r), state->r);
+  state->g = v_fma(w, v_set(s->g), state->g);
+  state->b = v_fma(w, v_set(s->b), state->b);
+  if (extra) {
+    state->depth = v_fma(w, v_set(s->z), state->depth);
+    state->weight = v_add(state->weight, w);
+    const vm heavier = v_gt(w, state->best);
+    state->best = v_select(heavier, w, state->best);
+    state->id = i_select(heavier, i_set(s->id), state->id);
+  }
+  state->t = v_select(blends, next, v_or_sign(contributes, state->t));
+  return count ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
+}
+
+static inline vf block_x(int block, int x0) {
+  static const float lane[V_LANES] = {0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3};
+  return v_add(v_load(lane), v_set((float)(x0 + 4 * (block & 3)) + 0.5f));
+}
+static inline vf block_y(int block, int y0) {
+  static const float lane[V_LANES] = {0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3};
+  return v_add(v_load(lane), v_set((float)(y0 + 4 * (block >> 2)) + 0.5f));
+}
+static inline vm block_inside(vf px, vf py, int width, int height) {
+  return m_and(v_lt(px, v_set((float)width)), v_lt(py, v_set((float)height)));
+}
+
+/* Masks of the blocks of the tile at (x0, y0) that each splat of the chunk can change. */
+static inline void chunk_masks(const pags_splat *chunk, int count, int x0, int y0, unsigned active, uint16_t *masks) {
+  static const float lane_x[V_LANES] = {0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12};
+  static const float lane_y[V_LANES] = {0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12};
+  const vf left = v_add(v_load(lane_x), v_set((float)x0 + 0.5f)), top = v_add(v_load(lane_y), v_set((float)y0 + 0.5f));
+  const vf side = v_set(3.0f);
+  for (int i = 0; i < count; i++) {
+    const pags_splat *const s = chunk + i;
+    const vf x = v_sub(left, v_set(s->x)), y = v_sub(top, v_set(s->y));
+    const vf q = quadratic_min(s, x, v_add(x, side), y, v_add(y, side));
+    masks[i] = (uint16_t)(m_bits(v_ge(v_set(cut_off(s)), q)) & active);
+  }
+}
+
+/* Blends the chunk's splats with bit `block` set into one block. Returns the chunk position from which on the block no longer
+ * changes (count if it may). */
+static inline int raster_block(raster_state *block_state, const pags_splat *chunk, int count, uint16_t *masks, int block, vf px,
+                               vf py, int degree, bool extra, int64_t *evaluated, int64_t *blended) {
+  int32_t list[RASTER_CHUNK + V_LANES];
+  int n = 0;
+  vi index = v_to_i(v_iota());
+  for (int i = 0; i < count; i += V_LANES, index = i_add(index, i_set(V_LANES)))
+    n += i_compress(list + n, m_test_u16(masks + i, block), index);
+  raster_state state = *block_state;
+  int64_t blends = 0;
+  int stopped_at = count, done = n;
+  for (int k = 0; k < n;) {
+    const int end = k + 8 < n ? k + 8 : n; /* stopping is looked for every 8 splats */
+    for (; k < end; k++)
+      blends += raster_step(&state, chunk + list[k], px, py, degree, extra, blended != NULL);
+    if (v_sign_bits(state.t) == 0xFFFFu) {
+      stopped_at = list[k - 1] + 1;
+      done = k;
+      break;
+    }
+  }
+  *block_state = state;
+  if (evaluated) {
+    *evaluated += (int64_t)done * V_LANES;
+    *blended += blends;
+  }
+  return stopped_at;
+}
+
+static inline void raster_write(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
+  const int64_t at = (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
+  const vf t = v_abs(state->t);
+  v_store_4x4(out->rgb[0] + at, out->stride, v_fma(t, v_set(out->background[0]), state->r));
+  v_store_4x4(out->rgb[1] + at, out->stride, v_fma(t, v_set(out->background[1]), state->g));
+  v_store_4x4(out->rgb[2] + at, out->stride, v_fma(t, v_set(out->background[2]), state->b));
+  v_store_4x4(out->transmittance + at, out->stride, t);
+  if (extra) {
+    const vm any = v_gt(state->weight, v_zero());
+    const vf depth = v_maskz(any, v_div(state->depth, v_select(any, state->weight, v_set(1.0f))));
+    v_store_4x4(out->depth + at, out->stride, depth);
+    v_store_4x4(out->depth_sum + at, out->stride, state->depth);
+    v_store_4x4((float *)(void *)(out->id + at), out->stride, v_from_bits(state->id));
+  }
+}
+
+static inline void raster_tile(const pags_raster_in *in, const pags_raster_out *out, int degree, bool extra) {
+  raster_state state[PAGS_TILE_BLOCKS];
+  unsigned active = 0;
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    const vm inside = block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height);
+    state[b] = (raster_state){.r = v_zero(), .g = v_zero(), .b = v_zero()};
+    state[b].t = v_select(inside, v_set(1.0f), v_set(-1.0f));
+    if (extra) {
+      state[b].depth = state[b].weight = state[b].best = v_zero();
+      state[b].id = i_set(-1);
+    }
+    active |= (unsigned)(m_bits(inside) != 0) << b;
+  }
+  pags_splat chunk[RASTER_CHUNK];
+  uint16_t masks[RASTER_CHUNK];
+  int64_t start = 0;
+  for (; start < in->count && active; start += RASTER_CHUNK) {
+    const int count = in->count - start < RASTER_CHUNK ? (int)(in->count - start) : RASTER_CHUNK;
+    const pags_entry *const entries = in->entries + start;
+    for (int i = 0; i < count; i++) {
+      if (i + 12 < count)
+        __builtin_prefetch(in->splats + entries[i + 12].splat);
+      chunk[i] = in->splats[entries[i].splat];
+    }
+    chunk_masks(chunk, count, in->x0, in->y0, active, masks);
+    memset(masks + count, 0, (size_t)((V_LANES - count % V_LANES) % V_LANES) * sizeof *masks);
+    for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+      if (!(active >> b & 1u))
+        continue;
+      const int stopped_at = raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), degree,
+                                          extra, in->evaluated, in->blended);
+      if (stopped_at < count || v_sign_bits(state[b].t) == 0xFFFFu) {
+        active &= ~(1u << b);
+        for (int i = stopped_at; i < count; i++)
+          masks[i] = (uint16_t)(masks[i] & ~(1u << b));
+      }
+    }
+    if (in->block_masks)
+      memcpy(in->block_masks + start, masks, (size_t)count * sizeof *masks);
+  }
+  if (in->block_masks && start < in->count)
+    memset(in->block_masks + start, 0, (size_t)(in->count - start) * sizeof *in->block_masks);
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
+    raster_write(out, state + b, b, extra);
+}
+
+static void raster(const pags_raster_in *in, const pags_raster_out *out) {
+  if (out->depth)
+    in->exp_degree >= 5 ? raster_tile(in, out, 5, true) : raster_tile(in, out, 3, true);
+  else
+    in->exp_degree >= 5 ? raster_tile(in, out, 5, false) : raster_tile(in, out, 3, false);
+}
+
+/* The same step with nothing to fetch: the block moves by a hair each step so that no part of it is invariant. */
+static float roofline(const pags_splat *splats, int64_t steps, int exp_degree) {
+  raster_state state = {.t = v_set(1.0f), .r = v_zero(), .g = v_zero(), .b = v_zero()};
+  vf px = block_x(0, 0), py = block_y(0, 0);
+  const vf hair = v_set(1e-6f);
+  const pags_splat s = *splats;
+  for (int64_t i = 0; i < steps; i++) {
+    if (exp_degree >= 5)
+      raster_step(&state, &s, px, py, 5, false, false);
+    else
+      raster_step(&state, &s, px, py, 3, false, false);
+    px = v_add(px, hair);
+    py = v_add(py, hair);
+  }
+  return v_sum(state.r) + v_sum(state.t);
+}

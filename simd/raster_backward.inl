@@ -1,0 +1,117 @@
+/* Gradient of blending, front to back like the forward pass.
+ *
+ * With behind_i = what all splats after i and the background contribute to dL/dC . C, found by subtracting each splat's own
+ * part from the total that forward left:
+ *   dL/dcolour_i = w_i dL/dC                       w_i = alpha_i T_i
+ *   dL/dalpha_i  = T_i (colour_i . dL/dC) - behind_i / (1 - alpha_i)
+ * No division recovers T (it is blended again, to the same bits), no per-pixel index is stored, and pixels stop where they stopped.
+ * A stopped pixel has T = 0 and behind = 0 here, which makes all its terms vanish.
+ *
+ * The exponent's gradient s = dL/dalpha alpha (ln 2 is applied later) is summed in moments of the whitened offsets u, v,
+ * which stay within 3.4 for every shape, where moments of dx, dy of a long needle would swamp float. At the 0.99 cap the true
+ * derivative is 0: nothing flows to shape and opacity there (as in gsplat; INRIA lets it through).
+ *
+ * Splats are the outer loop, so the twelve sums live in registers and are folded once per (splat, tile). */
+
+typedef struct backward_tile {
+  vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
+  vf g[4][PAGS_TILE_BLOCKS]; /* dL/d rgb, dL/d sum(w z) */
+  vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
+} backward_tile;
+
+static inline void backward_load(backward_tile *tile, const pags_raster_back *in, bool depth) {
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    const int64_t at = (int64_t)(b >> 2) * 4 * in->stride + 4 * (b & 3);
+    tile->px[b] = block_x(b, in->x0);
+    tile->py[b] = block_y(b, in->y0);
+    const vm inside = block_inside(tile->px[b], tile->py[b], in->width, in->height);
+    vf behind = v_zero();
+    for (int c = 0; c < 3; c++) {
+      tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->stride));
+      behind = v_fma(tile->g[c][b], v_load_4x4(in->rgb[c] + at, in->stride), behind);
+    }
+    if (in->transmittance_gradient)
+      behind = v_fma(v_load_4x4(in->transmittance_gradient + at, in->stride),
+                     v_load_4x4(in->transmittance + at, in->stride), behind);
+    if (depth) {
+      tile->g[3][b] = v_maskz(inside, v_load_4x4(in->depth_gradient + at, in->stride));
+      behind = v_fma(tile->g[3][b], v_load_4x4(in->depth_sum + at, in->stride), behind);
+    }
+    tile->behind[b] = v_maskz(inside, behind);
+    tile->t[b] = v_maskz(inside, v_set(1.0f));
+  }
+}
+
+static inline void backward_step(backward_tile *tile, const pags_splat *s, int b, int degree, bool depth, bool absolute, vf *sum) {
+  vm contributes;
+  vf u, v;
+  const vf raw = raster_alpha(s, tile->px[b], tile->py[b], degree, &contributes, &u, &v);
+  const vf alpha = v_min(v_set(PAGS_ALPHA_MAX), raw);
+  const vf t = tile->t[b], next = v_fnma(t, alpha, t);
+  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(blends, v_mul(alpha, t));
+  vf shine = v_mul(tile->g[2][b], v_set(s->b)); /* colour . dL/dC */
+  shine = v_fma(tile->g[1][b], v_set(s->g), shine);
+  shine = v_fma(tile->g[0][b], v_set(s->r), shine);
+  if (depth)
+    shine = v_fma(tile->g[3][b], v_set(s->z), shine);
+  const vf behind = v_fnma(w, shine, tile->behind[b]);
+  const vm stops = m_andnot(contributes, blends);
+  tile->t[b] = v_select(blends, next, v_maskz(m_andnot(m_from_bits(0xFFFFu), stops), t));
+  tile->behind[b] = v_maskz(m_andnot(m_from_bits(0xFFFFu), stops), behind);
+
+  const vf dalpha = v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha)));
+  const vm uncapped = v_ge_and(blends, v_set(PAGS_ALPHA_MAX), raw);
+  const vf ds = v_maskz(uncapped, v_mul(alpha, dalpha));
+  const vf su = v_mul(ds, u), sv = v_mul(ds, v);
+  sum[PAGS_SLOT_S] = v_add(sum[PAGS_SLOT_S], ds);
+  sum[PAGS_SLOT_SU] = v_add(sum[PAGS_SLOT_SU], su);
+  sum[PAGS_SLOT_SV] = v_add(sum[PAGS_SLOT_SV], sv);
+  sum[PAGS_SLOT_SUU] = v_fma(su, u, sum[PAGS_SLOT_SUU]);
+  sum[PAGS_SLOT_SUV] = v_fma(su, v, sum[PAGS_SLOT_SUV]);
+  sum[PAGS_SLOT_SVV] = v_fma(sv, v, sum[PAGS_SLOT_SVV]);
+  sum[PAGS_SLOT_R] = v_fma(w, tile->g[0][b], sum[PAGS_SLOT_R]);
+  sum[PAGS_SLOT_G] = v_fma(w, tile->g[1][b], sum[PAGS_SLOT_G]);
+  sum[PAGS_SLOT_B] = v_fma(w, tile->g[2][b], sum[PAGS_SLOT_B]);
+  if (depth)
+    sum[PAGS_SLOT_Z] = v_fma(w, tile->g[3][b], sum[PAGS_SLOT_Z]);
+  if (absolute) {
+    sum[PAGS_SLOT_ABS_X] = v_add(sum[PAGS_SLOT_ABS_X], v_abs(su));
+    const vf along_y = v_fnma(v_set(s->p * s->h), su, v_mul(v_set(s->w), sv));
+    sum[PAGS_SLOT_ABS_Y] = v_add(sum[PAGS_SLOT_ABS_Y], v_abs(along_y));
+  }
+}
+
+static inline void backward_all(const pags_raster_back *in, int degree, bool depth, bool absolute) {
+  backward_tile tile;
+  backward_load(&tile, in, depth);
+  for (int64_t i = 0; i < in->count; i++) {
+    if (i + 4 < in->count)
+      __builtin_prefetch(in->splats + in->entries[i + 4].splat);
+    const pags_splat *const s = in->splats + in->entries[i].splat;
+    float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SLOT_FLOATS;
+    unsigned blocks = in->block_masks[i];
+    if (!blocks) {
+      v_store12(slot, v_zero());
+      continue;
+    }
+    vf sum[PAGS_SLOT_FLOATS];
+    for (int k = 0; k < PAGS_SLOT_FLOATS; k++)
+      sum[k] = v_zero();
+    for (; blocks; blocks &= blocks - 1)
+      backward_step(&tile, s, __builtin_ctz(blocks), degree, depth, absolute, sum);
+    v_store12(slot, v_sum12(sum));
+  }
+}
+
+static void raster_backward(const pags_raster_back *in) {
+  const bool depth = in->depth_gradient != NULL;
+  if (in->exp_degree < 5)
+    backward_all(in, 3, depth, true);
+  else if (depth)
+    backward_all(in, 5, true, true);
+  else if (in->absolute)
+    backward_all(in, 5, false, true);
+  else
+    backward_all(in, 5, false, false);
+}

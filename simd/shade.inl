@@ -1,0 +1,89 @@
+/* Colour of a Gaussian seen from the camera: real spherical harmonics to degree 3 with INRIA's constants and signs,
+ * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's frame. */
+
+#define SH_C0 0.28209479177387814f
+#define SH_C1 0.4886025119029199f
+static const float sh_c2[5] = {1.0925484305920792f, -1.0925484305920792f, 0.31539156525252005f, -1.0925484305920792f,
+                               0.5462742152960396f};
+static const float sh_c3[7] = {-0.5900435899266435f, 2.890611442640554f,  -0.4570457994644658f, 0.3731763325901154f,
+                               -0.4570457994644658f, 1.445305721320277f, -0.5900435899266435f};
+
+/* basis[0 .. (degree+1)^2). */
+static inline void sh_basis(int degree, vf x, vf y, vf z, vf *basis) {
+  basis[0] = v_set(SH_C0);
+  if (degree < 1)
+    return;
+  basis[1] = v_mul(v_set(-SH_C1), y);
+  basis[2] = v_mul(v_set(SH_C1), z);
+  basis[3] = v_mul(v_set(-SH_C1), x);
+  if (degree < 2)
+    return;
+  const vf xx = v_mul(x, x), yy = v_mul(y, y), zz = v_mul(z, z), xy = v_mul(x, y), yz = v_mul(y, z), xz = v_mul(x, z);
+  const vf two_zz = v_add(zz, zz);
+  basis[4] = v_mul(v_set(sh_c2[0]), xy);
+  basis[5] = v_mul(v_set(sh_c2[1]), yz);
+  basis[6] = v_mul(v_set(sh_c2[2]), v_sub(two_zz, v_add(xx, yy)));
+  basis[7] = v_mul(v_set(sh_c2[3]), xz);
+  basis[8] = v_mul(v_set(sh_c2[4]), v_sub(xx, yy));
+  if (degree < 3)
+    return;
+  const vf three = v_set(3.0f), ring = v_sub(v_add(two_zz, two_zz), v_add(xx, yy));
+  basis[9] = v_mul(v_mul(v_set(sh_c3[0]), y), v_sub(v_mul(three, xx), yy));
+  basis[10] = v_mul(v_mul(v_set(sh_c3[1]), xy), z);
+  basis[11] = v_mul(v_mul(v_set(sh_c3[2]), y), ring);
+  basis[12] = v_mul(v_mul(v_set(sh_c3[3]), z), v_sub(two_zz, v_mul(three, v_add(xx, yy))));
+  basis[13] = v_mul(v_mul(v_set(sh_c3[4]), x), ring);
+  basis[14] = v_mul(v_mul(v_set(sh_c3[5]), z), v_sub(xx, yy));
+  basis[15] = v_mul(v_mul(v_set(sh_c3[6]), x), v_sub(xx, v_mul(three, yy)));
+}
+
+/* Unit direction from the eye; (0, 0, 1) at the eye itself, where *inverse_distance is 0 and so is every gradient. */
+static inline void sh_direction(const pags_projection *view, const float *data, int64_t stride, vf *d, vf *inverse_distance) {
+  for (int k = 0; k < 3; k++)
+    d[k] = v_sub(v_load(data + k * stride), v_set(view->eye[k]));
+  const vf norm2 = v_dot3(d[0], d[1], d[2], d[0], d[1], d[2]);
+  const vm apart = v_gt(norm2, v_set(1e-30f));
+  *inverse_distance = v_maskz(apart, v_div(v_set(1.0f), v_sqrt(v_select(apart, norm2, v_set(1.0f)))));
+  d[0] = v_mul(d[0], *inverse_distance);
+  d[1] = v_mul(d[1], *inverse_distance);
+  d[2] = v_select(apart, v_mul(d[2], *inverse_distance), v_set(1.0f));
+}
+
+static inline void sh_colour(int degree, const vf *basis, const float *data, int64_t stride, vf *rgb) {
+  const int coefficients = (degree + 1) * (degree + 1);
+  for (int c = 0; c < 3; c++) {
+    const float *const plane = data + (11 + c) * stride;
+    vf sum = v_set(0.5f);
+    for (int k = 0; k < coefficients; k++)
+      sum = v_fma(basis[k], v_load(plane + 3 * k * stride), sum);
+    rgb[c] = sum;
+  }
+}
+
+static void shade(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
+                  pags_splat *splats) {
+  for (int first = 0; first < count; first += V_LANES) {
+    const int lanes = count - first < V_LANES ? count - first : V_LANES;
+    unsigned drawn = 0;
+    for (int k = 0; k < lanes; k++)
+      drawn |= (unsigned)(keys[first + k] != UINT32_MAX) << k;
+    if (!drawn)
+      continue;
+    vf direction[3], inverse_distance, basis[16], rgb[3];
+    sh_direction(view, data + first, stride, direction, &inverse_distance);
+    sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
+    sh_colour(view->sh_degree, basis, data + first, stride, rgb);
+    float colour[3][V_LANES];
+    unsigned negative[3];
+    for (int c = 0; c < 3; c++) {
+      negative[c] = m_bits(v_lt(rgb[c], v_zero()));
+      v_store(colour[c], v_max(rgb[c], v_zero()));
+    }
+    for (; drawn; drawn &= drawn - 1) {
+      const int k = __builtin_ctz(drawn);
+      pags_splat *const out = splats + first + k;
+      out->r = colour[0][k], out->g = colour[1][k], out->b = colour[2][k];
+      out->clamped = (negative[0] >> k & 1u) | (negative[1] >> k & 1u) << 1 | (negative[2] >> k & 1u) << 2;
+    }
+  }
+}

@@ -1,0 +1,245 @@
+/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004).
+ *
+ *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
+ *
+ * with mx = G*x, my = G*y, s_xy = G*(xy) - mx my, s_xx + s_yy = G*(xx + yy) - mx^2 - my^2; G* is the 11x11 Gaussian of sigma 1.5
+ * with zeros outside. S never needs s_xx and s_yy apart, so four blurs do. G being symmetric,
+ *
+ *   d(sum S)/dx = G*(dS/dmx) + 2 x G*(dS/dq) + y G*(dS/dp),  q = G*(xx + yy), p = G*(xy)
+ *   dS/dp = 2 A1 / (B1 B2),  dS/dq = -S / B2,  dS/dmx = 2 (my (A2 - A1) - mx S (B2 - B1)) / (B1 B2)
+ *
+ * Rows stream through rings that stay in the cache: loaded (x, y) > blurred down the columns, two rows at a time so that
+ * each load serves both > along the row > the three derivatives > down the columns > along the row > gradient. A band computes
+ * 5 rows of derivatives more than it owns on either side and loads 10. */
+
+enum {
+  LOSS_RADIUS = 5,
+  LOSS_TAPS = 11,
+  LOSS_WINDOW = LOSS_TAPS + 1, /* rows that two neighbouring results see */
+  LOSS_RING = 16,
+  LOSS_MARGIN = 16 /* zeros on either side of a row */
+};
+
+/* exp(-d^2 / 4.5) / sum, d = 0..5 */
+static const float loss_weight[LOSS_RADIUS + 1] = {0.266011725f, 0.213005538f, 0.10936069f,
+                                                   0.0360007721f, 0.00759875814f, 0.00102838008f};
+
+typedef struct loss_state {
+  const pags_loss_rows *io;
+  int64_t pitch;         /* floats from row to row of the scratch */
+  float *x, *y;          /* rings of LOSS_RING rows, times the mask */
+  float *derivative[3];  /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale and the mask */
+  float *sums[2][4];     /* what the pass down the columns leaves for the one along the row */
+  double l1, squared, ssim;
+} loss_state;
+
+static inline float *loss_ring(const loss_state *s, float *ring, int row) {
+  return ring + (int64_t)((unsigned)row % LOSS_RING) * s->pitch;
+}
+
+static inline vm loss_counted(const pags_loss_rows *io, int row, int column) {
+  const vm inside = m_first(io->width - column);
+  if (!io->mask)
+    return inside;
+  return m_and(inside, v_gt(v_load_u8(io->mask + row * io->stride + column), v_zero()));
+}
+
+/* Brings a row into the rings; in the band, adds up |x - y| and the square of clamped x - y (as PSNR has it). */
+static void loss_load(loss_state *s, int row) {
+  const pags_loss_rows *io = s->io;
+  float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
+  if (row < 0 || row >= io->height) {
+    memset(x, 0, (size_t)io->stride * sizeof *x);
+    memset(y, 0, (size_t)io->stride * sizeof *y);
+    return;
+  }
+  const vf scale = v_set(1.0f / 255.0f);
+  vf l1 = v_zero(), squared = v_zero();
+  for (int i = 0; i < io->width; i += V_LANES) {
+    const vm use = loss_counted(io, row, i);
+    const vf a = v_maskz(use, v_load(io->prediction + row * io->stride + i));
+    const vf b = v_maskz(use, v_mul(v_load_u8(io->target + row * io->stride + i), scale));
+    const vf d = v_sub(v_clamp(a, v_zero(), v_set(1.0f)), b);
+    v_store(x + i, a);
+    v_store(y + i, b);
+    l1 = v_add(l1, v_abs(v_sub(a, b)));
+    squared = v_fma(d, d, squared);
+  }
+  if (row >= io->begin && row < io->end) {
+    s->l1 += (double)v_sum(l1);
+    s->squared += (double)v_sum(squared);
+  }
+}
+
+/* Sums down the columns of x, y, xx + yy, xy for rows `row` and `row` + 1. */
+static void loss_moments_down(const loss_state *s, int row) {
+  vf w[LOSS_RADIUS + 1];
+  const float *x[LOSS_WINDOW];
+  const int64_t to_y = s->y - s->x;
+  for (int k = 0; k <= LOSS_RADIUS; k++)
+    w[k] = v_set(loss_weight[k]);
+  for (int k = 0; k < LOSS_WINDOW; k++)
+    x[k] = loss_ring(s, s->x, row - LOSS_RADIUS + k);
+  for (int64_t i = 0; i < s->io->width; i += V_LANES) {
+    vf sum[2][4];
+    for (int j = 0; j < 4; j++)
+      sum[0][j] = sum[1][j] = v_zero();
+#pragma GCC unroll 12
+    for (int k = 0; k < LOSS_WINDOW; k++) {
+      const vf a = v_load(x[k] + i), b = v_load(x[k] + to_y + i);
+      const vf q = v_fma(a, a, v_mul(b, b)), p = v_mul(a, b);
+      if (k < LOSS_TAPS) {
+        const vf t = w[k < LOSS_RADIUS ? LOSS_RADIUS - k : k - LOSS_RADIUS];
+        sum[0][0] = v_fma(t, a, sum[0][0]);
+        sum[0][1] = v_fma(t, b, sum[0][1]);
+        sum[0][2] = v_fma(t, q, sum[0][2]);
+        sum[0][3] = v_fma(t, p, sum[0][3]);
+      }
+      if (k > 0) {
+        const vf t = w[k - 1 < LOSS_RADIUS ? LOSS_RADIUS - k + 1 : k - 1 - LOSS_RADIUS];
+        sum[1][0] = v_fma(t, a, sum[1][0]);
+        sum[1][1] = v_fma(t, b, sum[1][1]);
+        sum[1][2] = v_fma(t, q, sum[1][2]);
+        sum[1][3] = v_fma(t, p, sum[1][3]);
+      }
+    }
+    for (int j = 0; j < 4; j++) {
+      v_store(s->sums[0][j] + i, sum[0][j]);
+      v_store(s->sums[1][j] + i, sum[1][j]);
+    }
+  }
+}
+
+/* The same of the three derivatives. */
+static void loss_derivatives_down(const loss_state *s, int row) {
+  vf w[LOSS_RADIUS + 1];
+  const float *d[LOSS_WINDOW];
+  const int64_t to_next = s->derivative[1] - s->derivative[0];
+  for (int k = 0; k <= LOSS_RADIUS; k++)
+    w[k] = v_set(loss_weight[k]);
+  for (int k = 0; k < LOSS_WINDOW; k++)
+    d[k] = loss_ring(s, s->derivative[0], row - LOSS_RADIUS + k);
+  for (int64_t i = 0; i < s->io->width; i += V_LANES) {
+    vf sum[2][3];
+    for (int j = 0; j < 3; j++)
+      sum[0][j] = sum[1][j] = v_zero();
+#pragma GCC unroll 12
+    for (int k = 0; k < LOSS_WINDOW; k++) {
+      const vf t0 = w[k < LOSS_RADIUS ? LOSS_RADIUS - k : k < LOSS_TAPS ? k - LOSS_RADIUS : 0];
+      const vf t1 = w[k == 0 ? 0 : k - 1 < LOSS_RADIUS ? LOSS_RADIUS - k + 1 : k - 1 - LOSS_RADIUS];
+      for (int j = 0; j < 3; j++) {
+        const vf a = v_load(d[k] + j * to_next + i);
+        if (k < LOSS_TAPS)
+          sum[0][j] = v_fma(t0, a, sum[0][j]);
+        if (k > 0)
+          sum[1][j] = v_fma(t1, a, sum[1][j]);
+      }
+    }
+    for (int j = 0; j < 3; j++) {
+      v_store(s->sums[0][j] + i, sum[0][j]);
+      v_store(s->sums[1][j] + i, sum[1][j]);
+    }
+  }
+}
+
+/* Eleven taps along a row, the sums of equal weights first. */
+static inline vf loss_along(const float *row) {
+  vf sum = v_mul(v_set(loss_weight[0]), v_load(row));
+#pragma GCC unroll 5
+  for (int k = 1; k <= LOSS_RADIUS; k++)
+    sum = v_fma(v_set(loss_weight[k]), v_add(v_load(row - k), v_load(row + k)), sum);
+  return sum;
+}
+
+/* Derivatives of one row from its sums. */
+static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
+  const pags_loss_rows *io = s->io;
+  float *out[3];
+  for (int j = 0; j < 3; j++)
+    out[j] = loss_ring(s, s->derivative[j], row);
+  const vf c1 = v_set(0.01f * 0.01f), c2 = v_set(0.03f * 0.03f), two = v_set(2.0f), half = v_set(0.5f);
+  const vf scale = v_set(io->ssim_scale);
+  vf total = v_zero();
+  for (int i = 0; i < io->width; i += V_LANES) {
+    const vf mx = loss_along(sums[0] + i), my = loss_along(sums[1] + i);
+    const vf q = loss_along(sums[2] + i), p = loss_along(sums[3] + i);
+    const vf cross = v_mul(mx, my), power = v_fma(mx, mx, v_mul(my, my));
+    /* Variances can't be negative nor a covariance exceed them, but rounding of large predictions can make them so. */
+    const vf variance = v_max(v_sub(q, power), v_zero()), bound = v_mul(half, variance);
+    const vf covariance = v_clamp(v_sub(p, cross), v_sub(v_zero(), bound), bound);
+    const vf a1 = v_fma(two, cross, c1), a2 = v_fma(two, covariance, c2);
+    const vf b1 = v_add(power, c1), b2 = v_add(variance, c2);
+    const vf inverse = v_div(v_set(1.0f), v_mul(b1, b2));
+    const vf ssim = v_mul(v_mul(a1, a2), inverse);
+    const vm use = loss_counted(io, row, i);
+    const vf k = v_maskz(use, v_mul(scale, inverse)), k2 = v_mul(two, k);
+    const vf towards = v_fnma(v_mul(mx, ssim), v_sub(b2, b1), v_mul(my, v_sub(a2, a1)));
+    v_store(out[0] + i, v_mul(k2, towards));
+    v_store(out[1] + i, v_sub(v_zero(), v_mul(k, v_mul(ssim, b1))));
+    v_store(out[2] + i, v_mul(k2, a1));
+    total = v_add(total, v_maskz(use, ssim));
+  }
+  if (row >= io->begin && row < io->end)
+    s->ssim += (double)v_sum(total);
+}
+
+static void loss_derivatives(loss_state *s, int row) {
+  loss_moments_down(s, row);
+  for (int r = 0; r < 2; r++) {
+    if (row + r >= 0 && row + r < s->io->height)
+      loss_differentiate(s, row + r, s->sums[r]);
+    else
+      for (int j = 0; j < 3; j++)
+        memset(loss_ring(s, s->derivative[j], row + r), 0, (size_t)s->io->stride * sizeof(float));
+  }
+}
+
+/* The gradient of one row from the sums of its derivatives; zero in the padding and where nothing counts. */
+static void loss_gradient(const loss_state *s, int row, float *const sums[3]) {
+  const pags_loss_rows *io = s->io;
+  const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
+  float *out = io->gradient + row * io->stride;
+  const vf l1 = v_set(io->l1_scale), minus_l1 = v_set(-io->l1_scale);
+  for (int i = 0; i < io->stride; i += V_LANES) {
+    const vf a = v_load(x + i), b = v_load(y + i);
+    const vf sign = v_select(v_gt(a, b), l1, v_maskz(v_lt(a, b), minus_l1));
+    const vf dq = loss_along(sums[1] + i), dp = loss_along(sums[2] + i);
+    const vf ssim = v_fma(v_add(a, a), dq, v_fma(b, dp, loss_along(sums[0] + i)));
+    v_store(out + i, v_maskz(loss_counted(io, row, i), v_add(sign, ssim)));
+  }
+}
+
+static loss_state loss_begin(const pags_loss_rows *io) {
+  loss_state s = {.io = io, .pitch = pags_loss_pitch(io->stride)};
+  float *next = io->scratch + LOSS_MARGIN;
+  s.x = next, next += LOSS_RING * s.pitch;
+  s.y = next, next += LOSS_RING * s.pitch;
+  for (int j = 0; j < 3; j++)
+    s.derivative[j] = next, next += LOSS_RING * s.pitch;
+  for (int j = 0; j < 8; j++, next += s.pitch) { /* the only rows whose margins are read */
+    s.sums[j / 4][j % 4] = next;
+    memset(next - LOSS_MARGIN, 0, LOSS_MARGIN * sizeof *next);
+    memset(next + io->stride, 0, LOSS_MARGIN * sizeof *next);
+  }
+  return s;
+}
+
+static void loss_rows(pags_loss_rows *io) {
+  loss_state s = loss_begin(io);
+  for (int row = io->begin - 2 * LOSS_RADIUS; row < io->begin; row++)
+    loss_load(&s, row);
+  for (int row = io->begin - LOSS_RADIUS; row < io->end + LOSS_RADIUS; row += 2) {
+    loss_load(&s, row + LOSS_RADIUS);
+    loss_load(&s, row + LOSS_RADIUS + 1);
+    loss_derivatives(&s, row);
+    const int done = row - LOSS_RADIUS; /* its derivatives reach from done - 5 to done + 6 */
+    if (done < io->begin)
+      continue;
+    loss_derivatives_down(&s, done);
+    for (int r = 0; r < 2 && done + r < io->end; r++)
+      loss_gradient(&s, done + r, s.sums[r]);
+  }
+  io->l1 = s.l1;
+  io->squared = s.squared;
+  io->ssim = s.ssim;
+}

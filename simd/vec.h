@@ -1,0 +1,113 @@
+/* Sixteen float lanes on every machine: one AVX-512 register, two AVX2, four NEON, or an array in the scalar build.
+ *
+ * A kernel source is written once over these functions and compiled once per ISA (simd/CMakeLists.txt). Because the lane
+ * count and the order of every horizontal sum are the same everywhere, builds without fused multiply-add
+ * (PAGS_REPRODUCIBLE) agree to the bit on all ISAs.
+ *
+ * Rules that hold for every implementation
+ *   v_fma, v_fnma   fused only where the ISA has it and the build allows it (PAGS_FUSED); a product and a sum else
+ *   v_min(a, b)     a < b ? a : b, v_max(a, b)  a > b ? a : b: where a or b is NaN the result is b
+ *   comparisons     false where either side is NaN
+ *   v_to_i          rounds to the nearest, ties to even; |x| < 2^31 is the caller's duty
+ *   sums            ((lane i + lane i+8) + 4) + 2) + 1, always that tree
+ *   loads, stores   need no alignment
+ * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
+#ifndef PAGS_SIMD_VEC_H
+#define PAGS_SIMD_VEC_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <string.h>
+
+enum { V_LANES = 16 };
+
+#if defined(PAGS_ISA_AVX512)
+#include "vec_avx512.h"
+#elif defined(PAGS_ISA_AVX2)
+#include "vec_avx2.h"
+#elif defined(PAGS_ISA_NEON)
+#include "vec_neon.h"
+#elif defined(PAGS_ISA_SCALAR)
+#include "vec_scalar.h"
+#else
+#error "compile kernels through simd/CMakeLists.txt, which names the ISA"
+#endif
+
+/* 0, 1, ..., 15 */
+static inline vf v_iota(void) {
+  static const float lanes[V_LANES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+  return v_load(lanes);
+}
+
+static inline vm m_first(int count) { return m_from_bits(count >= V_LANES ? 0xFFFFu : (1u << count) - 1u); }
+/* NaN stays NaN. */
+static inline vf v_clamp(vf x, vf lo, vf hi) { return v_min(hi, v_max(lo, x)); }
+static inline vf v_dot3(vf a, vf b, vf c, vf x, vf y, vf z) { return v_fma(a, x, v_fma(b, y, v_mul(c, z))); }
+
+/* 2^x for |x| < 126: 2^round(x) by adding to the exponent, times a polynomial on [-0.5, 0.5], minimax in relative error
+ * (Lawson's reweighted least squares): 7.5e-5 at degree 3, 7.5e-8 (plus float rounding) at degree 5. */
+static inline vf v_exp2_scale(vf x, vf *fraction) {
+  const vf magic = v_set(12582912.0f); /* 1.5 * 2^23: adding it rounds to an integer kept in the low mantissa bits */
+  const vf shifted = v_add(x, magic);
+  *fraction = v_sub(x, v_sub(shifted, magic));
+  return shifted;
+}
+static inline vf v_exp2(vf x, int degree) {
+  vf f, p;
+  const vf shifted = v_exp2_scale(x, &f);
+  if (degree >= 5) {
+    p = v_fma(v_set(1.32764721e-3f), f, v_set(9.67554141e-3f));
+    p = v_fma(p, f, v_set(5.55071327e-2f));
+    p = v_fma(p, f, v_set(2.40221197e-1f));
+    p = v_fma(p, f, v_set(6.93146967e-1f));
+    p = v_fma(p, f, v_set(1.00000007f));
+  } else {
+    p = v_fma(v_set(5.51716697e-2f), f, v_set(2.42611127e-1f));
+    p = v_fma(p, f, v_set(6.93260986e-1f));
+    p = v_fma(p, f, v_set(0.999928073f));
+  }
+  return v_from_bits(i_add(v_bits(p), i_shl(v_bits(shifted), 23)));
+}
+
+/* e^x, x clamped to [-87, 88]; NaN stays NaN. */
+static inline vf v_exp(vf x) {
+  const vf clamped = v_clamp(x, v_set(-87.0f), v_set(88.0f));
+  /* log2 e in two pieces keeps the product's low bits, without which e^20 would be off by 1e-6 relative. */
+  const vf hi = v_mul(clamped, v_set(1.4426950f));
+  vf f;
+  const vf shifted = v_exp2_scale(hi, &f);
+  const vf n = v_sub(shifted, v_set(12582912.0f));
+  f = v_fnma(n, v_set(0.693359375f), clamped);         /* x - n ln 2, ln 2 split so that the first product is exact */
+  f = v_fnma(n, v_set(-2.12194440e-4f), f);
+  vf p = v_fma(v_set(1.9875691500e-4f), f, v_set(1.3981999507e-3f)); /* Cephes expf */
+  p = v_fma(p, f, v_set(8.3334519073e-3f));
+  p = v_fma(p, f, v_set(4.1665795894e-2f));
+  p = v_fma(p, f, v_set(1.6666665459e-1f));
+  p = v_fma(p, f, v_set(5.0000001201e-1f));
+  p = v_fma(v_mul(p, f), f, v_add(f, v_set(1.0f)));
+  return v_from_bits(i_add(v_bits(p), i_shl(v_bits(shifted), 23)));
+}
+
+/* log2 x for finite normal x > 0; 1.5 ulp or so. Cephes logf's polynomial. */
+static inline vf v_log2(vf x) {
+  const vi bits = v_bits(x);
+  vi e = i_sub(i_shr(bits, 23), i_set(126));
+  vf m = v_from_bits(i_or(i_and(bits, i_set(0x007FFFFF)), i_set(0x3F000000))); /* [0.5, 1) */
+  const vm small = v_lt(m, v_set(0.70710678f));
+  m = v_select(small, v_add(m, m), m);
+  const vf exponent = v_sub(i_to_v(e), v_maskz(small, v_set(1.0f)));
+  const vf f = v_sub(m, v_set(1.0f)), f2 = v_mul(f, f);
+  vf p = v_fma(v_set(7.0376836292e-2f), f, v_set(-1.1514610310e-1f));
+  p = v_fma(p, f, v_set(1.1676998740e-1f));
+  p = v_fma(p, f, v_set(-1.2420140846e-1f));
+  p = v_fma(p, f, v_set(1.4249322787e-1f));
+  p = v_fma(p, f, v_set(-1.6668057665e-1f));
+  p = v_fma(p, f, v_set(2.0000714765e-1f));
+  p = v_fma(p, f, v_set(-2.4999993993e-1f));
+  p = v_fma(p, f, v_set(3.3333331174e-1f));
+  const vf ln = v_add(f, v_fma(v_mul(f2, f), p, v_mul(f2, v_set(-0.5f))));
+  return v_fma(ln, v_set(1.44269504f), exponent);
+}
+
+#endif

@@ -1,0 +1,135 @@
+/* vec.h on AVX2 + FMA: two registers of eight lanes. */
+#include <immintrin.h>
+
+typedef struct vf { __m256 a, b; } vf;
+typedef struct vi { __m256i a, b; } vi;
+typedef struct vm { __m256 a, b; } vm; /* all ones or all zeros per lane */
+
+#define V_EACH2(op, x, y) ((vf){op((x).a, (y).a), op((x).b, (y).b)})
+#define I_EACH2(op, x, y) ((vi){op((x).a, (y).a), op((x).b, (y).b)})
+
+static inline vf v_set(float x) { const __m256 s = _mm256_set1_ps(x); return (vf){s, s}; }
+static inline vf v_zero(void) { return v_set(0.0f); }
+static inline vf v_load(const float *p) { return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)}; }
+static inline void v_store(float *p, vf x) { _mm256_storeu_ps(p, x.a); _mm256_storeu_ps(p + 8, x.b); }
+static inline vf v_add(vf x, vf y) { return V_EACH2(_mm256_add_ps, x, y); }
+static inline vf v_sub(vf x, vf y) { return V_EACH2(_mm256_sub_ps, x, y); }
+static inline vf v_mul(vf x, vf y) { return V_EACH2(_mm256_mul_ps, x, y); }
+static inline vf v_div(vf x, vf y) { return V_EACH2(_mm256_div_ps, x, y); }
+static inline vf v_sqrt(vf x) { return (vf){_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)}; }
+static inline vf v_min(vf x, vf y) { return V_EACH2(_mm256_min_ps, x, y); }
+static inline vf v_max(vf x, vf y) { return V_EACH2(_mm256_max_ps, x, y); }
+#if defined(PAGS_FUSED)
+static inline vf v_fma(vf x, vf y, vf z) { return (vf){_mm256_fmadd_ps(x.a, y.a, z.a), _mm256_fmadd_ps(x.b, y.b, z.b)}; }
+static inline vf v_fnma(vf x, vf y, vf z) { return (vf){_mm256_fnmadd_ps(x.a, y.a, z.a), _mm256_fnmadd_ps(x.b, y.b, z.b)}; }
+#else
+static inline vf v_fma(vf x, vf y, vf z) { return v_add(v_mul(x, y), z); }
+static inline vf v_fnma(vf x, vf y, vf z) { return v_sub(z, v_mul(x, y)); }
+#endif
+static inline vf v_abs(vf x) {
+  const __m256 s = _mm256_set1_ps(-0.0f);
+  return (vf){_mm256_andnot_ps(s, x.a), _mm256_andnot_ps(s, x.b)};
+}
+static inline vf v_or_sign(vm m, vf x) {
+  const __m256 s = _mm256_set1_ps(-0.0f);
+  return (vf){_mm256_or_ps(x.a, _mm256_and_ps(m.a, s)), _mm256_or_ps(x.b, _mm256_and_ps(m.b, s))};
+}
+
+#define M_COMPARE(x, y, how) ((vm){_mm256_cmp_ps((x).a, (y).a, how), _mm256_cmp_ps((x).b, (y).b, how)})
+static inline vm v_lt(vf x, vf y) { return M_COMPARE(x, y, _CMP_LT_OQ); }
+static inline vm v_le(vf x, vf y) { return M_COMPARE(x, y, _CMP_LE_OQ); }
+static inline vm v_gt(vf x, vf y) { return M_COMPARE(x, y, _CMP_GT_OQ); }
+static inline vm v_ge(vf x, vf y) { return M_COMPARE(x, y, _CMP_GE_OQ); }
+static inline vm m_and(vm x, vm y) { return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
+static inline vm m_or(vm x, vm y) { return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)}; }
+static inline vm m_andnot(vm x, vm y) { return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)}; }
+static inline vm v_ge_and(vm m, vf x, vf y) { return m_and(m, v_ge(x, y)); }
+static inline unsigned m_bits(vm x) { return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8; }
+static inline vm m_from_bits(unsigned bits) {
+  const __m256i lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+  const __m256i lo = _mm256_and_si256(_mm256_set1_epi32((int)(bits & 255u)), lane);
+  const __m256i hi = _mm256_and_si256(_mm256_set1_epi32((int)(bits >> 8 & 255u)), lane);
+  return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(lo, lane)), _mm256_castsi256_ps(_mm256_cmpeq_epi32(hi, lane))};
+}
+static inline unsigned v_sign_bits(vf x) { return m_bits((vm){x.a, x.b}); }
+static inline vf v_select(vm m, vf yes, vf no) {
+  return (vf){_mm256_blendv_ps(no.a, yes.a, m.a), _mm256_blendv_ps(no.b, yes.b, m.b)};
+}
+static inline vf v_maskz(vm m, vf x) { return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)}; }
+
+static inline vi i_set(int32_t x) { const __m256i s = _mm256_set1_epi32(x); return (vi){s, s}; }
+static inline vi i_load(const int32_t *p) {
+  return (vi){_mm256_loadu_si256((const __m256i *)(const void *)p), _mm256_loadu_si256((const __m256i *)(const void *)(p + 8))};
+}
+static inline void i_store(int32_t *p, vi x) {
+  _mm256_storeu_si256((__m256i *)(void *)p, x.a);
+  _mm256_storeu_si256((__m256i *)(void *)(p + 8), x.b);
+}
+static inline vi i_add(vi x, vi y) { return I_EACH2(_mm256_add_epi32, x, y); }
+static inline vi i_sub(vi x, vi y) { return I_EACH2(_mm256_sub_epi32, x, y); }
+static inline vi i_and(vi x, vi y) { return I_EACH2(_mm256_and_si256, x, y); }
+static inline vi i_or(vi x, vi y) { return I_EACH2(_mm256_or_si256, x, y); }
+static inline vi v_bits(vf x) { return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)}; }
+static inline vf v_from_bits(vi x) { return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)}; }
+static inline vi i_select(vm m, vi yes, vi no) { return v_bits(v_select(m, v_from_bits(yes), v_from_bits(no))); }
+#define i_shl(x, n) ((vi){_mm256_slli_epi32((x).a, n), _mm256_slli_epi32((x).b, n)})
+#define i_shr(x, n) ((vi){_mm256_srli_epi32((x).a, n), _mm256_srli_epi32((x).b, n)})
+static inline vi v_to_i(vf x) { return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)}; }
+static inline vf i_to_v(vi x) { return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)}; }
+
+static inline vf v_load_u8(const uint8_t *p) {
+  const __m128i bytes = _mm_loadu_si128((const __m128i *)(const void *)p);
+  return (vf){_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)),
+              _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_srli_si128(bytes, 8)))};
+}
+static inline vf v_load_4x4(const float *p, int64_t stride) {
+  return (vf){_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1),
+              _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)), _mm_loadu_ps(p + 3 * stride), 1)};
+}
+static inline void v_store_4x4(float *p, int64_t stride, vf x) {
+  _mm_storeu_ps(p, _mm256_castps256_ps128(x.a));
+  _mm_storeu_ps(p + stride, _mm256_extractf128_ps(x.a, 1));
+  _mm_storeu_ps(p + 2 * stride, _mm256_castps256_ps128(x.b));
+  _mm_storeu_ps(p + 3 * stride, _mm256_extractf128_ps(x.b, 1));
+}
+static inline int i_compress(int32_t *out, vm m, vi index) {
+  int32_t lanes[V_LANES];
+  i_store(lanes, index);
+  int n = 0;
+  for (unsigned bits = m_bits(m); bits; bits &= bits - 1)
+    out[n++] = lanes[__builtin_ctz(bits)];
+  return n;
+}
+static inline vm m_test_u16(const uint16_t *masks, int b) {
+  const __m256i bit = _mm256_set1_epi32(1 << b);
+  const __m256i lo = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)masks));
+  const __m256i hi = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)(masks + 8)));
+  return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(lo, bit), bit)),
+              _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(hi, bit), bit))};
+}
+
+static inline __m128 v_quarter(vf x) {
+  const __m256 h = _mm256_add_ps(x.a, x.b);
+  return _mm_add_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1));
+}
+static inline __m128 v_sum4(const vf *a) {
+  const __m128 p = v_quarter(a[0]), q = v_quarter(a[1]), r = v_quarter(a[2]), s = v_quarter(a[3]);
+  const __m128 pq = _mm_add_ps(_mm_movelh_ps(p, q), _mm_movehl_ps(q, p)); /* p0+p2 p1+p3 q0+q2 q1+q3 */
+  const __m128 rs = _mm_add_ps(_mm_movelh_ps(r, s), _mm_movehl_ps(s, r));
+  return _mm_add_ps(_mm_shuffle_ps(pq, rs, 0x88), _mm_shuffle_ps(pq, rs, 0xDD));
+}
+static inline vf v_sum12(const vf a[12]) {
+  return (vf){_mm256_insertf128_ps(_mm256_castps128_ps256(v_sum4(a)), v_sum4(a + 4), 1),
+              _mm256_insertf128_ps(_mm256_castps128_ps256(v_sum4(a + 8)), _mm_setzero_ps(), 1)};
+}
+static inline float v_sum(vf x) {
+  const __m128 q = v_quarter(x), d = _mm_add_ps(q, _mm_movehl_ps(q, q));
+  return _mm_cvtss_f32(_mm_add_ss(d, _mm_shuffle_ps(d, d, 1)));
+}
+static inline void v_store12(float *p, vf x) {
+  _mm256_storeu_ps(p, x.a);
+  _mm_storeu_ps(p + 8, _mm256_castps256_ps128(x.b));
+}
+static inline vf v_load12(const float *p) {
+  return (vf){_mm256_loadu_ps(p), _mm256_insertf128_ps(_mm256_setzero_ps(), _mm_loadu_ps(p + 8), 0)};
+}

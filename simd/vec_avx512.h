@@ -1,0 +1,115 @@
+/* vec.h on AVX-512 F, DQ, BW, VL. */
+#include <immintrin.h>
+
+typedef __m512 vf;
+typedef __m512i vi;
+typedef __mmask16 vm;
+
+static inline vf v_set(float x) { return _mm512_set1_ps(x); }
+static inline vf v_zero(void) { return _mm512_setzero_ps(); }
+static inline vf v_load(const float *p) { return _mm512_loadu_ps(p); }
+static inline void v_store(float *p, vf a) { _mm512_storeu_ps(p, a); }
+static inline vf v_add(vf a, vf b) { return _mm512_add_ps(a, b); }
+static inline vf v_sub(vf a, vf b) { return _mm512_sub_ps(a, b); }
+static inline vf v_mul(vf a, vf b) { return _mm512_mul_ps(a, b); }
+static inline vf v_div(vf a, vf b) { return _mm512_div_ps(a, b); }
+static inline vf v_sqrt(vf a) { return _mm512_sqrt_ps(a); }
+static inline vf v_min(vf a, vf b) { return _mm512_min_ps(a, b); }
+static inline vf v_max(vf a, vf b) { return _mm512_max_ps(a, b); }
+#if defined(PAGS_FUSED)
+static inline vf v_fma(vf a, vf b, vf c) { return _mm512_fmadd_ps(a, b, c); }
+static inline vf v_fnma(vf a, vf b, vf c) { return _mm512_fnmadd_ps(a, b, c); }
+#else
+static inline vf v_fma(vf a, vf b, vf c) { return _mm512_add_ps(_mm512_mul_ps(a, b), c); }
+static inline vf v_fnma(vf a, vf b, vf c) { return _mm512_sub_ps(c, _mm512_mul_ps(a, b)); }
+#endif
+static inline vf v_abs(vf a) { return _mm512_abs_ps(a); }
+static inline vf v_or_sign(vm m, vf a) { return _mm512_mask_or_ps(a, m, a, _mm512_set1_ps(-0.0f)); }
+
+static inline vm v_lt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
+static inline vm v_le(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
+static inline vm v_gt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
+static inline vm v_ge(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
+static inline vm v_ge_and(vm m, vf a, vf b) { return _mm512_mask_cmp_ps_mask(m, a, b, _CMP_GE_OQ); }
+static inline vm m_and(vm a, vm b) { return (vm)(a & b); }
+static inline vm m_or(vm a, vm b) { return (vm)(a | b); }
+static inline vm m_andnot(vm a, vm b) { return (vm)(a & ~b); }
+static inline unsigned m_bits(vm a) { return a; }
+static inline vm m_from_bits(unsigned bits) { return (vm)bits; }
+static inline unsigned v_sign_bits(vf a) { return (unsigned)_mm512_movepi32_mask(_mm512_castps_si512(a)); }
+static inline vf v_select(vm m, vf yes, vf no) { return _mm512_mask_blend_ps(m, no, yes); }
+static inline vf v_maskz(vm m, vf a) { return _mm512_maskz_mov_ps(m, a); }
+
+static inline vi i_set(int32_t x) { return _mm512_set1_epi32(x); }
+static inline vi i_load(const int32_t *p) { return _mm512_loadu_si512(p); }
+static inline void i_store(int32_t *p, vi a) { _mm512_storeu_si512(p, a); }
+static inline vi i_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
+static inline vi i_sub(vi a, vi b) { return _mm512_sub_epi32(a, b); }
+static inline vi i_and(vi a, vi b) { return _mm512_and_si512(a, b); }
+static inline vi i_or(vi a, vi b) { return _mm512_or_si512(a, b); }
+static inline vi i_select(vm m, vi yes, vi no) { return _mm512_mask_blend_epi32(m, no, yes); }
+#define i_shl(a, n) _mm512_slli_epi32(a, n)
+#define i_shr(a, n) _mm512_srli_epi32(a, n)
+static inline vi v_bits(vf a) { return _mm512_castps_si512(a); }
+static inline vf v_from_bits(vi a) { return _mm512_castsi512_ps(a); }
+static inline vi v_to_i(vf a) { return _mm512_cvtps_epi32(a); }
+static inline vf i_to_v(vi a) { return _mm512_cvtepi32_ps(a); }
+
+static inline vf v_load_u8(const uint8_t *p) {
+  return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)(const void *)p)));
+}
+/* Four rows of four floats, `stride` floats apart. */
+static inline vf v_load_4x4(const float *p, int64_t stride) {
+  const __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1);
+  const __m256 hi = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)), _mm_loadu_ps(p + 3 * stride), 1);
+  return _mm512_insertf32x8(_mm512_castps256_ps512(lo), hi, 1);
+}
+static inline void v_store_4x4(float *p, int64_t stride, vf a) {
+  _mm_storeu_ps(p, _mm512_castps512_ps128(a));
+  _mm_storeu_ps(p + stride, _mm512_extractf32x4_ps(a, 1));
+  _mm_storeu_ps(p + 2 * stride, _mm512_extractf32x4_ps(a, 2));
+  _mm_storeu_ps(p + 3 * stride, _mm512_extractf32x4_ps(a, 3));
+}
+/* Appends the lanes of `index` chosen by m; writes up to 16 entries, returns how many count. */
+static inline int i_compress(int32_t *out, vm m, vi index) {
+  _mm512_storeu_si512(out, _mm512_maskz_compress_epi32(m, index));
+  return __builtin_popcount((unsigned)m);
+}
+/* 16 masks of 16 bits: truth of bit `b` in each. */
+static inline vm m_test_u16(const uint16_t *masks, int b) {
+  const __m512i wide = _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)(const void *)masks));
+  return _mm512_test_epi32_mask(wide, _mm512_set1_epi32(1 << b));
+}
+
+/* Lane i of the result is the sum of the lanes of a[i], 12 vectors; lanes 12..15 are 0. */
+static inline vf v_fold16(vf a, vf b) {
+  return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xEE));
+}
+static inline vf v_fold8(vf a, vf b) {
+  return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x88), _mm512_shuffle_f32x4(a, b, 0xDD));
+}
+static inline vf v_fold4(vf a, vf b) {
+  return _mm512_add_ps(_mm512_shuffle_ps(a, b, 0x44), _mm512_shuffle_ps(a, b, 0xEE));
+}
+static inline vf v_fold2(vf a, vf b) {
+  return _mm512_add_ps(_mm512_shuffle_ps(a, b, 0x88), _mm512_shuffle_ps(a, b, 0xDD));
+}
+static inline vf v_sum12(const vf a[12]) {
+  /* After fold8 the 128-bit blocks hold one input each: [0 1 2 3], [4 5 6 7], [8 9 10 11], four partial sums apiece. */
+  const vf x = v_fold8(v_fold16(a[0], a[1]), v_fold16(a[2], a[3]));
+  const vf y = v_fold8(v_fold16(a[4], a[5]), v_fold16(a[6], a[7]));
+  const vf z = v_fold8(v_fold16(a[8], a[9]), v_fold16(a[10], a[11]));
+  /* Block j, lane pairs: (x_j, y_j) and (z_j, 0); then lanes x_j y_j z_j 0 of block j hold inputs j, 4+j, 8+j. */
+  const vf s = v_fold2(v_fold4(x, y), v_fold4(z, _mm512_setzero_ps()));
+  const __m512i order = _mm512_setr_epi32(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15);
+  return _mm512_permutexvar_ps(order, s);
+}
+static inline float v_sum(vf a) {
+  const __m256 h = _mm256_add_ps(_mm512_castps512_ps256(a), _mm512_extractf32x8_ps(a, 1));
+  const __m128 q = _mm_add_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1));
+  const __m128 d = _mm_add_ps(q, _mm_movehl_ps(q, q));
+  return _mm_cvtss_f32(_mm_add_ss(d, _mm_shuffle_ps(d, d, 1)));
+}
+/* Stores the first 12 lanes. */
+static inline void v_store12(float *p, vf a) { _mm512_mask_storeu_ps(p, 0x0FFF, a); }
+static inline vf v_load12(const float *p) { return _mm512_maskz_loadu_ps(0x0FFF, p); }
