@@ -52,11 +52,12 @@ typedef struct pags_frame_options {
   int extra_channels;   /* 1: depth and id too */
   int count_pairs;      /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
   int keep_for_backward; /* 1: keep what pags_frame_backward needs */
+  int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs some per cent of the backward pass), else 0s */
 } pags_frame_options;
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
 
-/* Planes of `stride` floats a row, `height` rows; owned by the frame, valid until its next render. */
+/* Planes of `stride` floats a row, `height` rows (and up to 15 of padding); owned by the frame, valid until its next render. */
 typedef struct pags_picture {
   int width, height;
   int stride;                 /* width rounded up to 16 */
@@ -92,11 +93,12 @@ PAGS_API pags_result pags_frame_render(pags_frame *frame, const pags_part *parts
                                        const pags_frame_options *options, pags_touch_fn *touch, void *user,
                                        pags_picture *out);
 
-/* dLoss/d(picture); each plane has the picture's stride and height. NULL planes mean zero; rgb must be given. */
+/* dLoss/d(picture); each plane has the picture's stride and its height rounded up to 16 rows (the last
+ * are not used but must be readable). NULL planes mean zero; rgb must be given. */
 typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
-  const float *depth_sum; /* by sum(w z), not by the quotient; needs nothing of extra_channels */
+  const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels */
 } pags_picture_gradient;
 
 /* Gradients of the Gaussians of one cluster, in the worker's scratch: read them before returning. */
@@ -109,7 +111,7 @@ typedef struct pags_cluster_gradient {
   int planes;    /* pags_plane_count(active degree): planes beyond are zero and not stored */
   const float *data;       /* plane p of member i: data[p * stride + i]; 0 for members not drawn */
   const float *mean2d;     /* |dL/d mean2D| in NDC units (pixel gradient times W/2, H/2), 0 if not drawn */
-  const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad) */
+  const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad), if asked for */
   const float *radius;     /* 3 sigma of the larger axis in px; 0 if not drawn */
   const uint8_t *drawn;    /* 1: passed projection and fell into at least one tile */
 } pags_cluster_gradient;

@@ -1,0 +1,111 @@
+/* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade and project
+ * and hands the rows to the receiver while they are in cache. No array of all gradients exists. */
+#include <assert.h>
+#include <stdatomic.h>
+#include <string.h>
+
+#include "stages.h"
+
+typedef struct backward_context {
+  pags_frame *frame;
+  const pags_picture_gradient *gradient;
+  float *slots;
+  pags_receive_fn *receive;
+  void *user;
+  float *scratch; /* per worker */
+  uint8_t *drawn; /* per worker */
+  atomic_llong bad_rows;
+} backward_context;
+
+enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
+
+static const float *at_tile(const float *plane, int64_t at) { return plane ? plane + at : NULL; }
+
+static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
+  const backward_context *const c = context;
+  const pags_frame *const f = c->frame;
+  (void)worker;
+  for (int64_t tile = begin; tile < end; tile++) {
+    const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
+    const int64_t start = f->tile_start[tile], at = (int64_t)y0 * f->stride + x0;
+    pags_raster_back in = {.splats = f->splats,
+                           .entries = f->entries + start,
+                           .block_masks = f->block_masks + start,
+                           .count = f->tile_start[tile + 1] - start,
+                           .slot_start = f->slot_start,
+                           .slots = c->slots,
+                           .x0 = x0,
+                           .y0 = y0,
+                           .width = f->camera.width,
+                           .height = f->camera.height,
+                           .exp_degree = f->options.exp_degree,
+                           .absolute = f->options.absolute_gradient,
+                           .stride = f->stride,
+                           .transmittance = frame_plane(f, PLANE_T) + at,
+                           .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
+                           .transmittance_gradient = at_tile(c->gradient->transmittance, at),
+                           .depth_gradient = at_tile(c->gradient->depth_sum, at)};
+    for (int k = 0; k < 3; k++) {
+      in.rgb[k] = frame_plane(f, PLANE_R + k) + at;
+      in.rgb_gradient[k] = c->gradient->rgb[k] + at;
+      in.background[k] = f->options.background[k];
+    }
+    f->kernels->raster_backward(&in);
+  }
+}
+
+static void clusters_backward(void *context, int64_t begin, int64_t end, int worker) {
+  backward_context *const c = context;
+  const pags_frame *const f = c->frame;
+  float *const scratch = c->scratch + (int64_t)worker * SCRATCH_PLANES * MOST_MEMBERS;
+  uint8_t *const drawn = c->drawn + (int64_t)worker * MOST_MEMBERS;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const v = f->clusters + i;
+    const pags_gaussians *const g = f->parts[v->part].gaussians;
+    const pags_projection *const view = f->projections + v->part;
+    const int stride = (v->count + 15) / 16 * 16, planes = pags_plane_count(view->sh_degree);
+    float *const extra = scratch + (int64_t)planes * stride;
+    const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride};
+    const int bad = f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, f->keys + v->base,
+                                                 f->splats + v->base, f->slot_start + v->base, c->slots, &rows);
+    if (bad)
+      atomic_fetch_add(&c->bad_rows, bad);
+    for (int k = 0; k < v->count; k++)
+      drawn[k] = f->keys[v->base + k] != UINT32_MAX && f->splats[v->base + k].tiles > 0;
+    const pags_cluster_gradient out = {.part = v->part,
+                                       .cluster = v->cluster,
+                                       .first = v->first,
+                                       .count = v->count,
+                                       .stride = stride,
+                                       .planes = planes,
+                                       .data = scratch,
+                                       .mean2d = rows.mean2d,
+                                       .mean2d_abs = rows.mean2d_abs,
+                                       .radius = rows.radius,
+                                       .drawn = drawn};
+    c->receive(c->user, &out, worker);
+  }
+}
+
+pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive, void *user,
+                                int64_t *bad_rows) {
+  assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0] && receive);
+  assert(!gradient->depth_sum || frame->options.extra_channels);
+  const int workers = pags_tasks_workers(frame->tasks);
+  backward_context c = {.frame = frame, .gradient = gradient, .receive = receive, .user = user};
+  atomic_init(&c.bad_rows, 0);
+  c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.slots, "gradient slots");
+  c.scratch = pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
+  c.drawn = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags");
+  if (!c.slots || !c.scratch || !c.drawn)
+    return PAGS_ERROR_MEMORY;
+  const double t0 = pags_frame_clock_ms();
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_backward, &c));
+  const double t1 = pags_frame_clock_ms();
+  PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
+  frame->stats.ms_raster_backward = t1 - t0;
+  frame->stats.ms_project_backward = pags_frame_clock_ms() - t1;
+  if (bad_rows)
+    *bad_rows = (int64_t)atomic_load(&c.bad_rows);
+  return PAGS_OK;
+}

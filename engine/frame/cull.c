@@ -1,0 +1,127 @@
+/* Which clusters can put anything into the picture.
+ *
+ * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane) and sigma at
+ * most s, the per-Gaussian test of the projection kernel uses
+ *   mx = fx x/z + cx       within fx [x]/[z] + cx
+ *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
+ * with reach_max = log2(255)/k for opacity 1 and |tx| at most its clamp; likewise for y. The row norm of J W is J's, W being a
+ * rotation. Boxes are padded for the rounding of the float transform. So a cluster that fails holds no Gaussian that would pass,
+ * and who a Gaussian's cluster neighbours are can't change the picture. */
+#include <math.h>
+#include <string.h>
+
+#include "stages.h"
+
+typedef struct cull_context {
+  pags_frame *frame;
+  const pags_clusters *clusters;
+  const pags_projection *view;
+  uint8_t *seen;
+  float lim2_x, lim2_y; /* 1 + largest clamp^2 */
+} cull_context;
+
+/* Range of x/z for x in [lo, hi], z in [z0, z1], z0 > 0. */
+static float ratio_min(float lo, float z0, float z1) { return lo < 0.0f ? lo / z0 : lo / z1; }
+static float ratio_max(float hi, float z0, float z1) { return hi > 0.0f ? hi / z0 : hi / z1; }
+
+static bool axis_outside(float lo, float hi, float z0, float z1, float focal, float centre, float size, float sigma,
+                         float lim2, float low_pass) {
+  const float reach_max = PAGS_LOG2_255 / 0.72134752f;
+  const float j = focal / z0;
+  const float extent = 1.0001f * sqrtf(reach_max * (sigma * sigma * j * j * lim2 + low_pass)) + 1e-3f;
+  const float right = focal * ratio_max(hi, z0, z1) + centre, left = focal * ratio_min(lo, z0, z1) + centre;
+  const float slack = 1e-5f * (fabsf(right) + fabsf(left)) + extent;
+  return right + slack <= 0.0f || left - slack >= size; /* false for NaN: keep */
+}
+
+static bool cluster_outside(const cull_context *c, int64_t i) {
+  const pags_clusters *const k = c->clusters;
+  const pags_projection *const v = c->view;
+  float lo[3], hi[3], centre[3], half[3];
+  for (int a = 0; a < 3; a++) {
+    centre[a] = 0.5f * (k->lo[a][i] + k->hi[a][i]);
+    half[a] = 0.5f * (k->hi[a][i] - k->lo[a][i]);
+  }
+  for (int a = 0; a < 3; a++) {
+    float middle = v->t[a], reach = 0.0f, size = fabsf(v->t[a]);
+    for (int b = 0; b < 3; b++) {
+      const float r = v->r[3 * a + b];
+      middle += r * centre[b];
+      reach += fabsf(r) * half[b];
+      size += fabsf(r) * (fabsf(centre[b]) + half[b]);
+    }
+    const float slack = 4e-6f * size + 1e-20f; /* six roundings of 2^-24 each on terms no larger than size, here and there */
+    lo[a] = middle - reach - slack;
+    hi[a] = middle + reach + slack;
+  }
+  if (hi[2] <= v->near_plane)
+    return true;
+  const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
+  if (!(z0 > 0.0f))
+    return false;
+  return axis_outside(lo[0], hi[0], z0, z1, v->fx, v->cx, v->width, k->sigma[i], c->lim2_x, v->low_pass) ||
+         axis_outside(lo[1], hi[1], z0, z1, v->fy, v->cy, v->height, k->sigma[i], c->lim2_y, v->low_pass);
+}
+
+static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
+  const cull_context *const c = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++)
+    c->seen[i] = !cluster_outside(c, i);
+}
+
+typedef struct touch_context {
+  pags_frame *frame;
+  pags_touch_fn *touch;
+  void *user;
+} touch_context;
+
+static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
+  const touch_context *const c = context;
+  for (int64_t i = begin; i < end; i++)
+    c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
+}
+
+static float largest_square(float a, float b) { return 1.0f + (a * a > b * b ? a * a : b * b); }
+
+static void append_seen(pags_frame *frame, int part, const uint8_t *seen) {
+  const pags_clusters *const clusters = frame->parts[part].clusters;
+  const int64_t gaussians = frame->parts[part].gaussians->count;
+  for (int64_t i = 0; i < clusters->count; i++) {
+    if (!seen[i])
+      continue;
+    const int64_t first = i * clusters->size;
+    const int64_t left = gaussians - first;
+    const int32_t count = (int32_t)(left < clusters->size ? left : clusters->size);
+    frame->clusters[frame->cluster_count++] = (view_cluster){part, count, i, first, frame->dense_count};
+    frame->dense_count += (count + 15) / 16 * 16;
+    frame->stats.loaded += count;
+  }
+}
+
+pags_result pags_stage_cull(pags_frame *frame, pags_touch_fn *touch, void *user) {
+  int64_t most = 0, all = 0;
+  for (int p = 0; p < frame->part_count; p++) {
+    const int64_t count = frame->parts[p].clusters->count;
+    most = count > most ? count : most;
+    all += count;
+  }
+  uint8_t *const seen = pags_frame_alloc(frame, most, 1, "cluster flags");
+  frame->clusters = pags_frame_alloc(frame, all, sizeof *frame->clusters, "clusters in view");
+  if (!seen || !frame->clusters)
+    return PAGS_ERROR_MEMORY;
+  frame->cluster_count = frame->dense_count = 0;
+  for (int p = 0; p < frame->part_count; p++) {
+    const pags_projection *const view = frame->projections + p;
+    cull_context c = {frame, frame->parts[p].clusters, view, seen, largest_square(view->lim_x0, view->lim_x1),
+                      largest_square(view->lim_y0, view->lim_y1)};
+    PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
+    append_seen(frame, p, seen);
+  }
+  if (frame->dense_count >= INT64_C(1) << 31)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn", (long long)frame->dense_count);
+  if (!touch)
+    return PAGS_OK;
+  touch_context t = {frame, touch, user};
+  return pags_frame_for(frame, frame->cluster_count, 4, touch_block, &t);
+}

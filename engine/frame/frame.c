@@ -1,0 +1,180 @@
+/* Runs the stages of a frame in order; owns its memory. */
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "stages.h"
+
+pags_frame_options pags_frame_options_default(void) {
+  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5};
+}
+
+double pags_frame_clock_ms(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
+  void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
+  if (!block)
+    pags_fail(PAGS_ERROR_MEMORY, "out of memory for the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
+  return block;
+}
+
+pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
+  if (pags_parallel_for(frame->tasks, count, grain, fn, context))
+    return PAGS_OK;
+  return pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
+  *out = NULL;
+  const char *why = "";
+  const pags_kernels *const kernels = pags_kernels_get(&why);
+  if (!kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  pags_frame *const frame = calloc(1, sizeof *frame);
+  pags_arena *const arena = frame ? pags_arena_create() : NULL;
+  if (!arena) {
+    free(frame);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a frame");
+  }
+  frame->tasks = tasks;
+  frame->arena = arena;
+  frame->kernels = kernels;
+  *out = frame;
+  return PAGS_OK;
+}
+
+void pags_frame_destroy(pags_frame *frame) {
+  if (!frame)
+    return;
+  pags_arena_destroy(frame->arena);
+  free(frame->planes);
+  free(frame);
+}
+
+/* Planes padded to whole tiles; grown, never shrunk. */
+static pags_result prepare_planes(pags_frame *frame) {
+  frame->tiles_x = (frame->camera.width + PAGS_TILE - 1) / PAGS_TILE;
+  frame->tiles_y = (frame->camera.height + PAGS_TILE - 1) / PAGS_TILE;
+  frame->stride = frame->tiles_x * PAGS_TILE;
+  frame->rows = frame->tiles_y * PAGS_TILE;
+  frame->plane_size = (int64_t)frame->stride * frame->rows;
+  if (frame->plane_size <= frame->plane_capacity)
+    return PAGS_OK;
+  free(frame->planes);
+  frame->plane_capacity = 0;
+  frame->planes = aligned_alloc(64, (size_t)frame->plane_size * PLANE_COUNT * sizeof(float));
+  frame->plane_calls++;
+  if (!frame->planes)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %d x %d", frame->camera.width, frame->camera.height);
+  frame->plane_capacity = frame->plane_size;
+  return PAGS_OK;
+}
+
+/* All differences of large coordinates are taken here, in double. */
+static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options, const pags_part *part) {
+  pags_projection v = {.fx = (float)camera->fx,
+                       .fy = (float)camera->fy,
+                       .cx = (float)camera->cx,
+                       .cy = (float)camera->cy,
+                       .width = (float)camera->width,
+                       .height = (float)camera->height,
+                       .near_plane = options->near_plane,
+                       .low_pass = options->low_pass,
+                       .antialiased = options->antialiased};
+  v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
+  /* Floats of a part are relative to the scene's origin when it stands still in the world, and to the part's own frame else; world_from_model
+   * carries the rest. */
+  double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
+  memcpy(local, camera->world_from_camera, sizeof local);
+  for (int k = 0; k < 3; k++)
+    local[4 * k + 3] -= options->origin[k];
+  pags_rigid_inverse(local, camera_from_world);
+  pags_rigid_multiply(camera_from_world, part->world_from_model, camera_from_model);
+  pags_rigid_inverse(camera_from_model, model_from_camera);
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 3; k++)
+      v.r[3 * i + k] = (float)camera_from_model[4 * i + k];
+    v.t[i] = (float)camera_from_model[4 * i + 3];
+    v.eye[i] = (float)model_from_camera[4 * i + 3];
+  }
+  const double tan_x = 0.5 * camera->width / camera->fx, tan_y = 0.5 * camera->height / camera->fy;
+  v.lim_x0 = (float)(-camera->cx / camera->fx - 0.3 * tan_x);
+  v.lim_x1 = (float)((camera->width - camera->cx) / camera->fx + 0.3 * tan_x);
+  v.lim_y0 = (float)(-camera->cy / camera->fy - 0.3 * tan_y);
+  v.lim_y1 = (float)((camera->height - camera->cy) / camera->fy + 0.3 * tan_y);
+  return v;
+}
+
+static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                           const pags_frame_options *options) {
+  frame->camera = *camera;
+  frame->options = *options;
+  frame->rendered = false;
+  memset(&frame->stats, 0, sizeof frame->stats);
+  pags_arena_reset(frame->arena);
+  frame->part_count = part_count;
+  frame->parts = pags_frame_alloc(frame, part_count, sizeof *parts, "parts");
+  frame->projections = pags_frame_alloc(frame, part_count, sizeof *frame->projections, "parts");
+  if (!frame->parts || !frame->projections)
+    return PAGS_ERROR_MEMORY;
+  frame->ids_ascend = true;
+  for (int p = 0; p < part_count; p++) {
+    frame->parts[p] = parts[p];
+    frame->projections[p] = make_projection(camera, options, parts + p);
+    frame->stats.gaussians += parts[p].gaussians->count;
+    const bool follows = p == 0 || parts[p].first_id >= parts[p - 1].first_id + parts[p - 1].gaussians->count;
+    frame->ids_ascend &= !parts[p].id && follows;
+  }
+  return prepare_planes(frame);
+}
+
+static void fill_picture(const pags_frame *frame, pags_picture *out) {
+  memset(out, 0, sizeof *out);
+  out->width = frame->camera.width;
+  out->height = frame->camera.height;
+  out->stride = frame->stride;
+  for (int c = 0; c < 3; c++)
+    out->rgb[c] = frame_plane(frame, PLANE_R + c);
+  out->transmittance = frame_plane(frame, PLANE_T);
+  if (frame->options.extra_channels) {
+    out->depth = frame_plane(frame, PLANE_DEPTH);
+    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
+  }
+}
+
+pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                              const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
+  assert(options->exp_degree == 3 || options->exp_degree == 5);
+  PAGS_TRY(prepare(frame, parts, part_count, camera, options));
+  const double t0 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_cull(frame, touch, user));
+  const double t1 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_project(frame));
+  const double t2 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_shade(frame));
+  const double t3 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_sort(frame));
+  const double t4 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_bin(frame));
+  const double t5 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_raster(frame));
+  const double t6 = pags_frame_clock_ms();
+  pags_frame_stats *const s = &frame->stats;
+  s->ms_cull = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2;
+  s->ms_sort = t4 - t3, s->ms_bin = t5 - t4, s->ms_raster = t6 - t5;
+  frame->rendered = true;
+  fill_picture(frame, out);
+  return PAGS_OK;
+}
+
+const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame) { return &frame->stats; }
+uint64_t pags_frame_heap_calls(const pags_frame *frame) { return pags_arena_heap_calls(frame->arena) + frame->plane_calls; }
+size_t pags_frame_bytes(const pags_frame *frame) {
+  return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float);
+}

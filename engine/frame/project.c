@@ -1,0 +1,45 @@
+/* Runs the projection and shading kernels over the clusters in view. */
+#include "stages.h"
+
+static int32_t splat_id(const pags_part *part, int64_t row) {
+  return part->id ? part->id[row] : part->first_id + (int32_t)row;
+}
+
+static void project_block(void *context, int64_t begin, int64_t end, int worker) {
+  pags_frame *const frame = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const c = frame->clusters + i;
+    const pags_part *const part = frame->parts + c->part;
+    pags_splat *const splats = frame->splats + c->base;
+    uint32_t *const keys = frame->keys + c->base;
+    frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride, c->count,
+                            splats, keys);
+    for (int k = 0; k < c->count; k++)
+      if (keys[k] != UINT32_MAX)
+        splats[k].id = splat_id(part, c->first + k);
+    for (int k = c->count; k % 16 != 0; k++)
+      keys[k] = UINT32_MAX;
+  }
+}
+
+pags_result pags_stage_project(pags_frame *frame) {
+  frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
+  frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
+  if (!frame->splats || !frame->keys)
+    return PAGS_ERROR_MEMORY;
+  return pags_frame_for(frame, frame->cluster_count, 8, project_block, frame);
+}
+
+static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
+  pags_frame *const frame = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const c = frame->clusters + i;
+    const pags_gaussians *const g = frame->parts[c->part].gaussians;
+    frame->kernels->shade(frame->projections + c->part, g->data + c->first, g->stride, c->count, frame->keys + c->base,
+                          frame->splats + c->base);
+  }
+}
+
+pags_result pags_stage_shade(pags_frame *frame) { return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame); }

@@ -1,0 +1,61 @@
+/* Runs the blending kernel over the tiles. */
+#include "stages.h"
+
+typedef struct raster_context {
+  pags_frame *frame;
+  int64_t (*pairs)[8]; /* per worker: evaluated, blended; a cache line apart */
+} raster_context;
+
+static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
+  pags_raster_out out = {.transmittance = frame_plane(frame, PLANE_T) + at, .stride = frame->stride};
+  for (int c = 0; c < 3; c++) {
+    out.rgb[c] = frame_plane(frame, PLANE_R + c) + at;
+    out.background[c] = frame->options.background[c];
+  }
+  if (frame->options.extra_channels) {
+    out.depth = frame_plane(frame, PLANE_DEPTH) + at;
+    out.depth_sum = frame_plane(frame, PLANE_DEPTH_SUM) + at;
+    out.id = (int32_t *)(void *)frame_plane(frame, PLANE_ID) + at;
+  }
+  return out;
+}
+
+static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const raster_context *const c = context;
+  const pags_frame *const f = c->frame;
+  for (int64_t tile = begin; tile < end; tile++) {
+    const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
+    const int64_t start = f->tile_start[tile];
+    const pags_raster_in in = {.splats = f->splats,
+                               .entries = f->entries + start,
+                               .count = f->tile_start[tile + 1] - start,
+                               .x0 = x0,
+                               .y0 = y0,
+                               .width = f->camera.width,
+                               .height = f->camera.height,
+                               .exp_degree = f->options.exp_degree,
+                               .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
+                               .evaluated = c->pairs ? &c->pairs[worker][0] : NULL,
+                               .blended = c->pairs ? &c->pairs[worker][1] : NULL};
+    const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
+    f->kernels->raster(&in, &out);
+  }
+}
+
+pags_result pags_stage_raster(pags_frame *frame) {
+  raster_context c = {.frame = frame};
+  const int workers = pags_tasks_workers(frame->tasks);
+  if (frame->options.count_pairs) {
+    c.pairs = pags_frame_alloc(frame, workers, sizeof *c.pairs, "pair counts");
+    if (!c.pairs)
+      return PAGS_ERROR_MEMORY;
+    for (int w = 0; w < workers; w++)
+      c.pairs[w][0] = c.pairs[w][1] = 0;
+  }
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, raster_tiles, &c));
+  for (int w = 0; c.pairs && w < workers; w++) {
+    frame->stats.pairs_evaluated += c.pairs[w][0];
+    frame->stats.pairs_blended += c.pairs[w][1];
+  }
+  return PAGS_OK;
+}
