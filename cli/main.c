@@ -1,0 +1,85 @@
+/* pags: the program. Finds the verb and runs it. */
+#include "options.h"
+#include "verbs.h"
+
+#include <locale.h>
+#include <pags/base.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+
+typedef struct verb_entry {
+  const char *name, *summary;
+  int (*run)(int argc, char **argv); /* NULL: not in this build */
+  const char *lacking;               /* what this build lacks then */
+} verb_entry;
+
+/* CMake defines PAGS_WITH_* for the parts that not every build has. */
+#ifdef PAGS_WITH_SYNTH
+#define IF_SYNTH(function) function, NULL
+#else
+#define IF_SYNTH(function) NULL, "Embree (CMake option PAGS_EMBREE)"
+#endif
+#ifdef PAGS_WITH_BENCH
+#define IF_BENCH(function) function, NULL
+#else
+#define IF_BENCH(function) NULL, "the folder benchmarks/"
+#endif
+
+static const verb_entry verbs[] = {
+    {"train", "reconstruct a scene from posed photographs", pags_verb_train, NULL},
+    {"render", "draw a scene or a splat file into pictures", pags_verb_render, NULL},
+    {"eval", "compare a scene with its photographs: PSNR, SSIM, LPIPS", pags_verb_eval, NULL},
+    {"info", "say what a data set, scene, splat, camera, image or checkpoint file holds", pags_verb_info, NULL},
+    {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},
+    {"bench", "measure speed and error", IF_BENCH(pags_verb_bench)},
+};
+enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
+
+static void print_help(void) {
+  printf("usage: pags VERB [arguments]\n\n");
+  printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
+  for (int i = 0; i < VERB_COUNT; ++i)
+    printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].run ? "" : "; this build lacks ",
+           verbs[i].run ? "" : verbs[i].lacking);
+  printf("\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
+  printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
+}
+
+static int unknown_verb(const char *name) {
+  const char *names[VERB_COUNT + 1];
+  for (int i = 0; i < VERB_COUNT; ++i)
+    names[i] = verbs[i].name;
+  names[VERB_COUNT] = NULL;
+  const char *nearest = pags_nearest_name(name, names);
+  if (nearest)
+    fprintf(stderr, "pags: unknown verb '%s'; did you mean '%s'?\n", name, nearest);
+  else
+    fprintf(stderr, "pags: unknown verb '%s'; 'pags --help' lists them\n", name);
+  return PAGS_EXIT_USAGE;
+}
+
+int main(int argc, char **argv) {
+  setlocale(LC_ALL, "C");
+  signal(SIGPIPE, SIG_IGN); /* `pags info x | head`: a failing write, not a killed process with half-written files */
+  if (argc < 2) {
+    fprintf(stderr, "pags: no verb given; 'pags --help' lists them\n");
+    return PAGS_EXIT_USAGE;
+  }
+  if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-h") || !strcmp(argv[1], "help")) {
+    print_help();
+    return PAGS_EXIT_OK;
+  }
+  if (!strcmp(argv[1], "--version")) {
+    printf("pags %s\n", PAGS_VERSION_STRING);
+    return PAGS_EXIT_OK;
+  }
+  for (int i = 0; i < VERB_COUNT; ++i)
+    if (!strcmp(argv[1], verbs[i].name)) {
+      if (verbs[i].run)
+        return verbs[i].run(argc - 2, argv + 2);
+      fprintf(stderr, "pags: '%s' is not in this build, which lacks %s\n", verbs[i].name, verbs[i].lacking);
+      return PAGS_EXIT_FAILED;
+    }
+  return unknown_verb(argv[1]);
+}

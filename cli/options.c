@@ -1,0 +1,517 @@
+/* Parsing, checking and printing of the option tables. */
+#include "options.h"
+
+#include <assert.h>
+#include <ctype.h>
+#include <errno.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_ROWS = 256, HELP_WIDTH = 100, HELP_COLUMN = 30 };
+
+static bool is_end(const pags_option *option) { return !option->name && option->type != PAGS_OPTION_GROUP; }
+
+int pags_usage_error(const pags_verb *verb, const char *format, ...) {
+  va_list list;
+  fprintf(stderr, "pags %s: ", verb->name);
+  va_start(list, format);
+  vfprintf(stderr, format, list);
+  va_end(list);
+  fputc('\n', stderr);
+  return PAGS_EXIT_USAGE;
+}
+
+/* Levenshtein's distance with one row of the table; words longer than the row count as far away. */
+static int edit_distance(const char *a, const char *b) {
+  enum { LONGEST = 64 };
+  int row[LONGEST + 1];
+  size_t na = strlen(a), nb = strlen(b);
+  if (na > LONGEST || nb > LONGEST)
+    return LONGEST;
+  for (size_t j = 0; j <= nb; ++j)
+    row[j] = (int)j;
+  for (size_t i = 1; i <= na; ++i) {
+    int diagonal = row[0];
+    row[0] = (int)i;
+    for (size_t j = 1; j <= nb; ++j) {
+      int replaced = diagonal + (a[i - 1] != b[j - 1]);
+      int shorter = row[j] < row[j - 1] ? row[j] : row[j - 1];
+      diagonal = row[j];
+      row[j] = replaced < shorter + 1 ? replaced : shorter + 1;
+    }
+  }
+  return row[nb];
+}
+
+const char *pags_nearest_name(const char *word, const char *const *names) {
+  const char *best = NULL;
+  int best_distance = 1 + (int)strlen(word) / 3;
+  for (; *names; ++names) {
+    int distance = edit_distance(word, *names);
+    if (distance <= best_distance && (!best || distance < best_distance)) {
+      best = *names;
+      best_distance = distance;
+    }
+  }
+  return best;
+}
+
+static const pags_option *find_long(const pags_verb *verb, const char *name, size_t length) {
+  for (const pags_option *option = verb->options; !is_end(option); ++option)
+    if (option->name && strlen(option->name) == length && !strncmp(option->name, name, length))
+      return option;
+  return NULL;
+}
+
+static const pags_option *find_short(const pags_verb *verb, char name) {
+  for (const pags_option *option = verb->options; !is_end(option); ++option)
+    if (option->short_name == name && name)
+      return option;
+  return NULL;
+}
+
+static pags_parse_status unknown_option(const pags_verb *verb, const char *name, size_t length) {
+  const char *names[MAX_ROWS + 2];
+  char word[80];
+  int count = 0;
+  for (const pags_option *option = verb->options; !is_end(option); ++option)
+    if (option->name && count < MAX_ROWS)
+      names[count++] = option->name;
+  names[count++] = "help";
+  names[count] = NULL;
+  snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
+  const char *nearest = pags_nearest_name(word, names);
+  if (nearest)
+    pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
+  else
+    pags_usage_error(verb, "unknown option '--%s'; 'pags %s --help' lists them", word, verb->name);
+  return PAGS_PARSE_USAGE;
+}
+
+/* What a value should have been, for messages: "a whole number of at least 1". */
+static void describe(const pags_option *option, char *text, size_t size) {
+  static const char *const nouns[] = {
+      [PAGS_OPTION_INT] = "a whole number",     [PAGS_OPTION_INT64] = "a whole number",
+      [PAGS_OPTION_UINT64] = "a whole number",  [PAGS_OPTION_FLOAT] = "a number",
+      [PAGS_OPTION_DOUBLE] = "a number",        [PAGS_OPTION_SIZE] = "a size in bytes such as 512M or 2G",
+      [PAGS_OPTION_DURATION] = "a time such as 90s, 30m or 2h", [PAGS_OPTION_COLOR] = "r,g,b, each from 0 to 1",
+      [PAGS_OPTION_STRING] = "a value"};
+  if (option->type == PAGS_OPTION_ENUM)
+    snprintf(text, size, "one of %s", option->metavar);
+  else if (option->minimum == option->maximum)
+    snprintf(text, size, "%s", nouns[option->type]);
+  else if (option->maximum == HUGE_VAL)
+    snprintf(text, size, "%s of at least %.10g", nouns[option->type], option->minimum);
+  else if (option->minimum == -HUGE_VAL)
+    snprintf(text, size, "%s of at most %.10g", nouns[option->type], option->maximum);
+  else
+    snprintf(text, size, "%s from %.10g to %.10g", nouns[option->type], option->minimum, option->maximum);
+}
+
+static bool in_range(const pags_option *option, double value) {
+  return option->minimum == option->maximum || (value >= option->minimum && value <= option->maximum);
+}
+
+static bool parse_real(const char *text, const char **end, double *value) {
+  char *stop;
+  if (isspace((unsigned char)*text))
+    return false;
+  *value = strtod(text, &stop);
+  *end = stop;
+  return stop != text && isfinite(*value);
+}
+
+static bool parse_int64(const char *text, int64_t *value) {
+  char *end;
+  if (isspace((unsigned char)*text))
+    return false;
+  errno = 0;
+  long long parsed = strtoll(text, &end, 10);
+  *value = parsed;
+  return end != text && !*end && !errno;
+}
+
+static bool parse_uint64(const char *text, uint64_t *value) {
+  char *end;
+  if (!isdigit((unsigned char)*text))
+    return false;
+  errno = 0;
+  unsigned long long parsed = strtoull(text, &end, 10);
+  *value = parsed;
+  return !*end && !errno;
+}
+
+static bool parse_size(const char *text, uint64_t *value) {
+  const char *end;
+  double number, unit = 1;
+  if (!parse_real(text, &end, &number) || number < 0)
+    return false;
+  switch (toupper((unsigned char)*end)) {
+  case 'K': unit = 1024.0; break;
+  case 'M': unit = 1048576.0; break;
+  case 'G': unit = 1073741824.0; break;
+  case 'T': unit = 1099511627776.0; break;
+  default: break;
+  }
+  if (unit > 1)
+    ++end;
+  if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB, 2GB: the same, as memory is counted here */
+    end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
+  if (*end || number * unit >= 9.2e18)
+    return false;
+  *value = (uint64_t)(number * unit);
+  return true;
+}
+
+static bool parse_duration(const char *text, double *seconds) {
+  double total = 0;
+  if (!*text)
+    return false;
+  while (*text) {
+    double number;
+    const char *end;
+    if (!parse_real(text, &end, &number) || number < 0)
+      return false;
+    double unit = *end == 'd' ? 86400 : *end == 'h' ? 3600 : *end == 'm' ? 60 : *end == 's' || !*end ? 1 : 0;
+    if (unit == 0)
+      return false;
+    total += number * unit;
+    text = *end ? end + 1 : end;
+  }
+  *seconds = total;
+  return true;
+}
+
+static bool parse_color(const char *text, double *rgb) {
+  for (int c = 0; c < 3; ++c) {
+    double value;
+    const char *end;
+    if (!parse_real(text, &end, &value) || *end != (c < 2 ? ',' : '\0') || value < 0 || value > 1)
+      return false;
+    rgb[c] = value;
+    text = end + 1;
+  }
+  return true;
+}
+
+static bool parse_enum(const char *choices, const char *text, int *value) {
+  size_t length = strlen(text);
+  for (int index = 0;; ++index) {
+    size_t n = strcspn(choices, "|");
+    if (n == length && !strncmp(choices, text, n)) {
+      *value = index;
+      return true;
+    }
+    if (!choices[n])
+      return false;
+    choices += n + 1;
+  }
+}
+
+/* Parses `text` as the option's type into `slot`; false leaves the message to the caller. */
+static bool store(const pags_option *option, const char *text, void *slot) {
+  double real;
+  int64_t whole;
+  uint64_t natural;
+  const char *end;
+  switch (option->type) {
+  case PAGS_OPTION_INT:
+    if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX || !in_range(option, (double)whole))
+      return false;
+    *(int *)slot = (int)whole;
+    return true;
+  case PAGS_OPTION_INT64:
+    if (!parse_int64(text, &whole) || !in_range(option, (double)whole))
+      return false;
+    *(int64_t *)slot = whole;
+    return true;
+  case PAGS_OPTION_UINT64:
+    if (!parse_uint64(text, &natural) || !in_range(option, (double)natural))
+      return false;
+    *(uint64_t *)slot = natural;
+    return true;
+  case PAGS_OPTION_FLOAT:
+  case PAGS_OPTION_DOUBLE:
+    if (!parse_real(text, &end, &real) || *end || !in_range(option, real))
+      return false;
+    if (option->type == PAGS_OPTION_FLOAT)
+      *(float *)slot = (float)real;
+    else
+      *(double *)slot = real;
+    return true;
+  case PAGS_OPTION_SIZE:
+    if (!parse_size(text, &natural) || !in_range(option, (double)natural))
+      return false;
+    *(uint64_t *)slot = natural;
+    return true;
+  case PAGS_OPTION_DURATION:
+    if (!parse_duration(text, &real) || !in_range(option, real))
+      return false;
+    *(double *)slot = real;
+    return true;
+  case PAGS_OPTION_ENUM: return parse_enum(option->metavar, text, (int *)slot);
+  case PAGS_OPTION_COLOR: return parse_color(text, (double *)slot);
+  case PAGS_OPTION_STRING:
+    if (!*text)
+      return false;
+    *(const char **)slot = text;
+    return true;
+  case PAGS_OPTION_FLAG:
+  case PAGS_OPTION_GROUP: break;
+  }
+  return false;
+}
+
+static void mark_given(pags_parsed *parsed, const pags_option *option) {
+  size_t row = (size_t)(option - parsed->verb->options);
+  assert(row < MAX_ROWS);
+  parsed->given[row / 64] |= (uint64_t)1 << (row % 64);
+}
+
+static bool was_given(const pags_parsed *parsed, const pags_option *option) {
+  size_t row = (size_t)(option - parsed->verb->options);
+  return parsed->given[row / 64] >> (row % 64) & 1;
+}
+
+bool pags_option_given(const pags_parsed *parsed, const char *name) {
+  const pags_option *option = find_long(parsed->verb, name, strlen(name));
+  assert(option);
+  return was_given(parsed, option);
+}
+
+/* `value` is the text behind '=' or directly behind a short name, or NULL: then the next argument is it. Returns how many
+ * further arguments were used, or -1 after a message. */
+static int take_option(pags_parsed *parsed, const pags_option *option, const char *shown, const char *value,
+                       const char *next, void *values) {
+  void *slot = (char *)values + option->offset;
+  char expected[160];
+  mark_given(parsed, option);
+  if (option->type == PAGS_OPTION_FLAG) {
+    if (value) {
+      pags_usage_error(parsed->verb, "%s: takes no value, got '%s'", shown, value);
+      return -1;
+    }
+    *(int *)slot = strncmp(option->name, "no-", 3) != 0;
+    return 0;
+  }
+  describe(option, expected, sizeof expected);
+  const char *text = value ? value : next;
+  if (!text) {
+    pags_usage_error(parsed->verb, "%s: expected %s, got nothing", shown, expected);
+    return -1;
+  }
+  if (!store(option, text, slot)) {
+    pags_usage_error(parsed->verb, "%s: expected %s, got '%s'", shown, expected, text);
+    return -1;
+  }
+  return value ? 0 : 1;
+}
+
+static int take_long(pags_parsed *parsed, const char *argument, const char *next, void *values) {
+  const char *name = argument + 2, *equals = strchr(name, '=');
+  size_t length = equals ? (size_t)(equals - name) : strlen(name);
+  const pags_option *option = find_long(parsed->verb, name, length);
+  char shown[84];
+  if (!option) {
+    unknown_option(parsed->verb, name, length);
+    return -1;
+  }
+  snprintf(shown, sizeof shown, "--%s", option->name);
+  return take_option(parsed, option, shown, equals ? equals + 1 : NULL, next, values);
+}
+
+static int take_short(pags_parsed *parsed, const char *argument, const char *next, void *values) {
+  const pags_option *option = find_short(parsed->verb, argument[1]);
+  char shown[3] = {'-', argument[1], 0};
+  if (!option) {
+    pags_usage_error(parsed->verb, "unknown option '%s'; 'pags %s --help' lists them", argument, parsed->verb->name);
+    return -1;
+  }
+  const char *value = argument[2] == '=' ? argument + 3 : argument[2] ? argument + 2 : NULL;
+  return take_option(parsed, option, shown, value, next, values);
+}
+
+static int positional_count(const pags_verb *verb) {
+  int count = 0;
+  while (verb->positionals[count].metavar)
+    ++count;
+  assert(count <= PAGS_MAX_POSITIONALS);
+  return count;
+}
+
+static pags_parse_status check_complete(const pags_parsed *parsed, int positionals) {
+  const pags_verb *verb = parsed->verb;
+  if (positionals < positional_count(verb)) {
+    pags_usage_error(verb, "%s is missing; usage: pags %s %s", verb->positionals[positionals].metavar, verb->name,
+                     verb->usage);
+    return PAGS_PARSE_USAGE;
+  }
+  for (const pags_option *option = verb->options; !is_end(option); ++option)
+    if (option->required && !was_given(parsed, option)) {
+      pags_usage_error(verb, "%s%c%s%s %s is missing; usage: pags %s %s", option->short_name ? "-" : "",
+                       option->short_name ? option->short_name : '-', option->short_name ? "" : "-",
+                       option->short_name ? "" : option->name, option->metavar, verb->name, verb->usage);
+      return PAGS_PARSE_USAGE;
+    }
+  return PAGS_PARSE_OK;
+}
+
+static bool wants_help(int argc, char **argv) {
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); ++i)
+    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
+      return true;
+  return false;
+}
+
+pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
+  int positionals = 0, limit = positional_count(verb);
+  bool options_end = false;
+  memset(parsed, 0, sizeof *parsed);
+  parsed->verb = verb;
+  if (wants_help(argc, argv)) {
+    pags_options_help(verb, values);
+    return PAGS_PARSE_HELP;
+  }
+  for (int i = 0; i < argc; ++i) {
+    const char *argument = argv[i], *next = i + 1 < argc ? argv[i + 1] : NULL;
+    if (!options_end && !strcmp(argument, "--")) {
+      options_end = true;
+    } else if (!options_end && argument[0] == '-' && argument[1]) {
+      int used = argument[1] == '-' ? take_long(parsed, argument, next, values)
+                                    : take_short(parsed, argument, next, values);
+      if (used < 0)
+        return PAGS_PARSE_USAGE;
+      i += used;
+    } else if (positionals < limit) {
+      parsed->positionals[positionals++] = argument;
+    } else {
+      pags_usage_error(verb, "unexpected '%s'; usage: pags %s %s", argument, verb->name, verb->usage);
+      return PAGS_PARSE_USAGE;
+    }
+  }
+  return check_complete(parsed, positionals);
+}
+
+static void print_size(char *text, size_t size, uint64_t bytes) {
+  static const char suffix[] = {0, 'K', 'M', 'G'};
+  int k = 0;
+  while (k < 3 && bytes && bytes % 1024 == 0) {
+    bytes /= 1024;
+    ++k;
+  }
+  snprintf(text, size, "%llu%.1s", (unsigned long long)bytes, k ? &suffix[k] : "");
+}
+
+/* The shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001. */
+static void print_real(char *text, size_t size, double value, bool single) {
+  for (int digits = 1; digits <= 17; ++digits) {
+    snprintf(text, size, "%.*g", digits, value);
+    double back = strtod(text, NULL);
+    if (single ? (float)back == (float)value : back == value)
+      return;
+  }
+}
+
+static void print_default(const pags_option *option, const void *defaults, char *text, size_t size) {
+  const void *slot = (const char *)defaults + option->offset;
+  text[0] = 0;
+  if (option->fallback) {
+    snprintf(text, size, "%s", option->fallback);
+    return;
+  }
+  switch (option->type) {
+  case PAGS_OPTION_INT: snprintf(text, size, "%d", *(const int *)slot); break;
+  case PAGS_OPTION_INT64: snprintf(text, size, "%lld", (long long)*(const int64_t *)slot); break;
+  case PAGS_OPTION_UINT64: snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)slot); break;
+  case PAGS_OPTION_FLOAT: print_real(text, size, (double)*(const float *)slot, true); break;
+  case PAGS_OPTION_DOUBLE:
+  case PAGS_OPTION_DURATION: print_real(text, size, *(const double *)slot, false); break;
+  case PAGS_OPTION_SIZE: print_size(text, size, *(const uint64_t *)slot); break;
+  case PAGS_OPTION_COLOR: {
+    const double *rgb = slot;
+    snprintf(text, size, "%g,%g,%g", rgb[0], rgb[1], rgb[2]);
+    break;
+  }
+  case PAGS_OPTION_ENUM: {
+    const char *choice = option->metavar;
+    for (int i = *(const int *)slot; i > 0; --i)
+      choice += strcspn(choice, "|") + 1;
+    snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
+    break;
+  }
+  case PAGS_OPTION_STRING:
+    if (*(const char *const *)slot)
+      snprintf(text, size, "%s", *(const char *const *)slot);
+    break;
+  case PAGS_OPTION_FLAG:
+  case PAGS_OPTION_GROUP: break;
+  }
+}
+
+/* Prints words from column `column`, `used` columns being taken already, indenting further lines. */
+static void print_wrapped(const char *text, int used, int column) {
+  int at = used;
+  while (*text) {
+    int length = (int)strcspn(text, " ");
+    if (at + length + (at > column) > HELP_WIDTH && at > column) {
+      printf("\n%*s", column, "");
+      at = column;
+    } else if (at > column) {
+      putchar(' ');
+      ++at;
+    }
+    printf("%.*s", length, text);
+    at += length;
+    text += length;
+    while (*text == ' ')
+      ++text;
+  }
+  putchar('\n');
+}
+
+static void print_entry(const char *left, const char *text) {
+  int used = printf("%s", left);
+  if (used > HELP_COLUMN - 2) {
+    putchar('\n');
+    used = 0;
+  }
+  printf("%*s", HELP_COLUMN - used, "");
+  print_wrapped(text, HELP_COLUMN, HELP_COLUMN);
+}
+
+static void print_option(const pags_option *option, const void *defaults) {
+  char left[160], standard[120], text[1024];
+  bool value = option->type != PAGS_OPTION_FLAG;
+  char short_form[5] = "    ";
+  if (option->short_name)
+    snprintf(short_form, sizeof short_form, "-%c, ", option->short_name);
+  snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "", value ? option->metavar : "");
+  print_default(option, defaults, standard, sizeof standard);
+  bool unit = option->unit != NULL, shown = standard[0] != 0;
+  snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
+           unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
+           option->required ? " (required)" : "");
+  print_entry(left, text);
+}
+
+void pags_options_help(const pags_verb *verb, const void *defaults) {
+  printf("usage: pags %s %s\n\n", verb->name, verb->usage);
+  print_wrapped(verb->about, 0, 0);
+  putchar('\n');
+  for (const pags_positional *positional = verb->positionals; positional->metavar; ++positional) {
+    char left[80];
+    snprintf(left, sizeof left, "  %s", positional->metavar);
+    print_entry(left, positional->help);
+  }
+  for (const pags_option *option = verb->options; !is_end(option); ++option) {
+    if (option->type == PAGS_OPTION_GROUP)
+      printf("\n%s\n", option->help);
+    else
+      print_option(option, defaults);
+  }
+  print_entry("  -h, --help", "print this");
+  printf("\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
+}

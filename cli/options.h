@@ -1,0 +1,94 @@
+/* Command-line options from a table.
+ *
+ * Each verb declares one table; parsing, checking, `--help` and docs all come from it. Values are written into the verb's own
+ * struct at `offset`; what that struct holds before parsing is the default, and help prints it from there, so no default is
+ * written twice.
+ *
+ * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. The last one of
+ * several wins. */
+#ifndef PAGS_CLI_OPTIONS_H
+#define PAGS_CLI_OPTIONS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* Exit codes of the program. */
+enum { PAGS_EXIT_OK = 0, PAGS_EXIT_FAILED = 1, PAGS_EXIT_USAGE = 2, PAGS_EXIT_INTERRUPTED = 3 };
+
+typedef enum pags_option_type {
+  PAGS_OPTION_GROUP,    /* no option: a heading in the help, its text in `help` */
+  PAGS_OPTION_FLAG,     /* int, 1 when given; a flag whose name begins with "no-" sets 0 */
+  PAGS_OPTION_INT,      /* int */
+  PAGS_OPTION_INT64,    /* int64_t */
+  PAGS_OPTION_UINT64,   /* uint64_t */
+  PAGS_OPTION_FLOAT,    /* float */
+  PAGS_OPTION_DOUBLE,   /* double */
+  PAGS_OPTION_SIZE,     /* uint64_t, bytes; suffix K, M, G = 1024, 1024^2, 1024^3 */
+  PAGS_OPTION_DURATION, /* double, seconds; 90, 90s, 30m, 2h, 1h30m */
+  PAGS_OPTION_ENUM,     /* int, the index in `choices` */
+  PAGS_OPTION_COLOR,    /* double[3], "r,g,b", each 0..1 */
+  PAGS_OPTION_STRING    /* const char *, points into argv */
+} pags_option_type;
+
+typedef struct pags_option {
+  const char *name;    /* long name without the dashes */
+  char short_name;     /* 0: none */
+  bool required;
+  pags_option_type type;
+  size_t offset;       /* of the value in the verb's struct */
+  double minimum, maximum; /* of numbers, sizes and durations, both included; equal: unlimited */
+  const char *metavar; /* "N", "FILE"; for ENUM the choices, "default|mcmc" */
+  const char *unit;    /* "steps"; NULL: none */
+  const char *fallback; /* what help says of the default when the stored value doesn't say it; NULL: print the value;
+                           "": print nothing */
+  const char *help;
+} pags_option;
+
+typedef struct pags_positional {
+  const char *metavar; /* NULL ends the list */
+  const char *help;
+} pags_positional;
+
+typedef struct pags_verb {
+  const char *name;    /* "train" */
+  const char *summary; /* one line for `pags --help` */
+  const char *usage;   /* after "pags train " */
+  const char *about;   /* a paragraph */
+  const pags_positional *positionals;
+  const pags_option *options; /* ends with a NULL name that is no group */
+} pags_verb;
+
+enum { PAGS_MAX_POSITIONALS = 4 };
+
+typedef enum pags_parse_status {
+  PAGS_PARSE_OK,
+  PAGS_PARSE_HELP, /* --help was asked for and printed: exit 0 */
+  PAGS_PARSE_USAGE /* one line was printed on stderr: exit 2 */
+} pags_parse_status;
+
+typedef struct pags_parsed {
+  const pags_verb *verb;
+  const char *positionals[PAGS_MAX_POSITIONALS];
+  uint64_t given[4]; /* bit per row of the table */
+} pags_parsed;
+
+/* `argv` without program and verb. `values` holds the defaults and receives what was given. */
+pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed);
+
+/* Whether the option was on the command line; `name` must be in the table. */
+bool pags_option_given(const pags_parsed *parsed, const char *name);
+
+/* Prints "pags VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
+int pags_usage_error(const pags_verb *verb, const char *format, ...)
+#if defined(__GNUC__)
+    __attribute__((format(printf, 2, 3)))
+#endif
+    ;
+
+void pags_options_help(const pags_verb *verb, const void *defaults);
+
+/* The entry of `names` (NULL ends it) nearest to `word`, or NULL when none is near enough to be meant. */
+const char *pags_nearest_name(const char *word, const char *const *names);
+
+#endif

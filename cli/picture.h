@@ -1,0 +1,49 @@
+/* A rendered picture's way into files. */
+#ifndef PAGS_CLI_PICTURE_H
+#define PAGS_CLI_PICTURE_H
+
+#include "model_view.h"
+
+#include <pags/frame.h>
+#include <pags/image.h>
+
+typedef enum pags_channel {
+  PAGS_CHANNEL_COLOR,
+  PAGS_CHANNEL_ALPHA,
+  PAGS_CHANNEL_DEPTH,
+  PAGS_CHANNEL_ID,
+  PAGS_CHANNEL_OBJECT,
+  PAGS_CHANNEL_PRIORITY,
+  PAGS_CHANNEL_COUNT
+} pags_channel;
+
+/* Reads "color,depth,..." into a set of bits 1 << channel. False, with the word not known in `unknown`, when one isn't. */
+bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t unknown_size);
+
+typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
+
+/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object and
+ * priority always to NAME_depth.exr and so on, float32. */
+typedef struct pags_picture_writer {
+  unsigned channels; /* bits 1 << pags_channel */
+  pags_picture_format format;
+  int bits;           /* of PNG: 8 or 16 */
+  int32_t *object_of; /* per id; NULL unless object is written */
+  float *priority_of; /* per id; NULL unless priority is written */
+  float *plane;       /* scratch of the largest picture so far */
+  size_t plane_capacity;
+} pags_picture_writer;
+
+/* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly, PAGS_ERROR_ARGUMENT
+ * when the scene holds no priorities. */
+pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format, int bits,
+                                       pags_picture_writer *out);
+void pags_picture_writer_destroy(pags_picture_writer *writer);
+
+/* Writes every channel of one picture into `folder`. */
+pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *picture, const char *folder, const char *name);
+
+/* Colour as an image: F32 clamped to [0, 1], or U8 or U16 rounded. */
+pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);
+
+#endif

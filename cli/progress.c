@@ -1,0 +1,89 @@
+/* The progress line. */
+#include "progress.h"
+
+#include <stdarg.h>
+#include <time.h>
+#include <unistd.h>
+
+static const double terminal_seconds = 0.2, plain_seconds = 10;
+
+double pags_seconds(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+pags_progress pags_progress_begin(FILE *stream) {
+  pags_progress progress = {.stream = stream};
+  progress.terminal = stream && isatty(fileno(stream));
+  progress.shown_at = pags_seconds();
+  return progress;
+}
+
+bool pags_progress_due(const pags_progress *progress) {
+  return progress->stream &&
+         pags_seconds() - progress->shown_at >= (progress->terminal ? terminal_seconds : plain_seconds);
+}
+
+static void clear_line(pags_progress *progress) {
+  if (progress->length > 0)
+    fprintf(progress->stream, "\r%*s\r", progress->length, "");
+  progress->length = 0;
+}
+
+static void print_line(pags_progress *progress, bool stays, const char *format, va_list list) {
+  char line[512];
+  if (!progress->stream)
+    return;
+  vsnprintf(line, sizeof line, format, list);
+  if (progress->terminal)
+    clear_line(progress);
+  int length = fprintf(progress->stream, "%s%s", line, progress->terminal && !stays ? "" : "\n");
+  if (progress->terminal && !stays)
+    progress->length = length;
+  fflush(progress->stream);
+}
+
+void pags_progress_show(pags_progress *progress, const char *format, ...) {
+  va_list list;
+  va_start(list, format);
+  print_line(progress, false, format, list);
+  va_end(list);
+  progress->shown_at = pags_seconds();
+}
+
+void pags_progress_say(pags_progress *progress, const char *format, ...) {
+  va_list list;
+  va_start(list, format);
+  print_line(progress, true, format, list);
+  va_end(list);
+}
+
+void pags_progress_end(pags_progress *progress) {
+  if (!progress->stream)
+    return;
+  clear_line(progress);
+  fflush(progress->stream);
+}
+
+const char *pags_format_duration(double seconds, char *text, size_t size) {
+  long whole = seconds > 0 ? (long)(seconds + 0.5) : 0;
+  if (whole >= 3600)
+    snprintf(text, size, "%ld h %02ld min", whole / 3600, whole / 60 % 60);
+  else if (whole >= 60)
+    snprintf(text, size, "%ld min %02ld s", whole / 60, whole % 60);
+  else
+    snprintf(text, size, "%ld s", whole);
+  return text;
+}
+
+const char *pags_format_bytes(double bytes, char *text, size_t size) {
+  static const char *const units[] = {"B", "kB", "MB", "GB", "TB"};
+  int unit = 0;
+  while (bytes >= 1000 && unit < 4) {
+    bytes /= 1000;
+    ++unit;
+  }
+  snprintf(text, size, unit ? "%.1f %s" : "%.0f %s", bytes, units[unit]);
+  return text;
+}

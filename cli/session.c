@@ -1,0 +1,113 @@
+/* Set-up and end of a verb. */
+#include "session.h"
+
+#include "interrupt.h"
+
+#include <base/file.h>
+#include <base/log.h>
+#include <errno.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static void print_log(void *user, pags_log_level level, const char *line) {
+  FILE *people = user;
+  if (people && level != PAGS_LOG_DEBUG)
+    fprintf(people, "%s%s\n", level == PAGS_LOG_WARNING ? "warning: " : "", line);
+}
+
+pags_result pags_session_begin(pags_session *session) {
+  bool json_on_stdout = session->json && !strcmp(session->json, "-");
+  session->people = session->quiet ? NULL : json_on_stdout ? stderr : stdout;
+  pags_log_set(print_log, session->people);
+  if (session->json && !json_on_stdout)
+    PAGS_TRY(pags_check_writable(session->json));
+  session->tasks = pags_tasks_create(session->threads);
+  if (!session->tasks)
+    return pags_fail(PAGS_ERROR_MEMORY, "can't start %d threads", session->threads);
+  return PAGS_OK;
+}
+
+int pags_session_end(pags_session *session, pags_result result) {
+  pags_interrupt_install(NULL);
+  pags_tasks_destroy(session->tasks);
+  session->tasks = NULL;
+  if (session->people)
+    fflush(session->people);
+  if (result == PAGS_OK)
+    return PAGS_EXIT_OK;
+  fprintf(stderr, "pags: %s\n", pags_error_message());
+  return result == PAGS_CANCELLED && pags_interrupted() ? PAGS_EXIT_INTERRUPTED : PAGS_EXIT_FAILED;
+}
+
+void pags_say(const pags_session *session, const char *format, ...) {
+  va_list list;
+  if (!session->people)
+    return;
+  va_start(list, format);
+  vfprintf(session->people, format, list);
+  va_end(list);
+  fflush(session->people);
+}
+
+pags_result pags_session_json(const pags_session *session, pags_json_writer *writer) {
+  pags_result result = PAGS_OK;
+  if (session->json && !strcmp(session->json, "-")) {
+    result = pags_json_writer_finish(writer);
+    if (result == PAGS_OK && (fwrite(writer->data, 1, writer->size, stdout) != writer->size || fflush(stdout)))
+      result = pags_fail(PAGS_ERROR_IO, "standard output: %s", strerror(errno));
+  } else if (session->json) {
+    result = pags_json_writer_save(writer, session->json);
+  }
+  pags_json_writer_destroy(writer);
+  return result;
+}
+
+/* Creates and removes a file, which tells more than permission bits do: of full, read-only and foreign file systems too. */
+static pags_result try_create(const char *folder, const char *shown) {
+  char *pattern = pags_path_join(folder, ".pags-XXXXXX");
+  if (!pattern)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  int descriptor = mkstemp(pattern);
+  pags_result result = PAGS_OK;
+  if (descriptor < 0)
+    result = pags_fail(PAGS_ERROR_IO, "%s: can't write there: %s", shown, strerror(errno));
+  else {
+    close(descriptor);
+    unlink(pattern);
+  }
+  free(pattern);
+  return result;
+}
+
+pags_result pags_check_writable(const char *path) {
+  if (pags_dir_exists(path))
+    return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected the name of a file", path);
+  char *folder = pags_path_folder(path);
+  if (!folder)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = try_create(folder, path);
+  free(folder);
+  return result;
+}
+
+pags_result pags_prepare_folder(const char *path, bool *made) {
+  bool existed = pags_dir_exists(path);
+  if (!existed)
+    PAGS_TRY(pags_make_dirs(path));
+  pags_result result = try_create(path, path);
+  if (result != PAGS_OK && !existed)
+    rmdir(path);
+  if (made)
+    *made = !existed;
+  return result;
+}
+
+void pags_stem(const char *name, char *out, size_t size) {
+  const char *base = pags_path_name(name);
+  size_t length = strlen(base) - strlen(pags_path_extension(base));
+  if (length == 0)
+    length = strlen(base);
+  snprintf(out, size, "%.*s", (int)(length < size ? length : size - 1), base);
+}

@@ -1,0 +1,316 @@
+/* pags info: what a file or folder is and what it holds. */
+#include "facts.h"
+#include "model_view.h"
+#include "path.h"
+#include "session.h"
+#include "verbs.h"
+
+#include <base/file.h>
+#include <errno.h>
+#include <math.h>
+#include <pags/dataset.h>
+#include <pags/image.h>
+#include <pags/train.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct info_arguments {
+  pags_session session;
+  int memory;
+  pags_dataset_options options;
+} info_arguments;
+
+#define AT(member) offsetof(info_arguments, member)
+
+static const pags_option options[] = {
+    {.name = "memory", .type = PAGS_OPTION_FLAG, .offset = AT(memory),
+     .help = "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
+    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(options.downscale), .minimum = 1, .maximum = 64,
+     .metavar = "F", .unit = "times", .help = "of data sets: as for train"},
+    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(options.split_every), .minimum = 0, .maximum = 1e9,
+     .metavar = "N", .unit = "views; 0: none", .help = "of data sets: as for train"},
+    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(options.colmap), .metavar = "FOLDER",
+     .help = "of data sets: as for train"},
+    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(options.allow_missing),
+     .help = "of data sets: as for train"},
+    PAGS_SESSION_OPTIONS(info_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"ANY", "a data set, scene folder, splat file, camera or path file, checkpoint or image"}, {NULL, NULL}};
+
+static const pags_verb verb = {.name = "info",
+                               .usage = "ANY [--memory] [--json FILE|-]",
+                               .about = "Says what a file or folder is, by its content, and what it holds.",
+                               .positionals = positionals,
+                               .options = options};
+
+static const char *up_name(pags_up up) { return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown"; }
+
+/* Bounding box of all means, absolute; false when there are none. */
+static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
+  for (int axis = 0; axis < 3; ++axis) {
+    lo[axis] = HUGE_VAL;
+    hi[axis] = -HUGE_VAL;
+    for (int64_t m = 0; m < scene->model_count; ++m) {
+      const pags_gaussians *gaussians = &scene->models[m].gaussians;
+      const float *mean = pags_plane(gaussians, PAGS_MEAN + axis);
+      for (int64_t i = 0; i < gaussians->count; ++i) {
+        lo[axis] = fmin(lo[axis], scene->origin[axis] + (double)mean[i]);
+        hi[axis] = fmax(hi[axis], scene->origin[axis] + (double)mean[i]);
+      }
+    }
+  }
+  return lo[0] <= hi[0];
+}
+
+static pags_result model_bytes(const char *path, const pags_model *model, bool folder, uint64_t *bytes) {
+  if (!folder)
+    return pags_file_size(path, bytes);
+  char *file = pags_path_join(path, model->file);
+  if (!file)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = pags_file_size(file, bytes);
+  free(file);
+  return result;
+}
+
+static pags_result put_models(pags_facts *facts, const char *path, const pags_scene *scene, uint64_t *total) {
+  bool folder = pags_dir_exists(path);
+  *total = 0;
+  pags_facts_begin_list(facts, "models");
+  for (int64_t i = 0; i < scene->model_count; ++i) {
+    const pags_model *model = &scene->models[i];
+    uint64_t bytes;
+    PAGS_TRY(model_bytes(path, model, folder, &bytes));
+    *total += bytes;
+    pags_facts_begin_item(facts, model->name);
+    if (folder)
+      pags_facts_text(facts, "file", model->file);
+    pags_facts_count(facts, "gaussians", model->gaussians.count);
+    pags_facts_count(facts, "sh_degree", model->gaussians.sh_degree);
+    pags_facts_bytes(facts, "bytes", (double)bytes);
+    pags_facts_end_item(facts);
+  }
+  pags_facts_end_list(facts);
+  return PAGS_OK;
+}
+
+static void put_views(pags_facts *facts, const pags_scene *scene) {
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    held_out += scene->views[i].test != 0;
+  if (!scene->view_count)
+    return;
+  pags_facts_count(facts, "views_train", scene->view_count - held_out);
+  pags_facts_count(facts, "views_test", held_out);
+  pags_facts_count(facts, "width", scene->views[0].camera.width);
+  pags_facts_count(facts, "height", scene->views[0].camera.height);
+}
+
+/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. */
+static pags_result put_memory(pags_facts *facts, const info_arguments *arguments, const pags_model_view *view) {
+  pags_path path = {0};
+  pags_frame *frame;
+  pags_picture picture;
+  double count = (double)(view->gaussian_count ? view->gaussian_count : 1), stored = 0, clusters = 0;
+  int degree = 0;
+  for (int i = 0; i < view->part_count; ++i) {
+    const pags_gaussians *gaussians = view->parts[i].gaussians;
+    stored += (double)gaussians->count * (4.0 * pags_plane_count(gaussians->sh_degree) + (gaussians->s_sem ? 4 : 0) +
+                                          (gaussians->object_id ? 4 : 0));
+    clusters += 28.0 * (double)view->clusters[i].count;
+    degree = gaussians->sh_degree > degree ? gaussians->sh_degree : degree;
+  }
+  PAGS_TRY(pags_path_orbit(&view->scene, 1, &path));
+  pags_camera camera = path.cameras[0];
+  pags_path_destroy(&path);
+  pags_frame_options frame_options = pags_model_view_options(view);
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &frame));
+  pags_result result = pags_frame_render(frame, view->parts, view->part_count, &camera, &frame_options, NULL, NULL, &picture);
+  if (result == PAGS_OK) {
+    pags_facts_begin_group(facts, "memory");
+    pags_facts_text(facts, "unit", "bytes per Gaussian");
+    pags_facts_number(facts, "parameters", stored / count);
+    pags_facts_number(facts, "ids", 4);
+    pags_facts_number(facts, "clusters", clusters / count);
+    pags_facts_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
+    pags_facts_number(facts, "training",
+                      (double)pags_train_bytes(view->gaussian_count, degree, camera.width, camera.height) / count);
+    pags_facts_count(facts, "width", camera.width);
+    pags_facts_count(facts, "height", camera.height);
+    pags_facts_end_group(facts);
+  }
+  pags_frame_destroy(frame);
+  return result;
+}
+
+static pags_result describe_scene(pags_facts *facts, const info_arguments *arguments, const char *path, const char *kind) {
+  pags_model_view view;
+  double lo[3], hi[3];
+  uint64_t bytes;
+  PAGS_TRY(pags_model_view_load(path, &view));
+  const pags_scene *scene = &view.scene;
+  pags_facts_text(facts, "kind", kind);
+  pags_facts_count(facts, "gaussians", view.gaussian_count);
+  pags_result result = put_models(facts, path, scene, &bytes);
+  pags_facts_bytes(facts, "bytes", (double)bytes);
+  pags_facts_text(facts, "up", up_name(scene->up));
+  pags_facts_flag(facts, "antialiased", scene->antialiased != 0);
+  pags_facts_vector(facts, "origin", scene->origin, 3);
+  if (scene_bounds(scene, lo, hi)) {
+    pags_facts_vector(facts, "bounds_lo", lo, 3);
+    pags_facts_vector(facts, "bounds_hi", hi, 3);
+  }
+  if (scene->iterations)
+    pags_facts_count(facts, "iterations", scene->iterations);
+  if (scene->dataset)
+    pags_facts_text(facts, "dataset", scene->dataset);
+  put_views(facts, scene);
+  if (result == PAGS_OK && arguments->memory)
+    result = put_memory(facts, arguments, &view);
+  pags_model_view_destroy(&view);
+  return result;
+}
+
+static pags_result describe_splat(pags_facts *facts, const info_arguments *arguments, const char *path) {
+  pags_gaussians gaussians;
+  const char *kind;
+  int antialiased;
+  PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
+  pags_gaussians_destroy(&gaussians);
+  return describe_scene(facts, arguments, path, kind);
+}
+
+static pags_result describe_dataset(pags_facts *facts, const info_arguments *arguments, const char *path) {
+  pags_dataset *dataset;
+  int64_t points, held_out = 0;
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
+  int64_t count = pags_dataset_view_count(dataset);
+  for (int64_t i = 0; i < count; ++i)
+    held_out += pags_dataset_view(dataset, i)->test;
+  pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
+  pags_facts_text(facts, "kind", "data set");
+  pags_facts_text(facts, "format", pags_dataset_kind(dataset));
+  pags_facts_count(facts, "views_train", count - held_out);
+  pags_facts_count(facts, "views_test", held_out);
+  pags_facts_count(facts, "views_missing", pags_dataset_missing(dataset));
+  if (count) {
+    pags_facts_count(facts, "width", pags_dataset_view(dataset, 0)->camera.width);
+    pags_facts_count(facts, "height", pags_dataset_view(dataset, 0)->camera.height);
+  }
+  pags_facts_count(facts, "points", points);
+  pags_facts_flag(facts, "points_random", random != 0);
+  pags_facts_text(facts, "up", up_name(pags_dataset_up(dataset)));
+  pags_facts_vector(facts, "origin", pags_dataset_origin(dataset), 3);
+  pags_dataset_close(dataset);
+  return PAGS_OK;
+}
+
+static pags_result describe_cameras(pags_facts *facts, const char *path) {
+  pags_path cameras;
+  PAGS_TRY(pags_path_load(path, &cameras));
+  const pags_camera *first = &cameras.cameras[0];
+  double position[3] = {first->world_from_camera[3], first->world_from_camera[7], first->world_from_camera[11]};
+  double focal[4] = {first->fx, first->fy, first->cx, first->cy};
+  pags_facts_text(facts, "kind", cameras.fps > 0 ? "path" : "camera");
+  if (cameras.fps > 0)
+    pags_facts_number(facts, "fps", cameras.fps);
+  pags_facts_count(facts, "frames", cameras.count);
+  pags_facts_count(facts, "width", first->width);
+  pags_facts_count(facts, "height", first->height);
+  pags_facts_vector(facts, "fx_fy_cx_cy", focal, 4);
+  pags_facts_vector(facts, "position", position, 3);
+  pags_path_destroy(&cameras);
+  return PAGS_OK;
+}
+
+static pags_result describe_image(pags_facts *facts, const char *path) {
+  int width, height;
+  uint64_t bytes;
+  PAGS_TRY(pags_image_size(path, &width, &height));
+  PAGS_TRY(pags_file_size(path, &bytes));
+  pags_facts_text(facts, "kind", "image");
+  pags_facts_count(facts, "width", width);
+  pags_facts_count(facts, "height", height);
+  pags_facts_bytes(facts, "bytes", (double)bytes);
+  return PAGS_OK;
+}
+
+/* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
+static pags_result describe_json(pags_facts *facts, const info_arguments *arguments, const char *path) {
+  pags_json *json;
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
+  bool transforms = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
+  pags_json_destroy(json);
+  return transforms ? describe_dataset(facts, arguments, path) : describe_cameras(facts, path);
+}
+
+static bool folder_has(const char *folder, const char *name) {
+  char *path = pags_path_join(folder, name);
+  bool found = path && pags_file_exists(path);
+  free(path);
+  return found;
+}
+
+/* The first 16 bytes; fewer, zero-filled, of shorter files. */
+static pags_result read_head(const char *path, unsigned char head[16]) {
+  memset(head, 0, 16);
+  FILE *file = fopen(path, "rb");
+  if (!file)
+    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
+  size_t got = fread(head, 1, 16, file);
+  bool failed = ferror(file) != 0;
+  fclose(file);
+  if (failed)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
+  return got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path);
+}
+
+static bool is_image(const unsigned char *head) {
+  static const struct {
+    const char *magic;
+    size_t length;
+  } kinds[] = {{"\x89PNG", 4}, {"\xff\xd8\xff", 3}, {"\x76\x2f\x31\x01", 4}, {"II*\0", 4}, {"MM\0*", 4}};
+  for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; ++i)
+    if (!memcmp(head, kinds[i].magic, kinds[i].length))
+      return true;
+  return false;
+}
+
+static pags_result describe(pags_facts *facts, const info_arguments *arguments, const char *path) {
+  unsigned char head[16];
+  if (pags_dir_exists(path))
+    return folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
+                                          : describe_dataset(facts, arguments, path);
+  PAGS_TRY(read_head(path, head));
+  if (is_image(head))
+    return describe_image(facts, path);
+  for (int i = 0; i < 16; ++i) {
+    if (head[i] == '{')
+      return describe_json(facts, arguments, path);
+    if (!strchr(" \t\r\n", head[i]) || !head[i])
+      break;
+  }
+  return describe_splat(facts, arguments, path);
+}
+
+int pags_verb_info(int argc, char **argv) {
+  info_arguments arguments = {.options = pags_dataset_options_default()};
+  pags_parsed parsed;
+  pags_facts facts;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK) {
+    pags_facts_begin(&facts);
+    result = describe(&facts, &arguments, parsed.positionals[0]);
+    result = pags_facts_end(&facts, &arguments.session, result);
+  }
+  return pags_session_end(&arguments.session, result);
+}

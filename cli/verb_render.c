@@ -1,0 +1,332 @@
+/* pags render: draws a scene or a splat file into pictures. */
+#include "interrupt.h"
+#include "model_view.h"
+#include "path.h"
+#include "picture.h"
+#include "session.h"
+#include "verbs.h"
+#include "viewpoints.h"
+
+#include <base/file.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+typedef struct render_arguments {
+  pags_session session;
+  const char *output, *dataset, *path, *camera, *channels;
+  int split; /* index in "train|test|all" */
+  int64_t frames;
+  int format, bits;
+  double downscale;
+  double background[3];
+  float near_plane, low_pass;
+  int antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
+  pags_dataset_options dataset_options;
+} render_arguments;
+
+#define AT(member) offsetof(render_arguments, member)
+#define GROUP(text) {.type = PAGS_OPTION_GROUP, .help = text}
+
+static const pags_option options[] = {
+    {.name = "output", .short_name = 'o', .required = true, .type = PAGS_OPTION_STRING, .offset = AT(output),
+     .metavar = "FOLDER", .help = "folder for the pictures, made if missing; files of the same name are replaced"},
+
+    GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
+    {.name = "split", .type = PAGS_OPTION_ENUM, .offset = AT(split), .metavar = "train|test|all", .fallback = "",
+     .help = "the scene's training views, its held-out views, or both"},
+    {.name = "path", .type = PAGS_OPTION_STRING, .offset = AT(path), .metavar = "FILE|orbit|ego", .fallback = "orbit",
+     .help = "a path file; orbit: round the scene; ego: smoothly through the training views"},
+    {.name = "camera", .type = PAGS_OPTION_STRING, .offset = AT(camera), .metavar = "FILE", .help = "a camera file"},
+    {.name = "frames", .short_name = 'n', .type = PAGS_OPTION_INT64, .offset = AT(frames), .minimum = 1, .maximum = 1e6,
+     .metavar = "N", .help = "frames of orbit and ego"},
+    {.name = "dataset", .type = PAGS_OPTION_STRING, .offset = AT(dataset), .metavar = "DATASET",
+     .help = "take the views of --split from this data set in place of the scene's own"},
+    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(dataset_options.split_every), .minimum = 0,
+     .maximum = 1e9, .metavar = "N", .unit = "views", .help = "with --dataset: every Nth is held out"},
+    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(dataset_options.colmap), .metavar = "FOLDER",
+     .help = "with --dataset: use this COLMAP model"},
+    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(dataset_options.allow_missing),
+     .help = "with --dataset: leave out views whose photograph is missing"},
+    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(downscale), .minimum = 1, .maximum = 64, .metavar = "F",
+     .unit = "times", .help = "shrink the pictures"},
+
+    GROUP("Files"),
+    {.name = "format", .type = PAGS_OPTION_ENUM, .offset = AT(format), .metavar = "png|exr",
+     .help = "png: rounded; exr: float32, display-referred sRGB as it is"},
+    {.name = "bits", .type = PAGS_OPTION_INT, .offset = AT(bits), .minimum = 8, .maximum = 16, .metavar = "8|16",
+     .unit = "bits a channel", .help = "of png"},
+    {.name = "channel", .type = PAGS_OPTION_STRING, .offset = AT(channels), .metavar = "LIST",
+     .help = "color, alpha, depth (metres), id, object, priority, separated by commas; each to its own file: NAME.png, "
+             "NAME_alpha.png, NAME_depth.exr, ...; depth, id, object and priority are always exr"},
+
+    GROUP("Picture"),
+    {.name = "background", .type = PAGS_OPTION_COLOR, .offset = AT(background), .metavar = "R,G,B", .unit = "sRGB, 0..1",
+     .fallback = "the scene's", .help = "colour behind everything"},
+    {.name = "antialiased", .type = PAGS_OPTION_FLAG, .offset = AT(antialiased),
+     .help = "scale opacities by what the low-pass takes, also where the scene doesn't ask for it"},
+    {.name = "no-antialiased", .type = PAGS_OPTION_FLAG, .offset = AT(antialiased),
+     .help = "don't, even where the scene asks for it"},
+    {.name = "low-pass", .type = PAGS_OPTION_FLOAT, .offset = AT(low_pass), .minimum = 0, .maximum = 100, .metavar = "V",
+     .unit = "px^2", .help = "added to both variances on the screen"},
+    {.name = "near", .type = PAGS_OPTION_FLOAT, .offset = AT(near_plane), .minimum = 1e-6, .maximum = HUGE_VAL,
+     .metavar = "Z", .unit = "metres", .help = "don't draw Gaussians nearer than this"},
+    {.name = "sh-degree", .type = PAGS_OPTION_INT, .offset = AT(sh_degree), .minimum = 0, .maximum = 3, .metavar = "0..3",
+     .help = "highest degree of colour used"},
+    {.name = "exp-degree", .type = PAGS_OPTION_ENUM, .offset = AT(exp_degree), .metavar = "3|5",
+     .help = "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"},
+    PAGS_SESSION_OPTIONS(render_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat"}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "render",
+    .usage = "SCENE [--split train|test|all | --path FILE|orbit|ego | --camera FILE] -o FOLDER [options]",
+    .about = "Draws a scene or a splat file. Pictures are named as the photographs of their views, or 00000, 00001, ... With "
+             "--json: milliseconds by stage and counts of every frame, pairs counted, which costs some per cent of speed.",
+    .positionals = positionals,
+    .options = options};
+
+/* Everything a run of frames holds. */
+typedef struct renderer {
+  const render_arguments *arguments;
+  pags_model_view view;
+  pags_viewpoints viewpoints;
+  pags_frame *frame;
+  pags_frame_options options;
+  pags_picture_writer writer;
+  pags_frame_stats *stats; /* per frame done */
+  int64_t done;
+} renderer;
+
+static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed, const pags_scene *scene,
+                                   pags_viewpoints *out) {
+  if (pags_option_given(parsed, "split") && arguments->dataset) {
+    pags_dataset *dataset;
+    PAGS_TRY(pags_dataset_open(arguments->dataset, &arguments->dataset_options, &dataset));
+    pags_result result = pags_viewpoints_of_dataset(dataset, (pags_split)arguments->split, out);
+    pags_dataset_close(dataset);
+    return result;
+  }
+  if (pags_option_given(parsed, "split"))
+    return pags_viewpoints_of_scene(scene, (pags_split)arguments->split, out);
+  pags_path path;
+  if (arguments->camera)
+    PAGS_TRY(pags_path_load(arguments->camera, &path));
+  else if (!strcmp(arguments->path, "orbit"))
+    PAGS_TRY(pags_path_orbit(scene, arguments->frames, &path));
+  else if (!strcmp(arguments->path, "ego"))
+    PAGS_TRY(pags_path_ego(scene, arguments->frames, &path));
+  else
+    PAGS_TRY(pags_path_load(arguments->path, &path));
+  pags_result result = pags_viewpoints_of_path(&path, out);
+  pags_path_destroy(&path);
+  return result;
+}
+
+static void choose_options(renderer *self, const pags_parsed *parsed) {
+  const render_arguments *arguments = self->arguments;
+  pags_frame_options *frame = &self->options;
+  *frame = pags_model_view_options(&self->view);
+  if (pags_option_given(parsed, "background"))
+    for (int c = 0; c < 3; ++c)
+      frame->background[c] = (float)arguments->background[c];
+  if (pags_option_given(parsed, "antialiased") || pags_option_given(parsed, "no-antialiased"))
+    frame->antialiased = arguments->antialiased;
+  frame->near_plane = arguments->near_plane;
+  frame->low_pass = arguments->low_pass;
+  frame->sh_degree = arguments->sh_degree;
+  frame->exp_degree = arguments->exp_degree ? 5 : 3;
+  frame->extra_channels = (self->writer.channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA)) != 0;
+  frame->count_pairs = arguments->session.json != NULL;
+}
+
+static double total_ms(const pags_frame_stats *s) {
+  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster;
+}
+
+static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
+  pags_json_begin_object(writer, "ms");
+  pags_json_put_number(writer, "cull", s->ms_cull);
+  pags_json_put_number(writer, "project", s->ms_project);
+  pags_json_put_number(writer, "shade", s->ms_shade);
+  pags_json_put_number(writer, "sort", s->ms_sort);
+  pags_json_put_number(writer, "bin", s->ms_bin);
+  pags_json_put_number(writer, "raster", s->ms_raster);
+  pags_json_put_number(writer, "total", total_ms(s));
+  pags_json_end_object(writer);
+  pags_json_put_integer(writer, "gaussians", s->gaussians);
+  pags_json_put_integer(writer, "loaded", s->loaded);
+  pags_json_put_integer(writer, "shaded", s->shaded);
+  pags_json_put_integer(writer, "binned", s->binned);
+  pags_json_put_integer(writer, "pairs_binned", s->pairs_binned);
+  pags_json_put_integer(writer, "pairs_evaluated", s->pairs_evaluated);
+  pags_json_put_integer(writer, "pairs_blended", s->pairs_blended);
+}
+
+/* Counts are rounded down. */
+static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count) {
+  pags_frame_stats mean = {0};
+  double n = count ? (double)count : 1;
+  for (int64_t i = 0; i < count; ++i) {
+    const pags_frame_stats *s = &stats[i];
+    mean.ms_cull += s->ms_cull / n;
+    mean.ms_project += s->ms_project / n;
+    mean.ms_shade += s->ms_shade / n;
+    mean.ms_sort += s->ms_sort / n;
+    mean.ms_bin += s->ms_bin / n;
+    mean.ms_raster += s->ms_raster / n;
+    mean.gaussians += s->gaussians;
+    mean.loaded += s->loaded;
+    mean.shaded += s->shaded;
+    mean.binned += s->binned;
+    mean.pairs_binned += s->pairs_binned;
+    mean.pairs_evaluated += s->pairs_evaluated;
+    mean.pairs_blended += s->pairs_blended;
+  }
+  int64_t *const counts[] = {&mean.gaussians,    &mean.loaded,          &mean.shaded,       &mean.binned,
+                             &mean.pairs_binned, &mean.pairs_evaluated, &mean.pairs_blended};
+  for (size_t i = 0; i < sizeof counts / sizeof counts[0]; ++i)
+    *counts[i] /= count ? count : 1;
+  return mean;
+}
+
+static pags_result write_json(const renderer *self) {
+  pags_json_writer writer;
+  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_integer(&writer, "threads", pags_tasks_workers(self->arguments->session.tasks));
+  pags_json_put_integer(&writer, "gaussians", self->view.gaussian_count);
+  pags_json_begin_array(&writer, "frames");
+  for (int64_t i = 0; i < self->done; ++i) {
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "name", self->viewpoints.items[i].name);
+    pags_json_put_integer(&writer, "width", self->viewpoints.items[i].camera.width);
+    pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
+    put_stats(&writer, &self->stats[i]);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  pags_json_begin_object(&writer, "mean");
+  put_stats(&writer, &mean);
+  pags_json_end_object(&writer);
+  pags_json_end_object(&writer);
+  return pags_session_json(&self->arguments->session, &writer);
+}
+
+static pags_result draw(renderer *self, int64_t index) {
+  const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
+  pags_picture picture;
+  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &viewpoint->camera, &self->options, NULL,
+                             NULL, &picture));
+  self->stats[index] = *pags_frame_stats_get(self->frame);
+  PAGS_TRY(pags_picture_write(&self->writer, &picture, self->arguments->output, viewpoint->name));
+  self->done = index + 1;
+  return PAGS_OK;
+}
+
+static pags_result draw_all(renderer *self) {
+  const pags_session *session = &self->arguments->session;
+  pags_progress progress = pags_progress_begin(session->people);
+  pags_interrupt_install(session->tasks);
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < self->viewpoints.count; ++i) {
+    pags_camera *camera = &self->viewpoints.items[i].camera;
+    *camera = pags_camera_downscale(camera, self->arguments->downscale);
+    result = draw(self, i);
+    if (result == PAGS_OK && pags_progress_due(&progress))
+      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)i + 1, (long long)self->viewpoints.count,
+                         total_ms(&self->stats[i]));
+  }
+  pags_progress_end(&progress);
+  if (pags_interrupted() && self->done < self->viewpoints.count)
+    result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)self->done,
+                       (long long)self->viewpoints.count, self->arguments->output);
+  return result;
+}
+
+static void report(const renderer *self) {
+  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  pags_say(&self->arguments->session,
+           "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
+           "%.2f) on %d threads\n",
+           self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
+           (long long)self->view.gaussian_count, total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort,
+           mean.ms_bin, mean.ms_raster, pags_tasks_workers(self->arguments->session.tasks));
+}
+
+static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
+  const render_arguments *arguments = self->arguments;
+  bool made = false;
+  PAGS_TRY(pags_model_view_load(parsed->positionals[0], &self->view));
+  PAGS_TRY(find_viewpoints(arguments, parsed, &self->view.scene, &self->viewpoints));
+  PAGS_TRY(pags_picture_writer_create(&self->view, channels, (pags_picture_format)arguments->format, arguments->bits,
+                                      &self->writer));
+  choose_options(self, parsed);
+  self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
+  if (!self->stats)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
+  PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  PAGS_TRY(pags_prepare_folder(arguments->output, &made));
+  pags_result result = draw_all(self);
+  if (result != PAGS_OK && made && !self->done)
+    rmdir(arguments->output); /* leaves it where something lies in it */
+  if (result != PAGS_OK)
+    return result;
+  report(self);
+  return write_json(self);
+}
+
+static void destroy(renderer *self) {
+  if (self->frame)
+    pags_frame_destroy(self->frame);
+  pags_picture_writer_destroy(&self->writer);
+  pags_viewpoints_destroy(&self->viewpoints);
+  pags_model_view_destroy(&self->view);
+  free(self->stats);
+}
+
+static int check_usage(const render_arguments *arguments, const pags_parsed *parsed, unsigned *channels) {
+  char unknown[80];
+  int ways = pags_option_given(parsed, "split") + pags_option_given(parsed, "path") + pags_option_given(parsed, "camera");
+  if (ways > 1)
+    return pags_usage_error(&verb, "--split, --path and --camera exclude each other");
+  if (arguments->dataset && !pags_option_given(parsed, "split"))
+    return pags_usage_error(&verb, "--dataset needs --split");
+  if (arguments->bits != 8 && arguments->bits != 16)
+    return pags_usage_error(&verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
+  if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
+    return pags_usage_error(&verb, "--channel: expected color, alpha, depth, id, object or priority, got '%s'", unknown);
+  return PAGS_EXIT_OK;
+}
+
+int pags_verb_render(int argc, char **argv) {
+  pags_frame_options standard = pags_frame_options_default();
+  render_arguments arguments = {.path = "orbit",
+                                .channels = "color",
+                                .frames = 120,
+                                .bits = 8,
+                                .downscale = 1,
+                                .near_plane = standard.near_plane,
+                                .low_pass = standard.low_pass,
+                                .sh_degree = standard.sh_degree,
+                                .exp_degree = standard.exp_degree == 5,
+                                .dataset_options = pags_dataset_options_default()};
+  renderer self = {.arguments = &arguments};
+  unsigned channels;
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  if (check_usage(&arguments, &parsed, &channels))
+    return PAGS_EXIT_USAGE;
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = render(&self, &parsed, channels);
+  destroy(&self);
+  return pags_session_end(&arguments.session, result);
+}

@@ -1,0 +1,12 @@
+/* The verbs: each takes its arguments (without program and verb) and returns the exit code. */
+#ifndef PAGS_CLI_VERBS_H
+#define PAGS_CLI_VERBS_H
+
+int pags_verb_train(int argc, char **argv);
+int pags_verb_render(int argc, char **argv);
+int pags_verb_eval(int argc, char **argv);
+int pags_verb_info(int argc, char **argv);
+int pags_verb_synth(int argc, char **argv);
+int pags_verb_bench(int argc, char **argv);
+
+#endif

@@ -1,0 +1,98 @@
+/* Lists of cameras to draw. */
+#include "viewpoints.h"
+
+#include "session.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static pags_result create(int64_t capacity, pags_viewpoints *out) {
+  *out = (pags_viewpoints){.items = calloc((size_t)capacity + 1, sizeof *out->items)};
+  return out->items ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)capacity);
+}
+
+void pags_viewpoints_destroy(pags_viewpoints *viewpoints) {
+  for (int64_t i = 0; i < viewpoints->count; ++i)
+    free(viewpoints->items[i].name);
+  free(viewpoints->items);
+  memset(viewpoints, 0, sizeof *viewpoints);
+}
+
+static pags_result append(pags_viewpoints *viewpoints, const char *name, const pags_camera *camera) {
+  pags_viewpoint *item = &viewpoints->items[viewpoints->count];
+  item->name = strdup(name);
+  item->camera = *camera;
+  if (!item->name)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  ++viewpoints->count;
+  return PAGS_OK;
+}
+
+static bool taken(const pags_viewpoints *viewpoints, const char *name) {
+  for (int64_t i = 0; i < viewpoints->count; ++i)
+    if (!strcmp(viewpoints->items[i].name, name))
+      return true;
+  return false;
+}
+
+/* Named by the photograph's stem; by its whole name where another has that stem already (a.jpg beside a.png). */
+static pags_result append_view(pags_viewpoints *viewpoints, const char *photograph, const pags_camera *camera) {
+  char stem[256];
+  pags_stem(photograph, stem, sizeof stem);
+  if (taken(viewpoints, stem)) {
+    const char *slash = strrchr(photograph, '/');
+    return append(viewpoints, slash ? slash + 1 : photograph, camera);
+  }
+  return append(viewpoints, stem, camera);
+}
+
+static bool wanted(pags_split split, int test) { return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0); }
+
+static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split, const char *where) {
+  if (viewpoints->count)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s has no %s views", where,
+                   split == PAGS_SPLIT_TEST ? "held-out" : split == PAGS_SPLIT_TRAIN ? "training" : "");
+}
+
+pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out) {
+  PAGS_TRY(create(scene->view_count, out));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; ++i)
+    if (wanted(split, scene->views[i].test))
+      result = append_view(out, scene->views[i].name, &scene->views[i].camera);
+  if (result == PAGS_OK)
+    result = check_any(out, split, "the scene");
+  if (result != PAGS_OK)
+    pags_viewpoints_destroy(out);
+  return result;
+}
+
+pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split split, pags_viewpoints *out) {
+  int64_t count = pags_dataset_view_count(dataset);
+  PAGS_TRY(create(count, out));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < count; ++i) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    if (wanted(split, view->test))
+      result = append_view(out, view->name, &view->camera);
+  }
+  if (result == PAGS_OK)
+    result = check_any(out, split, pags_dataset_path(dataset));
+  if (result != PAGS_OK)
+    pags_viewpoints_destroy(out);
+  return result;
+}
+
+pags_result pags_viewpoints_of_path(const pags_path *path, pags_viewpoints *out) {
+  PAGS_TRY(create(path->count, out));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; result == PAGS_OK && i < path->count; ++i) {
+    char name[24];
+    snprintf(name, sizeof name, "%05lld", (long long)i);
+    result = append(out, name, &path->cameras[i]);
+  }
+  if (result != PAGS_OK)
+    pags_viewpoints_destroy(out);
+  return result;
+}
