@@ -1,0 +1,355 @@
+/* Deferred Adam: which clusters owe which steps, and the bounds that hold meanwhile. The arithmetic of a step is in simd/adam.inl.
+ *
+ * Bounds. Without further gradients step s + j moves a parameter by rate c_(s+j) q^j u with one sign of u, so it stays between
+ * p and p - W u, W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c <= 1 gives W <= rate q / (1 - q) = 9.045
+ * rate for the usual betas; the sum itself is tighter while c is small and holds for rates that rise.) A cluster's box is
+ * the hull of both ends over its members, its sigma e to the largest end of ln sigma. Replaying rounds `reach` times, by half an ulp
+ * each: the allowance is (reach + 8) 2^-24 of the largest coordinate. */
+#include "train/adam.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernels.h"
+
+enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS };
+
+static const int group_first[GROUPS + 1] = {PAGS_MEAN, PAGS_SCALE, PAGS_ROTATION, PAGS_OPACITY, PAGS_SH, PAGS_SH + 3,
+                                            PAGS_MAX_PLANES};
+
+static const pags_train_config *config_of(const pags_adam *adam) { return &adam->schedule->config; }
+
+/* Rows of a cluster. */
+static int cluster_rows(const pags_adam *adam, int64_t cluster, int64_t *first) {
+  *first = cluster * adam->cluster_size;
+  int64_t rest = adam->first.count - *first;
+  return rest < adam->cluster_size ? (int)rest : adam->cluster_size;
+}
+
+static int active_planes(const pags_adam *adam, int64_t step) {
+  return pags_plane_count(pags_schedule_sh_degree(adam->schedule, step));
+}
+
+/* e_k of simd/adam.inl. */
+static float epsilon_at(const pags_adam *adam, int64_t step) {
+  const pags_train_config *c = config_of(adam);
+  return (float)(c->epsilon * sqrt(-expm1((double)step * log(c->beta2))));
+}
+
+static int64_t table_index(const pags_adam *adam, int64_t step) {
+  return step < adam->table_steps ? step : adam->table_steps - 1;
+}
+
+static void fill_tables(pags_adam *adam) {
+  const pags_train_config *c = config_of(adam);
+  for (int64_t k = 0; k < adam->table_steps; k++) {
+    double rates[GROUPS];
+    pags_schedule_rates(adam->schedule, k, rates);
+    adam->position_rate[k] = rates[PAGS_RATE_POSITION];
+    adam->correction[k] =
+        k == 0 ? 0.0 : sqrt(-expm1((double)k * log(c->beta2))) / (c->beta1 > 0.0 ? -expm1((double)k * log(c->beta1)) : 1.0);
+  }
+}
+
+pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
+  int64_t steps = last_step + adam->reach + 2;
+  double *correction = malloc((size_t)steps * sizeof(double));
+  double *position = malloc((size_t)steps * sizeof(double));
+  if (!correction || !position) {
+    free(correction);
+    free(position);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the rates of %lld steps", (long long)last_step);
+  }
+  free(adam->correction);
+  free(adam->position_rate);
+  adam->correction = correction;
+  adam->position_rate = position;
+  adam->table_steps = steps;
+  fill_tables(adam);
+  return PAGS_OK;
+}
+
+static pags_result make_decay(pags_adam *adam) {
+  const pags_train_config *c = config_of(adam);
+  double q = c->beta1 / sqrt(c->beta2);
+  adam->reach = q > 0.0 ? (int)ceil(log(1e-9) / log(q)) : 0;
+  adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
+  if (!adam->decay)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the optimiser");
+  adam->decay[0] = 1.0;
+  for (int j = 1; j <= adam->reach; j++)
+    adam->decay[j] = adam->decay[j - 1] * q;
+  return PAGS_OK;
+}
+
+/* Room for the clusters of `capacity` rows. */
+static pags_result reserve_clusters(pags_adam *adam, int64_t capacity) {
+  int64_t clusters = (capacity + adam->cluster_size - 1) / adam->cluster_size;
+  if (clusters <= adam->cluster_capacity)
+    return PAGS_OK;
+  int32_t *moment = realloc(adam->moment_step, (size_t)clusters * sizeof(int32_t));
+  if (moment)
+    adam->moment_step = moment;
+  int32_t *param = realloc(adam->param_step, (size_t)clusters * sizeof(int32_t));
+  if (param)
+    adam->param_step = param;
+  if (!moment || !param)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld clusters", (long long)clusters);
+  adam->cluster_capacity = clusters;
+  return PAGS_OK;
+}
+
+pags_result pags_adam_create(pags_adam *adam, const pags_schedule *schedule, const pags_gaussians *g, int64_t step,
+                             int64_t last_step) {
+  *adam = (pags_adam){.schedule = schedule, .cluster_size = schedule->config.cluster_size};
+  const char *why = NULL;
+  adam->kernels = pags_kernels_get(&why);
+  if (!adam->kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  pags_result result = make_decay(adam);
+  if (result == PAGS_OK)
+    result = pags_adam_retime(adam, last_step);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create(&adam->first, g->count, g->sh_degree);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create(&adam->second, g->count, g->sh_degree);
+  if (result == PAGS_OK)
+    result = pags_adam_reserve(adam, g->stride);
+  if (result == PAGS_OK)
+    result = pags_adam_regroup(adam, g->count, step);
+  if (result != PAGS_OK)
+    pags_adam_destroy(adam);
+  return result;
+}
+
+void pags_adam_destroy(pags_adam *adam) {
+  pags_gaussians_destroy(&adam->first);
+  pags_gaussians_destroy(&adam->second);
+  free(adam->moment_step);
+  free(adam->param_step);
+  free(adam->correction);
+  free(adam->position_rate);
+  free(adam->decay);
+  *adam = (pags_adam){0};
+}
+
+pags_result pags_adam_reserve(pags_adam *adam, int64_t capacity) {
+  PAGS_TRY(pags_gaussians_reserve(&adam->first, capacity));
+  PAGS_TRY(pags_gaussians_reserve(&adam->second, capacity));
+  return reserve_clusters(adam, capacity);
+}
+
+pags_result pags_adam_regroup(pags_adam *adam, int64_t count, int64_t step) {
+  PAGS_TRY(reserve_clusters(adam, count));
+  assert(count <= adam->first.stride && count <= adam->second.stride);
+  adam->first.count = count;
+  adam->second.count = count;
+  adam->cluster_count = (count + adam->cluster_size - 1) / adam->cluster_size;
+  for (int64_t c = 0; c < adam->cluster_count; c++) {
+    adam->moment_step[c] = (int32_t)step;
+    adam->param_step[c] = (int32_t)step;
+  }
+  return PAGS_OK;
+}
+
+/* Sums of rate c_(step+j) q^j over all j >= 1; what lies beyond the table of q^j is added as a relative 1e-8. */
+static void reach_sums(const pags_adam *adam, int64_t step, double *position, double *unit) {
+  double p = 0.0, u = 0.0;
+  for (int j = adam->reach; j >= 1; j--) {
+    int64_t k = table_index(adam, step + j);
+    double w = adam->correction[k] * adam->decay[j];
+    u += w;
+    p += w * adam->position_rate[k];
+  }
+  *position = p * (1.0 + 1e-8);
+  *unit = u * (1.0 + 1e-8);
+}
+
+void pags_adam_begin(pags_adam *adam, int64_t step) {
+  adam->step = step;
+  reach_sums(adam, step, &adam->reach_position, &adam->reach_unit);
+}
+
+static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
+  const pags_train_config *c = config_of(adam);
+  rates[PAGS_RATE_POSITION] = 0.0; /* changes by step: from the table */
+  rates[PAGS_RATE_SCALE] = c->scale_rate;
+  rates[PAGS_RATE_ROTATION] = c->rotation_rate;
+  rates[PAGS_RATE_OPACITY] = c->opacity_rate;
+  rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
+}
+
+/* Replays steps k0 .. k0 + count - 1 of a cluster whose moments are of step `last`. */
+static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t last, int64_t k0, int count) {
+  float weights[GROUPS][REPLAY_CHUNK];
+  double rates[GROUPS];
+  group_rates(adam, rates);
+  for (int i = 0; i < count; i++) {
+    int64_t k = table_index(adam, k0 + i);
+    double unit = adam->correction[k] * adam->decay[k0 + i - last];
+    for (int group = 0; group < GROUPS; group++)
+      weights[group][i] = (float)(unit * (group == PAGS_RATE_POSITION ? adam->position_rate[k] : rates[group]));
+  }
+  const pags_kernels *kernels = adam->kernels;
+  int64_t first;
+  int rows = cluster_rows(adam, cluster, &first), planes = active_planes(adam, last), group = 0;
+  float eps = epsilon_at(adam, last);
+  for (int plane = 0; plane < planes; plane++) {
+    group += plane == group_first[group + 1];
+    kernels->adam_replay(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
+                         pags_plane(&adam->second, plane) + first, rows, weights[group], count, eps);
+  }
+}
+
+/* Brings the parameters of a cluster up to `step`. */
+static void pay(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
+  int64_t last = adam->moment_step[cluster], k = adam->param_step[cluster] + 1;
+  int64_t end = step < last + adam->reach ? step : last + adam->reach;
+  if (adam->param_step[cluster] >= step)
+    return;
+  adam->param_step[cluster] = (int32_t)step;
+  if (last == 0)
+    return; /* no gradient yet */
+  for (; k <= end; k += REPLAY_CHUNK)
+    replay(adam, g, cluster, last, k, end - k + 1 < REPLAY_CHUNK ? (int)(end - k + 1) : REPLAY_CHUNK);
+}
+
+void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step) {
+  pay(adam, g, cluster, step - 1);
+}
+
+void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster, const float *gradient,
+                      int64_t stride, int planes) {
+  const pags_train_config *c = config_of(adam);
+  int64_t step = adam->step, first, k = table_index(adam, step);
+  int rows = cluster_rows(adam, cluster, &first), group = 0;
+  pay(adam, g, cluster, step - 1);
+  int64_t n = step - adam->moment_step[cluster];
+  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->beta1 : pow(c->beta1, (double)n)),
+                      .decay2 = (float)(n == 1 ? c->beta2 : pow(c->beta2, (double)n)),
+                      .blend1 = (float)(1.0 - c->beta1),
+                      .blend2 = (float)(1.0 - c->beta2),
+                      .eps = epsilon_at(adam, step)};
+  double rates[GROUPS];
+  group_rates(adam, rates);
+  rates[PAGS_RATE_POSITION] = adam->position_rate[k];
+  for (int plane = 0; plane < planes; plane++) {
+    group += plane == group_first[group + 1];
+    s.rate = (float)(rates[group] * adam->correction[k]);
+    adam->kernels->adam_update(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
+                               pags_plane(&adam->second, plane) + first, gradient + plane * stride, rows, &s);
+  }
+  adam->moment_step[cluster] = (int32_t)step;
+  adam->param_step[cluster] = (int32_t)step;
+  pags_adam_bound(adam, g, clusters, cluster);
+}
+
+/* Interval that a plane's members stay in. */
+static void plane_reach(const pags_adam *adam, const pags_gaussians *g, int plane, int64_t cluster, double weight,
+                        float range[2]) {
+  int64_t first;
+  int rows = cluster_rows(adam, cluster, &first);
+  range[0] = INFINITY;
+  range[1] = -INFINITY;
+  /* Without a gradient so far both moments are 0 and any positive eps will do. */
+  int64_t last = adam->moment_step[cluster] > 0 ? adam->moment_step[cluster] : 1;
+  adam->kernels->adam_reach(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
+                            pags_plane(&adam->second, plane) + first, rows, (float)weight, epsilon_at(adam, last), range);
+  float largest = fmaxf(fabsf(range[0]), fabsf(range[1]));
+  float allowance = largest * (float)(adam->reach + 8) * 0x1p-24f;
+  range[0] -= allowance;
+  range[1] += allowance;
+}
+
+void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, int64_t cluster) {
+  double position = adam->reach_position, unit = adam->reach_unit;
+  if (adam->moment_step[cluster] != adam->step)
+    reach_sums(adam, adam->moment_step[cluster], &position, &unit);
+  float range[2], sigma = -INFINITY;
+  for (int axis = 0; axis < 3; axis++) {
+    plane_reach(adam, g, PAGS_MEAN + axis, cluster, position, range);
+    clusters->lo[axis][cluster] = range[0];
+    clusters->hi[axis][cluster] = range[1];
+    plane_reach(adam, g, PAGS_SCALE + axis, cluster, unit * config_of(adam)->scale_rate, range);
+    sigma = fmaxf(sigma, range[1]);
+  }
+  clusters->sigma[cluster] = expf(sigma) * 1.00001f; /* the projection kernel rounds exp otherwise than libm */
+}
+
+typedef struct sweep {
+  pags_adam *adam;
+  pags_gaussians *g;
+  const pags_gaussians *read;
+  pags_clusters *clusters;
+  int64_t step;
+} sweep;
+
+static void flush_block(void *context, int64_t begin, int64_t end, int worker) {
+  sweep *s = context;
+  (void)worker;
+  for (int64_t c = begin; c < end; c++)
+    pay(s->adam, s->g, c, s->step);
+}
+
+/* Moments scaled, tiny ones dropped as adam_update does. */
+static void scale_rows(float *x, int rows, float factor, float least) {
+  for (int i = 0; i < rows; i++) {
+    float y = x[i] * factor;
+    x[i] = fabsf(y) >= least ? y : 0.0f;
+  }
+}
+
+static void settle_block(void *context, int64_t begin, int64_t end, int worker) {
+  sweep *s = context;
+  pags_adam *adam = s->adam;
+  const pags_train_config *config = config_of(adam);
+  flush_block(context, begin, end, worker);
+  for (int64_t c = begin; c < end; c++) {
+    double n = (double)(s->step - adam->moment_step[c]);
+    int64_t first;
+    int rows = cluster_rows(adam, c, &first), planes = n > 0 ? active_planes(adam, adam->moment_step[c]) : 0;
+    float decay1 = (float)pow(config->beta1, n), decay2 = (float)pow(config->beta2, n);
+    for (int plane = 0; plane < planes; plane++) {
+      scale_rows(pags_plane(&adam->first, plane) + first, rows, decay1, 1e-30f);
+      scale_rows(pags_plane(&adam->second, plane) + first, rows, decay2, 1e-36f);
+    }
+    adam->moment_step[c] = (int32_t)s->step;
+  }
+}
+
+static void bound_block(void *context, int64_t begin, int64_t end, int worker) {
+  sweep *s = context;
+  (void)worker;
+  for (int64_t c = begin; c < end; c++)
+    pags_adam_bound(s->adam, s->read, s->clusters, c);
+}
+
+enum { SWEEP_GRAIN = 16 }; /* clusters */
+
+/* Sweeps aren't cut short by cancellation: half a sweep would be a state that no step leaves. */
+static void run(pags_adam *adam, pags_block_fn *fn, sweep *s, pags_tasks *tasks) {
+  if (!tasks || !pags_parallel_for(tasks, adam->cluster_count, SWEEP_GRAIN, fn, s))
+    fn(s, 0, adam->cluster_count, 0);
+}
+
+void pags_adam_settle(pags_adam *adam, pags_gaussians *g, int64_t step, pags_tasks *tasks) {
+  run(adam, settle_block, &(sweep){.adam = adam, .g = g, .step = step}, tasks);
+}
+
+void pags_adam_flush(pags_adam *adam, pags_gaussians *g, int64_t step, pags_tasks *tasks) {
+  run(adam, flush_block, &(sweep){.adam = adam, .g = g, .step = step}, tasks);
+}
+
+void pags_adam_bound_all(pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, pags_tasks *tasks) {
+  run(adam, bound_block, &(sweep){.adam = adam, .read = g, .clusters = clusters}, tasks);
+}
+
+void pags_adam_forget(pags_adam *adam, int first, int last) {
+  for (int plane = first; plane < last; plane++) {
+    memset(pags_plane(&adam->first, plane), 0, (size_t)adam->first.count * sizeof(float));
+    memset(pags_plane(&adam->second, plane), 0, (size_t)adam->second.count * sizeof(float));
+  }
+}

@@ -1,0 +1,291 @@
+/* The configuration: one table of fields serves defaults' printing, flags, checkpoints, scene.json and range checks. */
+#include "train/config.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define CONFIG_COOKIE 0x70616773u
+
+typedef enum field_kind { FIELD_INT, FIELD_I64, FIELD_U64, FIELD_F64, FIELD_STRATEGY } field_kind;
+
+typedef struct field {
+  const char *name;
+  field_kind kind;
+  size_t offset;
+  double least, most; /* inclusive */
+} field;
+
+#define FIELD(member, kind, least, most) {#member, kind, offsetof(pags_train_config, member), least, most}
+#define COLOUR(suffix, i) \
+  {"background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1}
+
+static const double max_count = 2147483584.0; /* 2^31 - 64 */
+#define MAX_STEPS 1e9
+
+static const field fields[] = {
+    FIELD(iterations, FIELD_I64, 1, MAX_STEPS),
+    FIELD(schedule_iterations, FIELD_I64, 0, MAX_STEPS),
+    FIELD(seed, FIELD_U64, 0, INFINITY),
+    FIELD(position_rate_begin, FIELD_F64, 0, 1),
+    FIELD(position_rate_end, FIELD_F64, 0, 1),
+    FIELD(scale_rate, FIELD_F64, 0, 1),
+    FIELD(rotation_rate, FIELD_F64, 0, 1),
+    FIELD(opacity_rate, FIELD_F64, 0, 1),
+    FIELD(sh_dc_rate, FIELD_F64, 0, 1),
+    FIELD(sh_rest_rate, FIELD_F64, 0, 1),
+    FIELD(beta1, FIELD_F64, 0, 0.95),
+    FIELD(beta2, FIELD_F64, 0.95, 0.99999),
+    FIELD(epsilon, FIELD_F64, 1e-20, 1),
+    FIELD(ssim_weight, FIELD_F64, 0, 1),
+    FIELD(init_opacity, FIELD_F64, 1e-3, 0.999),
+    FIELD(init_scale, FIELD_F64, 1e-6, 1e6),
+    FIELD(init_scale_max, FIELD_F64, 1e-6, 1e6),
+    FIELD(sh_degree, FIELD_INT, 0, 3),
+    FIELD(sh_interval, FIELD_I64, 0, MAX_STEPS),
+    FIELD(quarter_until, FIELD_F64, 0, 1),
+    FIELD(half_until, FIELD_F64, 0, 1),
+    FIELD(resolution_floor, FIELD_INT, 1, 65535),
+    FIELD(strategy, FIELD_STRATEGY, 0, 1),
+    FIELD(densify_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(densify_until, FIELD_I64, 0, MAX_STEPS),
+    FIELD(densify_every, FIELD_I64, 1, MAX_STEPS),
+    FIELD(densify_gradient, FIELD_F64, 0, 1e6),
+    FIELD(absgrad, FIELD_INT, 0, 1),
+    FIELD(absgrad_gradient, FIELD_F64, 0, 1e6),
+    FIELD(dense_percent, FIELD_F64, 0, 1e6),
+    FIELD(split_divisor, FIELD_F64, 1, 100),
+    FIELD(revised_opacity, FIELD_INT, 0, 1),
+    FIELD(prune_opacity, FIELD_F64, 0, 1),
+    FIELD(prune_scale, FIELD_F64, 0, 1e6),
+    FIELD(reset_every, FIELD_I64, 1, MAX_STEPS),
+    FIELD(reset_opacity, FIELD_F64, 1e-6, 1),
+    FIELD(max_gaussians, FIELD_I64, 0, max_count),
+    FIELD(mcmc_growth, FIELD_F64, 0, 10),
+    FIELD(mcmc_noise, FIELD_F64, 0, 1e9),
+    FIELD(mcmc_opacity_reg, FIELD_F64, 0, 1e3),
+    FIELD(mcmc_scale_reg, FIELD_F64, 0, 1e3),
+    FIELD(near_plane, FIELD_F64, 1e-6, 1e6),
+    FIELD(low_pass, FIELD_F64, 0, 100),
+    FIELD(antialiased, FIELD_INT, 0, 1),
+    COLOUR("r", 0),
+    COLOUR("g", 1),
+    COLOUR("b", 2),
+    FIELD(cluster_size, FIELD_INT, 16, 256),
+};
+enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
+
+pags_train_config pags_train_config_default(void) {
+  return (pags_train_config){
+      .cookie = CONFIG_COOKIE,
+      .iterations = 30000,
+      .position_rate_begin = 1.6e-4,
+      .position_rate_end = 1.6e-6,
+      .scale_rate = 0.005,
+      .rotation_rate = 0.001,
+      .opacity_rate = 0.05,
+      .sh_dc_rate = 0.0025,
+      .sh_rest_rate = 0.0025 / 20,
+      .beta1 = 0.9,
+      .beta2 = 0.999,
+      .epsilon = 1e-15,
+      .ssim_weight = 0.2,
+      .init_opacity = 0.1,
+      .init_scale = 1.0,
+      .init_scale_max = 0.1,
+      .sh_degree = 3,
+      .sh_interval = 1000,
+      .quarter_until = 0.05,
+      .half_until = 0.2,
+      .resolution_floor = 64,
+      .strategy = PAGS_STRATEGY_DEFAULT,
+      .densify_from = 500,
+      .densify_until = 15000,
+      .densify_every = 100,
+      .densify_gradient = 2e-4,
+      .absgrad_gradient = 8e-4,
+      .dense_percent = 0.01,
+      .split_divisor = 1.6,
+      .prune_opacity = 0.005,
+      .prune_scale = 0.1,
+      .reset_every = 3000,
+      .reset_opacity = 0.01,
+      .mcmc_growth = 0.05,
+      .mcmc_noise = 5e5,
+      .mcmc_opacity_reg = 0.01,
+      .mcmc_scale_reg = 0.01,
+      .near_plane = 0.01,
+      .low_pass = 0.3,
+      .cluster_size = 64,
+  };
+}
+
+static void *member(pags_train_config *config, const field *f) { return (char *)config + f->offset; }
+static const void *member_const(const pags_train_config *config, const field *f) {
+  return (const char *)config + f->offset;
+}
+
+/* The field's value for the range check; 64-bit seeds have no range. */
+static double value_of(const pags_train_config *config, const field *f) {
+  const void *p = member_const(config, f);
+  switch (f->kind) {
+    case FIELD_INT: return *(const int *)p;
+    case FIELD_I64: return (double)*(const int64_t *)p;
+    case FIELD_U64: return 0.0;
+    case FIELD_F64: return *(const double *)p;
+    case FIELD_STRATEGY: return (double)*(const pags_strategy *)p;
+  }
+  return NAN;
+}
+
+static void print_value(const pags_train_config *config, const field *f, char *text, size_t size) {
+  const void *p = member_const(config, f);
+  switch (f->kind) {
+    case FIELD_INT: snprintf(text, size, "%d", *(const int *)p); break;
+    case FIELD_I64: snprintf(text, size, "%" PRId64, *(const int64_t *)p); break;
+    case FIELD_U64: snprintf(text, size, "%" PRIu64, *(const uint64_t *)p); break;
+    case FIELD_F64: { /* the shortest text that reads back to the same value */
+      double value = *(const double *)p;
+      for (int digits = 6; digits <= 17; digits++) {
+        snprintf(text, size, "%.*g", digits, value);
+        if (strtod(text, NULL) == value)
+          break;
+      }
+      break;
+    }
+    case FIELD_STRATEGY:
+      snprintf(text, size, "%s", *(const pags_strategy *)p == PAGS_STRATEGY_MCMC ? "mcmc" : "default");
+      break;
+  }
+}
+
+static pags_result parse_value(pags_train_config *config, const field *f, const char *text) {
+  void *p = member(config, f);
+  char *end = NULL;
+  errno = 0;
+  if (f->kind == FIELD_STRATEGY) {
+    int mcmc = strcmp(text, "mcmc") == 0;
+    if (!mcmc && strcmp(text, "default") != 0)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "strategy: expected 'default' or 'mcmc', got '%s'", text);
+    *(pags_strategy *)p = mcmc ? PAGS_STRATEGY_MCMC : PAGS_STRATEGY_DEFAULT;
+    return PAGS_OK;
+  }
+  if (f->kind == FIELD_F64) {
+    double value = strtod(text, &end);
+    if (end == text || *end || !isfinite(value))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a number, got '%s'", f->name, text);
+    *(double *)p = value;
+    return PAGS_OK;
+  }
+  if (f->kind == FIELD_U64) {
+    uint64_t value = strtoull(text, &end, 10);
+    if (end == text || *end || errno || *text == '-')
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a whole number from 0 to 2^64 - 1, got '%s'", f->name, text);
+    *(uint64_t *)p = value;
+    return PAGS_OK;
+  }
+  long long value = strtoll(text, &end, 10);
+  if (end == text || *end || errno || (f->kind == FIELD_INT && (value < INT32_MIN || value > INT32_MAX)))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected a whole number, got '%s'", f->name, text);
+  if (f->kind == FIELD_INT)
+    *(int *)p = (int)value;
+  else
+    *(int64_t *)p = value;
+  return PAGS_OK;
+}
+
+pags_result pags_train_config_check(const pags_train_config *config) {
+  if (config->cookie != CONFIG_COOKIE)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
+  for (int i = 0; i < FIELD_COUNT; i++) {
+    const field *f = &fields[i];
+    double value = value_of(config, f);
+    if (!(value >= f->least && value <= f->most))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g lies outside of %g..%g", f->name, value, f->least, f->most);
+  }
+  if (config->cluster_size % 16)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->cluster_size);
+  if (config->position_rate_begin > 0 && config->position_rate_end <= 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
+                     config->position_rate_end);
+  return PAGS_OK;
+}
+
+pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value) {
+  for (int i = 0; i < FIELD_COUNT; i++)
+    if (strcmp(fields[i].name, name) == 0)
+      return parse_value(config, &fields[i], value);
+  return pags_fail(PAGS_ERROR_ARGUMENT, "'%s' is no field of the training configuration", name);
+}
+
+const char *pags_train_config_field(const pags_train_config *config, int index, char *value, size_t value_size) {
+  if (index < 0 || index >= FIELD_COUNT)
+    return NULL;
+  if (value)
+    print_value(config, &fields[index], value, value_size);
+  return fields[index].name;
+}
+
+/* Appends formatted text; the table is far smaller than PAGS_CONFIG_TEXT. */
+static size_t append(char *text, size_t used, const char *before, const char *name, const char *between, const char *value,
+                     const char *after) {
+  int written = snprintf(text + used, PAGS_CONFIG_TEXT - used, "%s%s%s%s%s", before, name, between, value, after);
+  return used + (size_t)written;
+}
+
+void pags_config_write(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]) {
+  size_t used = 0;
+  for (int i = 0; i < FIELD_COUNT; i++) {
+    char value[64];
+    print_value(config, &fields[i], value, sizeof value);
+    used = append(text, used, "", fields[i].name, "=", value, "\n");
+  }
+}
+
+void pags_config_write_json(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]) {
+  size_t used = 0;
+  for (int i = 0; i < FIELD_COUNT; i++) {
+    char value[64];
+    const char *quote = fields[i].kind == FIELD_STRATEGY ? "\"" : "";
+    print_value(config, &fields[i], value, sizeof value);
+    used = append(text, used, i ? ", \"" : "{\"", fields[i].name, *quote ? "\": \"" : "\": ", value, quote);
+  }
+  snprintf(text + used, PAGS_CONFIG_TEXT - used, "}");
+}
+
+pags_result pags_config_read(pags_train_config *config, const char *text, size_t size, const char *where) {
+  int line_number = 1;
+  for (size_t at = 0; at < size; line_number++) {
+    char line[128];
+    const char *end = memchr(text + at, '\n', size - at);
+    size_t length = end ? (size_t)(end - (text + at)) : size - at;
+    if (!end || length >= sizeof line)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: configuration line %d is cut off", where, line_number);
+    memcpy(line, text + at, length);
+    line[length] = 0;
+    at += length + 1;
+    char *equals = strchr(line, '=');
+    if (!equals)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: configuration line %d: expected name=value", where, line_number);
+    *equals = 0;
+    PAGS_TRY(pags_train_config_set(config, line, equals + 1));
+  }
+  return PAGS_OK;
+}
+
+const char *pags_config_difference(const pags_train_config *a, const pags_train_config *b) {
+  for (int i = 0; i < FIELD_COUNT; i++) {
+    char left[64], right[64];
+    if (fields[i].offset == offsetof(pags_train_config, iterations) ||
+        fields[i].offset == offsetof(pags_train_config, schedule_iterations))
+      continue;
+    print_value(a, &fields[i], left, sizeof left);
+    print_value(b, &fields[i], right, sizeof right);
+    if (strcmp(left, right) != 0)
+      return fields[i].name;
+  }
+  return NULL;
+}

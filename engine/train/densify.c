@@ -1,0 +1,200 @@
+/* Adaptive density control of Kerbl et al. (2023), section 5, with the constants and the order of their program.
+ *
+ * A Gaussian whose projected mean is pulled hard (mean norm of its NDC gradient over the views it was drawn in) covers too much or
+ * too little: a large one is split in two samples of itself with sigmas divided, a small one is doubled in place (the
+ * optimiser's noise parts the two). What has become transparent goes, and, once opacities were reset, what has become huge. Where
+ * the bound on Gaussians leaves no room for all that ask, those with the largest gradient come first, ties by row. */
+#include "train/densify.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/rng.h"
+
+/* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
+static const int64_t least_survivors = 16;
+
+static float largest_sigma(const pags_gaussians *g, int64_t row) {
+  float s = fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
+                  pags_plane(g, PAGS_SCALE + 2)[row]);
+  return expf(s);
+}
+
+static float logit(double probability) { return (float)log(probability / (1.0 - probability)); }
+
+static int is_finite_row(const pags_gaussians *g, int64_t row) {
+  for (int p = 0; p < PAGS_SH + 3; p++)
+    if (!isfinite(pags_plane(g, p)[row]))
+      return 0;
+  return 1;
+}
+
+static float mean_gradient(const pags_density *density, int64_t row) {
+  return density->seen[row] > 0 ? density->gradient[row] / (float)density->seen[row] : 0.0f;
+}
+
+typedef struct thresholds {
+  float gradient, dense_sigma, prune_logit, prune_sigma, split_divisor;
+} thresholds;
+
+static thresholds thresholds_of(const pags_train_state *state) {
+  const pags_schedule *s = &state->schedule;
+  const pags_train_config *c = &s->config;
+  int prune_large = pags_schedule_prunes_large(s, state->step);
+  return (thresholds){.gradient = (float)(c->absgrad ? c->absgrad_gradient : c->densify_gradient),
+                      .dense_sigma = (float)(c->dense_percent * s->extent),
+                      .prune_logit = logit(c->prune_opacity),
+                      .prune_sigma = prune_large ? (float)(c->prune_scale * s->extent) : INFINITY,
+                      .split_divisor = (float)c->split_divisor};
+}
+
+static pags_edit decide_row(const pags_train_state *state, const thresholds *t, int64_t row) {
+  const pags_gaussians *g = &state->gaussians;
+  if (!is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit)
+    return PAGS_EDIT_PRUNE;
+  float sigma = largest_sigma(g, row);
+  int pulled = mean_gradient(&state->density, row) >= t->gradient;
+  if (pulled && sigma > t->dense_sigma) /* its children are what the size test sees */
+    return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
+  if (sigma > t->prune_sigma)
+    return PAGS_EDIT_PRUNE;
+  return pulled ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP;
+}
+
+typedef struct candidate {
+  float gradient;
+  int64_t row;
+} candidate;
+
+static int by_gradient(const void *a, const void *b) {
+  const candidate *x = a, *y = b;
+  if (x->gradient != y->gradient)
+    return x->gradient > y->gradient ? -1 : 1;
+  return x->row < y->row ? -1 : x->row > y->row;
+}
+
+/* Turns all but the `room` strongest clones and splits into keeps. */
+static pags_result cut_growth(const pags_train_state *state, pags_edits *edits, int64_t room) {
+  candidate *list = malloc((size_t)edits->wanted * sizeof *list);
+  int64_t n = 0;
+  if (!list)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to rank %lld Gaussians", (long long)edits->wanted);
+  for (int64_t row = 0; row < edits->count; row++)
+    if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
+      list[n++] = (candidate){mean_gradient(&state->density, row), row};
+  qsort(list, (size_t)n, sizeof *list, by_gradient);
+  for (int64_t i = room; i < n; i++) {
+    uint8_t *kind = &edits->kind[list[i].row];
+    *(*kind == PAGS_EDIT_CLONE ? &edits->cloned : &edits->split) -= 1;
+    *kind = PAGS_EDIT_KEEP;
+  }
+  free(list);
+  return PAGS_OK;
+}
+
+/* Withdraws all prunes. */
+static void spare_all(pags_edits *edits) {
+  pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
+           (long long)(edits->count - edits->pruned), (long long)edits->count);
+  for (int64_t row = 0; row < edits->count; row++)
+    if (edits->kind[row] == PAGS_EDIT_PRUNE)
+      edits->kind[row] = PAGS_EDIT_KEEP;
+  edits->pruned = 0;
+}
+
+pags_result pags_densify_decide(const pags_train_state *state, pags_edits *edits) {
+  int64_t count = state->gaussians.count;
+  *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
+  if (!edits->kind)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify %lld Gaussians", (long long)count);
+  thresholds t = thresholds_of(state);
+  for (int64_t row = 0; row < count; row++) {
+    pags_edit kind = decide_row(state, &t, row);
+    edits->kind[row] = (uint8_t)kind;
+    edits->cloned += kind == PAGS_EDIT_CLONE;
+    edits->split += kind == PAGS_EDIT_SPLIT;
+    edits->pruned += kind == PAGS_EDIT_PRUNE;
+  }
+  edits->wanted = edits->cloned + edits->split;
+  if (edits->pruned > 0 && count - edits->pruned < least_survivors)
+    spare_all(edits);
+  int64_t cap = state->schedule.config.max_gaussians;
+  int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
+  room = room < 0 ? 0 : room;
+  pags_result result = edits->wanted > room ? cut_growth(state, edits, room) : PAGS_OK;
+  if (result != PAGS_OK)
+    pags_edits_destroy(edits);
+  return result;
+}
+
+void pags_edits_destroy(pags_edits *edits) {
+  free(edits->kind);
+  *edits = (pags_edits){0};
+}
+
+/* Makes `row` a sample of the Gaussian it is a copy of; (step, child, parent) choose the sample. */
+static void make_child(const pags_train_state *state, pags_gaussians *g, int64_t row, int child, int64_t parent) {
+  const pags_train_config *c = &state->schedule.config;
+  double n[4], q[4], r[9], offset[3];
+  int purpose = PAGS_DRAW_SPLIT + 2 * child;
+  pags_rng_normal2(c->seed, pags_draw(state->step, purpose), (uint64_t)parent, n);
+  pags_rng_normal2(c->seed, pags_draw(state->step, purpose + 1), (uint64_t)parent, n + 2);
+  for (int i = 0; i < 4; i++)
+    q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
+  pags_rotation_from_quaternion(q, r);
+  for (int i = 0; i < 3; i++)
+    offset[i] = n[i] * exp((double)pags_plane(g, PAGS_SCALE + i)[row]);
+  for (int i = 0; i < 3; i++) {
+    float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
+    *mean = (float)((double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2]);
+    pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->split_divisor);
+  }
+  if (c->revised_opacity) {
+    float *opacity = &pags_plane(g, PAGS_OPACITY)[row];
+    double rest = 1.0 / (1.0 + exp((double)*opacity)); /* 1 - o */
+    *opacity = logit(fmin(fmax(1.0 - sqrt(rest), 1e-6), 1.0 - 1e-6));
+  }
+}
+
+/* What stays, then the copies of what is cloned, then first and second halves of what is split. */
+static void list_sources(const pags_edits *edits, int64_t *source, int64_t kept) {
+  int64_t stay = 0, clone = kept, half = kept + edits->cloned;
+  for (int64_t row = 0; row < edits->count; row++) {
+    uint8_t kind = edits->kind[row];
+    if (kind == PAGS_EDIT_KEEP || kind == PAGS_EDIT_CLONE)
+      source[stay++] = row;
+    if (kind == PAGS_EDIT_CLONE)
+      source[clone++] = row;
+    if (kind == PAGS_EDIT_SPLIT) {
+      source[half + edits->split] = row;
+      source[half++] = row;
+    }
+  }
+}
+
+pags_result pags_densify_apply(pags_train_state *state, const pags_edits *edits, pags_tasks *tasks) {
+  int64_t kept = edits->count - edits->split - edits->pruned;
+  int64_t count = kept + edits->cloned + 2 * edits->split;
+  int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
+  if (!source)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify to %lld Gaussians", (long long)count);
+  list_sources(edits, source, kept);
+  pags_result result = pags_state_gather(state, source, count, kept, tasks);
+  int64_t half = kept + edits->cloned;
+  for (int64_t i = half; result == PAGS_OK && i < count; i++)
+    make_child(state, &state->gaussians, i, i >= half + edits->split, source[i]);
+  free(source);
+  pags_state_clear_density(state);
+  return result == PAGS_OK ? pags_state_sort(state, tasks) : result;
+}
+
+void pags_densify_reset(pags_train_state *state) {
+  float *opacity = pags_plane(&state->gaussians, PAGS_OPACITY);
+  float most = logit(fmin(state->schedule.config.reset_opacity, 1.0 - 1e-6));
+  for (int64_t i = 0; i < state->gaussians.count; i++)
+    opacity[i] = opacity[i] > most ? most : opacity[i];
+  pags_adam_forget(&state->adam, PAGS_OPACITY, PAGS_OPACITY + 1);
+  state->resets++;
+}

@@ -1,0 +1,78 @@
+/* The schedule of Kerbl et al. (2023), stretched to any number of iterations.
+ *
+ * Steps given "of 30 000" become round(step * length / 30 000). Two intervals don't shrink without end: the statistics that densify
+ * decides from are means over the views a Gaussian was seen in, which one pass over the training views makes complete, and a reset
+ * takes about three passes to recover from. */
+#include "train/schedule.h"
+
+#include <math.h>
+
+#include "base/rng.h"
+
+static const double reference_iterations = 30000.0;
+
+static int64_t scaled(int64_t step, int64_t length) {
+  return llround((double)step * (double)length / reference_iterations);
+}
+
+static int64_t at_least(int64_t value, int64_t least) { return value < least ? least : value; }
+
+pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
+  pags_schedule s = {.config = *config, .extent = extent, .views = views};
+  s.length = config->schedule_iterations > 0 ? config->schedule_iterations : config->iterations;
+  s.densify_from = scaled(config->densify_from, s.length);
+  s.densify_until = scaled(config->densify_until, s.length);
+  s.densify_every = at_least(scaled(config->densify_every, s.length), at_least(views, 1));
+  int64_t reset = at_least(scaled(config->reset_every, s.length), at_least(3 * views, 1));
+  s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
+  s.sh_interval = at_least(scaled(config->sh_interval, s.length), 1);
+  s.quarter_until = llround(config->quarter_until * (double)s.length);
+  s.half_until = llround(config->half_until * (double)s.length);
+  return s;
+}
+
+void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS_RATE_GROUPS]) {
+  const pags_train_config *c = &s->config;
+  double t = (double)step / (double)s->length;
+  t = t > 1.0 ? 1.0 : t;
+  double position = c->position_rate_begin <= 0.0
+                        ? 0.0
+                        : exp((1.0 - t) * log(c->position_rate_begin) + t * log(c->position_rate_end));
+  rates[PAGS_RATE_POSITION] = position * s->extent;
+  rates[PAGS_RATE_SCALE] = c->scale_rate;
+  rates[PAGS_RATE_ROTATION] = c->rotation_rate;
+  rates[PAGS_RATE_OPACITY] = c->opacity_rate;
+  rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
+}
+
+int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {
+  int64_t degree = s->config.sh_interval == 0 ? s->config.sh_degree : step / s->sh_interval;
+  return degree < s->config.sh_degree ? (int)degree : s->config.sh_degree;
+}
+
+int pags_schedule_is_densify(const pags_schedule *s, int64_t step) {
+  return step > s->densify_from && step < s->densify_until && step % s->densify_every == 0;
+}
+
+int pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
+  return s->config.strategy == PAGS_STRATEGY_DEFAULT && step < s->densify_until && step % s->reset_every == 0;
+}
+
+int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) { return step > s->reset_every; }
+
+int pags_schedule_level(const pags_schedule *s, int64_t step, int width, int height) {
+  int level = step <= s->quarter_until ? 4 : step <= s->half_until ? 2 : 1;
+  int shorter = width < height ? width : height;
+  while (level > 1 && shorter / level < s->config.resolution_floor)
+    level /= 2;
+  return level;
+}
+
+int64_t pags_schedule_full_from(const pags_schedule *s) {
+  return (s->quarter_until > s->half_until ? s->quarter_until : s->half_until) + 1;
+}
+
+void pags_schedule_order(const pags_schedule *s, int64_t epoch, int64_t *order) {
+  pags_rng_permutation(s->config.seed, pags_draw(epoch, PAGS_DRAW_ORDER), order, s->views);
+}

@@ -1,0 +1,209 @@
+/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and what becomes of the moments. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <string.h>
+
+#include "train/densify.h"
+
+enum { ROWS = 100, AT = 400 };
+static const double extent = 10.0;
+
+typedef struct fixture {
+  pags_train_state state;
+  pags_tasks *tasks;
+} fixture;
+
+/* Rows on a line, opaque, small (sigma 0.01), not pulled, at step `AT` of 30 000. */
+static void begin(fixture *f, pags_train_config config) {
+  pags_gaussians g;
+  f->tasks = pags_tasks_create(2);
+  assert_int_equal(pags_gaussians_create(&g, ROWS, 1), PAGS_OK);
+  for (int i = 0; i < ROWS; i++) {
+    pags_plane(&g, PAGS_MEAN)[i] = (float)i;
+    for (int a = 0; a < 3; a++)
+      pags_plane(&g, PAGS_SCALE + a)[i] = logf(0.01f);
+    pags_plane(&g, PAGS_ROTATION)[i] = 1.0f;
+    pags_plane(&g, PAGS_OPACITY)[i] = 1.0f;
+    pags_plane(&g, PAGS_SH)[i] = (float)i; /* who it was */
+  }
+  config.sh_degree = 1;
+  pags_schedule schedule = pags_schedule_make(&config, extent, 10);
+  assert_int_equal(pags_state_create(&f->state, &schedule, 30000, &g), PAGS_OK);
+  f->state.step = AT;
+  pags_state_settle(&f->state, f->tasks);
+  for (int i = 0; i < ROWS; i++) {
+    pags_plane(&f->state.adam.first, PAGS_SH)[i] = (float)(i + 1);
+    pags_plane(&f->state.adam.second, PAGS_SH)[i] = (float)(i + 1);
+  }
+}
+
+static void end(fixture *f) {
+  pags_state_destroy(&f->state);
+  pags_tasks_destroy(f->tasks);
+}
+
+static void pull(fixture *f, int row, float gradient) {
+  f->state.density.gradient[row] = 4.0f * gradient;
+  f->state.density.seen[row] = 4;
+}
+static void set_sigma(fixture *f, int row, float sigma) { pags_plane(&f->state.gaussians, PAGS_SCALE + 1)[row] = logf(sigma); }
+
+static void each_rule_decides(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  begin(&f, pags_train_config_default());
+  f.state.step = 3100; /* after the first reset: large ones are pruned */
+  pull(&f, 1, 3e-4f);                         /* small and pulled */
+  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f); /* larger than 1 % of the extent and pulled */
+  pull(&f, 3, 1.9e-4f);                       /* pulled too little */
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* 0.0025 */
+  pull(&f, 5, 3e-4f), pags_plane(&f.state.gaussians, PAGS_OPACITY)[5] = -6.0f;
+  set_sigma(&f, 6, 1.1f);                     /* larger than 10 % of the extent */
+  pull(&f, 7, 3e-4f), set_sigma(&f, 7, 1.5f); /* its children would be under */
+  pull(&f, 8, 3e-4f), set_sigma(&f, 8, 1.7f); /* and of this one not */
+  pags_plane(&f.state.gaussians, PAGS_MEAN)[9] = NAN;
+  f.state.density.gradient[10] = 1.0f; /* never seen */
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  static const uint8_t wanted[12] = {PAGS_EDIT_KEEP,  PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_KEEP,
+                                     PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_SPLIT,
+                                     PAGS_EDIT_PRUNE, PAGS_EDIT_PRUNE, PAGS_EDIT_KEEP,  PAGS_EDIT_KEEP};
+  assert_memory_equal(e.kind, wanted, sizeof wanted);
+  assert_int_equal(e.cloned, 1);
+  assert_int_equal(e.split, 2);
+  assert_int_equal(e.pruned, 5);
+  pags_edits_destroy(&e);
+  f.state.step = AT; /* before it they stay */
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(e.kind[6], PAGS_EDIT_KEEP);
+  assert_int_equal(e.kind[8], PAGS_EDIT_SPLIT);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
+static void absgrad_has_its_own_threshold(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  pags_train_config config = pags_train_config_default();
+  config.absgrad = 1;
+  begin(&f, config);
+  pull(&f, 1, 7e-4f);
+  pull(&f, 2, 9e-4f);
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(e.cloned, 1);
+  assert_int_equal(e.kind[2], PAGS_EDIT_CLONE);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
+static void the_bound_takes_the_strongest(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  pags_train_config config = pags_train_config_default();
+  config.max_gaussians = ROWS + 2;
+  begin(&f, config);
+  pull(&f, 11, 4e-4f);
+  pull(&f, 12, 6e-4f), set_sigma(&f, 12, 0.2f);
+  pull(&f, 13, 5e-4f);
+  pull(&f, 14, 5e-4f);
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[20] = -9.0f; /* makes room for one more */
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(e.wanted, 4);
+  assert_int_equal(e.cloned + e.split, 3);
+  assert_int_equal(e.kind[11], PAGS_EDIT_KEEP);
+  assert_int_equal(pags_densify_apply(&f.state, &e, f.tasks), PAGS_OK);
+  assert_int_equal(f.state.gaussians.count, ROWS + 2);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
+static void a_run_is_never_left_with_nothing(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  begin(&f, pags_train_config_default());
+  for (int i = 0; i < ROWS; i++)
+    pags_plane(&f.state.gaussians, PAGS_OPACITY)[i] = -9.0f;
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(e.pruned, 0);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
+/* Rows whose SH plane says `who`. */
+static int find(const pags_gaussians *g, float who, int64_t rows[4]) {
+  int n = 0;
+  for (int64_t i = 0; i < g->count; i++)
+    if (pags_plane(g, PAGS_SH)[i] == who && n < 4)
+      rows[n++] = i;
+  return n;
+}
+
+static void apply_moves_rows_moments_and_statistics_together(void **unused) {
+  (void)unused;
+  fixture f;
+  pags_edits e;
+  int64_t rows[4];
+  begin(&f, pags_train_config_default());
+  pull(&f, 1, 3e-4f);
+  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -9.0f;
+  assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+  assert_int_equal(pags_densify_apply(&f.state, &e, f.tasks), PAGS_OK);
+  const pags_gaussians *g = &f.state.gaussians;
+  assert_int_equal(g->count, ROWS + 1 + 1 - 1);
+  assert_int_equal(f.state.clusters.count, (g->count + 63) / 64);
+  assert_int_equal(find(g, 4.0f, rows), 0);
+  assert_int_equal(find(g, 50.0f, rows), 1); /* untouched: its moments came along */
+  assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[rows[0]] == 51.0f);
+  assert_true(pags_plane(&f.state.adam.second, PAGS_SH)[rows[0]] == 51.0f);
+  assert_int_equal(find(g, 1.0f, rows), 2); /* cloned: the same in all, moments with the elder only */
+  assert_true(pags_plane(g, PAGS_MEAN)[rows[0]] == pags_plane(g, PAGS_MEAN)[rows[1]]);
+  float moments = pags_plane(&f.state.adam.first, PAGS_SH)[rows[0]] + pags_plane(&f.state.adam.first, PAGS_SH)[rows[1]];
+  assert_true(moments == 2.0f);
+  assert_int_equal(find(g, 2.0f, rows), 2); /* split: two samples, smaller, no moments */
+  for (int k = 0; k < 2; k++) {
+    assert_true(fabsf(pags_plane(g, PAGS_SCALE + 1)[rows[k]] - logf(0.2f / 1.6f)) < 1e-6f);
+    assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[rows[k]] == 0.0f);
+    assert_true(fabsf(pags_plane(g, PAGS_MEAN + 1)[rows[k]]) < 1.2f); /* sigma 0.2 along y */
+    assert_true(fabsf(pags_plane(g, PAGS_MEAN)[rows[k]] - 2.0f) < 0.06f);
+  }
+  assert_true(pags_plane(g, PAGS_MEAN + 1)[rows[0]] != pags_plane(g, PAGS_MEAN + 1)[rows[1]]);
+  for (int64_t i = 0; i < f.state.density.capacity; i++)
+    assert_true(f.state.density.gradient[i] == 0.0f && f.state.density.seen[i] == 0);
+  pags_edits_destroy(&e);
+  end(&f);
+}
+
+static void reset_lowers_opacity_and_forgets(void **unused) {
+  (void)unused;
+  fixture f;
+  begin(&f, pags_train_config_default());
+  pags_plane(&f.state.gaussians, PAGS_OPACITY)[3] = -5.0f;
+  pags_plane(&f.state.adam.first, PAGS_OPACITY)[3] = 1.0f;
+  pags_densify_reset(&f.state);
+  assert_true(fabsf(pags_plane(&f.state.gaussians, PAGS_OPACITY)[0] - logf(0.01f / 0.99f)) < 1e-5f);
+  assert_true(pags_plane(&f.state.gaussians, PAGS_OPACITY)[3] == -5.0f);
+  assert_true(pags_plane(&f.state.adam.first, PAGS_OPACITY)[3] == 0.0f);
+  assert_true(pags_plane(&f.state.adam.first, PAGS_SH)[3] == 4.0f);
+  end(&f);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(each_rule_decides),
+      cmocka_unit_test(absgrad_has_its_own_threshold),
+      cmocka_unit_test(the_bound_takes_the_strongest),
+      cmocka_unit_test(a_run_is_never_left_with_nothing),
+      cmocka_unit_test(apply_moves_rows_moments_and_statistics_together),
+      cmocka_unit_test(reset_lowers_opacity_and_forgets),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
