@@ -34,7 +34,8 @@ static void line(pags_facts *facts, const char *key, const char *format, ...) {
   for (char *c = name; *c; ++c)
     if (*c == '_')
       *c = ' ';
-  int length = snprintf(buffer, sizeof buffer, "%*s%-*s %s\n", facts->indent, "", KEY_WIDTH, name, value);
+  int length = *value ? snprintf(buffer, sizeof buffer, "%*s%-*s %s\n", facts->indent, "", KEY_WIDTH, name, value)
+                      : snprintf(buffer, sizeof buffer, "%*s%s\n", facts->indent, "", name);
   append(facts, buffer, (size_t)(length < (int)sizeof buffer ? length : (int)sizeof buffer - 1));
 }
 
@@ -118,7 +119,9 @@ void pags_facts_begin_item(pags_facts *facts, const char *name) {
   pags_json_put_string(&facts->json, "name", name);
 }
 
-void pags_facts_end_item(pags_facts *facts) { pags_facts_end_group(facts); }
+void pags_facts_end_item(pags_facts *facts) {
+  pags_facts_end_group(facts);
+}
 
 void pags_facts_end_list(pags_facts *facts) {
   facts->indent -= INDENT;

@@ -26,7 +26,7 @@ void pags_facts_vector(pags_facts *facts, const char *key, const double *values,
 
 void pags_facts_begin_group(pags_facts *facts, const char *key); /* an object */
 void pags_facts_end_group(pags_facts *facts);
-void pags_facts_begin_list(pags_facts *facts, const char *key); /* an array of items */
+void pags_facts_begin_list(pags_facts *facts, const char *key);  /* an array of items */
 void pags_facts_begin_item(pags_facts *facts, const char *name); /* an object with that "name" */
 void pags_facts_end_item(pags_facts *facts);
 void pags_facts_end_list(pags_facts *facts);

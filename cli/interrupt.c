@@ -29,6 +29,10 @@ void pags_interrupt_install(pags_tasks *tasks) {
   sigaction(SIGTERM, &action, NULL);
 }
 
-bool pags_interrupted(void) { return interrupted != 0; }
+bool pags_interrupted(void) {
+  return interrupted != 0;
+}
 
-const volatile int *pags_interrupt_flag(void) { return &interrupted; }
+const volatile int *pags_interrupt_flag(void) {
+  return &interrupted;
+}

@@ -5,8 +5,8 @@
 #include <pags/tasks.h>
 #include <stdbool.h>
 
-/* From now on a signal sets the flag and, with `tasks` not NULL, cancels their loops. NULL suits work that must come to the end
- * of its step before it stops. Call again with NULL before the tasks are destroyed. */
+/* From now on a signal sets the flag and, with `tasks` not NULL, cancels their loops. NULL suits work that must come to
+ * the end of its step before it stops. Call again with NULL before the tasks are destroyed. */
 void pags_interrupt_install(pags_tasks *tasks);
 
 bool pags_interrupted(void);

@@ -1,6 +1,7 @@
 /* Loading a scene for rendering. */
 #include "model_view.h"
 
+#include <base/json.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -86,6 +87,21 @@ void pags_model_view_destroy(pags_model_view *view) {
   memset(view, 0, sizeof *view);
 }
 
+/* Near plane and low-pass of the training, where the scene's configuration names them: a scene is to be drawn as it was
+ * trained. A configuration of another program's is no error; the defaults stay. */
+static void read_config(const pags_scene *scene, pags_frame_options *options) {
+  pags_json *json;
+  double value;
+  if (!scene->config || pags_json_parse_text("config", scene->config, strlen(scene->config), &json) != PAGS_OK)
+    return;
+  const pags_json_value *root = pags_json_root(json);
+  if (pags_json_number_or(json, root, "near_plane", (double)options->near_plane, &value) == PAGS_OK && value > 0)
+    options->near_plane = (float)value;
+  if (pags_json_number_or(json, root, "low_pass", (double)options->low_pass, &value) == PAGS_OK && value >= 0)
+    options->low_pass = (float)value;
+  pags_json_destroy(json);
+}
+
 pags_frame_options pags_model_view_options(const pags_model_view *view) {
   pags_frame_options options = pags_frame_options_default();
   for (int i = 0; i < 3; ++i) {
@@ -93,6 +109,7 @@ pags_frame_options pags_model_view_options(const pags_model_view *view) {
     options.background[i] = view->scene.background[i];
   }
   options.antialiased = view->scene.antialiased;
+  read_config(&view->scene, &options);
   return options;
 }
 

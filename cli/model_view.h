@@ -10,9 +10,9 @@
 typedef struct pags_model_view {
   pags_scene scene; /* the rows of its models are re-ordered; ids name the order of the files */
   int part_count;
-  pags_part *parts;         /* one per model; ids run on from model to model */
-  pags_clusters *clusters;  /* one per model */
-  int32_t **ids;            /* one array per model */
+  pags_part *parts;        /* one per model; ids run on from model to model */
+  pags_clusters *clusters; /* one per model */
+  int32_t **ids;           /* one array per model */
   int64_t gaussian_count;
 } pags_model_view;
 
@@ -20,7 +20,7 @@ typedef struct pags_model_view {
 pags_result pags_model_view_load(const char *path, pags_model_view *view);
 void pags_model_view_destroy(pags_model_view *view); /* a zeroed struct is allowed */
 
-/* Frame options as the scene asks for: origin, background, antialiasing. */
+/* Frame options as the scene asks for: origin, background, antialiasing, and the training's near plane and low-pass. */
 pags_frame_options pags_model_view_options(const pags_model_view *view);
 
 /* Per id, in the order of the files: object number (-1: none) and semantic priority. `out` has gaussian_count entries.

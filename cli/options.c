@@ -12,7 +12,9 @@
 
 enum { MAX_ROWS = 256, HELP_WIDTH = 100, HELP_COLUMN = 30 };
 
-static bool is_end(const pags_option *option) { return !option->name && option->type != PAGS_OPTION_GROUP; }
+static bool is_end(const pags_option *option) {
+  return !option->name && option->type != PAGS_OPTION_GROUP;
+}
 
 int pags_usage_error(const pags_verb *verb, const char *format, ...) {
   va_list list;
@@ -93,12 +95,15 @@ static pags_parse_status unknown_option(const pags_verb *verb, const char *name,
 
 /* What a value should have been, for messages: "a whole number of at least 1". */
 static void describe(const pags_option *option, char *text, size_t size) {
-  static const char *const nouns[] = {
-      [PAGS_OPTION_INT] = "a whole number",     [PAGS_OPTION_INT64] = "a whole number",
-      [PAGS_OPTION_UINT64] = "a whole number",  [PAGS_OPTION_FLOAT] = "a number",
-      [PAGS_OPTION_DOUBLE] = "a number",        [PAGS_OPTION_SIZE] = "a size in bytes such as 512M or 2G",
-      [PAGS_OPTION_DURATION] = "a time such as 90s, 30m or 2h", [PAGS_OPTION_COLOR] = "r,g,b, each from 0 to 1",
-      [PAGS_OPTION_STRING] = "a value"};
+  static const char *const nouns[] = {[PAGS_OPTION_INT] = "a whole number",
+                                      [PAGS_OPTION_INT64] = "a whole number",
+                                      [PAGS_OPTION_UINT64] = "a whole number",
+                                      [PAGS_OPTION_FLOAT] = "a number",
+                                      [PAGS_OPTION_DOUBLE] = "a number",
+                                      [PAGS_OPTION_SIZE] = "a size in bytes such as 512M or 2G",
+                                      [PAGS_OPTION_DURATION] = "a time such as 90s, 30m or 2h",
+                                      [PAGS_OPTION_COLOR] = "r,g,b, each from 0 to 1",
+                                      [PAGS_OPTION_STRING] = "a value"};
   if (option->type == PAGS_OPTION_ENUM)
     snprintf(text, size, "one of %s", option->metavar);
   else if (option->minimum == option->maximum)
@@ -150,11 +155,11 @@ static bool parse_size(const char *text, uint64_t *value) {
   if (!parse_real(text, &end, &number) || number < 0)
     return false;
   switch (toupper((unsigned char)*end)) {
-  case 'K': unit = 1024.0; break;
-  case 'M': unit = 1048576.0; break;
-  case 'G': unit = 1073741824.0; break;
-  case 'T': unit = 1099511627776.0; break;
-  default: break;
+    case 'K': unit = 1024.0; break;
+    case 'M': unit = 1048576.0; break;
+    case 'G': unit = 1073741824.0; break;
+    case 'T': unit = 1099511627776.0; break;
+    default: break;
   }
   if (unit > 1)
     ++end;
@@ -218,49 +223,49 @@ static bool store(const pags_option *option, const char *text, void *slot) {
   uint64_t natural;
   const char *end;
   switch (option->type) {
-  case PAGS_OPTION_INT:
-    if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX || !in_range(option, (double)whole))
-      return false;
-    *(int *)slot = (int)whole;
-    return true;
-  case PAGS_OPTION_INT64:
-    if (!parse_int64(text, &whole) || !in_range(option, (double)whole))
-      return false;
-    *(int64_t *)slot = whole;
-    return true;
-  case PAGS_OPTION_UINT64:
-    if (!parse_uint64(text, &natural) || !in_range(option, (double)natural))
-      return false;
-    *(uint64_t *)slot = natural;
-    return true;
-  case PAGS_OPTION_FLOAT:
-  case PAGS_OPTION_DOUBLE:
-    if (!parse_real(text, &end, &real) || *end || !in_range(option, real))
-      return false;
-    if (option->type == PAGS_OPTION_FLOAT)
-      *(float *)slot = (float)real;
-    else
+    case PAGS_OPTION_INT:
+      if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX || !in_range(option, (double)whole))
+        return false;
+      *(int *)slot = (int)whole;
+      return true;
+    case PAGS_OPTION_INT64:
+      if (!parse_int64(text, &whole) || !in_range(option, (double)whole))
+        return false;
+      *(int64_t *)slot = whole;
+      return true;
+    case PAGS_OPTION_UINT64:
+      if (!parse_uint64(text, &natural) || !in_range(option, (double)natural))
+        return false;
+      *(uint64_t *)slot = natural;
+      return true;
+    case PAGS_OPTION_FLOAT:
+    case PAGS_OPTION_DOUBLE:
+      if (!parse_real(text, &end, &real) || *end || !in_range(option, real))
+        return false;
+      if (option->type == PAGS_OPTION_FLOAT)
+        *(float *)slot = (float)real;
+      else
+        *(double *)slot = real;
+      return true;
+    case PAGS_OPTION_SIZE:
+      if (!parse_size(text, &natural) || !in_range(option, (double)natural))
+        return false;
+      *(uint64_t *)slot = natural;
+      return true;
+    case PAGS_OPTION_DURATION:
+      if (!parse_duration(text, &real) || !in_range(option, real))
+        return false;
       *(double *)slot = real;
-    return true;
-  case PAGS_OPTION_SIZE:
-    if (!parse_size(text, &natural) || !in_range(option, (double)natural))
-      return false;
-    *(uint64_t *)slot = natural;
-    return true;
-  case PAGS_OPTION_DURATION:
-    if (!parse_duration(text, &real) || !in_range(option, real))
-      return false;
-    *(double *)slot = real;
-    return true;
-  case PAGS_OPTION_ENUM: return parse_enum(option->metavar, text, (int *)slot);
-  case PAGS_OPTION_COLOR: return parse_color(text, (double *)slot);
-  case PAGS_OPTION_STRING:
-    if (!*text)
-      return false;
-    *(const char **)slot = text;
-    return true;
-  case PAGS_OPTION_FLAG:
-  case PAGS_OPTION_GROUP: break;
+      return true;
+    case PAGS_OPTION_ENUM: return parse_enum(option->metavar, text, (int *)slot);
+    case PAGS_OPTION_COLOR: return parse_color(text, (double *)slot);
+    case PAGS_OPTION_STRING:
+      if (!*text)
+        return false;
+      *(const char **)slot = text;
+      return true;
+    case PAGS_OPTION_FLAG:
+    case PAGS_OPTION_GROUP: break;
   }
   return false;
 }
@@ -282,8 +287,8 @@ bool pags_option_given(const pags_parsed *parsed, const char *name) {
   return was_given(parsed, option);
 }
 
-/* `value` is the text behind '=' or directly behind a short name, or NULL: then the next argument is it. Returns how many
- * further arguments were used, or -1 after a message. */
+/* `value` is the text behind '=' or directly behind a short name, or NULL: then the next argument is it. Returns how
+ * many further arguments were used, or -1 after a message. */
 static int take_option(pags_parsed *parsed, const pags_option *option, const char *shown, const char *value,
                        const char *next, void *values) {
   void *slot = (char *)values + option->offset;
@@ -380,8 +385,8 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     if (!options_end && !strcmp(argument, "--")) {
       options_end = true;
     } else if (!options_end && argument[0] == '-' && argument[1]) {
-      int used = argument[1] == '-' ? take_long(parsed, argument, next, values)
-                                    : take_short(parsed, argument, next, values);
+      int used =
+          argument[1] == '-' ? take_long(parsed, argument, next, values) : take_short(parsed, argument, next, values);
       if (used < 0)
         return PAGS_PARSE_USAGE;
       i += used;
@@ -423,31 +428,31 @@ static void print_default(const pags_option *option, const void *defaults, char 
     return;
   }
   switch (option->type) {
-  case PAGS_OPTION_INT: snprintf(text, size, "%d", *(const int *)slot); break;
-  case PAGS_OPTION_INT64: snprintf(text, size, "%lld", (long long)*(const int64_t *)slot); break;
-  case PAGS_OPTION_UINT64: snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)slot); break;
-  case PAGS_OPTION_FLOAT: print_real(text, size, (double)*(const float *)slot, true); break;
-  case PAGS_OPTION_DOUBLE:
-  case PAGS_OPTION_DURATION: print_real(text, size, *(const double *)slot, false); break;
-  case PAGS_OPTION_SIZE: print_size(text, size, *(const uint64_t *)slot); break;
-  case PAGS_OPTION_COLOR: {
-    const double *rgb = slot;
-    snprintf(text, size, "%g,%g,%g", rgb[0], rgb[1], rgb[2]);
-    break;
-  }
-  case PAGS_OPTION_ENUM: {
-    const char *choice = option->metavar;
-    for (int i = *(const int *)slot; i > 0; --i)
-      choice += strcspn(choice, "|") + 1;
-    snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
-    break;
-  }
-  case PAGS_OPTION_STRING:
-    if (*(const char *const *)slot)
-      snprintf(text, size, "%s", *(const char *const *)slot);
-    break;
-  case PAGS_OPTION_FLAG:
-  case PAGS_OPTION_GROUP: break;
+    case PAGS_OPTION_INT: snprintf(text, size, "%d", *(const int *)slot); break;
+    case PAGS_OPTION_INT64: snprintf(text, size, "%lld", (long long)*(const int64_t *)slot); break;
+    case PAGS_OPTION_UINT64: snprintf(text, size, "%llu", (unsigned long long)*(const uint64_t *)slot); break;
+    case PAGS_OPTION_FLOAT: print_real(text, size, (double)*(const float *)slot, true); break;
+    case PAGS_OPTION_DOUBLE:
+    case PAGS_OPTION_DURATION: print_real(text, size, *(const double *)slot, false); break;
+    case PAGS_OPTION_SIZE: print_size(text, size, *(const uint64_t *)slot); break;
+    case PAGS_OPTION_COLOR: {
+      const double *rgb = slot;
+      snprintf(text, size, "%g,%g,%g", rgb[0], rgb[1], rgb[2]);
+      break;
+    }
+    case PAGS_OPTION_ENUM: {
+      const char *choice = option->metavar;
+      for (int i = *(const int *)slot; i > 0; --i)
+        choice += strcspn(choice, "|") + 1;
+      snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
+      break;
+    }
+    case PAGS_OPTION_STRING:
+      if (*(const char *const *)slot)
+        snprintf(text, size, "%s", *(const char *const *)slot);
+      break;
+    case PAGS_OPTION_FLAG:
+    case PAGS_OPTION_GROUP: break;
   }
 }
 

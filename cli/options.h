@@ -1,14 +1,15 @@
 /* Command-line options from a table.
  *
- * Each verb declares one table; parsing, checking, `--help` and docs all come from it. Values are written into the verb's own
- * struct at `offset`; what that struct holds before parsing is the default, and help prints it from there, so no default is
- * written twice.
+ * Each verb declares one table; parsing, checking, `--help` and docs all come from it. Values are written into the
+ * verb's own struct at `offset`; what that struct holds before parsing is the default, and help prints it from there,
+ * so no default is written twice.
  *
- * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. The last one of
- * several wins. */
+ * Accepted forms: --name VALUE, --name=VALUE, -n VALUE, -nVALUE; flags take no value; `--` ends the options. The last
+ * one of several wins. */
 #ifndef PAGS_CLI_OPTIONS_H
 #define PAGS_CLI_OPTIONS_H
 
+#include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -32,18 +33,31 @@ typedef enum pags_option_type {
 } pags_option_type;
 
 typedef struct pags_option {
-  const char *name;    /* long name without the dashes */
-  char short_name;     /* 0: none */
+  const char *name; /* long name without the dashes */
+  char short_name;  /* 0: none */
   bool required;
   pags_option_type type;
-  size_t offset;       /* of the value in the verb's struct */
+  size_t offset;           /* of the value in the verb's struct */
   double minimum, maximum; /* of numbers, sizes and durations, both included; equal: unlimited */
-  const char *metavar; /* "N", "FILE"; for ENUM the choices, "default|mcmc" */
-  const char *unit;    /* "steps"; NULL: none */
-  const char *fallback; /* what help says of the default when the stored value doesn't say it; NULL: print the value;
-                           "": print nothing */
+  const char *metavar;     /* "N", "FILE"; for ENUM the choices, "default|mcmc" */
+  const char *unit;        /* "steps"; NULL: none */
+  const char *fallback;    /* what help says of the default when the stored value doesn't say it; NULL: print the value;
+                              "": print nothing */
   const char *help;
 } pags_option;
+
+/* Rows of a table; letter 0: no short name; `kind` is what follows PAGS_OPTION_. */
+#define PAGS_GROUP(heading) \
+  { .type = PAGS_OPTION_GROUP, .help = heading }
+#define PAGS_FLAG(long_name, letter, where, text) \
+  { .name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .offset = where, .help = text }
+#define PAGS_TEXT(long_name, letter, where, meta, standard, text) \
+  { long_name, letter, false, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, standard, text }
+#define PAGS_CHOICE(long_name, where, choices, standard, text) \
+  { long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text }
+#define PAGS_VALUE(long_name, letter, kind, where, least, most, meta, units, standard, text) \
+  { long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text }
+#define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {
   const char *metavar; /* NULL ends the list */

@@ -13,11 +13,21 @@ typedef struct vec3 {
 static const double pi = 3.14159265358979323846;
 enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, MAX_SAMPLES = 100000, PATH_FPS = 30 };
 
-static vec3 add(vec3 a, vec3 b) { return (vec3){a.x + b.x, a.y + b.y, a.z + b.z}; }
-static vec3 scale(vec3 a, double s) { return (vec3){a.x * s, a.y * s, a.z * s}; }
-static vec3 sub(vec3 a, vec3 b) { return (vec3){a.x - b.x, a.y - b.y, a.z - b.z}; }
-static double dot(vec3 a, vec3 b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-static double length(vec3 a) { return sqrt(dot(a, a)); }
+static vec3 add(vec3 a, vec3 b) {
+  return (vec3){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+static vec3 scale(vec3 a, double s) {
+  return (vec3){a.x * s, a.y * s, a.z * s};
+}
+static vec3 sub(vec3 a, vec3 b) {
+  return (vec3){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+static double dot(vec3 a, vec3 b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+static double length(vec3 a) {
+  return sqrt(dot(a, a));
+}
 static vec3 cross(vec3 a, vec3 b) {
   return (vec3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
@@ -76,7 +86,7 @@ static vec3 scene_up(const pags_scene *scene) {
 /* What an orbit needs to know. */
 typedef struct orbit {
   vec3 centre, up;
-  double radius, height;          /* horizontal and upward distance of the eye from the centre */
+  double radius, height;         /* horizontal and upward distance of the eye from the centre */
   double middle_angle, half_arc; /* of the azimuths to sweep; half_arc = pi: a full turn */
   pags_camera lens;
 } orbit;
@@ -123,7 +133,8 @@ static bool nearest_to_axes(const pags_scene *scene, vec3 *out) {
 /* Medians of the Gaussians' positions, absolute, and half the diagonal of the box of their 10th to 90th percentiles. */
 static pags_result gaussian_middle(const pags_scene *scene, vec3 *centre, double *extent) {
   int64_t total = pags_scene_gaussian_count(scene), step = total / MAX_SAMPLES + 1;
-  double middle[3], half[3], *values = malloc(((size_t)(total / step) + 1 + (size_t)scene->model_count) * sizeof *values);
+  double middle[3], half[3],
+      *values = malloc(((size_t)(total / step) + 1 + (size_t)scene->model_count) * sizeof *values);
   if (!values)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   for (int axis = 0; axis < 3; ++axis) {
@@ -153,8 +164,13 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
   out->radius = 2.5 * extent;
   out->height = 0.6 * extent;
   out->half_arc = pi;
-  out->lens = (pags_camera){.width = DEFAULT_WIDTH, .height = DEFAULT_HEIGHT, .fx = DEFAULT_WIDTH, .fy = DEFAULT_WIDTH,
-                            .cx = DEFAULT_WIDTH / 2.0, .cy = DEFAULT_HEIGHT / 2.0, .time = (double)NAN};
+  out->lens = (pags_camera){.width = DEFAULT_WIDTH,
+                            .height = DEFAULT_HEIGHT,
+                            .fx = DEFAULT_WIDTH,
+                            .fy = DEFAULT_WIDTH,
+                            .cx = DEFAULT_WIDTH / 2.0,
+                            .cy = DEFAULT_HEIGHT / 2.0,
+                            .time = (double)NAN};
   return PAGS_OK;
 }
 
@@ -239,7 +255,9 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
     out[i] = wa * a[i] + sign * wb * b[i];
 }
 
-static double mix(double a, double b, double t) { return a + t * (b - a); }
+static double mix(double a, double b, double t) {
+  return a + t * (b - a);
+}
 
 /* The camera at parameter t of the stretch between knots[1] and knots[2]. Sizes are those of `lens`. */
 static pags_camera between(const pags_camera *const knots[4], const pags_camera *lens, double t) {

@@ -10,7 +10,9 @@ static const int64_t largest_float_id = 16777216;
 
 static const char *const channel_names[PAGS_CHANNEL_COUNT] = {"color", "alpha", "depth", "id", "object", "priority"};
 
-static bool has(const pags_picture_writer *writer, pags_channel channel) { return writer->channels >> channel & 1; }
+static bool has(const pags_picture_writer *writer, pags_channel channel) {
+  return writer->channels >> channel & 1;
+}
 
 static int find_channel(const char *name, size_t length) {
   for (int c = 0; c < PAGS_CHANNEL_COUNT; ++c)
@@ -35,12 +37,13 @@ bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t 
   }
 }
 
-pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format, int bits,
-                                       pags_picture_writer *out) {
+pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format,
+                                       int bits, pags_picture_writer *out) {
   size_t count = (size_t)view->gaussian_count + 1;
   *out = (pags_picture_writer){.channels = channels, .format = format, .bits = bits};
   if (has(out, PAGS_CHANNEL_ID) && view->gaussian_count > largest_float_id)
-    return pags_fail(PAGS_ERROR_LIMIT, "--channel id: %lld Gaussians are more than the 2^24 ids that a float EXR tells apart",
+    return pags_fail(PAGS_ERROR_LIMIT,
+                     "--channel id: %lld Gaussians are more than the 2^24 ids that a float EXR tells apart",
                      (long long)view->gaussian_count);
   if (has(out, PAGS_CHANNEL_OBJECT))
     out->object_of = malloc(count * sizeof *out->object_of);
@@ -66,7 +69,9 @@ void pags_picture_writer_destroy(pags_picture_writer *writer) {
   memset(writer, 0, sizeof *writer);
 }
 
-static float clamp01(float v) { return v > 0 ? (v < 1 ? v : 1) : 0; } /* NaN becomes 0 */
+static float clamp01(float v) {
+  return v > 0 ? (v < 1 ? v : 1) : 0;
+} /* NaN becomes 0 */
 
 /* Interleaves planes into an image, rounding to nearest. */
 static void fill(const float *const *planes, int stride, pags_image *image) {
@@ -108,25 +113,25 @@ static const float *channel_plane(pags_picture_writer *writer, const pags_pictur
   size_t count = (size_t)picture->stride * (size_t)picture->height;
   float *plane = writer->plane;
   switch (channel) {
-  case PAGS_CHANNEL_ALPHA:
-    for (size_t i = 0; i < count; ++i)
-      plane[i] = 1 - picture->transmittance[i];
-    return plane;
-  case PAGS_CHANNEL_ID:
-    for (size_t i = 0; i < count; ++i)
-      plane[i] = (float)picture->id[i];
-    return plane;
-  case PAGS_CHANNEL_OBJECT:
-    for (size_t i = 0; i < count; ++i)
-      plane[i] = picture->id[i] < 0 ? -1.0f : (float)writer->object_of[picture->id[i]];
-    return plane;
-  case PAGS_CHANNEL_PRIORITY:
-    for (size_t i = 0; i < count; ++i)
-      plane[i] = picture->id[i] < 0 ? 0.0f : writer->priority_of[picture->id[i]];
-    return plane;
-  case PAGS_CHANNEL_DEPTH: return picture->depth;
-  case PAGS_CHANNEL_COLOR:
-  case PAGS_CHANNEL_COUNT: break;
+    case PAGS_CHANNEL_ALPHA:
+      for (size_t i = 0; i < count; ++i)
+        plane[i] = 1 - picture->transmittance[i];
+      return plane;
+    case PAGS_CHANNEL_ID:
+      for (size_t i = 0; i < count; ++i)
+        plane[i] = (float)picture->id[i];
+      return plane;
+    case PAGS_CHANNEL_OBJECT:
+      for (size_t i = 0; i < count; ++i)
+        plane[i] = picture->id[i] < 0 ? -1.0f : (float)writer->object_of[picture->id[i]];
+      return plane;
+    case PAGS_CHANNEL_PRIORITY:
+      for (size_t i = 0; i < count; ++i)
+        plane[i] = picture->id[i] < 0 ? 0.0f : writer->priority_of[picture->id[i]];
+      return plane;
+    case PAGS_CHANNEL_DEPTH: return picture->depth;
+    case PAGS_CHANNEL_COLOR:
+    case PAGS_CHANNEL_COUNT: break;
   }
   return NULL;
 }
@@ -149,7 +154,8 @@ static pags_result write_channel(pags_picture_writer *writer, const pags_picture
   static const char *const single_names[PAGS_CHANNEL_COUNT] = {NULL, "A", "Z", "id", "object", "priority"};
   if (channel == PAGS_CHANNEL_COLOR)
     return png ? save_png(picture, picture->rgb, 3, writer->bits, path)
-               : pags_image_save_exr(path, picture->width, picture->height, 3, rgb_names, picture->rgb, picture->stride);
+               : pags_image_save_exr(path, picture->width, picture->height, 3, rgb_names, picture->rgb,
+                                     picture->stride);
   const float *plane = channel_plane(writer, picture, channel);
   return png ? save_png(picture, &plane, 1, writer->bits, path)
              : pags_image_save_exr(path, picture->width, picture->height, 1, &single_names[channel], &plane,

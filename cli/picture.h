@@ -17,13 +17,14 @@ typedef enum pags_channel {
   PAGS_CHANNEL_COUNT
 } pags_channel;
 
-/* Reads "color,depth,..." into a set of bits 1 << channel. False, with the word not known in `unknown`, when one isn't. */
+/* Reads "color,depth,..." into a set of bits 1 << channel. False, with the word not known in `unknown`, when one isn't.
+ */
 bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t unknown_size);
 
 typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
 
-/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object and
- * priority always to NAME_depth.exr and so on, float32. */
+/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object
+ * and priority always to NAME_depth.exr and so on, float32. */
 typedef struct pags_picture_writer {
   unsigned channels; /* bits 1 << pags_channel */
   pags_picture_format format;
@@ -34,14 +35,15 @@ typedef struct pags_picture_writer {
   size_t plane_capacity;
 } pags_picture_writer;
 
-/* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly, PAGS_ERROR_ARGUMENT
- * when the scene holds no priorities. */
-pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format, int bits,
-                                       pags_picture_writer *out);
+/* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly,
+ * PAGS_ERROR_ARGUMENT when the scene holds no priorities. */
+pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format,
+                                       int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
 /* Writes every channel of one picture into `folder`. */
-pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *picture, const char *folder, const char *name);
+pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *picture, const char *folder,
+                               const char *name);
 
 /* Colour as an image: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);

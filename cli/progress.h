@@ -7,7 +7,7 @@
 #include <stdio.h>
 
 typedef struct pags_progress {
-  FILE *stream;   /* NULL: silent */
+  FILE *stream; /* NULL: silent */
   bool terminal;
   double shown_at; /* pags_seconds() of the last line */
   int length;      /* characters of the line that stands on the terminal now */

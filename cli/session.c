@@ -64,7 +64,8 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
   return result;
 }
 
-/* Creates and removes a file, which tells more than permission bits do: of full, read-only and foreign file systems too. */
+/* Creates and removes a file, which tells more than permission bits do: of full, read-only and foreign file systems
+ * too. */
 static pags_result try_create(const char *folder, const char *shown) {
   char *pattern = pags_path_join(folder, ".pags-XXXXXX");
   if (!pattern)

@@ -1,4 +1,5 @@
-/* What every verb shares: --threads, --json and --quiet, the pool of threads, the stream for people, the one line of error. */
+/* What every verb shares: --threads, --json and --quiet, the pool of threads, the stream for people, the one line of
+ * error. */
 #ifndef PAGS_CLI_SESSION_H
 #define PAGS_CLI_SESSION_H
 
@@ -13,20 +14,18 @@ typedef struct pags_session {
   int threads;      /* 0: as many processors as this process may use */
   const char *json; /* file, "-" for stdout, NULL: none */
   int quiet;
-  FILE *people;     /* stdout, stderr when JSON goes to stdout, NULL when quiet */
+  FILE *people; /* stdout, stderr when JSON goes to stdout, NULL when quiet */
   pags_tasks *tasks;
 } pags_session;
 
 /* Rows for the end of a verb's table; `owner` is the verb's struct, which has a member `session`. */
-#define PAGS_SESSION_OPTIONS(owner)                                                                                         \
-  {.type = PAGS_OPTION_GROUP, .help = "In general"},                                                                        \
-      {.name = "threads", .short_name = 'j', .type = PAGS_OPTION_INT, .offset = offsetof(owner, session.threads),            \
-       .minimum = 0, .maximum = 256, .metavar = "N", .fallback = "0: as affinity and cgroup allow",                          \
-       .help = "threads to work with; results are the same bits for any number"},                                          \
-      {.name = "json", .type = PAGS_OPTION_STRING, .offset = offsetof(owner, session.json), .metavar = "FILE|-",             \
-       .help = "write what a machine reads to FILE, or to standard output"},                                               \
-      {.name = "quiet", .short_name = 'q', .type = PAGS_OPTION_FLAG, .offset = offsetof(owner, session.quiet),               \
-       .help = "print nothing but errors"}
+#define PAGS_SESSION_OPTIONS(owner)                                                                                    \
+  PAGS_GROUP("In general"),                                                                                            \
+      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                             \
+                 "0: as affinity and cgroup allow", "threads to work with; results are the same bits for any number"), \
+      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                              \
+                "write what a machine reads to FILE, or to standard output"),                                          \
+      PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
 /* Opens the streams, checks that --json can be written, sends the library's log lines to people, starts the threads. */
 pags_result pags_session_begin(pags_session *session);
@@ -43,7 +42,8 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
 /* Checks that a file of this name could be created, without leaving anything. */
 pags_result pags_check_writable(const char *path);
 
-/* Makes the folder if need be and checks that files can be created in it. `made` (may be NULL) tells whether it is new. */
+/* Makes the folder if need be and checks that files can be created in it. `made` (may be NULL) tells whether it is new.
+ */
 pags_result pags_prepare_folder(const char *path, bool *made);
 
 /* "a/b/DSC_01.JPG" -> "DSC_01" into `out`; always a plain file name. */

@@ -45,14 +45,15 @@ static bool same_camera(const pags_camera *a, const pags_camera *b) {
   return fabs(a->fx - b->fx) <= 1e-4 * a->fx && fabs(a->fy - b->fy) <= 1e-4 * a->fy;
 }
 
-static pags_result check_same_camera(const pags_dataset *dataset, const pags_scene_view *mine, const pags_camera *other) {
+static pags_result check_same_camera(const pags_dataset *dataset, const pags_scene_view *mine,
+                                     const pags_camera *other) {
   if (same_camera(&mine->camera, other))
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: the camera of '%s' (%dx%d) is not the one that the scene was trained with (%dx%d); expected the same "
-                   "data set, with --colmap if it was trained so",
-                   pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width,
-                   mine->camera.height);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: the camera of '%s' (%dx%d) is not the one that the scene was trained with (%dx%d); expected the same "
+      "data set, with --colmap if it was trained so",
+      pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
 }
 
 static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {

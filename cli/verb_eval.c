@@ -21,29 +21,24 @@ typedef struct eval_arguments {
 } eval_arguments;
 
 #define AT(member) offsetof(eval_arguments, member)
-#define GROUP(text) {.type = PAGS_OPTION_GROUP, .help = text}
 
 static const pags_option options[] = {
-    {.name = "dataset", .type = PAGS_OPTION_STRING, .offset = AT(dataset), .metavar = "DATASET",
-     .fallback = "the one that the scene was trained on", .help = "the photographs"},
-    {.name = "lpips-weights", .type = PAGS_OPTION_STRING, .offset = AT(lpips_weights), .metavar = "FILE",
-     .fallback = "none: no LPIPS", .help = "weights of SqueezeNet LPIPS v0.1 (.npz)"},
-    {.name = "images", .type = PAGS_OPTION_STRING, .offset = AT(images), .metavar = "FOLDER",
-     .help = "write NAME_render.png and NAME_photo.png of every view compared"},
-    {.name = "split", .type = PAGS_OPTION_ENUM, .offset = AT(split), .metavar = "all|train|test",
-     .help = "which views to compare"},
-    {.name = "image-cache", .type = PAGS_OPTION_SIZE, .offset = AT(image_cache), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "SIZE", .unit = "bytes; K, M, G", .help = "memory for decoded photographs"},
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", "the one that the scene was trained on", "the photographs"),
+    PAGS_TEXT("lpips-weights", 0, AT(lpips_weights), "FILE", "none: no LPIPS",
+              "weights of SqueezeNet LPIPS v0.1 (.npz)"),
+    PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
+              "write NAME_render.png and NAME_photo.png of every view compared"),
+    PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
+    PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
+               "memory for decoded photographs"),
 
-    GROUP("For splat files, which record no views"),
-    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(options.downscale), .minimum = 1, .maximum = 64,
-     .metavar = "F", .unit = "times", .help = "shrink the photographs"},
-    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(options.split_every), .minimum = 0, .maximum = 1e9,
-     .metavar = "N", .unit = "views; 0: none", .help = "every Nth view counts as held out"},
-    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(options.allow_missing),
-     .help = "leave out views whose photograph is missing"},
-    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(options.colmap), .metavar = "FOLDER",
-     .help = "take cameras from this COLMAP model; for scenes trained with it too"},
+    PAGS_GROUP("For splat files, which record no views"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", NULL,
+               "every Nth view counts as held out"),
+    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "leave out views whose photograph is missing"),
+    PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
+              "take cameras from this COLMAP model; for scenes trained with it too"),
     PAGS_SESSION_OPTIONS(eval_arguments),
     {0}};
 
@@ -52,9 +47,11 @@ static const pags_positional positionals[] = {{"SCENE", "a scene folder or a spl
 static const pags_verb verb = {
     .name = "eval",
     .usage = "SCENE [--dataset DATASET] [options]",
-    .about = "Renders a scene's training and held-out views and compares each with its photograph, undistorted and downscaled as "
-             "for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. Means are over "
-             "views. LPIPS is SqueezeNet's and not comparable with figures from AlexNet or VGG.",
+    .about =
+        "Renders a scene's training and held-out views and compares each with its photograph, undistorted and "
+        "downscaled as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. "
+        "Means are over views, pixels outside of a view's mask left out. LPIPS is SqueezeNet's and not comparable "
+        "with figures from AlexNet or VGG.",
     .positionals = positionals,
     .options = options};
 
@@ -87,17 +84,30 @@ static pags_result save_image(const char *folder, const char *name, const char *
   return result;
 }
 
-static pags_result measure(const evaluation *self, const pags_image *render, const pags_image *photo, const uint8_t *mask,
+/* LPIPS knows no masks: where the mask is 0 the rendering takes the photograph's pixels, so that they add no distance
+ * of their own. */
+static void copy_masked(pags_image *render, const pags_image *photo, const uint8_t *mask) {
+  float *to = render->data;
+  const float *from = photo->data;
+  size_t count = (size_t)render->width * (size_t)render->height;
+  for (size_t i = 0; i < count; ++i)
+    if (!mask[i])
+      memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
+}
+
+static pags_result measure(const evaluation *self, pags_image *render, const pags_image *photo, const uint8_t *mask,
                            view_score *score) {
   pags_tasks *tasks = self->arguments->session.tasks;
   PAGS_TRY(pags_eval_psnr(render, photo, mask, &score->psnr));
   PAGS_TRY(pags_eval_ssim(render, photo, mask, tasks, &score->ssim));
-  if (self->lpips)
-    PAGS_TRY(pags_lpips_distance(self->lpips, render, photo, tasks, &score->lpips));
   if (self->arguments->images) {
     PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
     PAGS_TRY(save_image(self->arguments->images, score->name, "photo", photo));
   }
+  if (self->lpips && mask)
+    copy_masked(render, photo, mask);
+  if (self->lpips)
+    PAGS_TRY(pags_lpips_distance(self->lpips, render, photo, tasks, &score->lpips));
   return PAGS_OK;
 }
 
@@ -108,8 +118,8 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   pags_image render = {0}, photo = {0};
   uint8_t *mask;
   *score = (view_score){view->name, self->truth.views[i].test, (double)NAN, (double)NAN, (double)NAN};
-  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &view->camera, &self->options, NULL, NULL,
-                             &picture));
+  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &view->camera, &self->options, NULL,
+                             NULL, &picture));
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
   pags_result result = pags_truth_photograph(&self->truth, i, &photo, &mask);
   if (result == PAGS_OK) {
@@ -204,7 +214,8 @@ static pags_result write_json(const evaluation *self) {
   return pags_session_json(&self->arguments->session, &writer);
 }
 
-static void print_row(const pags_session *session, const char *name, const char *set, double psnr, double ssim, double lpips) {
+static void print_row(const pags_session *session, const char *name, const char *set, double psnr, double ssim,
+                      double lpips) {
   char distance[16] = "-";
   if (isfinite(lpips))
     snprintf(distance, sizeof distance, "%.4f", lpips);
@@ -234,11 +245,12 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   PAGS_TRY(pags_model_view_load(scene_path, &self->view));
   const char *dataset = arguments->dataset ? arguments->dataset : self->view.scene.dataset;
   if (!dataset)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET", scene_path);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",
+                     scene_path);
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  PAGS_TRY(pags_truth_open(&self->view.scene, dataset, &arguments->options, arguments->session.tasks, arguments->image_cache,
-                           &self->truth));
+  PAGS_TRY(pags_truth_open(&self->view.scene, dataset, &arguments->options, arguments->session.tasks,
+                           arguments->image_cache, &self->truth));
   self->scores = calloc((size_t)self->truth.count, sizeof *self->scores);
   if (!self->scores)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);

@@ -23,16 +23,16 @@ typedef struct info_arguments {
 #define AT(member) offsetof(info_arguments, member)
 
 static const pags_option options[] = {
-    {.name = "memory", .type = PAGS_OPTION_FLAG, .offset = AT(memory),
-     .help = "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
-    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(options.downscale), .minimum = 1, .maximum = 64,
-     .metavar = "F", .unit = "times", .help = "of data sets: as for train"},
-    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(options.split_every), .minimum = 0, .maximum = 1e9,
-     .metavar = "N", .unit = "views; 0: none", .help = "of data sets: as for train"},
-    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(options.colmap), .metavar = "FOLDER",
-     .help = "of data sets: as for train"},
-    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(options.allow_missing),
-     .help = "of data sets: as for train"},
+    {.name = "memory",
+     .type = PAGS_OPTION_FLAG,
+     .offset = AT(memory),
+     .help =
+         "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
+    PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", NULL,
+               "of data sets: as for train"),
+    PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
+    PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
 
@@ -45,7 +45,9 @@ static const pags_verb verb = {.name = "info",
                                .positionals = positionals,
                                .options = options};
 
-static const char *up_name(pags_up up) { return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown"; }
+static const char *up_name(pags_up up) {
+  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
+}
 
 /* Bounding box of all means, absolute; false when there are none. */
 static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
@@ -127,7 +129,8 @@ static pags_result put_memory(pags_facts *facts, const info_arguments *arguments
   pags_path_destroy(&path);
   pags_frame_options frame_options = pags_model_view_options(view);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &frame));
-  pags_result result = pags_frame_render(frame, view->parts, view->part_count, &camera, &frame_options, NULL, NULL, &picture);
+  pags_result result =
+      pags_frame_render(frame, view->parts, view->part_count, &camera, &frame_options, NULL, NULL, &picture);
   if (result == PAGS_OK) {
     pags_facts_begin_group(facts, "memory");
     pags_facts_text(facts, "unit", "bytes per Gaussian");
@@ -145,7 +148,8 @@ static pags_result put_memory(pags_facts *facts, const info_arguments *arguments
   return result;
 }
 
-static pags_result describe_scene(pags_facts *facts, const info_arguments *arguments, const char *path, const char *kind) {
+static pags_result describe_scene(pags_facts *facts, const info_arguments *arguments, const char *path,
+                                  const char *kind) {
   pags_model_view view;
   double lo[3], hi[3];
   uint64_t bytes;

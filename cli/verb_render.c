@@ -27,55 +27,52 @@ typedef struct render_arguments {
 } render_arguments;
 
 #define AT(member) offsetof(render_arguments, member)
-#define GROUP(text) {.type = PAGS_OPTION_GROUP, .help = text}
 
 static const pags_option options[] = {
-    {.name = "output", .short_name = 'o', .required = true, .type = PAGS_OPTION_STRING, .offset = AT(output),
-     .metavar = "FOLDER", .help = "folder for the pictures, made if missing; files of the same name are replaced"},
+    {.name = "output",
+     .short_name = 'o',
+     .required = true,
+     .type = PAGS_OPTION_STRING,
+     .offset = AT(output),
+     .metavar = "FOLDER",
+     .help = "folder for the pictures, made if missing; files of the same name are replaced"},
 
-    GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
-    {.name = "split", .type = PAGS_OPTION_ENUM, .offset = AT(split), .metavar = "train|test|all", .fallback = "",
-     .help = "the scene's training views, its held-out views, or both"},
-    {.name = "path", .type = PAGS_OPTION_STRING, .offset = AT(path), .metavar = "FILE|orbit|ego", .fallback = "orbit",
-     .help = "a path file; orbit: round the scene; ego: smoothly through the training views"},
-    {.name = "camera", .type = PAGS_OPTION_STRING, .offset = AT(camera), .metavar = "FILE", .help = "a camera file"},
-    {.name = "frames", .short_name = 'n', .type = PAGS_OPTION_INT64, .offset = AT(frames), .minimum = 1, .maximum = 1e6,
-     .metavar = "N", .help = "frames of orbit and ego"},
-    {.name = "dataset", .type = PAGS_OPTION_STRING, .offset = AT(dataset), .metavar = "DATASET",
-     .help = "take the views of --split from this data set in place of the scene's own"},
-    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(dataset_options.split_every), .minimum = 0,
-     .maximum = 1e9, .metavar = "N", .unit = "views", .help = "with --dataset: every Nth is held out"},
-    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(dataset_options.colmap), .metavar = "FOLDER",
-     .help = "with --dataset: use this COLMAP model"},
-    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(dataset_options.allow_missing),
-     .help = "with --dataset: leave out views whose photograph is missing"},
-    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(downscale), .minimum = 1, .maximum = 64, .metavar = "F",
-     .unit = "times", .help = "shrink the pictures"},
+    PAGS_GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
+    PAGS_CHOICE("split", AT(split), "train|test|all", "", "the scene's training views, its held-out views, or both"),
+    PAGS_TEXT("path", 0, AT(path), "FILE|orbit|ego", "orbit",
+              "a path file; orbit: round the scene; ego: smoothly through the training views"),
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "a camera file"),
+    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, NULL, "frames of orbit and ego"),
+    PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", NULL,
+              "take the views of --split from this data set in place of the scene's own"),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset_options.split_every), 0, 1e9, "N", "views", NULL,
+               "with --dataset: every Nth is held out"),
+    PAGS_TEXT("colmap", 0, AT(dataset_options.colmap), "FOLDER", NULL, "with --dataset: use this COLMAP model"),
+    PAGS_FLAG("allow-missing", 0, AT(dataset_options.allow_missing),
+              "with --dataset: leave out views whose photograph is missing"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
 
-    GROUP("Files"),
-    {.name = "format", .type = PAGS_OPTION_ENUM, .offset = AT(format), .metavar = "png|exr",
-     .help = "png: rounded; exr: float32, display-referred sRGB as it is"},
-    {.name = "bits", .type = PAGS_OPTION_INT, .offset = AT(bits), .minimum = 8, .maximum = 16, .metavar = "8|16",
-     .unit = "bits a channel", .help = "of png"},
-    {.name = "channel", .type = PAGS_OPTION_STRING, .offset = AT(channels), .metavar = "LIST",
-     .help = "color, alpha, depth (metres), id, object, priority, separated by commas; each to its own file: NAME.png, "
-             "NAME_alpha.png, NAME_depth.exr, ...; depth, id, object and priority are always exr"},
+    PAGS_GROUP("Files"),
+    PAGS_CHOICE("format", AT(format), "png|exr", NULL, "png: rounded; exr: float32, display-referred sRGB as it is"),
+    PAGS_VALUE("bits", 0, INT, AT(bits), 8, 16, "8|16", "bits a channel", NULL, "of png"),
+    PAGS_TEXT(
+        "channel", 0, AT(channels), "LIST", NULL,
+        "color, alpha, depth (metres), id, object, priority, separated by commas; each to its own file: NAME.png, "
+        "NAME_alpha.png, NAME_depth.exr, ...; depth, id, object and priority are always exr"),
 
-    GROUP("Picture"),
-    {.name = "background", .type = PAGS_OPTION_COLOR, .offset = AT(background), .metavar = "R,G,B", .unit = "sRGB, 0..1",
-     .fallback = "the scene's", .help = "colour behind everything"},
-    {.name = "antialiased", .type = PAGS_OPTION_FLAG, .offset = AT(antialiased),
-     .help = "scale opacities by what the low-pass takes, also where the scene doesn't ask for it"},
-    {.name = "no-antialiased", .type = PAGS_OPTION_FLAG, .offset = AT(antialiased),
-     .help = "don't, even where the scene asks for it"},
-    {.name = "low-pass", .type = PAGS_OPTION_FLOAT, .offset = AT(low_pass), .minimum = 0, .maximum = 100, .metavar = "V",
-     .unit = "px^2", .help = "added to both variances on the screen"},
-    {.name = "near", .type = PAGS_OPTION_FLOAT, .offset = AT(near_plane), .minimum = 1e-6, .maximum = HUGE_VAL,
-     .metavar = "Z", .unit = "metres", .help = "don't draw Gaussians nearer than this"},
-    {.name = "sh-degree", .type = PAGS_OPTION_INT, .offset = AT(sh_degree), .minimum = 0, .maximum = 3, .metavar = "0..3",
-     .help = "highest degree of colour used"},
-    {.name = "exp-degree", .type = PAGS_OPTION_ENUM, .offset = AT(exp_degree), .metavar = "3|5",
-     .help = "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"},
+    PAGS_GROUP("Picture"),
+    PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
+               "colour behind everything"),
+    PAGS_FLAG("antialiased", 0, AT(antialiased),
+              "scale opacities by what the low-pass takes, also where the scene doesn't ask for it"),
+    PAGS_FLAG("no-antialiased", 0, AT(antialiased), "don't, even where the scene asks for it"),
+    PAGS_VALUE("low-pass", 0, FLOAT, AT(low_pass), 0, 100, "V", "px^2", "the training's, else 0.3",
+               "added to both variances on the screen"),
+    PAGS_VALUE("near", 0, FLOAT, AT(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", "the training's, else 0.01",
+               "don't draw Gaussians nearer than this"),
+    PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL, "highest degree of colour used"),
+    PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL,
+                "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"),
     PAGS_SESSION_OPTIONS(render_arguments),
     {0}};
 
@@ -85,8 +82,10 @@ static const pags_positional positionals[] = {
 static const pags_verb verb = {
     .name = "render",
     .usage = "SCENE [--split train|test|all | --path FILE|orbit|ego | --camera FILE] -o FOLDER [options]",
-    .about = "Draws a scene or a splat file. Pictures are named as the photographs of their views, or 00000, 00001, ... With "
-             "--json: milliseconds by stage and counts of every frame, pairs counted, which costs some per cent of speed.",
+    .about =
+        "Draws a scene or a splat file. Pictures are named as the photographs of their views, or 00000, 00001, ... "
+        "With "
+        "--json: milliseconds by stage and counts of every frame, pairs counted, which costs some per cent of speed.",
     .positionals = positionals,
     .options = options};
 
@@ -102,8 +101,8 @@ typedef struct renderer {
   int64_t done;
 } renderer;
 
-static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed, const pags_scene *scene,
-                                   pags_viewpoints *out) {
+static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
+                                   const pags_scene *scene, pags_viewpoints *out) {
   if (pags_option_given(parsed, "split") && arguments->dataset) {
     pags_dataset *dataset;
     PAGS_TRY(pags_dataset_open(arguments->dataset, &arguments->dataset_options, &dataset));
@@ -136,8 +135,10 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
       frame->background[c] = (float)arguments->background[c];
   if (pags_option_given(parsed, "antialiased") || pags_option_given(parsed, "no-antialiased"))
     frame->antialiased = arguments->antialiased;
-  frame->near_plane = arguments->near_plane;
-  frame->low_pass = arguments->low_pass;
+  if (pags_option_given(parsed, "near"))
+    frame->near_plane = arguments->near_plane;
+  if (pags_option_given(parsed, "low-pass"))
+    frame->low_pass = arguments->low_pass;
   frame->sh_degree = arguments->sh_degree;
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
   frame->extra_channels = (self->writer.channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA)) != 0;
@@ -221,8 +222,8 @@ static pags_result write_json(const renderer *self) {
 static pags_result draw(renderer *self, int64_t index) {
   const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
   pags_picture picture;
-  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &viewpoint->camera, &self->options, NULL,
-                             NULL, &picture));
+  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &viewpoint->camera, &self->options,
+                             NULL, NULL, &picture));
   self->stats[index] = *pags_frame_stats_get(self->frame);
   PAGS_TRY(pags_picture_write(&self->writer, &picture, self->arguments->output, viewpoint->name));
   self->done = index + 1;
@@ -239,8 +240,8 @@ static pags_result draw_all(renderer *self) {
     *camera = pags_camera_downscale(camera, self->arguments->downscale);
     result = draw(self, i);
     if (result == PAGS_OK && pags_progress_due(&progress))
-      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)i + 1, (long long)self->viewpoints.count,
-                         total_ms(&self->stats[i]));
+      pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)i + 1,
+                         (long long)self->viewpoints.count, total_ms(&self->stats[i]));
   }
   pags_progress_end(&progress);
   if (pags_interrupted() && self->done < self->viewpoints.count)
@@ -251,12 +252,13 @@ static pags_result draw_all(renderer *self) {
 
 static void report(const renderer *self) {
   pags_frame_stats mean = mean_stats(self->stats, self->done);
-  pags_say(&self->arguments->session,
-           "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
-           "%.2f) on %d threads\n",
-           self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
-           (long long)self->view.gaussian_count, total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort,
-           mean.ms_bin, mean.ms_raster, pags_tasks_workers(self->arguments->session.tasks));
+  pags_say(
+      &self->arguments->session,
+      "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
+      "%.2f) on %d threads\n",
+      self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
+      (long long)self->view.gaussian_count, total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort,
+      mean.ms_bin, mean.ms_raster, pags_tasks_workers(self->arguments->session.tasks));
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
@@ -292,7 +294,8 @@ static void destroy(renderer *self) {
 
 static int check_usage(const render_arguments *arguments, const pags_parsed *parsed, unsigned *channels) {
   char unknown[80];
-  int ways = pags_option_given(parsed, "split") + pags_option_given(parsed, "path") + pags_option_given(parsed, "camera");
+  int ways =
+      pags_option_given(parsed, "split") + pags_option_given(parsed, "path") + pags_option_given(parsed, "camera");
   if (ways > 1)
     return pags_usage_error(&verb, "--split, --path and --camera exclude each other");
   if (arguments->dataset && !pags_option_given(parsed, "split"))
@@ -300,7 +303,8 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   if (arguments->bits != 8 && arguments->bits != 16)
     return pags_usage_error(&verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
   if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
-    return pags_usage_error(&verb, "--channel: expected color, alpha, depth, id, object or priority, got '%s'", unknown);
+    return pags_usage_error(&verb, "--channel: expected color, alpha, depth, id, object or priority, got '%s'",
+                            unknown);
   return PAGS_EXIT_OK;
 }
 
@@ -311,8 +315,6 @@ int pags_verb_render(int argc, char **argv) {
                                 .frames = 120,
                                 .bits = 8,
                                 .downscale = 1,
-                                .near_plane = standard.near_plane,
-                                .low_pass = standard.low_pass,
                                 .sh_degree = standard.sh_degree,
                                 .exp_degree = standard.exp_degree == 5,
                                 .dataset_options = pags_dataset_options_default()};

@@ -21,165 +21,153 @@ typedef struct train_arguments {
 #define AT(member) offsetof(train_arguments, member)
 #define CONFIG(member) offsetof(train_arguments, config.member)
 #define RUN(member) offsetof(train_arguments, options.member)
-#define GROUP(text) {.type = PAGS_OPTION_GROUP, .help = text}
 #define STEPS "steps of 30 000"
 
 static const pags_option options[] = {
-    {.name = "output", .short_name = 'o', .type = PAGS_OPTION_STRING, .offset = AT(output), .metavar = "SCENE",
-     .help = "folder to write the scene to; needed unless --estimate"},
+    PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "folder to write the scene to; needed unless --estimate"),
 
-    GROUP("The run"),
-    {.name = "iterations", .short_name = 'n', .type = PAGS_OPTION_INT64, .offset = CONFIG(iterations), .minimum = 1,
-     .maximum = HUGE_VAL, .metavar = "N", .unit = "steps", .help = "how long to train; the schedule stretches with it"},
-    {.name = "schedule-iterations", .type = PAGS_OPTION_INT64, .offset = CONFIG(schedule_iterations), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "N", .unit = "steps", .fallback = "0: as --iterations",
-     .help = "stretch the schedule over so many; steps beyond run at its end rates"},
-    {.name = "resume", .type = PAGS_OPTION_FLAG, .offset = RUN(resume),
-     .help = "go on from SCENE's checkpoint, or start where there is none; --iterations may be larger than before"},
-    {.name = "overwrite", .type = PAGS_OPTION_FLAG, .offset = RUN(overwrite),
-     .help = "train afresh into a SCENE that is not empty"},
-    {.name = "checkpoint-every", .type = PAGS_OPTION_INT64, .offset = RUN(checkpoint_every), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "N", .unit = "steps; 0: only at the end", .help = "write a checkpoint every N steps"},
-    {.name = "log-every", .type = PAGS_OPTION_INT64, .offset = RUN(log_every), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = "steps", .help = "add a line to SCENE/log.jsonl every N steps"},
-    {.name = "preview-every", .type = PAGS_OPTION_INT64, .offset = RUN(preview_every), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = "steps; 0: none", .help = "write a preview PNG every N steps"},
-    {.name = "time-limit", .type = PAGS_OPTION_DURATION, .offset = RUN(time_limit_seconds), .minimum = 1,
-     .maximum = HUGE_VAL, .metavar = "TIME", .unit = "90s, 30m, 2h", .fallback = "none",
-     .help = "set the number of steps from the speed measured early, so that the run fits; not reproducible"},
-    {.name = "estimate", .type = PAGS_OPTION_FLAG, .offset = RUN(estimate),
-     .help = "run 50 steps, print minutes and memory of the whole run, write nothing"},
-    {.name = "seed", .type = PAGS_OPTION_UINT64, .offset = CONFIG(seed), .metavar = "N", .help = "of everything random"},
+    PAGS_GROUP("The run"),
+    PAGS_VALUE("iterations", 'n', INT64, CONFIG(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL,
+               "how long to train; the schedule stretches with it"),
+    PAGS_VALUE("schedule-iterations", 0, INT64, CONFIG(schedule_iterations), 0, PAGS_UNLIMITED, "N", "steps",
+               "0: as --iterations", "stretch the schedule over so many; steps beyond run at its end rates"),
+    PAGS_FLAG("resume", 0, RUN(resume),
+              "go on from SCENE's checkpoint, or start where there is none; --iterations may be larger than before"),
+    PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that is not empty"),
+    PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps; 0: only at the end",
+               NULL, "write a checkpoint every N steps"),
+    PAGS_VALUE("log-every", 0, INT64, RUN(log_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
+               "add a line to SCENE/log.jsonl every N steps"),
+    PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps; 0: none", NULL,
+               "write a preview PNG every N steps"),
+    PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "none",
+               "set the number of steps from the speed measured early, so that the run fits; not reproducible"),
+    PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print minutes and memory of the whole run, write nothing"),
+    PAGS_VALUE("seed", 0, UINT64, CONFIG(seed), 0, 0, "N", NULL, NULL, "of everything random"),
 
-    GROUP("The photographs"),
-    {.name = "downscale", .type = PAGS_OPTION_DOUBLE, .offset = AT(dataset.downscale), .minimum = 1, .maximum = 64,
-     .metavar = "F", .unit = "times", .help = "shrink the photographs"},
-    {.name = "split-every", .type = PAGS_OPTION_INT, .offset = AT(dataset.split_every), .minimum = 0, .maximum = 1e9,
-     .metavar = "N", .unit = "views; 0: none", .help = "hold out every Nth photograph, in file-name order, for eval"},
-    {.name = "reconstruction", .type = PAGS_OPTION_FLAG, .offset = AT(reconstruction),
-     .help = "hold nothing out: train on every photograph"},
-    {.name = "colmap", .type = PAGS_OPTION_STRING, .offset = AT(dataset.colmap), .metavar = "FOLDER",
-     .help = "take cameras and points from this COLMAP model even where transforms.json exists"},
-    {.name = "allow-missing", .type = PAGS_OPTION_FLAG, .offset = AT(dataset.allow_missing),
-     .help = "leave out views whose photograph is missing; without it they are an error"},
-    {.name = "random-points", .type = PAGS_OPTION_INT64, .offset = AT(dataset.random_points), .minimum = 1, .maximum = 1e8,
-     .metavar = "N", .help = "Gaussians to start from where the data set has no points"},
-    {.name = "image-cache", .type = PAGS_OPTION_SIZE, .offset = RUN(image_cache), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "SIZE", .unit = "bytes; K, M, G", .fallback = "1G, at most a quarter of the memory allowed",
-     .help = "memory for decoded photographs"},
+    PAGS_GROUP("The photographs"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views; 0: none", NULL,
+               "hold out every Nth photograph, in file-name order, for eval"),
+    PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
+    PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
+              "take cameras and points from this COLMAP model even where transforms.json exists"),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing),
+              "leave out views whose photograph is missing; without it they are an error"),
+    PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
+               "Gaussians to start from where the data set has no points"),
+    PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
+               "1G, at most a quarter of the memory allowed", "memory for decoded photographs"),
 
-    GROUP("Bounds"),
-    {.name = "max-gaussians", .type = PAGS_OPTION_INT64, .offset = CONFIG(max_gaussians), .minimum = 0,
-     .maximum = 2147483584.0, .metavar = "N", .fallback = "0: none; 1000000 with --strategy mcmc",
-     .help = "never have more Gaussians"},
-    {.name = "max-memory", .type = PAGS_OPTION_SIZE, .offset = RUN(max_memory), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "SIZE", .unit = "bytes; K, M, G; 0: none",
-     .fallback = "four fifths of what affinity and cgroup allow, less the image cache",
-     .help = "turned into a bound on Gaussians by their number and the picture's size"},
+    PAGS_GROUP("Bounds"),
+    PAGS_VALUE("max-gaussians", 0, INT64, CONFIG(max_gaussians), 0, 2147483584.0, "N", NULL,
+               "0: none; 1000000 with --strategy mcmc", "never have more Gaussians"),
+    PAGS_VALUE("max-memory", 0, SIZE, RUN(max_memory), 0, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G; 0: none",
+               "four fifths of what affinity and cgroup allow, less the image cache",
+               "turned into a bound on Gaussians by their number and the picture's size"),
 
-    GROUP("Density"),
-    {.name = "strategy", .type = PAGS_OPTION_ENUM, .offset = CONFIG(strategy), .metavar = "default|mcmc",
-     .help = "default: clone, split, prune and reset (Kerbl et al. 2023); mcmc: relocate, grow and shake (Kheradmand et al. "
-             "2024)"},
-    {.name = "densify-from", .type = PAGS_OPTION_INT64, .offset = CONFIG(densify_from), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = STEPS, .help = "densify after this step"},
-    {.name = "densify-until", .type = PAGS_OPTION_INT64, .offset = CONFIG(densify_until), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = STEPS, .help = "densify before this step"},
-    {.name = "densify-every", .type = PAGS_OPTION_INT64, .offset = CONFIG(densify_every), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = STEPS, .help = "how often, but at most once a pass over the training views"},
-    {.name = "densify-gradient", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(densify_gradient), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "G", .unit = "NDC", .help = "mean screen gradient above which to clone or split"},
-    {.name = "absgrad", .type = PAGS_OPTION_FLAG, .offset = CONFIG(absgrad),
-     .help = "judge by absolute per-pixel gradients (Ye et al. 2024)"},
-    {.name = "absgrad-gradient", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(absgrad_gradient), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "G", .unit = "NDC", .help = "the threshold with --absgrad"},
-    {.name = "dense-percent", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(dense_percent), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "F", .unit = "of the scene's extent", .help = "larger Gaussians are split, smaller ones cloned"},
-    {.name = "split-divisor", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(split_divisor), .minimum = 1, .maximum = 100,
-     .metavar = "F", .help = "children's sigma is the parent's over this"},
-    {.name = "revised-opacity", .type = PAGS_OPTION_FLAG, .offset = CONFIG(revised_opacity),
-     .help = "children of a split get 1 - sqrt(1 - o) (Rota Bulo et al. 2024)"},
-    {.name = "prune-opacity", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(prune_opacity), .minimum = 0, .maximum = 1,
-     .metavar = "F", .help = "Gaussians below are removed"},
-    {.name = "prune-scale", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(prune_scale), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "F", .unit = "of the scene's extent", .help = "larger Gaussians are removed once opacities were reset"},
-    {.name = "reset-every", .type = PAGS_OPTION_INT64, .offset = CONFIG(reset_every), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = STEPS, .help = "how often opacities are reset, but at most once in three passes"},
-    {.name = "reset-opacity", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(reset_opacity), .minimum = 0, .maximum = 1,
-     .metavar = "F", .help = "upper bound that a reset sets"},
-    {.name = "mcmc-growth", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(mcmc_growth), .minimum = 0, .maximum = 10,
-     .metavar = "F", .help = "mcmc: share of new Gaussians per densify step"},
-    {.name = "mcmc-noise", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(mcmc_noise), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "F", .unit = "times the position rate", .help = "mcmc: noise on positions"},
-    {.name = "mcmc-opacity-reg", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(mcmc_opacity_reg), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "F", .help = "mcmc: weight of the mean opacity in the loss"},
-    {.name = "mcmc-scale-reg", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(mcmc_scale_reg), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "F", .help = "mcmc: weight of the mean sigma in the loss"},
+    PAGS_GROUP("Density"),
+    PAGS_CHOICE(
+        "strategy", CONFIG(strategy), "default|mcmc", NULL,
+        "default: clone, split, prune and reset (Kerbl et al. 2023); mcmc: relocate, grow and shake (Kheradmand "
+        "et al. 2024)"),
+    PAGS_VALUE("densify-from", 0, INT64, CONFIG(densify_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "densify after this step"),
+    PAGS_VALUE("densify-until", 0, INT64, CONFIG(densify_until), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "densify before this step"),
+    PAGS_VALUE("densify-every", 0, INT64, CONFIG(densify_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "how often, but at most once a pass over the training views"),
+    PAGS_VALUE("densify-gradient", 0, DOUBLE, CONFIG(densify_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,
+               "mean screen gradient above which to clone or split"),
+    PAGS_FLAG("absgrad", 0, CONFIG(absgrad), "judge by absolute per-pixel gradients (Ye et al. 2024)"),
+    PAGS_VALUE("absgrad-gradient", 0, DOUBLE, CONFIG(absgrad_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,
+               "the threshold with --absgrad"),
+    PAGS_VALUE("dense-percent", 0, DOUBLE, CONFIG(dense_percent), 0, PAGS_UNLIMITED, "F", "of the scene's extent", NULL,
+               "larger Gaussians are split, smaller ones cloned"),
+    PAGS_VALUE("split-divisor", 0, DOUBLE, CONFIG(split_divisor), 1, 100, "F", NULL, NULL,
+               "children's sigma is the parent's over this"),
+    PAGS_FLAG("revised-opacity", 0, CONFIG(revised_opacity),
+              "children of a split get 1 - sqrt(1 - o) (Rota Bulo et al. 2024)"),
+    PAGS_VALUE("prune-opacity", 0, DOUBLE, CONFIG(prune_opacity), 0, 1, "F", NULL, NULL, "Gaussians below are removed"),
+    PAGS_VALUE("prune-scale", 0, DOUBLE, CONFIG(prune_scale), 0, PAGS_UNLIMITED, "F", "of the scene's extent", NULL,
+               "larger Gaussians are removed once opacities were reset"),
+    PAGS_VALUE("reset-every", 0, INT64, CONFIG(reset_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "how often opacities are reset, but at most once in three passes"),
+    PAGS_VALUE("reset-opacity", 0, DOUBLE, CONFIG(reset_opacity), 0, 1, "F", NULL, NULL,
+               "upper bound that a reset sets"),
+    PAGS_VALUE("mcmc-growth", 0, DOUBLE, CONFIG(mcmc_growth), 0, 10, "F", NULL, NULL,
+               "mcmc: share of new Gaussians per densify step"),
+    PAGS_VALUE("mcmc-noise", 0, DOUBLE, CONFIG(mcmc_noise), 0, PAGS_UNLIMITED, "F", "times the position rate", NULL,
+               "mcmc: noise on positions"),
+    PAGS_VALUE("mcmc-opacity-reg", 0, DOUBLE, CONFIG(mcmc_opacity_reg), 0, PAGS_UNLIMITED, "F", NULL, NULL,
+               "mcmc: weight of the mean opacity in the loss"),
+    PAGS_VALUE("mcmc-scale-reg", 0, DOUBLE, CONFIG(mcmc_scale_reg), 0, PAGS_UNLIMITED, "F", NULL, NULL,
+               "mcmc: weight of the mean sigma in the loss"),
 
-    GROUP("Optimiser, loss and start"),
-    {.name = "position-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(position_rate_begin), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "R", .unit = "times the extent", .help = "learning rate of positions at the start"},
-    {.name = "position-rate-end", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(position_rate_end), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "R", .unit = "times the extent", .help = "and at the end; log-linear between"},
-    {.name = "scale-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(scale_rate), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "R", .help = "learning rate of ln sigma"},
-    {.name = "rotation-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(rotation_rate), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "R", .help = "learning rate of quaternions"},
-    {.name = "opacity-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(opacity_rate), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "R", .help = "learning rate of opacity logits"},
-    {.name = "sh-dc-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(sh_dc_rate), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "R", .help = "learning rate of the constant colour term"},
-    {.name = "sh-rest-rate", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(sh_rest_rate), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "R", .help = "learning rate of the higher colour terms"},
-    {.name = "beta1", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(beta1), .minimum = 0, .maximum = 0.9999,
-     .metavar = "F", .help = "Adam's decay of the first moment"},
-    {.name = "beta2", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(beta2), .minimum = 0, .maximum = 0.999999,
-     .metavar = "F", .help = "Adam's decay of the second moment"},
-    {.name = "epsilon", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(epsilon), .minimum = 0, .maximum = 1, .metavar = "F",
-     .help = "added to the root of Adam's second moment"},
-    {.name = "ssim-weight", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(ssim_weight), .minimum = 0, .maximum = 1,
-     .metavar = "W", .help = "the loss is (1 - W) L1 + W (1 - SSIM)"},
-    {.name = "init-opacity", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(init_opacity), .minimum = 0, .maximum = 1,
-     .metavar = "F", .help = "opacity of the first Gaussians"},
-    {.name = "init-scale", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(init_scale), .minimum = 0, .maximum = HUGE_VAL,
-     .metavar = "F", .unit = "times the distance to the 3 nearest neighbours", .help = "their sigma"},
-    {.name = "init-scale-max", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(init_scale_max), .minimum = 0,
-     .maximum = HUGE_VAL, .metavar = "F", .unit = "of the scene's extent", .help = "upper bound of their sigma"},
+    PAGS_GROUP("Optimiser, loss and start"),
+    PAGS_VALUE("position-rate", 0, DOUBLE, CONFIG(position_rate_begin), 0, PAGS_UNLIMITED, "R", "times the extent",
+               NULL, "learning rate of positions at the start"),
+    PAGS_VALUE("position-rate-end", 0, DOUBLE, CONFIG(position_rate_end), 0, PAGS_UNLIMITED, "R", "times the extent",
+               NULL, "and at the end; log-linear between"),
+    PAGS_VALUE("scale-rate", 0, DOUBLE, CONFIG(scale_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
+               "learning rate of ln sigma"),
+    PAGS_VALUE("rotation-rate", 0, DOUBLE, CONFIG(rotation_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
+               "learning rate of quaternions"),
+    PAGS_VALUE("opacity-rate", 0, DOUBLE, CONFIG(opacity_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
+               "learning rate of opacity logits"),
+    PAGS_VALUE("sh-dc-rate", 0, DOUBLE, CONFIG(sh_dc_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
+               "learning rate of the constant colour term"),
+    PAGS_VALUE("sh-rest-rate", 0, DOUBLE, CONFIG(sh_rest_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
+               "learning rate of the higher colour terms"),
+    PAGS_VALUE("beta1", 0, DOUBLE, CONFIG(beta1), 0, 0.95, "F", NULL, NULL, "Adam's decay of the first moment"),
+    PAGS_VALUE("beta2", 0, DOUBLE, CONFIG(beta2), 0.95, 0.99999, "F", NULL, NULL, "Adam's decay of the second moment"),
+    PAGS_VALUE("epsilon", 0, DOUBLE, CONFIG(epsilon), 1e-20, 1, "F", NULL, NULL,
+               "added to the root of Adam's second moment"),
+    PAGS_VALUE("ssim-weight", 0, DOUBLE, CONFIG(ssim_weight), 0, 1, "W", NULL, NULL,
+               "the loss is (1 - W) L1 + W (1 - SSIM)"),
+    PAGS_VALUE("init-opacity", 0, DOUBLE, CONFIG(init_opacity), 0, 1, "F", NULL, NULL,
+               "opacity of the first Gaussians"),
+    PAGS_VALUE("init-scale", 0, DOUBLE, CONFIG(init_scale), 0, PAGS_UNLIMITED, "F",
+               "times the distance to the 3 nearest neighbours", NULL, "their sigma"),
+    PAGS_VALUE("init-scale-max", 0, DOUBLE, CONFIG(init_scale_max), 0, PAGS_UNLIMITED, "F", "of the scene's extent",
+               NULL, "upper bound of their sigma"),
 
-    GROUP("Picture"),
-    {.name = "sh-degree", .type = PAGS_OPTION_INT, .offset = CONFIG(sh_degree), .minimum = 0, .maximum = 3, .metavar = "0..3",
-     .help = "highest degree of the spherical harmonics of colour"},
-    {.name = "sh-interval", .type = PAGS_OPTION_INT64, .offset = CONFIG(sh_interval), .minimum = 1, .maximum = HUGE_VAL,
-     .metavar = "N", .unit = STEPS, .help = "one degree more every so many steps"},
-    {.name = "quarter-until", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(quarter_until), .minimum = 0, .maximum = 1,
-     .metavar = "F", .unit = "of the schedule", .help = "train at a quarter of the size until then"},
-    {.name = "half-until", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(half_until), .minimum = 0, .maximum = 1,
-     .metavar = "F", .unit = "of the schedule", .help = "train at half of the size until then"},
-    {.name = "resolution-floor", .type = PAGS_OPTION_INT, .offset = CONFIG(resolution_floor), .minimum = 1,
-     .maximum = 65535, .metavar = "N", .unit = "pixels", .help = "skip levels whose shorter side would be smaller"},
-    {.name = "antialiased", .type = PAGS_OPTION_FLAG, .offset = CONFIG(antialiased),
-     .help = "scale opacities by what the low-pass takes (Mip-Splatting's 2D filter)"},
-    {.name = "low-pass", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(low_pass), .minimum = 0, .maximum = 100,
-     .metavar = "V", .unit = "px^2", .help = "added to both variances on the screen"},
-    {.name = "near", .type = PAGS_OPTION_DOUBLE, .offset = CONFIG(near_plane), .minimum = 1e-6, .maximum = HUGE_VAL,
-     .metavar = "Z", .unit = "metres", .help = "don't draw Gaussians nearer than this"},
-    {.name = "background", .type = PAGS_OPTION_COLOR, .offset = CONFIG(background), .metavar = "R,G,B",
-     .unit = "sRGB, 0..1", .help = "colour behind everything"},
-    {.name = "cluster-size", .type = PAGS_OPTION_INT, .offset = CONFIG(cluster_size), .minimum = 16, .maximum = 256,
-     .metavar = "N", .unit = "Gaussians; a multiple of 16", .help = "culled together; changes speed, not results"},
+    PAGS_GROUP("Picture"),
+    PAGS_VALUE("sh-degree", 0, INT, CONFIG(sh_degree), 0, 3, "0..3", NULL, NULL,
+               "highest degree of the spherical harmonics of colour"),
+    PAGS_VALUE("sh-interval", 0, INT64, CONFIG(sh_interval), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "one degree more every so many steps"),
+    PAGS_VALUE("quarter-until", 0, DOUBLE, CONFIG(quarter_until), 0, 1, "F", "of the schedule", NULL,
+               "train at a quarter of the size until then"),
+    PAGS_VALUE("half-until", 0, DOUBLE, CONFIG(half_until), 0, 1, "F", "of the schedule", NULL,
+               "train at half of the size until then"),
+    PAGS_VALUE("resolution-floor", 0, INT, CONFIG(resolution_floor), 1, 65535, "N", "pixels", NULL,
+               "skip levels whose shorter side would be smaller"),
+    PAGS_FLAG("antialiased", 0, CONFIG(antialiased),
+              "scale opacities by what the low-pass takes (Mip-Splatting's 2D filter)"),
+    PAGS_VALUE("low-pass", 0, DOUBLE, CONFIG(low_pass), 0, 100, "V", "px^2", NULL,
+               "added to both variances on the screen"),
+    PAGS_VALUE("near", 0, DOUBLE, CONFIG(near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", NULL,
+               "don't draw Gaussians nearer than this"),
+    PAGS_VALUE("background", 0, COLOR, CONFIG(background), 0, 0, "R,G,B", "sRGB, 0..1", NULL,
+               "colour behind everything"),
+    PAGS_VALUE("cluster-size", 0, INT, CONFIG(cluster_size), 16, 256, "N", "Gaussians; a multiple of 16", NULL,
+               "culled together; changes speed, not results"),
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"DATASET", "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP model and images, or a transforms file"},
+    {"DATASET",
+     "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP model and images, or a transforms file"},
     {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "train",
     .usage = "DATASET -o SCENE [options]",
-    .about = "Reconstructs a scene from posed photographs. Ctrl-C or SIGTERM writes a checkpoint and the scene as it stands and "
-             "exits with 3; --resume goes on to the same bits as if nothing had happened. Options counted in \"" STEPS
-             "\" are multiplied by iterations / 30 000.",
+    .about =
+        "Reconstructs a scene from posed photographs. Ctrl-C or SIGTERM writes a checkpoint and the scene as it "
+        "stands and exits with 3; --resume goes on to the same bits as if nothing had happened. Options counted in "
+        "\"" STEPS "\" are multiplied by iterations / 30 000.",
     .positionals = positionals,
     .options = options};
 
@@ -194,10 +182,10 @@ static int show_progress(void *user, const pags_train_progress *now) {
     return 1;
   if (now->level > 1)
     snprintf(size, sizeof size, ", 1/%d size", now->level);
-  pags_progress_show(&watch->progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB, %s left",
-                     (long long)now->step, (long long)now->iterations, size, now->it_per_second,
-                     (long long)now->gaussians, now->loss, now->psnr,
-                     pags_format_duration(now->eta_seconds, eta, sizeof eta));
+  pags_progress_show(
+      &watch->progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB, %s left",
+      (long long)now->step, (long long)now->iterations, size, now->it_per_second, (long long)now->gaussians, now->loss,
+      now->psnr, pags_format_duration(now->eta_seconds, eta, sizeof eta));
   return 1;
 }
 
@@ -252,7 +240,8 @@ static void report(const train_arguments *arguments, const pags_train_result *re
              pags_format_bytes((double)result->estimated_bytes, memory, sizeof memory));
     return;
   }
-  pags_say(&arguments->session, "%s: %lld Gaussians after %lld steps; %s in this run, %.1f it/s at the end, peak memory %s\n",
+  pags_say(&arguments->session,
+           "%s: %lld Gaussians after %lld steps; %s in this run, %.1f it/s at the end, peak memory %s\n",
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
@@ -268,8 +257,8 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
   pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
-           pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height, (long long)held_out,
-           (long long)points, random ? "random points" : "points", pags_dataset_kind(dataset));
+           pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
+           (long long)held_out, (long long)points, random ? "random points" : "points", pags_dataset_kind(dataset));
 }
 
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
@@ -299,8 +288,8 @@ static int usage_conflict(const train_arguments *arguments, const pags_parsed *p
     return pags_usage_error(&verb, "--resume and --overwrite exclude each other");
   if (arguments->reconstruction && pags_option_given(parsed, "split-every"))
     return pags_usage_error(&verb, "--reconstruction and --split-every exclude each other");
-  if (arguments->config.cluster_size % 16)
-    return pags_usage_error(&verb, "--cluster-size: expected a multiple of 16, got '%d'", arguments->config.cluster_size);
+  if (pags_train_config_check(&arguments->config) != PAGS_OK)
+    return pags_usage_error(&verb, "%s", pags_error_message());
   return PAGS_EXIT_OK;
 }
 
@@ -331,7 +320,8 @@ int pags_verb_train(int argc, char **argv) {
     outcome = write_json(&arguments, &result);
   }
   if (outcome == PAGS_OK && !result.finished && !arguments.options.estimate)
-    outcome = pags_fail(PAGS_CANCELLED, "interrupted after step %lld; the state is saved in %s, --resume goes on from it",
-                        (long long)result.iterations, arguments.output);
+    outcome =
+        pags_fail(PAGS_CANCELLED, "interrupted after step %lld; the state is saved in %s, --resume goes on from it",
+                  (long long)result.iterations, arguments.output);
   return pags_session_end(&arguments.session, outcome);
 }

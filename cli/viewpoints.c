@@ -46,13 +46,17 @@ static pags_result append_view(pags_viewpoints *viewpoints, const char *photogra
   return append(viewpoints, stem, camera);
 }
 
-static bool wanted(pags_split split, int test) { return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0); }
+static bool wanted(pags_split split, int test) {
+  return split == PAGS_SPLIT_ALL || (split == PAGS_SPLIT_TEST) == (test != 0);
+}
 
 static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split, const char *where) {
   if (viewpoints->count)
     return PAGS_OK;
   return pags_fail(PAGS_ERROR_ARGUMENT, "%s has no %s views", where,
-                   split == PAGS_SPLIT_TEST ? "held-out" : split == PAGS_SPLIT_TRAIN ? "training" : "");
+                   split == PAGS_SPLIT_TEST    ? "held-out"
+                   : split == PAGS_SPLIT_TRAIN ? "training"
+                                               : "");
 }
 
 pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out) {
