@@ -1,0 +1,45 @@
+/* What colmap.c shares with the readers of the binary and of the text form. */
+#ifndef PAGS_DATASET_COLMAP_H
+#define PAGS_DATASET_COLMAP_H
+
+#include "dataset/draft.h"
+
+typedef struct pags_colmap_camera {
+  int64_t id;
+  pags_lens lens;
+} pags_colmap_camera;
+
+typedef struct pags_colmap {
+  pags_draft *draft;
+  int64_t camera_count, camera_capacity;
+  pags_colmap_camera *cameras; /* sorted by id once read */
+} pags_colmap;
+
+typedef struct pags_colmap_image {
+  int64_t id, camera;
+  double pose[7]; /* camera_from_world: quaternion w x y z, translation */
+  const char *name;
+} pags_colmap_image;
+
+typedef struct pags_colmap_bytes {
+  const char *path;
+  uint8_t *data; /* a zero byte follows the last */
+  size_t size;
+} pags_colmap_bytes;
+
+typedef pags_result pags_colmap_read_fn(pags_colmap *model, const pags_colmap_bytes *bytes);
+
+pags_colmap_read_fn pags_colmap_cameras_bin, pags_colmap_images_bin, pags_colmap_points_bin;
+pags_colmap_read_fn pags_colmap_cameras_txt, pags_colmap_images_txt, pags_colmap_points_txt;
+
+/* Camera models, by COLMAP's number and name; unsupported ones fail and are named. */
+pags_result pags_colmap_kind_by_id(const char *where, int64_t id, int *out);
+pags_result pags_colmap_kind_by_name(const char *where, const char *name, int *out);
+int pags_colmap_parameters(int kind); /* at most 12 */
+void pags_colmap_set_lens(int kind, const double *parameters, pags_lens *lens);
+
+pags_colmap_camera *pags_colmap_add_camera(pags_colmap *model); /* NULL when memory is out */
+pags_result pags_colmap_sort_cameras(pags_colmap *model, const char *where);
+pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const pags_colmap_image *image);
+
+#endif

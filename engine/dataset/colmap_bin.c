@@ -1,0 +1,128 @@
+/* The binary form: little-endian, 64-bit counts, records without padding. Every count is held against what is left of the
+ * file before anything is allocated. */
+#include "dataset/colmap.h"
+
+#include <string.h>
+
+typedef struct cursor {
+  const pags_colmap_bytes *bytes;
+  size_t at;
+} cursor;
+
+static pags_result ends(const cursor *c) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: ends at byte %zu within a record", c->bytes->path, c->bytes->size);
+}
+
+static pags_result take(cursor *c, void *out, size_t size) {
+  if (c->bytes->size - c->at < size)
+    return ends(c);
+  memcpy(out, c->bytes->data + c->at, size);
+  c->at += size;
+  return PAGS_OK;
+}
+
+static pags_result take_u32(cursor *c, int64_t *out) {
+  uint32_t value;
+  PAGS_TRY(take(c, &value, sizeof value));
+  *out = value;
+  return PAGS_OK;
+}
+
+/* A count of records that take at least `record` bytes each. */
+static pags_result take_count(cursor *c, size_t record, const char *what, int64_t *out) {
+  uint64_t value;
+  size_t at = c->at;
+  PAGS_TRY(take(c, &value, sizeof value));
+  if (value > (c->bytes->size - c->at) / record)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %zu: %llu %s, more than the file has room for", c->bytes->path, at,
+                     (unsigned long long)value, what);
+  *out = (int64_t)value;
+  return PAGS_OK;
+}
+
+static pags_result take_camera(cursor *c, pags_colmap *model) {
+  pags_colmap_camera *camera = pags_colmap_add_camera(model);
+  if (!camera)
+    return pags_draft_memory(c->bytes->path);
+  int64_t kind_id;
+  uint64_t size[2];
+  double parameters[12];
+  int kind;
+  PAGS_TRY(take_u32(c, &camera->id));
+  PAGS_TRY(take_u32(c, &kind_id));
+  PAGS_TRY(pags_colmap_kind_by_id(c->bytes->path, kind_id, &kind));
+  PAGS_TRY(take(c, size, sizeof size));
+  PAGS_TRY(take(c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
+  if (size[0] > 65535 || size[1] > 65535)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c->bytes->path,
+                     (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
+  camera->lens.width = (int)size[0];
+  camera->lens.height = (int)size[1];
+  pags_colmap_set_lens(kind, parameters, &camera->lens);
+  return PAGS_OK;
+}
+
+pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  cursor c = {.bytes = bytes};
+  int64_t count;
+  PAGS_TRY(take_count(&c, 24 + 3 * sizeof(double), "cameras", &count));
+  for (int64_t i = 0; i < count; i++)
+    PAGS_TRY(take_camera(&c, model));
+  return pags_colmap_sort_cameras(model, bytes->path);
+}
+
+static pags_result take_image(cursor *c, pags_colmap *model) {
+  pags_colmap_image image;
+  PAGS_TRY(take_u32(c, &image.id));
+  PAGS_TRY(take(c, image.pose, sizeof image.pose));
+  PAGS_TRY(take_u32(c, &image.camera));
+  const uint8_t *name = c->bytes->data + c->at;
+  const uint8_t *stop = memchr(name, 0, c->bytes->size - c->at);
+  if (!stop)
+    return ends(c);
+  image.name = (const char *)name;
+  c->at += (size_t)(stop - name) + 1;
+  int64_t observations;
+  const size_t observation = 2 * sizeof(double) + sizeof(uint64_t);
+  PAGS_TRY(take_count(c, observation, "observations", &observations));
+  c->at += (size_t)observations * observation;
+  return pags_colmap_add_image(model, c->bytes->path, &image);
+}
+
+pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  cursor c = {.bytes = bytes};
+  int64_t count;
+  PAGS_TRY(take_count(&c, 4 + 7 * sizeof(double) + 4 + 1 + 8, "images", &count));
+  for (int64_t i = 0; i < count; i++)
+    PAGS_TRY(take_image(&c, model));
+  return PAGS_OK;
+}
+
+static pags_result take_point(cursor *c, pags_draft_points *points) {
+  uint64_t id;
+  double xyz[3], error;
+  uint8_t rgb[3];
+  int64_t observers;
+  PAGS_TRY(take(c, &id, sizeof id));
+  PAGS_TRY(take(c, xyz, sizeof xyz));
+  PAGS_TRY(take(c, rgb, sizeof rgb));
+  PAGS_TRY(take(c, &error, sizeof error));
+  PAGS_TRY(take_count(c, 8, "observers of a point", &observers));
+  PAGS_TRY(pags_draft_add_point(points, (int64_t)id, xyz, rgb, c->bytes->path));
+  for (int64_t i = 0; i < observers; i++) {
+    int64_t view, observation;
+    PAGS_TRY(take_u32(c, &view));
+    PAGS_TRY(take_u32(c, &observation));
+    PAGS_TRY(pags_draft_observe(points, view, c->bytes->path));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_colmap_points_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  cursor c = {.bytes = bytes};
+  int64_t count;
+  PAGS_TRY(take_count(&c, 8 + 3 * sizeof(double) + 3 + 8 + 8, "points", &count));
+  for (int64_t i = 0; i < count; i++)
+    PAGS_TRY(take_point(&c, &model->draft->points));
+  return PAGS_OK;
+}

@@ -1,0 +1,171 @@
+/* The text form: '#' comments, one record a line, fields between blanks. images.txt has a second line for each image, its
+ * observations, which may be empty and is never needed here. */
+#include "dataset/colmap.h"
+
+#include "base/text.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct lines {
+  const pags_colmap_bytes *bytes;
+  char *at;    /* the rest of the file */
+  char *field; /* the rest of the line */
+  int number;
+} lines;
+
+static lines begin(const pags_colmap_bytes *bytes) {
+  return (lines){.bytes = bytes, .at = (char *)bytes->data};
+}
+
+static char *skip_blanks(char *text) {
+  while (*text == ' ' || *text == '\t' || *text == '\r')
+    text++;
+  return text;
+}
+
+/* The next line, cut off in place; false at the end of the file. A file with a zero byte in it ends there. */
+static bool next_line(lines *l) {
+  if (!*l->at)
+    return false;
+  char *stop = strchr(l->at, '\n');
+  l->field = skip_blanks(l->at);
+  l->at = stop ? stop + 1 : l->at + strlen(l->at);
+  if (stop)
+    *stop = '\0';
+  l->number++;
+  return true;
+}
+
+/* The next line that is neither empty nor a comment. */
+static bool next_record(lines *l) {
+  while (next_line(l))
+    if (*l->field && *l->field != '#')
+      return true;
+  return false;
+}
+
+static pags_result expected(const lines *l, const char *what) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected %s", l->bytes->path, l->number, what);
+}
+
+static pags_result take_number(lines *l, const char *what, double *out) {
+  char *end = l->field;
+  if (*l->field)
+    *out = pags_text_to_double(l->field, &end);
+  if (end == l->field || (*end && *end != ' ' && *end != '\t' && *end != '\r'))
+    return expected(l, what);
+  l->field = skip_blanks(end);
+  return PAGS_OK;
+}
+
+static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t high, int64_t *out) {
+  double value;
+  PAGS_TRY(take_number(l, what, &value));
+  if (!(value >= (double)low && value <= (double)high) || value != (double)(int64_t)value)
+    return expected(l, what);
+  *out = (int64_t)value;
+  return PAGS_OK;
+}
+
+/* Ids are unsigned 32-bit, those of points 64-bit; both far below 2^53 in any real model. */
+#define LARGEST_ID (INT64_C(1) << 53)
+
+static pags_result take_camera(lines *l, pags_colmap *model) {
+  pags_colmap_camera *camera = pags_colmap_add_camera(model);
+  if (!camera)
+    return pags_draft_memory(l->bytes->path);
+  char *where = pags_draft_text("%s:%d", l->bytes->path, l->number);
+  if (!where)
+    return pags_draft_memory(l->bytes->path);
+  pags_result result = take_integer(l, "a camera's number", 0, LARGEST_ID, &camera->id);
+  char *name = l->field, *end = name + strcspn(name, " \t\r");
+  l->field = skip_blanks(end);
+  char kind_name[64] = "";
+  if (end - name < 64)
+    memcpy(kind_name, name, (size_t)(end - name));
+  int kind = 0;
+  if (result == PAGS_OK)
+    result = pags_colmap_kind_by_name(where, kind_name, &kind);
+  free(where);
+  PAGS_TRY(result);
+  int64_t width, height;
+  double parameters[12];
+  PAGS_TRY(take_integer(l, "a width in pixels, 1..65535", 1, 65535, &width));
+  PAGS_TRY(take_integer(l, "a height in pixels, 1..65535", 1, 65535, &height));
+  for (int i = 0; i < pags_colmap_parameters(kind); i++)
+    PAGS_TRY(take_number(l, "another parameter of the camera", &parameters[i]));
+  camera->lens.width = (int)width;
+  camera->lens.height = (int)height;
+  pags_colmap_set_lens(kind, parameters, &camera->lens);
+  return PAGS_OK;
+}
+
+pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  lines l = begin(bytes);
+  while (next_record(&l))
+    PAGS_TRY(take_camera(&l, model));
+  return pags_colmap_sort_cameras(model, bytes->path);
+}
+
+/* Observations come in threes (x, y, point). Anything else means that the empty line of an image without observations was
+ * lost and that the next image would be skipped. */
+static pags_result check_observations(lines *l) {
+  int fields = 0;
+  for (char *at = l->field; *at; fields++)
+    at = skip_blanks(at + strcspn(at, " \t\r"));
+  return fields % 3 == 0 ? PAGS_OK
+                         : expected(l, "a line of observations (x y point), or an empty one, after each image");
+}
+
+static pags_result take_image(lines *l, pags_colmap *model) {
+  pags_colmap_image image;
+  PAGS_TRY(take_integer(l, "an image's number", 0, LARGEST_ID, &image.id));
+  for (int i = 0; i < 7; i++)
+    PAGS_TRY(take_number(l, "a number of the image's pose", &image.pose[i]));
+  PAGS_TRY(take_integer(l, "the number of the image's camera", 0, LARGEST_ID, &image.camera));
+  char *end = l->field + strlen(l->field);
+  while (end > l->field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
+    *--end = '\0';
+  image.name = l->field; /* may have blanks in it */
+  char *where = pags_draft_text("%s:%d", l->bytes->path, l->number);
+  pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_draft_memory(l->bytes->path);
+  free(where);
+  PAGS_TRY(result);
+  return next_line(l) ? check_observations(l) : PAGS_OK;
+}
+
+pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  lines l = begin(bytes);
+  while (next_record(&l))
+    PAGS_TRY(take_image(&l, model));
+  return PAGS_OK;
+}
+
+static pags_result take_point(lines *l, pags_draft_points *points) {
+  int64_t id, colour, view, observation;
+  double xyz[3], error;
+  uint8_t rgb[3];
+  PAGS_TRY(take_integer(l, "a point's number", 0, LARGEST_ID, &id));
+  for (int i = 0; i < 3; i++)
+    PAGS_TRY(take_number(l, "a coordinate", &xyz[i]));
+  for (int i = 0; i < 3; i++) {
+    PAGS_TRY(take_integer(l, "a colour, 0..255", 0, 255, &colour));
+    rgb[i] = (uint8_t)colour;
+  }
+  PAGS_TRY(take_number(l, "the point's error", &error));
+  PAGS_TRY(pags_draft_add_point(points, id, xyz, rgb, l->bytes->path));
+  while (*l->field) {
+    PAGS_TRY(take_integer(l, "the number of an image", 0, LARGEST_ID, &view));
+    PAGS_TRY(take_integer(l, "the number of an observation", 0, LARGEST_ID, &observation));
+    PAGS_TRY(pags_draft_observe(points, view, l->bytes->path));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_colmap_points_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
+  lines l = begin(bytes);
+  while (next_record(&l))
+    PAGS_TRY(take_point(&l, &model->draft->points));
+  return PAGS_OK;
+}

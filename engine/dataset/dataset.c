@@ -1,0 +1,309 @@
+/* Opening a data set: choosing the reader, checking what it read against the pictures, and bringing every camera to an
+ * upright pinhole. */
+#include "dataset/internal.h"
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/text.h"
+
+#include <pags/image.h>
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+pags_dataset_options pags_dataset_options_default(void) {
+  return (pags_dataset_options){.downscale = 1, .split_every = 8, .random_points = 10000};
+}
+
+static pags_result check_options(const pags_dataset_options *options) {
+  if (!(options->downscale >= 1) || !isfinite(options->downscale))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "downscale %g: expected 1 or more", options->downscale);
+  if (options->split_every < 0 || options->split_every == 1)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "split %d: expected 0 (hold nothing out) or at least 2",
+                     options->split_every);
+  if (options->random_points < 1 || options->random_points > 100000000)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%lld random points: expected 1..100000000",
+                     (long long)options->random_points);
+  return PAGS_OK;
+}
+
+/* Choice of the reader. */
+
+static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
+
+static pags_result read_default_model(const char *root, pags_draft *draft) {
+  for (size_t i = 0; i < sizeof model_folders / sizeof *model_folders; i++) {
+    char *model = i == 0 ? pags_text_copy(root) : pags_path_join(root, model_folders[i]);
+    if (!model)
+      return pags_draft_memory(root);
+    bool found = pags_colmap_is_model(model);
+    pags_result result = found ? pags_colmap_read(root, model, draft) : PAGS_OK;
+    free(model);
+    if (found)
+      return result;
+  }
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: not a data set: it has no transforms.json, and no COLMAP model (cameras and images, "
+                   ".bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
+                   root);
+}
+
+static pags_result read_folder(const char *root, pags_draft *draft) {
+  char *transforms = pags_path_join(root, "transforms.json");
+  if (!transforms)
+    return pags_draft_memory(root);
+  bool found = pags_file_exists(transforms);
+  pags_result result = found ? pags_transforms_read(transforms, draft) : read_default_model(root, draft);
+  free(transforms);
+  return result;
+}
+
+/* A model that was asked for; its path may be relative to the data set. */
+static pags_result read_named_model(const char *path, const char *model, pags_draft *draft) {
+  char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
+  char *inside = root ? pags_path_join(root, model) : NULL;
+  pags_result result;
+  if (!inside)
+    result = pags_draft_memory(path);
+  else if (pags_colmap_is_model(model))
+    result = pags_colmap_read(root, model, draft);
+  else if (pags_colmap_is_model(inside))
+    result = pags_colmap_read(root, inside, draft);
+  else
+    result =
+        pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", model);
+  free(inside);
+  free(root);
+  return result;
+}
+
+static pags_result read_draft(const char *path, const pags_dataset_options *options, pags_draft *draft) {
+  if (!pags_path_exists(path))
+    return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
+  if (options->colmap)
+    return read_named_model(path, options->colmap, draft);
+  if (pags_dir_exists(path))
+    return read_folder(path, draft);
+  if (strcmp(pags_path_extension(path), ".json") == 0)
+    return pags_transforms_read(path, draft);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
+}
+
+/* Views: order, presence, sizes. */
+
+static int by_name(const void *a, const void *b) {
+  const pags_draft_view *left = a, *right = b;
+  int order = strcmp(pags_path_name(left->image_path), pags_path_name(right->image_path));
+  return order ? order : strcmp(left->image_path, right->image_path);
+}
+
+static pags_result sort_views(pags_draft *draft) {
+  if (draft->count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", draft->source);
+  qsort(draft->views, (size_t)draft->count, sizeof *draft->views, by_name);
+  for (int64_t i = 1; i < draft->count; i++) {
+    const pags_draft_view *a = &draft->views[i - 1], *b = &draft->views[i];
+    const char *name = pags_path_name(a->image_path);
+    if (strcmp(name, pags_path_name(b->image_path)) == 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the image name %s occurs twice (also at %s); expected unique names",
+                       b->where, name, a->where);
+  }
+  return PAGS_OK;
+}
+
+static pags_result check_sizes(const pags_draft *draft) {
+  for (int64_t i = 0; i < draft->count; i++) {
+    const pags_draft_view *view = &draft->views[i];
+    int width, height;
+    if (view->missing || view->sized)
+      continue;
+    PAGS_TRY(pags_image_size(view->image_path, &width, &height));
+    if (width != view->lens.width || height != view->lens.height)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s has %d x %d pixels, expected %d x %d as its camera says", view->where,
+                       view->image_path, width, height, view->lens.width, view->lens.height);
+  }
+  return PAGS_OK;
+}
+
+static void swap_views(pags_draft_view *a, pags_draft_view *b) {
+  pags_draft_view keep = *a;
+  *a = *b;
+  *b = keep;
+}
+
+/* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the others. */
+static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
+  pags_draft *draft = &dataset->draft;
+  const char *first = NULL, *where = NULL;
+  for (int64_t i = 0; i < draft->count; i++) {
+    pags_draft_view *view = &draft->views[i];
+    if (!view->missing)
+      swap_views(view, &draft->views[dataset->count++]);
+    else if (!first)
+      first = view->image_path, where = view->where;
+  }
+  dataset->missing = draft->count - dataset->count;
+  if (!first)
+    return PAGS_OK;
+  long long missing = (long long)dataset->missing, all = (long long)draft->count;
+  if (dataset->count == 0)
+    return pags_fail(PAGS_ERROR_IO, "%s: no such image: %s; all %lld images are missing", where, first, all);
+  if (!allowed)
+    return pags_fail(PAGS_ERROR_IO,
+                     "%s: no such image: %s; %lld of %lld images are missing (--allow-missing leaves them out)", where,
+                     first, missing, all);
+  pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s", draft->source,
+           missing, all, first);
+  return PAGS_OK;
+}
+
+/* Cameras. */
+
+static bool same_lens(const pags_lens *a, const pags_lens *b) {
+  return a->kind == b->kind && a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy &&
+         a->cx == b->cx && a->cy == b->cy && memcmp(a->k, b->k, sizeof a->k) == 0 &&
+         memcmp(a->p, b->p, sizeof a->p) == 0;
+}
+
+/* Finding the pinhole of a lens costs milliseconds: one that was seen before is taken over. */
+static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
+  pags_draft_view *views = dataset->draft.views;
+  for (int64_t i = 0; i < index; i++)
+    if (same_lens(&views[i].lens, &views[index].lens)) {
+      views[index].lens = views[i].lens;
+      dataset->pinholes[index] = dataset->pinholes[i];
+      return PAGS_OK;
+    }
+  PAGS_TRY(pags_lens_prepare(&views[index].lens, views[index].where));
+  return pags_lens_pinhole(&views[index].lens, views[index].where, &dataset->pinholes[index]);
+}
+
+static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_dataset_options *options) {
+  const pags_draft_view *from = &dataset->draft.views[index];
+  pags_view *view = &dataset->views[index];
+  view->name = pags_path_name(from->image_path);
+  view->image_path = from->image_path;
+  view->mask_path = from->mask_path;
+  view->test = options->split_every > 0 && index % options->split_every == 0;
+  PAGS_TRY(find_pinhole(dataset, index));
+  pags_camera camera = dataset->pinholes[index];
+  memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
+  camera.time = NAN;
+  char *what = pags_draft_text("%s (%s)", from->where, view->name);
+  pags_result result = what ? pags_camera_check(&camera, what) : pags_draft_memory(from->where);
+  free(what);
+  view->camera = pags_camera_downscale(&camera, options->downscale);
+  return result;
+}
+
+static pags_result make_views(pags_dataset *dataset, const pags_dataset_options *options) {
+  size_t count = (size_t)dataset->count;
+  dataset->views = calloc(count, sizeof *dataset->views);
+  dataset->pinholes = calloc(count, sizeof *dataset->pinholes);
+  if (!dataset->views || !dataset->pinholes)
+    return pags_draft_memory(dataset->path);
+  int64_t training = 0;
+  for (int64_t i = 0; i < dataset->count; i++) {
+    PAGS_TRY(make_view(dataset, i, options));
+    training += !dataset->views[i].test;
+  }
+  if (training == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: its only view is held out; expected more views, or --split-every 0",
+                     dataset->draft.source);
+  return PAGS_OK;
+}
+
+/* Coordinates beyond this lose more than half a millimetre in float. */
+#define LARGE_COORDINATE 4096.0
+
+static void choose_origin(pags_dataset *dataset) {
+  double mean[3] = {0}, largest = 0;
+  for (int64_t i = 0; i < dataset->count; i++)
+    for (int c = 0; c < 3; c++) {
+      double at = dataset->views[i].camera.world_from_camera[4 * c + 3];
+      mean[c] += at / (double)dataset->count;
+      largest = fmax(largest, fabs(at));
+    }
+  for (int c = 0; c < 3; c++)
+    dataset->origin[c] = largest > LARGE_COORDINATE ? round(mean[c]) : 0;
+}
+
+static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
+  dataset->path = pags_text_copy(path);
+  if (!dataset->path)
+    return pags_draft_memory(path);
+  PAGS_TRY(read_draft(path, options, &dataset->draft));
+  PAGS_TRY(sort_views(&dataset->draft));
+  PAGS_TRY(check_sizes(&dataset->draft));
+  PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
+  PAGS_TRY(make_views(dataset, options));
+  choose_origin(dataset);
+  return pags_dataset_make_points(dataset, options);
+}
+
+pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out) {
+  assert(path && out);
+  *out = NULL;
+  pags_dataset_options chosen = options ? *options : pags_dataset_options_default();
+  PAGS_TRY(check_options(&chosen));
+  pags_dataset *dataset = calloc(1, sizeof *dataset);
+  if (!dataset)
+    return pags_draft_memory(path);
+  pags_result result = open_into(dataset, path, &chosen);
+  if (result != PAGS_OK)
+    pags_dataset_close(dataset);
+  else
+    *out = dataset;
+  return result;
+}
+
+void pags_dataset_close(pags_dataset *dataset) {
+  if (!dataset)
+    return;
+  pags_draft_destroy(&dataset->draft);
+  free(dataset->path);
+  free(dataset->views);
+  free(dataset->pinholes);
+  free(dataset->xyz);
+  free(dataset->rgb);
+  free(dataset);
+}
+
+const char *pags_dataset_path(const pags_dataset *dataset) {
+  return dataset->path;
+}
+
+const char *pags_dataset_kind(const pags_dataset *dataset) {
+  return dataset->draft.kind;
+}
+
+int64_t pags_dataset_view_count(const pags_dataset *dataset) {
+  return dataset->count;
+}
+
+const pags_view *pags_dataset_view(const pags_dataset *dataset, int64_t index) {
+  assert(index >= 0 && index < dataset->count);
+  return &dataset->views[index];
+}
+
+pags_up pags_dataset_up(const pags_dataset *dataset) {
+  return dataset->draft.up;
+}
+
+const double *pags_dataset_origin(const pags_dataset *dataset) {
+  return dataset->origin;
+}
+
+int64_t pags_dataset_missing(const pags_dataset *dataset) {
+  return dataset->missing;
+}
+
+void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
+                         int *random) {
+  *count = dataset->point_count;
+  *xyz = dataset->xyz;
+  *rgb = dataset->rgb;
+  *random = dataset->random;
+}

@@ -1,0 +1,180 @@
+/* Distortion models, their inverse, and the choice of the pinhole to resample to.
+ *
+ * Sources: the OpenCV manual (calib3d, fisheye) for the models; COLMAP's undistortion for the rule of the output size. */
+#include "dataset/lens.h"
+
+#include <math.h>
+
+static double poly(const double k[4], double t) {
+  return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
+}
+
+/* Derivative of s * poly(k, s^2) by s at t = s^2. */
+static double slope(const double k[4], double t) {
+  return 1 + t * (3 * k[0] + t * (5 * k[1] + t * (7 * k[2] + t * 9 * k[3])));
+}
+
+/* The first t = s^2 in (0, end) at which s * poly(k, s^2) stops growing, or end. Steps of 1/4096 of the range in s find
+ * the sign change, bisection places it. */
+static double growing_until(const double k[4], double end) {
+  const int steps = 4096;
+  double low = 0;
+  for (int i = 1; i <= steps; i++) {
+    double s = sqrt(end) * i / steps, high = s * s;
+    if (slope(k, high) <= 0) {
+      for (int j = 0; j < 60; j++) {
+        double middle = 0.5 * (low + high);
+        if (slope(k, middle) > 0)
+          low = middle;
+        else
+          high = middle;
+      }
+      return low;
+    }
+    low = high;
+  }
+  return end;
+}
+
+pags_result pags_lens_prepare(pags_lens *lens, const char *where) {
+  const double numbers[] = {lens->fx,   lens->fy,   lens->cx,   lens->cy,   lens->k[0],
+                            lens->k[1], lens->k[2], lens->k[3], lens->p[0], lens->p[1]};
+  for (size_t i = 0; i < sizeof numbers / sizeof *numbers; i++)
+    if (!isfinite(numbers[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite intrinsics", where);
+  if (lens->width < 1 || lens->width > 65535 || lens->height < 1 || lens->height > 65535)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected 1..65535", where, lens->width, lens->height);
+  if (!(lens->fx > 0) || !(lens->fy > 0))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: focal lengths %g and %g, expected them above 0", where, lens->fx,
+                     lens->fy);
+  /* 85 degrees from the axis: past it a pinhole has no use. */
+  const double widest = 85 * 3.14159265358979323846 / 180;
+  if (lens->kind == PAGS_LENS_FISHEYE) {
+    double t = tan(sqrt(growing_until(lens->k, widest * widest)));
+    lens->limit = t * t;
+  } else {
+    lens->limit = growing_until(lens->k, tan(widest) * tan(widest));
+  }
+  return PAGS_OK;
+}
+
+bool pags_lens_is_pinhole(const pags_lens *lens) {
+  if (lens->kind == PAGS_LENS_FISHEYE)
+    return false;
+  for (int i = 0; i < 4; i++)
+    if (lens->k[i] != 0)
+      return false;
+  return lens->p[0] == 0 && lens->p[1] == 0;
+}
+
+/* (x, y) -> distorted position on the plane z = 1. */
+static void distort(const pags_lens *lens, double x, double y, double out[2]) {
+  double r2 = x * x + y * y;
+  if (lens->kind == PAGS_LENS_FISHEYE) {
+    double r = sqrt(r2), theta = atan(r);
+    double scale = r > 1e-12 ? theta * poly(lens->k, theta * theta) / r : 1;
+    out[0] = x * scale;
+    out[1] = y * scale;
+    return;
+  }
+  double radial = poly(lens->k, r2), p1 = lens->p[0], p2 = lens->p[1];
+  out[0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x);
+  out[1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y;
+}
+
+bool pags_lens_project(const pags_lens *lens, double x, double y, double *u, double *v) {
+  double d[2];
+  distort(lens, x, y, d);
+  *u = lens->fx * d[0] + lens->cx;
+  *v = lens->fy * d[1] + lens->cy;
+  return x * x + y * y < lens->limit;
+}
+
+/* The radial part alone: r with r * poly(r^2) = target (or theta, for a fisheye), by bisection where the function grows. */
+static double invert_radial(const pags_lens *lens, double target) {
+  bool fisheye = lens->kind == PAGS_LENS_FISHEYE;
+  double low = 0, high = fisheye ? atan(sqrt(lens->limit)) : sqrt(lens->limit);
+  for (int i = 0; i < 60; i++) {
+    double middle = 0.5 * (low + high);
+    if (middle * poly(lens->k, middle * middle) < target)
+      low = middle;
+    else
+      high = middle;
+  }
+  return fisheye ? tan(low) : low;
+}
+
+/* Newton from the radial solution, with the Jacobian by central differences; the tangential part is small. */
+bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y) {
+  double target[2] = {(u - lens->cx) / lens->fx, (v - lens->cy) / lens->fy};
+  double radius = hypot(target[0], target[1]);
+  double start = radius > 0 ? invert_radial(lens, radius) / radius : 1;
+  double at[2] = {target[0] * start, target[1] * start};
+  for (int i = 0; i < 20; i++) {
+    double here[2], left[2], right[2], up[2], down[2];
+    double h = 1e-6 * (1 + hypot(at[0], at[1]));
+    distort(lens, at[0], at[1], here);
+    distort(lens, at[0] - h, at[1], left);
+    distort(lens, at[0] + h, at[1], right);
+    distort(lens, at[0], at[1] - h, up);
+    distort(lens, at[0], at[1] + h, down);
+    double a = (right[0] - left[0]) / (2 * h), b = (down[0] - up[0]) / (2 * h);
+    double c = (right[1] - left[1]) / (2 * h), d = (down[1] - up[1]) / (2 * h);
+    double e = target[0] - here[0], f = target[1] - here[1], det = a * d - b * c;
+    if (!(fabs(det) > 1e-12))
+      return false;
+    at[0] += (e * d - b * f) / det;
+    at[1] += (a * f - e * c) / det;
+  }
+  double check[2];
+  distort(lens, at[0], at[1], check);
+  *x = at[0];
+  *y = at[1];
+  return at[0] * at[0] + at[1] * at[1] < lens->limit && fabs(check[0] - target[0]) * lens->fx < 1e-3 &&
+         fabs(check[1] - target[1]) * lens->fy < 1e-3;
+}
+
+/* Narrows bounds = {left, top, right, bottom} of the undistorted rectangle (pixels of the pinhole with the source's fx, fy,
+ * cx, cy) by one point of the source's border. `side` indexes bounds. A point without a ray bounds nothing. */
+static void narrow(const pags_lens *lens, double u, double v, int side, double bounds[4]) {
+  double x, y;
+  if (!pags_lens_unproject(lens, u, v, &x, &y))
+    return;
+  double at = side % 2 == 0 ? lens->fx * x + lens->cx : lens->fy * y + lens->cy;
+  if (side < 2 ? at > bounds[side] : at < bounds[side])
+    bounds[side] = at;
+}
+
+/* Places `size` whole pixels in the middle of [low, high] and moves the principal point accordingly. */
+static int whole_pixels(double low, double high, double *centre) {
+  double size = floor(high - low + 1e-9);
+  *centre -= low + 0.5 * (high - low - size);
+  return size >= 1 && size <= 65535 ? (int)size : 0;
+}
+
+pags_result pags_lens_pinhole(const pags_lens *lens, const char *where, pags_camera *out) {
+  out->width = lens->width;
+  out->height = lens->height;
+  out->fx = lens->fx;
+  out->fy = lens->fy;
+  out->cx = lens->cx;
+  out->cy = lens->cy;
+  if (pags_lens_is_pinhole(lens))
+    return PAGS_OK;
+  double w = lens->width, h = lens->height;
+  double bounds[4] = {lens->cx - 2 * fmax(lens->cx, 0), lens->cy - 2 * fmax(lens->cy, 0),
+                      lens->cx + 2 * fmax(w - lens->cx, 0), lens->cy + 2 * fmax(h - lens->cy, 0)};
+  for (int i = 0; i <= lens->height; i++) {
+    narrow(lens, 0, i, 0, bounds);
+    narrow(lens, w, i, 2, bounds);
+  }
+  for (int i = 0; i <= lens->width; i++) {
+    narrow(lens, i, 0, 1, bounds);
+    narrow(lens, i, h, 3, bounds);
+  }
+  out->width = whole_pixels(bounds[0], bounds[2], &out->cx);
+  out->height = whole_pixels(bounds[1], bounds[3], &out->cy);
+  if (out->width == 0 || out->height == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the distortion leaves no usable rectangle of the picture", where);
+  return PAGS_OK;
+}

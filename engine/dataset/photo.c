@@ -1,0 +1,136 @@
+/* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
+#include "dataset/internal.h"
+
+#include "dataset/undistort.h"
+#include "image/resample.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct pictures {
+  pags_image colour;
+  pags_image mask; /* data NULL: none */
+} pictures;
+
+static void destroy(pictures *p) {
+  pags_image_destroy(&p->colour);
+  pags_image_destroy(&p->mask);
+}
+
+static pags_result check_size(const pags_image *image, const char *path, const pags_lens *lens) {
+  if (image->width == lens->width && image->height == lens->height)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its camera has", path, image->width,
+                   image->height, lens->width, lens->height);
+}
+
+static pags_result load(const pags_view *view, const pags_lens *lens, pictures *out) {
+  PAGS_TRY(pags_image_load(view->image_path, PAGS_U8, 3, &out->colour));
+  PAGS_TRY(check_size(&out->colour, view->image_path, lens));
+  if (!view->mask_path)
+    return PAGS_OK;
+  PAGS_TRY(pags_image_load(view->mask_path, PAGS_U8, 1, &out->mask));
+  return check_size(&out->mask, view->mask_path, lens);
+}
+
+static pags_result undistort(const pags_lens *lens, const pags_camera *pinhole, pictures *p) {
+  if (pags_lens_is_pinhole(lens))
+    return PAGS_OK;
+  pictures out = {{0}, {0}};
+  PAGS_TRY(pags_undistort(lens, pinhole, &p->colour, p->mask.data ? &p->mask : NULL, &out.colour, &out.mask));
+  destroy(p);
+  *p = out;
+  return PAGS_OK;
+}
+
+static bool is_full_size(const pags_camera *from, const pags_camera *to) {
+  return from->fx / to->fx < 1 + 1e-9;
+}
+
+/* One area average from full size, whatever --downscale and the trainer's own shrink multiply to. The step is what the two
+ * cameras say, so that pixels and intrinsics agree also where a size was rounded down. */
+static pags_result shrink(const pags_camera *from, const pags_camera *to, pictures *p) {
+  double step_x = fmax(from->fx / to->fx, 1), step_y = fmax(from->fy / to->fy, 1);
+  if (is_full_size(from, to))
+    return PAGS_OK;
+  pictures out = {{0}, {0}};
+  pags_result result = pags_image_create(&out.colour, to->width, to->height, 3, PAGS_U8);
+  if (result == PAGS_OK)
+    result = pags_shrink_mean(&p->colour, step_x, step_y, &out.colour);
+  if (result == PAGS_OK && p->mask.data) {
+    result = pags_image_create(&out.mask, to->width, to->height, 1, PAGS_U8);
+    if (result == PAGS_OK)
+      pags_shrink_mask(&p->mask, step_x, step_y, &out.mask);
+  }
+  destroy(p);
+  *p = out;
+  return result;
+}
+
+static int stride_of(int width) {
+  return (width + 15) & ~15;
+}
+
+static uint64_t plane_bytes(int width, int height) {
+  return (uint64_t)stride_of(width) * (uint64_t)height;
+}
+
+static void split_plane(const uint8_t *from, int channels, const pags_photo_data *photo, uint8_t *plane) {
+  for (int y = 0; y < photo->height; y++) {
+    uint8_t *row = plane + (size_t)y * (size_t)photo->stride;
+    for (int x = 0; x < photo->width; x++, from += channels)
+      row[x] = *from;
+    memset(row + photo->width, 0, (size_t)(photo->stride - photo->width));
+  }
+}
+
+static pags_result split(const pictures *p, pags_photo_data *out) {
+  out->width = p->colour.width;
+  out->height = p->colour.height;
+  out->stride = stride_of(out->width);
+  out->has_mask = p->mask.data != NULL;
+  uint64_t plane = plane_bytes(out->width, out->height), bytes = plane * (out->has_mask ? 4 : 3);
+  out->planes = aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
+  if (!out->planes)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a photograph of %d x %d pixels", out->width, out->height);
+  const uint8_t *colour = p->colour.data;
+  for (size_t c = 0; c < 3; c++)
+    split_plane(colour + c, 3, out, out->planes + c * plane);
+  if (out->has_mask)
+    split_plane(p->mask.data, 1, out, out->planes + 3 * plane);
+  return PAGS_OK;
+}
+
+pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int factor, pags_photo_data *out) {
+  assert(index >= 0 && index < dataset->count && factor >= 1);
+  const pags_view *view = &dataset->views[index];
+  const pags_lens *lens = &dataset->draft.views[index].lens;
+  const pags_camera *pinhole = &dataset->pinholes[index];
+  pags_camera target = pags_camera_downscale(&view->camera, factor);
+  memset(out, 0, sizeof *out);
+  pictures p = {{0}, {0}};
+  pags_result result = load(view, lens, &p);
+  if (result == PAGS_OK)
+    result = undistort(lens, pinhole, &p);
+  if (result == PAGS_OK)
+    result = shrink(pinhole, &target, &p);
+  if (result == PAGS_OK)
+    result = split(&p, out);
+  destroy(&p);
+  return result;
+}
+
+void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, uint64_t *kept, uint64_t *decoding) {
+  const pags_lens *lens = &dataset->draft.views[index].lens;
+  const pags_camera *pinhole = &dataset->pinholes[index];
+  pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
+  bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
+  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one step. */
+  uint64_t source = 4 * (uint64_t)lens->width * (uint64_t)lens->height;
+  uint64_t upright = straight ? 0 : 4 * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
+  uint64_t shrunk = same ? 0 : 4 * (uint64_t)target.width * (uint64_t)target.height;
+  *kept = 4 * plane_bytes(target.width, target.height) + 64;
+  *decoding = source + upright + shrunk + *kept;
+}

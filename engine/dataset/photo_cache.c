@@ -1,0 +1,286 @@
+/* Decoded photographs within a budget.
+ *
+ * One slot a view. Bytes are booked before they are taken: a decode books what it holds at its worst, and hands back all but
+ * the photograph itself when it has been harvested. The owner's thread does all booking; jobs touch nothing but their own
+ * slot's result, and say so through `done`.
+ *
+ * What goes first when room is needed: what is wanted latest (views outside of the announced order never are), then what was
+ * used longest ago. For a background decode only what is wanted later than it may go. */
+#include "dataset/internal.h"
+
+#include <assert.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef enum slot_state { EMPTY, DECODING, READY } slot_state;
+
+typedef struct slot {
+  slot_state state;
+  int shrink;
+  uint64_t booked;   /* bytes */
+  uint64_t last_use; /* count of gets at the time */
+  int64_t wanted_at; /* position in the announced order, INT64_MAX: not in it */
+  struct pags_photo_cache *cache;
+  pags_job job;
+  /* Written by the job, read by the owner after done or pags_job_wait. */
+  atomic_bool done;
+  pags_result result;
+  char *message; /* of a failure */
+  pags_photo_data data;
+} slot;
+
+struct pags_photo_cache {
+  const pags_dataset *dataset;
+  pags_tasks *tasks;
+  uint64_t budget, used, peak, gets, decoded;
+  int64_t count, decoding; /* slots, and how many of them decode */
+  slot *slots;
+  int64_t current; /* view handed out last, -1: none; its planes must stay */
+  int64_t *order;  /* announced views */
+  int64_t order_count, order_next;
+  int order_shrink;
+  atomic_bool closing; /* jobs not begun yet need not decode any more */
+};
+
+static void run_job(void *context) {
+  slot *s = context;
+  struct pags_photo_cache *cache = s->cache;
+  if (atomic_load(&cache->closing))
+    s->result = PAGS_CANCELLED;
+  else
+    s->result = pags_photo_decode(cache->dataset, s - cache->slots, s->shrink, &s->data);
+  if (s->result != PAGS_OK && s->result != PAGS_CANCELLED)
+    s->message = pags_draft_text("%s", pags_error_message());
+  atomic_store(&s->done, true);
+}
+
+static void book(pags_photo_cache *cache, slot *s, uint64_t bytes) {
+  cache->used += bytes - s->booked;
+  s->booked = bytes;
+  if (cache->used > cache->peak)
+    cache->peak = cache->used;
+}
+
+static uint64_t held_bytes(const pags_photo_data *data) {
+  return (uint64_t)data->stride * (uint64_t)data->height * (data->has_mask ? 4 : 3) + 64;
+}
+
+static void drop(pags_photo_cache *cache, slot *s) {
+  assert(s->state != DECODING);
+  free(s->data.planes);
+  free(s->message);
+  s->message = NULL;
+  memset(&s->data, 0, sizeof s->data);
+  s->state = EMPTY;
+  book(cache, s, 0);
+}
+
+/* After the decode is over: gives back what it no longer holds. A failure stays in the slot for the next get. */
+static void settle(pags_photo_cache *cache, slot *s) {
+  s->state = READY;
+  book(cache, s, s->result == PAGS_OK ? held_bytes(&s->data) : 0);
+}
+
+static void harvest(pags_photo_cache *cache, slot *s) {
+  pags_job_wait(cache->tasks, &s->job);
+  cache->decoding--;
+  cache->decoded++;
+  settle(cache, s);
+}
+
+static void harvest_done(pags_photo_cache *cache) {
+  for (int64_t i = 0; i < cache->count && cache->decoding > 0; i++)
+    if (cache->slots[i].state == DECODING && atomic_load(&cache->slots[i].done))
+      harvest(cache, &cache->slots[i]);
+}
+
+static bool fits(const pags_photo_cache *cache, uint64_t bytes) {
+  return bytes <= cache->budget && cache->used <= cache->budget - bytes;
+}
+
+/* The slot to give up first out of those wanted later than `position`, or NULL. */
+static slot *find_victim(pags_photo_cache *cache, int64_t position) {
+  slot *victim = NULL;
+  for (int64_t i = 0; i < cache->count; i++) {
+    slot *s = &cache->slots[i];
+    if (s->state != READY || s->booked == 0 || i == cache->current || s->wanted_at <= position)
+      continue;
+    if (!victim || s->wanted_at > victim->wanted_at ||
+        (s->wanted_at == victim->wanted_at && s->last_use < victim->last_use))
+      victim = s;
+  }
+  return victim;
+}
+
+static bool make_room(pags_photo_cache *cache, uint64_t bytes, int64_t position) {
+  while (!fits(cache, bytes)) {
+    slot *victim = find_victim(cache, position);
+    if (!victim)
+      return false;
+    drop(cache, victim);
+  }
+  return true;
+}
+
+/* For a get: background decodes are waited for where their memory is needed. */
+static void make_room_now(pags_photo_cache *cache, uint64_t bytes) {
+  for (int64_t i = 0; !make_room(cache, bytes, -1) && i < cache->count; i++)
+    if (cache->slots[i].state == DECODING)
+      harvest(cache, &cache->slots[i]);
+}
+
+static void start(slot *s, int shrink, uint64_t bytes) {
+  book(s->cache, s, bytes);
+  s->state = DECODING;
+  s->shrink = shrink;
+  s->result = PAGS_OK;
+  atomic_store(&s->done, false);
+}
+
+/* Starts background decodes in the announced order until memory or workers are busy. */
+static void pump(pags_photo_cache *cache) {
+  int64_t limit = 2 * (int64_t)pags_tasks_workers(cache->tasks);
+  harvest_done(cache);
+  for (int64_t i = cache->order_next; i < cache->order_count && cache->decoding < limit; i++) {
+    slot *s = &cache->slots[cache->order[i]];
+    bool other_size = s->state == READY && s->shrink != cache->order_shrink;
+    if (s->wanted_at != i || s->state == DECODING || (s->state == READY && !other_size))
+      continue;
+    if (cache->order[i] == cache->current)
+      continue; /* in use at another size: decoded by its get */
+    uint64_t kept, decoding;
+    pags_photo_bytes(cache->dataset, cache->order[i], cache->order_shrink, &kept, &decoding);
+    if (other_size)
+      drop(cache, s);
+    if (!make_room(cache, decoding, i))
+      return;
+    start(s, cache->order_shrink, decoding);
+    cache->decoding++;
+    pags_job_submit(cache->tasks, &s->job);
+  }
+}
+
+pags_result pags_photo_cache_create(const pags_dataset *dataset, pags_tasks *tasks, uint64_t budget,
+                                    pags_photo_cache **out) {
+  assert(dataset && tasks && out);
+  *out = NULL;
+  pags_photo_cache *cache = calloc(1, sizeof *cache);
+  slot *slots = calloc((size_t)dataset->count, sizeof *slots);
+  int64_t *order = calloc((size_t)dataset->count, sizeof *order);
+  if (!cache || !slots || !order) {
+    free(cache);
+    free(slots);
+    free(order);
+    return pags_draft_memory(dataset->path);
+  }
+  cache->dataset = dataset;
+  cache->tasks = tasks;
+  cache->budget = budget;
+  cache->count = dataset->count;
+  cache->slots = slots;
+  cache->order = order;
+  cache->current = -1;
+  atomic_init(&cache->closing, false);
+  for (int64_t i = 0; i < cache->count; i++) {
+    slots[i].cache = cache;
+    slots[i].wanted_at = INT64_MAX;
+    slots[i].job = (pags_job){.run = run_job, .context = &slots[i]};
+    atomic_init(&slots[i].done, false);
+  }
+  *out = cache;
+  return PAGS_OK;
+}
+
+void pags_photo_cache_destroy(pags_photo_cache *cache) {
+  if (!cache)
+    return;
+  atomic_store(&cache->closing, true);
+  for (int64_t i = 0; i < cache->count; i++) {
+    if (cache->slots[i].state == DECODING)
+      harvest(cache, &cache->slots[i]);
+    drop(cache, &cache->slots[i]);
+  }
+  free(cache->slots);
+  free(cache->order);
+  free(cache);
+}
+
+/* The announced order up to and including this view is over. Views skipped on the way are not waited for any longer. */
+static void advance(pags_photo_cache *cache, int64_t view, int shrink) {
+  int64_t position = cache->slots[view].wanted_at;
+  if (position == INT64_MAX || shrink != cache->order_shrink)
+    return;
+  for (int64_t i = cache->order_next; i <= position; i++)
+    cache->slots[cache->order[i]].wanted_at = INT64_MAX;
+  cache->order_next = position + 1;
+}
+
+static void decode_now(pags_photo_cache *cache, int64_t view, int shrink) {
+  slot *s = &cache->slots[view];
+  uint64_t kept, decoding;
+  pags_photo_bytes(cache->dataset, view, shrink, &kept, &decoding);
+  make_room_now(cache, decoding);
+  start(s, shrink, decoding);
+  pump(cache); /* the others decode meanwhile */
+  run_job(s);
+  cache->decoded++;
+  settle(cache, s);
+}
+
+static pags_result fail_again(pags_photo_cache *cache, slot *s) {
+  pags_result result = s->message ? pags_fail(s->result, "%s", s->message) : pags_draft_memory(cache->dataset->path);
+  drop(cache, s); /* the next get tries again */
+  return result;
+}
+
+pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shrink, pags_photo *out) {
+  assert(view >= 0 && view < cache->count && shrink >= 1);
+  slot *s = &cache->slots[view];
+  cache->current = -1;
+  if (s->state == DECODING)
+    harvest(cache, s);
+  if (s->state == READY && s->shrink != shrink)
+    drop(cache, s);
+  advance(cache, view, shrink);
+  s->last_use = ++cache->gets;
+  cache->current = view;
+  if (s->state == EMPTY)
+    decode_now(cache, view, shrink);
+  else
+    pump(cache);
+  if (s->result != PAGS_OK) {
+    cache->current = -1;
+    return fail_again(cache, s);
+  }
+  size_t plane = (size_t)s->data.stride * (size_t)s->data.height;
+  *out = (pags_photo){.width = s->data.width,
+                      .height = s->data.height,
+                      .stride = s->data.stride,
+                      .rgb = s->data.planes,
+                      .mask = s->data.has_mask ? s->data.planes + 3 * plane : NULL};
+  return PAGS_OK;
+}
+
+void pags_photo_cache_prefetch(pags_photo_cache *cache, const int64_t *views, int64_t count, int shrink) {
+  for (int64_t i = 0; i < cache->order_count; i++)
+    cache->slots[cache->order[i]].wanted_at = INT64_MAX;
+  cache->order_count = 0;
+  cache->order_next = 0;
+  cache->order_shrink = shrink;
+  for (int64_t i = 0; i < count; i++) {
+    assert(views[i] >= 0 && views[i] < cache->count);
+    slot *s = &cache->slots[views[i]];
+    if (s->wanted_at != INT64_MAX)
+      continue; /* only the first occurrence counts */
+    s->wanted_at = cache->order_count;
+    cache->order[cache->order_count++] = views[i];
+  }
+  pump(cache);
+}
+
+void pags_photo_cache_figures(const pags_photo_cache *cache, uint64_t *used, uint64_t *peak, uint64_t *decoded) {
+  *used = cache->used;
+  *peak = cache->peak;
+  *decoded = cache->decoded;
+}

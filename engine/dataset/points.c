@@ -1,0 +1,101 @@
+/* The points that training starts from: the model's own where it has some, else random ones. */
+#include "dataset/internal.h"
+
+#include "base/log.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Which view of the data set a track's id means, and whether it trains: sorted ids to be searched. */
+typedef struct id_use {
+  int64_t id;
+  int training;
+} id_use;
+
+static int by_id(const void *a, const void *b) {
+  int64_t left = ((const id_use *)a)->id, right = ((const id_use *)b)->id;
+  return left < right ? -1 : left > right;
+}
+
+static int trains(const id_use *uses, int64_t count, int64_t id) {
+  id_use key = {.id = id};
+  const id_use *found = bsearch(&key, uses, (size_t)count, sizeof key, by_id);
+  return found && found->training;
+}
+
+static id_use *list_uses(const pags_dataset *dataset) {
+  id_use *uses = malloc((size_t)dataset->count * sizeof *uses);
+  if (!uses)
+    return NULL;
+  for (int64_t i = 0; i < dataset->count; i++) {
+    uses[i].id = dataset->draft.views[i].id;
+    uses[i].training = !dataset->views[i].test;
+  }
+  qsort(uses, (size_t)dataset->count, sizeof *uses, by_id);
+  return uses;
+}
+
+/* Two training views must see a point: with fewer it stands where a held-out view has put it. */
+static int is_used(const pags_draft_points *points, const pags_draft_point *point, const id_use *uses, int64_t views) {
+  int seen = 0;
+  if (!points->tracked)
+    return 1;
+  for (int64_t i = 0; i < point->track_count && seen < 2; i++)
+    seen += trains(uses, views, points->track[point->track_begin + i]);
+  return seen >= 2;
+}
+
+static pags_result allocate(pags_dataset *dataset, int64_t count) {
+  dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
+  dataset->rgb = malloc(((size_t)count + 1) * 3);
+  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_draft_memory(dataset->path);
+}
+
+static pags_result take_model_points(pags_dataset *dataset) {
+  const pags_draft_points *points = &dataset->draft.points;
+  PAGS_TRY(allocate(dataset, points->count));
+  id_use *uses = list_uses(dataset);
+  if (!uses)
+    return pags_draft_memory(dataset->path);
+  int64_t kept = 0;
+  for (int64_t i = 0; i < points->count; i++) {
+    const pags_draft_point *point = &points->items[i];
+    if (!is_used(points, point, uses, dataset->count))
+      continue;
+    for (int c = 0; c < 3; c++)
+      dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
+    memcpy(dataset->rgb + 3 * kept, point->rgb, 3);
+    kept++;
+  }
+  free(uses);
+  dataset->point_count = kept;
+  if (kept < points->count)
+    pags_log(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
+             dataset->draft.source, (long long)(points->count - kept), (long long)points->count);
+  return PAGS_OK;
+}
+
+static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_options *options) {
+  free(dataset->xyz);
+  free(dataset->rgb);
+  PAGS_TRY(allocate(dataset, options->random_points));
+  const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
+  if (!cameras)
+    return pags_draft_memory(dataset->path);
+  int64_t training = 0;
+  for (int64_t i = 0; i < dataset->count; i++)
+    if (!dataset->views[i].test)
+      cameras[training++] = &dataset->views[i].camera;
+  pags_result result = pags_random_points(cameras, training, dataset->origin, options->seed, options->random_points,
+                                          dataset->xyz, dataset->rgb);
+  free(cameras);
+  dataset->point_count = options->random_points;
+  dataset->random = 1;
+  return result;
+}
+
+pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
+  if (dataset->draft.points.count > 0)
+    PAGS_TRY(take_model_points(dataset));
+  return dataset->point_count > 0 ? PAGS_OK : make_random_points(dataset, options);
+}

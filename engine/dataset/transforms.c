@@ -1,0 +1,226 @@
+/* transforms.json of nerfstudio and instant-ngp.
+ *
+ * Keys of a camera may stand at the top, shared by all frames, or in a frame, which then wins. transform_matrix is
+ * camera-to-world with OpenGL camera axes (x right, y up, z backward): negating its y and z columns gives OpenCV's. World
+ * axes are left as they are; nerfstudio's tools turn the world so that +z is up. */
+#include "dataset/draft.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/text.h"
+
+#include <pags/image.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct reader {
+  pags_json *json;
+  const pags_json_value *root;
+  char *folder; /* file_path is relative to it */
+  pags_draft *draft;
+} reader;
+
+/* The frame's own value, else the shared one; *given says whether there is either. */
+static pags_result find_number(const reader *r, const pags_json_value *frame, const char *key, double *out,
+                               bool *given) {
+  const pags_json_value *own = pags_json_member(frame, key);
+  const pags_json_value *from = own && own->type != PAGS_JSON_NULL ? frame : r->root;
+  const pags_json_value *value = pags_json_member(from, key);
+  *given = value && value->type != PAGS_JSON_NULL;
+  return *given ? pags_json_number(r->json, from, key, out) : PAGS_OK;
+}
+
+static pags_result find_number_or(const reader *r, const pags_json_value *frame, const char *key, double fallback,
+                                  double *out) {
+  bool given;
+  *out = fallback;
+  return find_number(r, frame, key, out, &given);
+}
+
+/* Width or height: a whole number, though often written 540.0. Zero where it is not given. */
+static pags_result find_side(const reader *r, const pags_json_value *frame, const char *key, int *out) {
+  double value;
+  PAGS_TRY(find_number_or(r, frame, key, 0, &value));
+  if (value != floor(value) || value < 0 || value > 65535)
+    return pags_json_fail(r->json, frame, "expected '%s' to be a whole number of pixels in 1..65535, found %g", key,
+                          value);
+  *out = (int)value;
+  return PAGS_OK;
+}
+
+static pags_result find_kind(const reader *r, const pags_json_value *frame, pags_lens_kind *kind) {
+  static const char *const perspective[] = {"OPENCV",        "PINHOLE", "SIMPLE_PINHOLE",
+                                            "SIMPLE_RADIAL", "RADIAL",  "PERSPECTIVE"};
+  const char *model;
+  PAGS_TRY(pags_json_string_or(r->json, r->root, "camera_model", "OPENCV", &model));
+  PAGS_TRY(pags_json_string_or(r->json, frame, "camera_model", model, &model));
+  bool fisheye; /* instant-ngp's way to say it */
+  PAGS_TRY(pags_json_bool_or(r->json, r->root, "is_fisheye", false, &fisheye));
+  PAGS_TRY(pags_json_bool_or(r->json, frame, "is_fisheye", fisheye, &fisheye));
+  *kind = fisheye || strcmp(model, "OPENCV_FISHEYE") == 0 ? PAGS_LENS_FISHEYE : PAGS_LENS_PERSPECTIVE;
+  if (*kind == PAGS_LENS_FISHEYE)
+    return PAGS_OK;
+  for (size_t i = 0; i < sizeof perspective / sizeof *perspective; i++)
+    if (strcmp(model, perspective[i]) == 0)
+      return PAGS_OK;
+  return pags_json_fail(r->json, frame,
+                        "camera_model '%s' is not known; expected PINHOLE, SIMPLE_PINHOLE, SIMPLE_RADIAL, "
+                        "RADIAL, OPENCV or OPENCV_FISHEYE",
+                        model);
+}
+
+/* Focal lengths are given in pixels or as full angles of view. fl_y defaults to camera_angle_y's, then to fl_x. */
+static pags_result find_focal(const reader *r, const pags_json_value *frame, pags_lens *lens) {
+  bool given_x, given_y, angle_x, angle_y;
+  double ax = 0, ay = 0;
+  PAGS_TRY(find_number(r, frame, "fl_x", &lens->fx, &given_x));
+  PAGS_TRY(find_number(r, frame, "fl_y", &lens->fy, &given_y));
+  PAGS_TRY(find_number(r, frame, "camera_angle_x", &ax, &angle_x));
+  PAGS_TRY(find_number(r, frame, "camera_angle_y", &ay, &angle_y));
+  if (!given_x && angle_x) {
+    lens->fx = 0.5 * lens->width / tan(0.5 * ax);
+    given_x = true;
+  }
+  if (!given_y && angle_y) {
+    lens->fy = 0.5 * lens->height / tan(0.5 * ay);
+    given_y = true;
+  }
+  if (!given_x && !given_y)
+    return pags_json_fail(r->json, frame, "expected 'fl_x' or 'camera_angle_x' in the frame or at the top");
+  if (!given_y)
+    lens->fy = lens->fx;
+  if (!given_x)
+    lens->fx = lens->fy;
+  return PAGS_OK;
+}
+
+static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+  static const char *const radial[] = {"k1", "k2", "k3", "k4"}, *const tangential[] = {"p1", "p2"};
+  pags_lens *lens = &view->lens;
+  PAGS_TRY(find_kind(r, frame, &lens->kind));
+  PAGS_TRY(find_side(r, frame, "w", &lens->width));
+  PAGS_TRY(find_side(r, frame, "h", &lens->height));
+  if (lens->width == 0 || lens->height == 0) {
+    if (view->missing)
+      return PAGS_OK;
+    PAGS_TRY(pags_image_size(view->image_path, &lens->width, &lens->height));
+    view->sized = true;
+  }
+  PAGS_TRY(find_focal(r, frame, lens));
+  PAGS_TRY(find_number_or(r, frame, "cx", 0.5 * lens->width, &lens->cx));
+  PAGS_TRY(find_number_or(r, frame, "cy", 0.5 * lens->height, &lens->cy));
+  for (int i = 0; i < 4; i++)
+    PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->k[i]));
+  for (int i = 0; i < 2; i++)
+    PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->p[i]));
+  return PAGS_OK;
+}
+
+static pags_result find_pose(const reader *r, const pags_json_value *frame, double m[12]) {
+  const pags_json_value *rows;
+  PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
+  double all[16];
+  if (rows->count == 3)
+    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
+  else
+    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
+  for (int i = 0; i < 12; i++)
+    m[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+  return PAGS_OK;
+}
+
+/* instant-ngp and the synthetic NeRF scenes leave the extension out. */
+static pags_result find_image(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+  static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
+  const char *file;
+  PAGS_TRY(pags_json_string(r->json, frame, "file_path", &file));
+  if (*pags_path_name(file) == '\0')
+    return pags_json_fail(r->json, frame, "expected 'file_path' to name a file, found '%s'", file);
+  view->image_path = pags_path_join(r->folder, strncmp(file, "./", 2) == 0 ? file + 2 : file);
+  if (!view->image_path)
+    return pags_draft_memory(view->where);
+  view->missing = !pags_path_exists(view->image_path);
+  for (size_t i = 0; i < sizeof extensions / sizeof *extensions && view->missing; i++) {
+    char *longer = pags_draft_text("%s%s", view->image_path, extensions[i]);
+    if (!longer)
+      return pags_draft_memory(view->where);
+    if (pags_file_exists(longer)) {
+      free(view->image_path);
+      view->image_path = longer;
+      view->missing = false;
+    } else {
+      free(longer);
+    }
+  }
+  return PAGS_OK;
+}
+
+static pags_result find_mask(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+  const char *file;
+  PAGS_TRY(pags_json_string_or(r->json, frame, "mask_path", NULL, &file));
+  if (!file || view->missing)
+    return PAGS_OK;
+  view->mask_path = pags_path_join(r->folder, file);
+  if (!view->mask_path)
+    return pags_draft_memory(view->where);
+  if (!pags_file_exists(view->mask_path))
+    return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
+  return PAGS_OK;
+}
+
+static pags_result read_frame(const reader *r, const pags_json_value *frame) {
+  PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
+  pags_draft_view *view = pags_draft_add(r->draft);
+  if (!view)
+    return pags_draft_memory(pags_json_path(r->json));
+  view->where = pags_draft_text("%s:%d", pags_json_path(r->json), frame->line);
+  if (!view->where)
+    return pags_draft_memory(pags_json_path(r->json));
+  PAGS_TRY(find_image(r, frame, view));
+  PAGS_TRY(find_mask(r, frame, view));
+  PAGS_TRY(find_pose(r, frame, view->world_from_camera));
+  return find_lens(r, frame, view);
+}
+
+static pags_result read_points(const reader *r) {
+  const char *file;
+  PAGS_TRY(pags_json_string_or(r->json, r->root, "ply_file_path", NULL, &file));
+  if (!file || !*file)
+    return PAGS_OK;
+  char *path = pags_path_join(r->folder, file);
+  if (!path)
+    return pags_draft_memory(pags_json_path(r->json));
+  pags_result result = pags_ply_points_read(path, &r->draft->points);
+  free(path);
+  return result;
+}
+
+static pags_result read_all(reader *r, const char *path) {
+  r->folder = pags_path_folder(path);
+  r->draft->source = pags_text_copy(path);
+  if (!r->folder || !r->draft->source)
+    return pags_draft_memory(path);
+  r->draft->kind = "transforms.json";
+  r->draft->up = PAGS_UP_Z;
+  PAGS_TRY(pags_json_parse_file(path, &r->json));
+  r->root = pags_json_root(r->json);
+  PAGS_TRY(pags_json_as_object(r->json, r->root, "a transforms file"));
+  const pags_json_value *frames;
+  PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
+  for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
+    PAGS_TRY(read_frame(r, frame));
+  return read_points(r);
+}
+
+pags_result pags_transforms_read(const char *path, pags_draft *draft) {
+  memset(draft, 0, sizeof *draft);
+  reader r = {.draft = draft};
+  pags_result result = read_all(&r, path);
+  pags_json_destroy(r.json);
+  free(r.folder);
+  if (result != PAGS_OK)
+    pags_draft_destroy(draft);
+  return result;
+}

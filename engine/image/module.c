@@ -1,0 +1,83 @@
+/* Loading of the OpenImageIO module.
+ *
+ * It is looked for beside the running program, in ../lib/pags from there (an installation) and in the folder it was built
+ * in (tests). Nothing is taken from the environment: what is loaded runs as us. */
+#include "image/module.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#ifndef PAGS_IMAGES
+
+pags_result pags_oiio_module(const pags_oiio **out) {
+  *out = NULL;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "this build reads no pictures: configure it with -DPAGS_IMAGES=ON and "
+                   "OpenImageIO (Debian: libopenimageio-dev)");
+}
+
+#else
+
+#include <dlfcn.h>
+#include <limits.h>
+#include <pthread.h>
+#include <unistd.h>
+
+#define MODULE_NAME "pags_oiio.so"
+
+/* Written under pthread_once, constant afterwards. */
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static const pags_oiio *table;
+static char reason[512];
+
+static void open_module(const char *path) {
+  if (access(path, F_OK) != 0)
+    return;
+  void *module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+  if (!module) {
+    const char *text = dlerror();
+    snprintf(reason, sizeof reason, "%s", text ? text : path);
+    return;
+  }
+  /* ISO C has no conversion from an object pointer to a function pointer; POSIX promises that the bits are the same. */
+  void *symbol = dlsym(module, PAGS_OIIO_SYMBOL);
+  pags_oiio_table_fn *function = NULL;
+  memcpy(&function, &symbol, sizeof function);
+  const pags_oiio *found = function ? function() : NULL;
+  if (found && found->version == PAGS_OIIO_VERSION)
+    table = found; /* never closed: OpenImageIO keeps static objects whose destructors run at exit */
+  else
+    snprintf(reason, sizeof reason, "%s belongs to another version of PAGS", path);
+}
+
+static void find_module(void) {
+  char program[PATH_MAX];
+  ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+  if (length > 0) {
+    program[length] = '\0';
+    char *slash = strrchr(program, '/');
+    if (slash)
+      *slash = '\0';
+    static const char *const places[] = {"/" MODULE_NAME, "/../lib/pags/" MODULE_NAME};
+    for (size_t i = 0; i < sizeof places / sizeof *places && !table; i++) {
+      char path[PATH_MAX + 64];
+      snprintf(path, sizeof path, "%s%s", program, places[i]);
+      open_module(path);
+    }
+  }
+  if (!table)
+    open_module(PAGS_MODULE_DIR "/" MODULE_NAME);
+}
+
+pags_result pags_oiio_module(const pags_oiio **out) {
+  pthread_once(&once, find_module);
+  *out = table;
+  if (table)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                   "pictures can't be read or written: %s; expected %s beside the program or in ../lib/pags, and "
+                   "OpenImageIO (Debian: libopenimageio2.4) installed",
+                   reason[0] ? reason : "the module was not found", MODULE_NAME);
+}
+
+#endif

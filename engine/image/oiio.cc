@@ -1,0 +1,146 @@
+// OpenImageIO behind the C table of oiio.h: the only file that sees it.
+//
+// OpenImageIO 2.4 up to 3.x. It is a module of its own, because linking it costs 0.2-0.3 s at every process start.
+
+#include "image/oiio.h"
+
+#include <OpenImageIO/imageio.h>
+
+#include <cstdio>
+#include <exception>
+#include <memory>
+#include <new>
+#include <string>
+#include <vector>
+
+namespace {
+
+struct reader {
+  std::unique_ptr<OIIO::ImageInput> input;
+};
+
+// OpenImageIO's messages may have several lines; ours have one.
+void set_message(pags_oiio_message *message, const std::string &text) {
+  std::string line;
+  for (char c : text) {
+    if (c != '\n' && c != '\r')
+      line += c;
+    else if (!line.empty() && line.back() != ' ')
+      line += ' ';
+  }
+  while (!line.empty() && line.back() == ' ')
+    line.pop_back();
+  std::snprintf(message->text, sizeof message->text, "%s", line.empty() ? "unknown error" : line.c_str());
+}
+
+// Calls `body` and turns whatever it throws into a result.
+template <class Body>
+pags_result guarded(pags_oiio_message *message, Body body) {
+  try {
+    return body();
+  } catch (const std::bad_alloc &) {
+    set_message(message, "out of memory");
+    return PAGS_ERROR_MEMORY;
+  } catch (const std::exception &error) {
+    set_message(message, error.what());
+    return PAGS_ERROR_FORMAT;
+  } catch (...) {
+    set_message(message, "unknown exception");
+    return PAGS_ERROR_FORMAT;
+  }
+}
+
+OIIO::TypeDesc type_of(pags_sample sample) {
+  return sample == PAGS_U8    ? OIIO::TypeDesc::UINT8
+         : sample == PAGS_U16 ? OIIO::TypeDesc::UINT16
+                              : OIIO::TypeDesc::FLOAT;
+}
+
+pags_sample sample_of(OIIO::TypeDesc type) {
+  if (type.basetype == OIIO::TypeDesc::UINT8)
+    return PAGS_U8;
+  return type.basetype == OIIO::TypeDesc::UINT16 ? PAGS_U16 : PAGS_F32;
+}
+
+pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags_oiio_message *message) {
+  return guarded(message, [&] {
+    // Alpha is left as the file has it: premultiplying on read would darken the edges of masks kept as alpha.
+    OIIO::ImageSpec config;
+    config.attribute("oiio:UnassociatedAlpha", 1);
+    auto input = OIIO::ImageInput::open(path, &config);
+    if (!input) {
+      set_message(message, OIIO::geterror());
+      return PAGS_ERROR_FORMAT;
+    }
+    const OIIO::ImageSpec &spec = input->spec();
+    info->width = spec.width;
+    info->height = spec.height;
+    info->depth = spec.depth;
+    info->channels = spec.nchannels;
+    info->sample = sample_of(spec.format);
+    *out = new reader{std::move(input)};
+    return PAGS_OK;
+  });
+}
+
+pags_result read_pixels(void *handle, int channels, pags_sample sample, void *data, pags_oiio_message *message) {
+  return guarded(message, [&] {
+    OIIO::ImageInput *input = static_cast<reader *>(handle)->input.get();
+    if (input->read_image(0, 0, 0, channels, type_of(sample), data))
+      return PAGS_OK;
+    set_message(message, input->geterror());
+    return PAGS_ERROR_FORMAT;
+  });
+}
+
+void close_reader(void *handle) {
+  pags_oiio_message ignored;
+  guarded(&ignored, [&] {
+    delete static_cast<reader *>(handle);
+    return PAGS_OK;
+  });
+}
+
+pags_result write_picture(const char *path, const char *format, const pags_oiio_picture *picture,
+                          pags_oiio_message *message) {
+  return guarded(message, [&] {
+    auto output = OIIO::ImageOutput::create(format);
+    if (!output) {
+      set_message(message, OIIO::geterror());
+      return PAGS_ERROR_UNSUPPORTED;
+    }
+    OIIO::ImageSpec spec(picture->width, picture->height, picture->channels, type_of(picture->sample));
+    if (picture->names)
+      for (int c = 0; c < picture->channels; c++)
+        spec.channelnames[static_cast<size_t>(c)] = picture->names[c];
+    // PNG: 9 takes ten times as long as 4 for a few per cent. Alpha and colours go out as they came in.
+    spec.attribute("png:compressionLevel", 4);
+    spec.attribute("oiio:UnassociatedAlpha", 1);
+    if (std::string(format) == "exr") {
+      spec.attribute("Compression", "zip");
+    } else {
+      spec.attribute("oiio:ColorSpace", "sRGB");
+      spec.attribute("CompressionQuality", 95);
+      spec.attribute("jpeg:subsampling", "4:4:4");
+    }
+    if (!output->open(path, spec) || !output->write_image(spec.format, picture->data) || !output->close()) {
+      set_message(message, output->geterror());
+      return PAGS_ERROR_IO;
+    }
+    return PAGS_OK;
+  });
+}
+
+} // namespace
+
+extern "C" const pags_oiio *pags_oiio_table(void) {
+  static const pags_oiio table = {PAGS_OIIO_VERSION, open_reader, read_pixels, close_reader, write_picture};
+  try {
+    // Our own pool decodes several pictures at once; threads of OpenImageIO's and OpenEXR's would only add to them.
+    OIIO::attribute("threads", 1);
+    OIIO::attribute("exr_threads", -1);
+  } catch (...) {
+    return nullptr;
+  }
+  return &table;
+}

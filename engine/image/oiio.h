@@ -1,0 +1,55 @@
+/* The table through which image.c reaches the OpenImageIO module (oiio.cc, built as pags_oiio.so).
+ *
+ * The module links nothing of ours, so it can't store error messages: every call takes a buffer for one line instead.
+ * All calls may run on several threads at once, each with its own reader. */
+#ifndef PAGS_IMAGE_OIIO_H
+#define PAGS_IMAGE_OIIO_H
+
+#include <pags/image.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define PAGS_OIIO_VERSION 1 /* of this table; a module of another version is refused */
+#define PAGS_OIIO_SYMBOL "pags_oiio_table"
+
+typedef struct pags_oiio_message {
+  char text[512];
+} pags_oiio_message;
+
+/* What a file holds. `sample` is the narrowest of ours that loses nothing of the file's (half, double -> float). */
+typedef struct pags_oiio_info {
+  int64_t width, height, depth;
+  int channels;
+  pags_sample sample;
+} pags_oiio_info;
+
+/* What to write: `channels` interleaved samples a pixel, of type `sample`. */
+typedef struct pags_oiio_picture {
+  int width, height, channels;
+  pags_sample sample;
+  const void *data;
+  const char *const *names; /* of the channels; NULL: the format's own */
+} pags_oiio_picture;
+
+typedef struct pags_oiio {
+  int version;
+  pags_result (*open)(const char *path, void **reader, pags_oiio_info *info, pags_oiio_message *message);
+  /* The first `channels` channels as `sample`, interleaved, without conversion of alpha or colour. */
+  pags_result (*read)(void *reader, int channels, pags_sample sample, void *data, pags_oiio_message *message);
+  void (*close)(void *reader);
+  /* `format` is "png", "jpg" or "exr" whatever the path ends in. */
+  pags_result (*write)(const char *path, const char *format, const pags_oiio_picture *picture,
+                       pags_oiio_message *message);
+} pags_oiio;
+
+typedef const pags_oiio *pags_oiio_table_fn(void);
+
+/* The module's only symbol. */
+PAGS_API const pags_oiio *pags_oiio_table(void);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

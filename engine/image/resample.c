@@ -1,0 +1,106 @@
+/* Area average in two passes a row: rows first, into a row of floats, then columns. The sums run in a fixed order. */
+#include "image/resample.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+
+/* Source pixels [first, last) touched by [index * step, (index + 1) * step). Borders that miss an integer by rounding
+ * only are taken to be that integer, so that 540 / 270 never reads a third pixel of weight 1e-13. */
+typedef struct span {
+  int first, last;
+  double begin, end;
+} span;
+
+static double snap(double value) {
+  double whole = round(value);
+  return fabs(value - whole) < 1e-6 ? whole : value;
+}
+
+static span span_of(int index, double step, int size) {
+  span s = {.begin = snap(index * step), .end = snap((index + 1) * step)};
+  if (s.end > size)
+    s.end = size;
+  s.first = (int)floor(s.begin);
+  s.last = (int)ceil(s.end);
+  if (s.first > size - 1)
+    s.first = size - 1;
+  if (s.last <= s.first)
+    s.last = s.first + 1;
+  return s;
+}
+
+static float weight_of(const span *s, int i) {
+  double begin = s->begin > i ? s->begin : i, end = s->end < i + 1 ? s->end : i + 1;
+  return end > begin ? (float)(end - begin) : 0;
+}
+
+/* row[] += the source rows of the span, each by its weight; returns the sum of weights. */
+static float sum_rows(const pags_image *from, const span *s, float *row) {
+  size_t count = (size_t)from->width * (size_t)from->channels;
+  float total = 0;
+  for (size_t i = 0; i < count; i++)
+    row[i] = 0;
+  for (int y = s->first; y < s->last; y++) {
+    const uint8_t *source = (const uint8_t *)from->data + (size_t)y * count;
+    float weight = weight_of(s, y);
+    total += weight;
+    for (size_t i = 0; i < count; i++)
+      row[i] += weight * (float)source[i];
+  }
+  return total;
+}
+
+static uint8_t to_byte(float value) {
+  return (uint8_t)(value > 254.5f ? 255 : value + 0.5f);
+}
+
+pags_result pags_shrink_mean(const pags_image *from, double step_x, double step_y, pags_image *to) {
+  assert(from->sample == PAGS_U8 && to->sample == PAGS_U8 && from->channels == to->channels);
+  assert(step_x >= 1 && step_y >= 1);
+  int channels = from->channels;
+  float *row = malloc((size_t)from->width * (size_t)channels * sizeof *row);
+  if (!row)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", from->width);
+  uint8_t *out = to->data;
+  for (int y = 0; y < to->height; y++) {
+    span sy = span_of(y, step_y, from->height);
+    float row_weight = sum_rows(from, &sy, row);
+    for (int x = 0; x < to->width; x++) {
+      span sx = span_of(x, step_x, from->width);
+      float sum[4] = {0}, total = 0;
+      for (int i = sx.first; i < sx.last; i++) {
+        float weight = weight_of(&sx, i);
+        total += weight;
+        for (int c = 0; c < channels; c++)
+          sum[c] += weight * row[i * channels + c];
+      }
+      float scale = 1 / (total * row_weight);
+      for (int c = 0; c < channels; c++)
+        *out++ = to_byte(sum[c] * scale);
+    }
+  }
+  free(row);
+  return PAGS_OK;
+}
+
+static uint8_t all_used(const pags_image *from, const span *sx, const span *sy) {
+  for (int y = sy->first; y < sy->last; y++)
+    for (int x = sx->first; x < sx->last; x++)
+      if (((const uint8_t *)from->data)[(size_t)y * (size_t)from->width + (size_t)x] < 128)
+        return 0;
+  return 255;
+}
+
+void pags_shrink_mask(const pags_image *from, double step_x, double step_y, pags_image *to) {
+  assert(from->sample == PAGS_U8 && to->sample == PAGS_U8 && from->channels == 1 && to->channels == 1);
+  assert(step_x >= 1 && step_y >= 1);
+  uint8_t *out = to->data;
+  for (int y = 0; y < to->height; y++) {
+    span sy = span_of(y, step_y, from->height);
+    for (int x = 0; x < to->width; x++) {
+      span sx = span_of(x, step_x, from->width);
+      *out++ = all_used(from, &sx, &sy);
+    }
+  }
+}
