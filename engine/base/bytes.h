@@ -1,0 +1,56 @@
+/* Numbers from and to little-endian bytes at any address; compilers make single loads and stores of these. */
+#ifndef PAGS_BASE_BYTES_H
+#define PAGS_BASE_BYTES_H
+
+#include <stdint.h>
+#include <string.h>
+
+static inline uint16_t pags_load_u16(const uint8_t *p) { return (uint16_t)(p[0] | p[1] << 8); }
+
+static inline uint32_t pags_load_u32(const uint8_t *p) {
+  return (uint32_t)p[0] | (uint32_t)p[1] << 8 | (uint32_t)p[2] << 16 | (uint32_t)p[3] << 24;
+}
+
+static inline uint64_t pags_load_u64(const uint8_t *p) {
+  return (uint64_t)pags_load_u32(p) | (uint64_t)pags_load_u32(p + 4) << 32;
+}
+
+static inline float pags_load_f32(const uint8_t *p) {
+  uint32_t bits = pags_load_u32(p);
+  float value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static inline double pags_load_f64(const uint8_t *p) {
+  uint64_t bits = pags_load_u64(p);
+  double value;
+  memcpy(&value, &bits, sizeof value);
+  return value;
+}
+
+static inline void pags_store_u32(uint8_t *p, uint32_t value) {
+  p[0] = (uint8_t)value;
+  p[1] = (uint8_t)(value >> 8);
+  p[2] = (uint8_t)(value >> 16);
+  p[3] = (uint8_t)(value >> 24);
+}
+
+static inline void pags_store_u64(uint8_t *p, uint64_t value) {
+  pags_store_u32(p, (uint32_t)value);
+  pags_store_u32(p + 4, (uint32_t)(value >> 32));
+}
+
+static inline void pags_store_f32(uint8_t *p, float value) {
+  uint32_t bits;
+  memcpy(&bits, &value, sizeof bits);
+  pags_store_u32(p, bits);
+}
+
+static inline void pags_store_f64(uint8_t *p, double value) {
+  uint64_t bits;
+  memcpy(&bits, &value, sizeof bits);
+  pags_store_u64(p, bits);
+}
+
+#endif

@@ -1,0 +1,138 @@
+/* PlayCanvas' compressed PLY: chunks of 256 Gaussians with bounds, four packed words a Gaussian, SH as bytes.
+ *
+ * word      bits                      value
+ * position  11 10 11                  x y z between the chunk's bounds
+ * rotation  2 10 10 10                index of the largest of w x y z, the others in order over +- 1/sqrt 2
+ * scale     11 10 11                  ln sigma between the chunk's bounds
+ * colour    8 8 8 8                   r g b between the chunk's bounds (0 and 1 in older files), opacity as it is */
+#include <math.h>
+#include <stdio.h>
+
+#include "scene/splat_formats.h"
+
+enum { CHUNK_ROWS = 256, BOUNDS = 18 };
+
+static const char *const bound_names[BOUNDS] = {
+    "min_x",       "min_y",       "min_z",       "max_x",       "max_y",       "max_z", "min_scale_x", "min_scale_y", "min_scale_z",
+    "max_scale_x", "max_scale_y", "max_scale_z", "min_r",       "min_g",       "min_b", "max_r",       "max_g",       "max_b"};
+static const char *const word_names[4] = {"packed_position", "packed_rotation", "packed_scale", "packed_color"};
+
+typedef struct reader {
+  const ply_table *table;
+  const ply_element *chunk, *vertex, *sh;
+  const ply_property *bounds[BOUNDS]; /* those of the colour may be NULL */
+  const ply_property *words[4];
+} reader;
+
+static pags_result bind(reader *r, const ply_table *table) {
+  *r = (reader){table, pags_ply_table_find(table, "chunk"), pags_ply_table_find(table, "vertex"), pags_ply_table_find(table, "sh"), {0}, {0}};
+  if (!r->chunk)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'chunk' of a compressed PLY", table->path);
+  for (int i = 0; i < BOUNDS; ++i) {
+    r->bounds[i] = pags_ply_property_find(table, r->chunk, bound_names[i]);
+    if (!r->bounds[i] && (i < 12 || r->bounds[12]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'chunk'", table->path, bound_names[i]);
+  }
+  for (int i = 0; i < 4; ++i) {
+    r->words[i] = pags_ply_property_find(table, r->vertex, word_names[i]);
+    if (!r->words[i] || r->words[i]->type != PLY_UINT)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' of type uint in element 'vertex'", table->path, word_names[i]);
+  }
+  PAGS_TRY(pags_ply_table_need(table, r->chunk));
+  PAGS_TRY(pags_ply_table_need(table, r->vertex));
+  int64_t chunks = r->vertex->count / CHUNK_ROWS + (r->vertex->count % CHUNK_ROWS != 0);
+  if (r->chunk->count < chunks)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %lld chunks for %lld vertices, found %lld", table->path,
+                     (long long)chunks, (long long)r->vertex->count, (long long)r->chunk->count);
+  return PAGS_OK;
+}
+
+static pags_result find_degree(const reader *r, int *degree) {
+  *degree = 0;
+  if (!r->sh)
+    return PAGS_OK;
+  *degree = r->sh->property_count % 3 == 0 ? pags_sh_degree_of(r->sh->property_count / 3) : -1;
+  if (*degree < 0 || r->sh->count != r->vertex->count)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 9, 24 or 45 properties and %lld rows in element 'sh', found %d and %lld",
+                     r->table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
+  return pags_ply_table_need(r->table, r->sh);
+}
+
+/* The `bits` bits above `shift` as a fraction of their largest value. */
+static double unit(uint32_t word, int shift, int bits) {
+  uint32_t mask = (1u << bits) - 1;
+  return (double)(word >> shift & mask) / (double)mask;
+}
+
+static double mix(double lo, double hi, double t) { return lo * (1 - t) + hi * t; }
+
+static void unpack_vector(uint32_t word, const double *lo, const double *hi, int plane, int64_t row, pags_gaussians *out) {
+  static const int shifts[3] = {21, 11, 0}, bits[3] = {11, 10, 11};
+  for (int k = 0; k < 3; ++k)
+    pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));
+}
+
+static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
+  int largest = (int)(word >> 30), shift = 20;
+  double sum = 0;
+  for (int k = 0; k < 4; ++k) {
+    if (k == largest)
+      continue;
+    double component = (unit(word, shift, 10) - 0.5) * 1.4142135623730951;
+    sum += component * component;
+    shift -= 10;
+    pags_plane(out, PAGS_ROTATION + k)[row] = (float)component;
+  }
+  pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
+}
+
+static void unpack_colour(uint32_t word, const double *lo, const double *hi, int64_t row, pags_gaussians *out) {
+  for (int k = 0; k < 3; ++k) {
+    double colour = mix(lo[k], hi[k], unit(word, 24 - 8 * k, 8));
+    pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
+  }
+  pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)word);
+}
+
+static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
+  double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
+  for (int i = 0; i < BOUNDS; ++i)
+    if (r->bounds[i])
+      bounds[i] = pags_ply_value(r->table, r->chunk, r->bounds[i], chunk);
+  for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; ++row) {
+    uint32_t words[4];
+    for (int i = 0; i < 4; ++i)
+      words[i] = (uint32_t)pags_ply_value(r->table, r->vertex, r->words[i], row);
+    unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
+    unpack_rotation(words[1], row, out);
+    unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
+    unpack_colour(words[3], bounds + 12, bounds + 15, row, out);
+  }
+}
+
+/* Bytes over -4 .. 4, channel-major as in INRIA's PLY. */
+static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
+  int rest = pags_sh_coefficients(out->sh_degree) - 1;
+  for (int i = 0; i < 3 * rest; ++i) {
+    char name[24];
+    snprintf(name, sizeof name, "f_rest_%d", i);
+    const ply_property *property = pags_ply_property_find(r->table, r->sh, name);
+    if (!property)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'sh'", r->table->path, name);
+    float *plane = pags_plane(out, PAGS_SH + 3 * (1 + i % rest) + i / rest);
+    for (int64_t row = 0; row < out->count; ++row)
+      plane[row] = (float)(pags_ply_value(r->table, r->sh, property, row) * (8.0 / 255.0) - 4.0);
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *out) {
+  reader r;
+  int degree;
+  PAGS_TRY(bind(&r, table));
+  PAGS_TRY(find_degree(&r, &degree));
+  PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree));
+  for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; ++chunk)
+    unpack_chunk(&r, chunk, out);
+  return r.sh ? unpack_sh(&r, out) : PAGS_OK;
+}

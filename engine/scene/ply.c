@@ -1,0 +1,235 @@
+/* The PLY of INRIA's 3D Gaussian splatting (Kerbl et al. 2023), read by property name and written in its own order.
+ *
+ * f_rest is channel-major (all of R, then G, then B), our planes are coefficient-major. Values pass through untouched, so that
+ * reading and writing gives the same bytes. Normals are neither kept nor used; they are written as zeros. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/scene.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "scene/splat_formats.h"
+
+enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
+
+/* A column of the file: its property's name and the plane it is, -1 for a normal. */
+typedef struct column {
+  char name[NAME_SIZE];
+  int plane;
+} column;
+
+static void put_columns(column **at, const char *stem, int count, int first_plane) {
+  for (int i = 0; i < count; ++i, ++*at) {
+    snprintf((*at)->name, NAME_SIZE, "%s_%d", stem, i);
+    (*at)->plane = first_plane + i;
+  }
+}
+
+/* INRIA's order. Returns the number of columns. */
+static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
+  static const char *const plain[] = {"x", "y", "z", "nx", "ny", "nz"};
+  column *at = columns;
+  for (int i = 0; i < 6; ++i, ++at) {
+    snprintf(at->name, NAME_SIZE, "%s", plain[i]);
+    at->plane = i < 3 ? PAGS_MEAN + i : -1;
+  }
+  put_columns(&at, "f_dc", 3, PAGS_SH);
+  int rest = pags_sh_coefficients(sh_degree) - 1;
+  for (int i = 0; i < 3 * rest; ++i, ++at) {
+    snprintf(at->name, NAME_SIZE, "f_rest_%d", i);
+    at->plane = PAGS_SH + 3 * (1 + i % rest) + i / rest;
+  }
+  snprintf(at->name, NAME_SIZE, "opacity");
+  at++->plane = PAGS_OPACITY;
+  put_columns(&at, "scale", 3, PAGS_SCALE);
+  put_columns(&at, "rot", 4, PAGS_ROTATION);
+  return (int)(at - columns);
+}
+
+int pags_sh_degree_of(int rest_per_channel) {
+  for (int degree = 0; degree <= 3; ++degree)
+    if (rest_per_channel == pags_sh_coefficients(degree) - 1)
+      return degree;
+  return -1;
+}
+
+static pags_result find_degree(const ply_table *table, const ply_element *vertex, int *degree) {
+  int rest = 0;
+  for (int i = 0; i < vertex->property_count; ++i)
+    rest += strncmp(table->properties[vertex->first_property + i].name, "f_rest_", 7) == 0;
+  *degree = rest % 3 == 0 ? pags_sh_degree_of(rest / 3) : -1;
+  if (*degree < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 0, 9, 24 or 45 properties f_rest_*, found %d", table->path, rest);
+  return PAGS_OK;
+}
+
+static pags_result bind_columns(const ply_table *table, const ply_element *vertex, int count, const column columns[],
+                                const ply_property *properties[]) {
+  for (int i = 0; i < count; ++i) {
+    properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
+    if (!properties[i] && columns[i].plane >= 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat", table->path,
+                       columns[i].name);
+  }
+  return PAGS_OK;
+}
+
+/* Fills rows [first, first + rows) of the planes; false when any value is not finite. */
+static bool read_block(const ply_table *table, const ply_element *vertex, int count, const column columns[],
+                       const ply_property *const properties[], int64_t first, int64_t rows, pags_gaussians *out) {
+  bool finite = true;
+  for (int i = 0; i < count; ++i) {
+    if (columns[i].plane < 0)
+      continue;
+    float *values = pags_plane(out, columns[i].plane) + first;
+    pags_ply_column(table, vertex, properties[i], first, rows, values);
+    for (int64_t row = 0; row < rows; ++row)
+      finite = finite && isfinite(values[row]);
+  }
+  return finite;
+}
+
+static pags_result fail_not_finite(const ply_table *table, const ply_element *vertex, int count, const column columns[],
+                                   const ply_property *const properties[], int64_t first, const pags_gaussians *g) {
+  for (int64_t row = first;; ++row)
+    for (int i = 0; i < count; ++i) {
+      float value = columns[i].plane < 0 ? 0 : pags_plane(g, columns[i].plane)[row];
+      if (!isfinite(value))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (row at byte %llu)",
+                         table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
+                         (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
+                                              (uint64_t)properties[i]->offset));
+    }
+}
+
+static pags_result read_extras(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
+  const ply_property *s_sem = pags_ply_property_find(table, vertex, "s_sem");
+  const ply_property *object_id = pags_ply_property_find(table, vertex, "object_id");
+  if (s_sem) {
+    PAGS_TRY(pags_gaussians_add_s_sem(out));
+    pags_ply_column(table, vertex, s_sem, 0, out->count, out->s_sem);
+    for (int64_t i = 0; i < out->count; ++i)
+      if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
+                         (long long)i, (double)out->s_sem[i]);
+  }
+  if (object_id) {
+    PAGS_TRY(pags_gaussians_add_object_id(out));
+    for (int64_t i = 0; i < out->count; ++i) {
+      double id = pags_ply_value(table, vertex, object_id, i);
+      if (!(id >= -1 && id <= INT32_MAX))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
+                         table->path, (long long)i, id);
+      out->object_id[i] = (int32_t)id;
+    }
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_vertices(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
+  column columns[MAX_COLUMNS];
+  const ply_property *properties[MAX_COLUMNS];
+  int degree;
+  PAGS_TRY(find_degree(table, vertex, &degree));
+  int count = list_columns(degree, columns);
+  PAGS_TRY(bind_columns(table, vertex, count, columns, properties));
+  PAGS_TRY(pags_ply_table_need(table, vertex));
+  PAGS_TRY(pags_gaussians_create(out, vertex->count, degree));
+  for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {
+    int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
+    if (!read_block(table, vertex, count, columns, properties, first, rows, out))
+      return fail_not_finite(table, vertex, count, columns, properties, first, out);
+  }
+  return read_extras(table, vertex, out);
+}
+
+pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
+                            int *antialiased) {
+  ply_table table;
+  *out = (pags_gaussians){0};
+  PAGS_TRY(pags_ply_table_open(&table, path, bytes, size));
+  const ply_element *vertex = pags_ply_table_find(&table, "vertex");
+  bool compressed = vertex && pags_ply_property_find(&table, vertex, "packed_position");
+  pags_result result;
+  if (!vertex)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'vertex'", path);
+  else if (compressed)
+    result = pags_compressed_ply_decode(&table, out);
+  else
+    result = read_vertices(&table, vertex, out);
+  *kind = compressed ? "compressed PLY" : "PLY";
+  *antialiased = table.antialiased;
+  pags_ply_table_close(&table);
+  if (result == PAGS_OK)
+    result = pags_splat_accept(path, out);
+  if (result != PAGS_OK)
+    pags_gaussians_destroy(out);
+  return result;
+}
+
+pags_result pags_ply_load(const char *path, pags_gaussians *out) {
+  uint8_t *bytes;
+  size_t size;
+  const char *kind;
+  int antialiased;
+  *out = (pags_gaussians){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  pags_result result = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r')
+                           ? pags_ply_decode(path, bytes, size, out, &kind, &antialiased)
+                           : pags_fail(PAGS_ERROR_FORMAT, "%s: expected a PLY file, which begins with 'ply'", path);
+  free(bytes);
+  return result;
+}
+
+static pags_result write_header(pags_file_writer *writer, const pags_gaussians *g, int count, const column columns[]) {
+  char text[MAX_COLUMNS * 32 + 256];
+  int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n",
+                        (long long)g->count);
+  for (int i = 0; i < count; ++i)
+    length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
+  length += snprintf(text + length, sizeof text - (size_t)length, "%s%send_header\n",
+                     g->s_sem ? "property float s_sem\n" : "", g->object_id ? "property int object_id\n" : "");
+  return pags_file_writer_put(writer, text, (size_t)length);
+}
+
+/* Rows [first, first + rows) as the file has them; column by column, so that each plane is read in one run. */
+static void pack_rows(const pags_gaussians *g, int count, const column columns[], int64_t first, int64_t rows,
+                      size_t stride, uint8_t *out) {
+  for (int i = 0; i < count; ++i) {
+    uint8_t *at = out + 4 * i;
+    const float *values = columns[i].plane < 0 ? NULL : pags_plane(g, columns[i].plane) + first;
+    for (int64_t row = 0; row < rows; ++row, at += stride)
+      pags_store_f32(at, values ? values[row] : 0.0f);
+  }
+  uint8_t *extras = out + 4 * count;
+  for (int64_t row = 0; row < rows && g->s_sem; ++row)
+    pags_store_f32(extras + (size_t)row * stride, g->s_sem[first + row]);
+  extras += g->s_sem ? 4 : 0;
+  for (int64_t row = 0; row < rows && g->object_id; ++row)
+    pags_store_u32(extras + (size_t)row * stride, (uint32_t)g->object_id[first + row]);
+}
+
+pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
+  column columns[MAX_COLUMNS];
+  int count = list_columns(gaussians->sh_degree, columns);
+  size_t stride = 4 * ((size_t)count + (gaussians->s_sem != NULL) + (gaussians->object_id != NULL));
+  uint8_t *block = malloc(stride * BLOCK_ROWS);
+  if (!block)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+  pags_file_writer writer;
+  pags_result result = pags_file_writer_begin(&writer, path);
+  if (result == PAGS_OK)
+    result = write_header(&writer, gaussians, count, columns);
+  for (int64_t first = 0; first < gaussians->count && result == PAGS_OK; first += BLOCK_ROWS) {
+    int64_t rows = gaussians->count - first < BLOCK_ROWS ? gaussians->count - first : BLOCK_ROWS;
+    pack_rows(gaussians, count, columns, first, rows, stride, block);
+    result = pags_file_writer_put(&writer, block, stride * (size_t)rows);
+  }
+  if (result == PAGS_OK)
+    result = pags_file_writer_commit(&writer);
+  free(block);
+  return result;
+}

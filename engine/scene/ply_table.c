@@ -1,0 +1,313 @@
+/* PLY (Turk 1994): a text header of elements and properties, then rows as text or as bytes of either order. */
+#include "scene/ply_table.h"
+
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/text.h"
+
+static const struct {
+  const char *name;
+  ply_type type;
+} type_names[] = {{"char", PLY_CHAR},      {"int8", PLY_CHAR},     {"uchar", PLY_UCHAR}, {"uint8", PLY_UCHAR},
+                  {"short", PLY_SHORT},    {"int16", PLY_SHORT},   {"ushort", PLY_USHORT}, {"uint16", PLY_USHORT},
+                  {"int", PLY_INT},        {"int32", PLY_INT},     {"uint", PLY_UINT},   {"uint32", PLY_UINT},
+                  {"float", PLY_FLOAT},    {"float32", PLY_FLOAT}, {"double", PLY_DOUBLE}, {"float64", PLY_DOUBLE}};
+
+static const int type_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
+
+enum { MAX_PROPERTIES = 4096, MAX_WORDS = 5 };
+
+/* Cuts a line into words; those beyond MAX_WORDS stay together in the last. */
+static int split(char *line, char *words[MAX_WORDS]) {
+  int count = 0;
+  while (count < MAX_WORDS) {
+    line += strspn(line, " \t");
+    if (!*line)
+      break;
+    words[count++] = line;
+    line += strcspn(line, " \t");
+    if (*line && count < MAX_WORDS)
+      *line++ = 0;
+  }
+  return count;
+}
+
+static bool parse_type(const char *name, ply_type *type) {
+  for (size_t i = 0; i < sizeof type_names / sizeof *type_names; ++i) {
+    if (strcmp(type_names[i].name, name) == 0) {
+      *type = type_names[i].type;
+      return true;
+    }
+  }
+  return false;
+}
+
+static pags_result parse_format(ply_table *t, int line, int words, char *word[]) {
+  if (words < 3 || strcmp(word[2], "1.0") != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a format of version 1.0", t->path, line);
+  t->ascii = strcmp(word[1], "ascii") == 0;
+  t->big_endian = strcmp(word[1], "binary_big_endian") == 0;
+  if (!t->ascii && !t->big_endian && strcmp(word[1], "binary_little_endian") != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected ascii, binary_little_endian or binary_big_endian, found '%s'",
+                     t->path, line, word[1]);
+  return PAGS_OK;
+}
+
+static pags_result parse_element(ply_table *t, int line, int words, char *word[]) {
+  if (t->element_count == PLY_MAX_ELEMENTS)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d elements", t->path, line, PLY_MAX_ELEMENTS);
+  char *end = NULL;
+  errno = 0;
+  long long count = words == 3 ? strtoll(word[2], &end, 10) : -1;
+  if (words != 3 || *end || errno || count < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'element', a name and a count of rows", t->path, line);
+  t->elements[t->element_count++] = (ply_element){.name = word[1], .count = count, .first_property = t->property_count};
+  return PAGS_OK;
+}
+
+static pags_result add_property(ply_table *t, int line, const char *name, ply_type type) {
+  ply_element *element = &t->elements[t->element_count - 1];
+  if (t->property_count == MAX_PROPERTIES)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d properties", t->path, line, MAX_PROPERTIES);
+  if (pags_ply_property_find(t, element, name))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a second property '%s'", t->path, line, name);
+  if (t->property_count == t->property_capacity) {
+    int capacity = t->property_capacity ? 2 * t->property_capacity : 64;
+    ply_property *grown = realloc(t->properties, (size_t)capacity * sizeof *grown);
+    if (!grown)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s:%d: no memory for the header", t->path, line);
+    t->properties = grown;
+    t->property_capacity = capacity;
+  }
+  t->properties[t->property_count++] = (ply_property){name, type, element->stride};
+  ++element->property_count;
+  element->stride += type_sizes[type];
+  return PAGS_OK;
+}
+
+static pags_result parse_property(ply_table *t, int line, int words, char *word[]) {
+  ply_type type;
+  if (t->element_count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a property before any element", t->path, line);
+  if (words == 5 && strcmp(word[1], "list") == 0) {
+    t->elements[t->element_count - 1].has_list = true;
+    return PAGS_OK;
+  }
+  if (words != 3 || !parse_type(word[1], &type))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'property', a type and a name", t->path, line);
+  return add_property(t, line, word[2], type);
+}
+
+static pags_result parse_line(ply_table *t, int line, char *text) {
+  char *word[MAX_WORDS];
+  if (strcmp(text, "comment SplatRenderMode: mip") == 0)
+    t->antialiased = true;
+  int words = split(text, word);
+  if (words == 0 || strcmp(word[0], "comment") == 0 || strcmp(word[0], "obj_info") == 0)
+    return PAGS_OK;
+  if (strcmp(word[0], "format") == 0)
+    return parse_format(t, line, words, word);
+  if (strcmp(word[0], "element") == 0)
+    return parse_element(t, line, words, word);
+  if (strcmp(word[0], "property") == 0)
+    return parse_property(t, line, words, word);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected format, element, property, comment or end_header, found '%.40s'",
+                   t->path, line, word[0]);
+}
+
+/* Length of the header with the line break after end_header; 0 when there is none. */
+static size_t header_length(const uint8_t *bytes, size_t size) {
+  static const char mark[] = "end_header";
+  size_t mark_length = sizeof mark - 1;
+  for (size_t at = 0; at < size;) {
+    const uint8_t *line_end = memchr(bytes + at, '\n', size - at);
+    if (!line_end)
+      return 0;
+    size_t next = (size_t)(line_end - bytes) + 1, length = next - 1 - at;
+    if (length && bytes[at + length - 1] == '\r')
+      --length;
+    if (length == mark_length && memcmp(bytes + at, mark, mark_length) == 0)
+      return next;
+    at = next;
+  }
+  return 0;
+}
+
+static pags_result parse_header(ply_table *t, size_t length) {
+  t->header = malloc(length + 1);
+  if (!t->header)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the header", t->path);
+  memcpy(t->header, t->bytes, length);
+  t->header[length] = 0;
+  bool has_format = false;
+  int line = 1;
+  for (char *at = strchr(t->header, '\n') + 1; strncmp(at, "end_header", 10) != 0;) {
+    char *end = strchr(at, '\n');
+    if (!end)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: the header holds a zero byte", t->path, line + 1);
+    *end = 0;
+    if (end > at && end[-1] == '\r')
+      end[-1] = 0;
+    has_format = has_format || strncmp(at, "format", 6) == 0;
+    PAGS_TRY(parse_line(t, ++line, at));
+    at = end + 1;
+  }
+  return has_format ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a 'format' line", t->path, line);
+}
+
+static void store_number(uint8_t *out, ply_type type, double value) {
+  switch (type) {
+    case PLY_FLOAT: pags_store_f32(out, (float)value); break;
+    case PLY_DOUBLE: pags_store_f64(out, value); break;
+    default: {
+      /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in text. */
+      int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
+      uint8_t word[4];
+      pags_store_u32(word, (uint32_t)whole);
+      memcpy(out, word, (size_t)type_sizes[type]);
+    }
+  }
+}
+
+/* Turns the rows of a text file into little-endian ones; `at` moves on. False when the text ends before the rows do. */
+static pags_result convert_text(ply_table *t, int index, const char **at) {
+  ply_element *e = &t->elements[index];
+  uint64_t left = (uint64_t)(t->bytes + t->size - (const uint8_t *)*at);
+  /* A number takes two bytes at least: refuse counts that can't be before allocating for them. */
+  if (e->property_count == 0 || (uint64_t)e->count > left / 2 / (uint64_t)e->property_count + 1)
+    return PAGS_OK;
+  uint8_t *rows = malloc((size_t)(e->count * e->stride) + 1);
+  if (!rows)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld rows of '%s'", t->path, (long long)e->count, e->name);
+  t->converted[index] = rows;
+  for (int64_t row = 0; row < e->count; ++row) {
+    for (int k = 0; k < e->property_count; ++k) {
+      const ply_property *property = &t->properties[e->first_property + k];
+      char *end;
+      double value = pags_text_to_double(*at, &end);
+      if (end == *at) {
+        *at += strspn(*at, " \t\r\n");
+        if (!**at)
+          return PAGS_OK;
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a number for '%s' of %s %lld", t->path,
+                         (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name, (long long)row);
+      }
+      store_number(rows + row * e->stride + property->offset, property->type, value);
+      *at = end;
+    }
+  }
+  e->rows = rows;
+  return PAGS_OK;
+}
+
+static pags_result find_rows(ply_table *t, size_t header) {
+  uint64_t offset = header;
+  const char *at = (const char *)t->bytes + header;
+  for (int i = 0; i < t->element_count; ++i) {
+    ply_element *e = &t->elements[i];
+    e->offset = offset;
+    if (e->has_list)
+      return PAGS_OK;
+    if (t->ascii) {
+      PAGS_TRY(convert_text(t, i, &at));
+      if (!e->rows)
+        return PAGS_OK;
+      continue;
+    }
+    if (e->stride && (uint64_t)e->count > (t->size - offset) / (uint64_t)e->stride)
+      return PAGS_OK;
+    e->rows = t->bytes + offset;
+    offset += (uint64_t)e->count * (uint64_t)e->stride;
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size) {
+  *table = (ply_table){.path = path, .bytes = bytes, .size = size};
+  size_t header = header_length(bytes, size);
+  if (header == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'end_header' within its %zu bytes", path, size);
+  pags_result result = parse_header(table, header);
+  if (result == PAGS_OK)
+    result = find_rows(table, header);
+  if (result != PAGS_OK)
+    pags_ply_table_close(table);
+  return result;
+}
+
+void pags_ply_table_close(ply_table *table) {
+  for (int i = 0; i < PLY_MAX_ELEMENTS; ++i)
+    free(table->converted[i]);
+  free(table->properties);
+  free(table->header);
+  *table = (ply_table){0};
+}
+
+const ply_element *pags_ply_table_find(const ply_table *table, const char *element) {
+  for (int i = 0; i < table->element_count; ++i)
+    if (strcmp(table->elements[i].name, element) == 0)
+      return &table->elements[i];
+  return NULL;
+}
+
+pags_result pags_ply_table_need(const ply_table *table, const ply_element *element) {
+  if (element->rows)
+    return PAGS_OK;
+  for (const ply_element *e = table->elements; e <= element; ++e)
+    if (e->has_list)
+      return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s' can't be read: element '%s' has a list property", table->path,
+                       element->name, e->name);
+  if (table->ascii)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s', the file ends at byte %zu", table->path,
+                     (long long)element->count, element->name, table->size);
+  for (const ply_element *e = table->elements; e < element; ++e)
+    if (!e->rows)
+      element = e;
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the "
+                   "file ends at byte %zu", table->path, (long long)element->count, element->name,
+                   (long long)element->stride, (unsigned long long)element->offset, table->size);
+}
+
+const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {
+  const ply_property *properties = table->properties + element->first_property;
+  for (int i = 0; i < element->property_count; ++i)
+    if (strcmp(properties[i].name, property) == 0)
+      return &properties[i];
+  return NULL;
+}
+
+double pags_ply_value(const ply_table *table, const ply_element *element, const ply_property *property, int64_t row) {
+  const uint8_t *at = element->rows + row * element->stride + property->offset;
+  int size = type_sizes[property->type];
+  uint8_t swapped[8];
+  if (table->big_endian) {
+    for (int i = 0; i < size; ++i)
+      swapped[i] = at[size - 1 - i];
+    at = swapped;
+  }
+  switch (property->type) {
+    case PLY_CHAR: return (int8_t)at[0];
+    case PLY_UCHAR: return at[0];
+    case PLY_SHORT: return (int16_t)pags_load_u16(at);
+    case PLY_USHORT: return pags_load_u16(at);
+    case PLY_INT: return (int32_t)pags_load_u32(at);
+    case PLY_UINT: return pags_load_u32(at);
+    case PLY_FLOAT: return (double)pags_load_f32(at);
+    default: return pags_load_f64(at);
+  }
+}
+
+void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
+                int64_t count, float *out) {
+  if (property->type != PLY_FLOAT || table->big_endian) {
+    for (int64_t i = 0; i < count; ++i)
+      out[i] = (float)pags_ply_value(table, element, property, first + i);
+    return;
+  }
+  const uint8_t *at = element->rows + first * element->stride + property->offset;
+  for (int64_t i = 0; i < count; ++i, at += element->stride)
+    out[i] = pags_load_f32(at);
+}

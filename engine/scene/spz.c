@@ -1,0 +1,301 @@
+/* Niantic's SPZ, versions 2 to 4: attributes quantised to bytes, one attribute after the other, then compressed.
+ *
+ * v2, v3  one gzip stream of a 16-byte header and the attributes
+ * v4      a plain 32-byte header, a table of (compressed, plain) sizes, one zstd frame an attribute
+ *
+ * The order is positions, opacities, colours, scales, rotations, SH. Its axes are OpenGL's (x right, y up, z back); a PLY's are x
+ * right, y down, z forward: half a turn about x, which flips y and z of positions and rotations and the sign of those SH
+ * functions that are odd in y z together. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+#include <zstd.h>
+
+#include "base/bytes.h"
+#include "base/log.h"
+#include "scene/splat_formats.h"
+
+enum { GZIP_HEADER = 16, V4_HEADER = 32, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2, STREAMS = 6, SH_STREAM = 5 };
+
+static const char *const stream_names[STREAMS] = {"positions", "opacities", "colours", "scales", "rotations", "SH"};
+
+typedef struct spz_header {
+  uint32_t version;
+  int64_t count;
+  int sh_degree; /* 0..4; the fourth is dropped */
+  int fractional_bits, flags;
+  uint64_t sizes[STREAMS]; /* bytes of each attribute */
+} spz_header;
+
+static int rest_coefficients(int degree) { return (degree + 1) * (degree + 1) - 1; }
+
+/* The first 16 bytes, the same in all versions. */
+static pags_result read_header(const char *path, const uint8_t *bytes, spz_header *h) {
+  if (memcmp(bytes, "NGSP", 4) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'NGSP' at the begin of the SPZ data", path);
+  *h = (spz_header){.version = pags_load_u32(bytes + 4), .count = pags_load_u32(bytes + 8), .sh_degree = bytes[12],
+                    .fractional_bits = bytes[13], .flags = bytes[14]};
+  if (h->version < 2 || h->version > 4)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: SPZ version %u; versions 2 to 4 can be read", path, h->version);
+  if (h->sh_degree > 4)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 12: expected an SH degree of 0 to 4, found %d", path, h->sh_degree);
+  if (h->fractional_bits > 24)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 13: expected at most 24 fractional bits, found %d", path,
+                     h->fractional_bits);
+  int bytes_each[STREAMS] = {9, 1, 3, 3, h->version == 2 ? 3 : 4, 3 * rest_coefficients(h->sh_degree)};
+  for (int i = 0; i < STREAMS; ++i)
+    h->sizes[i] = (uint64_t)h->count * (uint64_t)bytes_each[i];
+  return PAGS_OK;
+}
+
+static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  double step = ldexp(1.0, -h->fractional_bits);
+  for (int64_t i = 0; i < out->count; ++i)
+    for (int k = 0; k < 3; ++k, bytes += 3) {
+      int32_t fixed = bytes[0] | bytes[1] << 8 | bytes[2] << 16;
+      fixed -= (fixed & 0x800000) << 1;
+      pags_plane(out, PAGS_MEAN + k)[i] = (float)((k ? -step : step) * fixed);
+    }
+}
+
+static void decode_opacities(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  (void)h;
+  for (int64_t i = 0; i < out->count; ++i)
+    pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(bytes[i]);
+}
+
+static void decode_colours(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  (void)h;
+  for (int64_t i = 0; i < out->count; ++i)
+    for (int k = 0; k < 3; ++k)
+      pags_plane(out, PAGS_SH + k)[i] = (float)((bytes[3 * i + k] / 255.0 - 0.5) / 0.15);
+}
+
+static void decode_scales(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  (void)h;
+  for (int64_t i = 0; i < out->count; ++i)
+    for (int k = 0; k < 3; ++k)
+      pags_plane(out, PAGS_SCALE + k)[i] = (float)(bytes[3 * i + k] / 16.0 - 10.0);
+}
+
+/* Version 2: x y z as bytes over -1 .. 1, w the rest of the unit length. */
+static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
+  double sum = 0;
+  for (int k = 0; k < 3; ++k) {
+    xyzw[k] = bytes[k] / 127.5 - 1.0;
+    sum += xyzw[k] * xyzw[k];
+  }
+  xyzw[3] = sqrt(fmax(0, 1 - sum));
+}
+
+/* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the bottom up: nine of
+ * magnitude over 1/sqrt 2 and one of sign. */
+static void unpack_smallest_three(uint32_t word, double xyzw[4]) {
+  int largest = (int)(word >> 30);
+  double sum = 0;
+  for (int k = 3; k >= 0; --k) {
+    if (k == largest)
+      continue;
+    double magnitude = (word & 511) * (0.70710678118654752 / 511);
+    xyzw[k] = word & 512 ? -magnitude : magnitude;
+    sum += magnitude * magnitude;
+    word >>= 10;
+  }
+  xyzw[largest] = sqrt(fmax(0, 1 - sum));
+}
+
+static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  for (int64_t i = 0; i < out->count; ++i) {
+    double q[4];
+    if (h->version == 2)
+      unpack_first_three(bytes + 3 * i, q);
+    else
+      unpack_smallest_three(pags_load_u32(bytes + 4 * i), q);
+    pags_plane(out, PAGS_ROTATION)[i] = (float)q[3];
+    pags_plane(out, PAGS_ROTATION + 1)[i] = (float)q[0];
+    pags_plane(out, PAGS_ROTATION + 2)[i] = (float)-q[1];
+    pags_plane(out, PAGS_ROTATION + 3)[i] = (float)-q[2];
+  }
+}
+
+static void decode_sh(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
+  /* Half a turn about x, in the order m = -l .. l of each degree. */
+  static const signed char signs[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
+  int stride = 3 * rest_coefficients(h->sh_degree), used = 3 * rest_coefficients(out->sh_degree);
+  for (int64_t i = 0; i < out->count; ++i)
+    for (int k = 0; k < used; ++k)
+      pags_plane(out, PAGS_SH + 3 + k)[i] = (float)(signs[k / 3] * (bytes[i * stride + k] - 128) / 128.0);
+}
+
+typedef void decode_fn(const spz_header *h, const uint8_t *bytes, pags_gaussians *out);
+static decode_fn *const decoders[STREAMS] = {decode_positions, decode_opacities, decode_colours,
+                                             decode_scales,    decode_rotations, decode_sh};
+
+static pags_result create(const char *path, const spz_header *h, pags_gaussians *out) {
+  if (h->sh_degree > 3)
+    pags_log(PAGS_LOG_WARNING, "%s: spherical harmonics of degree 4 are dropped, degrees 0 to 3 kept", path);
+  if (h->flags & FLAG_EXTENSIONS)
+    pags_log(PAGS_LOG_INFO, "%s: extension records are skipped", path);
+  return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
+}
+
+/* Inflates exactly `size` bytes. */
+static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *out, uint64_t size) {
+  while (size) {
+    uInt step = size < 1u << 30 ? (uInt)size : 1u << 30;
+    stream->next_out = out;
+    stream->avail_out = step;
+    int code = inflate(stream, Z_NO_FLUSH);
+    uInt got = step - stream->avail_out;
+    out += got;
+    size -= got;
+    if (size && (code != Z_OK || got == 0))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians", path,
+                       (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
+                       (unsigned long long)size);
+  }
+  return PAGS_OK;
+}
+
+/* Reads on to the checksum. Extension records may follow the attributes; a limit keeps a bomb from taking for ever. */
+static pags_result inflate_rest(const char *path, z_stream *stream, int extensions) {
+  uint8_t scratch[4096];
+  uint64_t extra = 0, limit = extensions ? 1u << 24 : 0;
+  int code = Z_OK;
+  while (code == Z_OK && extra <= limit) {
+    stream->next_out = scratch;
+    stream->avail_out = sizeof scratch;
+    code = inflate(stream, Z_NO_FLUSH);
+    extra += sizeof scratch - stream->avail_out;
+  }
+  if (code != Z_STREAM_END || extra > limit)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected the end of the gzip data after the Gaussians", path,
+                     (unsigned long long)stream->total_in);
+  return PAGS_OK;
+}
+
+static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_size, spz_header *h, pags_gaussians *out) {
+  uint8_t bytes[GZIP_HEADER];
+  PAGS_TRY(inflate_exactly(path, stream, bytes, sizeof bytes));
+  PAGS_TRY(read_header(path, bytes, h));
+  if (h->version == 4)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version 4 inside of gzip, which only versions 2 and 3 are", path);
+  uint64_t total = 0;
+  for (int i = 0; i < STREAMS; ++i)
+    total += h->sizes[i];
+  /* Deflate can't do better than 1032 to 1: a count beyond that is refused before memory is asked for it. */
+  if (total / 1032 > file_size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count, file_size);
+  PAGS_TRY(create(path, h, out));
+  uint8_t *plain = malloc((size_t)total + 1);
+  if (!plain)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)total);
+  pags_result result = inflate_exactly(path, stream, plain, total);
+  if (result == PAGS_OK)
+    result = inflate_rest(path, stream, h->flags & FLAG_EXTENSIONS);
+  const uint8_t *at = plain;
+  for (int i = 0; i < STREAMS && result == PAGS_OK; at += h->sizes[i++])
+    decoders[i](h, at, out);
+  free(plain);
+  return result;
+}
+
+static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t size, spz_header *h, pags_gaussians *out) {
+  z_stream stream = {0};
+  /* 16: expect a gzip header. zlib counts input in 32 bits. */
+  if (size > UINT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: SPZ files of more than 4 GB can't be read", path);
+  if (inflateInit2(&stream, 16 + MAX_WBITS) != Z_OK)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to inflate it", path);
+  stream.next_in = (z_const Bytef *)(uintptr_t)bytes;
+  stream.avail_in = (uInt)size;
+  pags_result result = decode_gzip(path, &stream, size, h, out);
+  inflateEnd(&stream);
+  return result;
+}
+
+static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes, uint64_t packed,
+                                 uint64_t offset, pags_gaussians *out) {
+  uint64_t size = h->sizes[index];
+  uint8_t *plain = malloc((size_t)size + 1);
+  if (!plain)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)size);
+  size_t got = ZSTD_decompress(plain, (size_t)size, bytes, (size_t)packed);
+  pags_result result = PAGS_OK;
+  if (ZSTD_isError(got))
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
+                       (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
+  else if (got != size)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
+                       (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
+  else
+    decoders[index](h, plain, out);
+  free(plain);
+  return result;
+}
+
+/* Checks the table of sizes against what the count asks for and what the file has, before anything is allocated. */
+static pags_result check_table(const char *path, const uint8_t *bytes, size_t size, const spz_header *h, uint64_t table,
+                               int streams) {
+  if (table < V4_HEADER || table > size || size - table < 16u * (unsigned)streams)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 16: expected the table of streams within the file's %zu bytes, found %llu",
+                     path, size, (unsigned long long)table);
+  uint64_t offset = table + 16u * (unsigned)streams;
+  for (int i = 0; i < streams; ++i) {
+    const uint8_t *entry = bytes + table + 16 * i;
+    uint64_t packed = pags_load_u64(entry), plain = pags_load_u64(entry + 8);
+    if (plain != h->sizes[i])
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu", path,
+                       (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i], stream_names[i],
+                       (long long)h->count, (unsigned long long)plain);
+    /* A zstd block of at least three bytes gives at most 128 KiB. */
+    if (packed > size - offset || plain / (1 << 17) * 3 > packed)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected the %s from byte %llu on, the file ends at byte %zu", path,
+                       stream_names[i], (unsigned long long)offset, size);
+    offset += packed;
+  }
+  return PAGS_OK;
+}
+
+static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size, spz_header *h, pags_gaussians *out) {
+  if (size < V4_HEADER)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected a header of %d bytes, found %zu", path, V4_HEADER, size);
+  PAGS_TRY(read_header(path, bytes, h));
+  if (h->version != 4)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version %u without gzip, which only version 4 is", path, h->version);
+  int streams = bytes[15], expected = h->sh_degree ? STREAMS : SH_STREAM;
+  uint64_t table = pags_load_u32(bytes + 16);
+  if (h->count == 0)
+    return create(path, h, out); /* empty streams are left out */
+  if (streams != expected)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 15: expected %d streams for SH degree %d, found %d", path, expected,
+                     h->sh_degree, streams);
+  PAGS_TRY(check_table(path, bytes, size, h, table, streams));
+  PAGS_TRY(create(path, h, out));
+  uint64_t offset = table + 16u * (unsigned)streams;
+  for (int i = 0; i < streams; ++i) {
+    uint64_t packed = pags_load_u64(bytes + table + 16 * i);
+    PAGS_TRY(decode_stream(path, h, i, bytes + offset, packed, offset, out));
+    offset += packed;
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
+                            int *antialiased) {
+  static const char *const kinds[] = {"SPZ v2", "SPZ v3", "SPZ v4"};
+  spz_header h = {0};
+  *out = (pags_gaussians){0};
+  pags_result result = size >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b ? decode_legacy(path, bytes, size, &h, out)
+                                                                       : decode_v4(path, bytes, size, &h, out);
+  if (result == PAGS_OK)
+    result = pags_splat_accept(path, out);
+  if (result != PAGS_OK) {
+    pags_gaussians_destroy(out);
+    return result;
+  }
+  *kind = kinds[h.version - 2];
+  *antialiased = h.flags & FLAG_ANTIALIASED;
+  return PAGS_OK;
+}
