@@ -20,7 +20,8 @@ typedef struct pags_train_state {
   pags_schedule schedule;
   int64_t stop;            /* last step to do; beyond schedule.length after --resume --iterations */
   int64_t step;            /* steps done */
-  int resets;              /* opacity resets done */
+  int64_t resets;          /* opacity resets done */
+  int64_t clocked;         /* 1: the length was set from a clock, so it need not be the one asked for */
   double loss, mse;        /* running means; 0 steps: 0 */
   pags_gaussians gaussians;
   pags_adam adam;

@@ -1,0 +1,154 @@
+/* Checkpoints: all that a run holds comes back, and no damaged file is taken for a sound one. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/rng.h"
+#include "train/checkpoint.h"
+
+enum { ROWS = 150, CLUSTERS = 3 };
+
+static char path[64];
+
+static float *fill(float *x, uint64_t purpose) {
+  for (int i = 0; i < ROWS; i++)
+    x[i] = (float)pags_rng_uniform(1, purpose, (uint64_t)i);
+  return x;
+}
+
+static void make(pags_train_state *state) {
+  pags_train_config config = pags_train_config_default();
+  config.iterations = 777;
+  config.sh_degree = 1;
+  config.absgrad = 1;
+  pags_schedule schedule = pags_schedule_make(&config, 2.5, 44);
+  pags_gaussians g;
+  assert_int_equal(pags_gaussians_create(&g, ROWS, 1), PAGS_OK);
+  for (int p = 0; p < pags_plane_count(1); p++)
+    fill(pags_plane(&g, p), (uint64_t)p);
+  assert_int_equal(pags_state_create(state, &schedule, 1000, &g), PAGS_OK);
+  for (int p = 0; p < pags_plane_count(1); p++) {
+    fill(pags_plane(&state->adam.first, p), 100 + (uint64_t)p);
+    fill(pags_plane(&state->adam.second, p), 200 + (uint64_t)p);
+  }
+  fill(state->density.gradient, 300);
+  state->density.seen[77] = 5;
+  state->step = 900;
+  state->resets = 2;
+  state->loss = 0.125;
+  state->mse = 0.25;
+  for (int c = 0; c < CLUSTERS; c++) {
+    state->adam.moment_step[c] = 800 + c;
+    state->adam.param_step[c] = 850 + c;
+  }
+}
+
+static void comes_back_whole(void **unused) {
+  (void)unused;
+  pags_train_state a, b;
+  uint64_t fingerprint = 0;
+  make(&a);
+  assert_int_equal(pags_checkpoint_save(path, &a, 0x1234567890abcdefu), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_OK);
+  assert_true(fingerprint == 0x1234567890abcdefu);
+  assert_true(b.step == 900 && b.stop == 1000 && b.resets == 2 && b.loss == 0.125 && b.mse == 0.25);
+  assert_true(b.schedule.extent == 2.5 && b.schedule.views == 44 && b.schedule.length == 777);
+  assert_int_equal(b.schedule.config.absgrad, 1);
+  assert_int_equal(b.gaussians.count, ROWS);
+  for (int p = 0; p < pags_plane_count(1); p++) {
+    assert_memory_equal(pags_plane(&a.gaussians, p), pags_plane(&b.gaussians, p), ROWS * sizeof(float));
+    assert_memory_equal(pags_plane(&a.adam.first, p), pags_plane(&b.adam.first, p), ROWS * sizeof(float));
+    assert_memory_equal(pags_plane(&a.adam.second, p), pags_plane(&b.adam.second, p), ROWS * sizeof(float));
+  }
+  assert_memory_equal(a.density.gradient, b.density.gradient, ROWS * sizeof(float));
+  assert_memory_equal(a.density.seen, b.density.seen, ROWS * sizeof(int32_t));
+  assert_memory_equal(a.adam.moment_step, b.adam.moment_step, CLUSTERS * sizeof(int32_t));
+  assert_memory_equal(a.adam.param_step, b.adam.param_step, CLUSTERS * sizeof(int32_t));
+  pags_state_destroy(&a);
+  pags_state_destroy(&b);
+}
+
+/* Saving is a function of the state alone: no clock, no padding. */
+static void same_state_same_bytes(void **unused) {
+  (void)unused;
+  pags_train_state a, b;
+  uint64_t fingerprint;
+  uint8_t *first, *second;
+  size_t first_size, second_size;
+  make(&a);
+  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_file_read(path, &first, &first_size), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_OK);
+  assert_int_equal(pags_checkpoint_save(path, &b, fingerprint), PAGS_OK);
+  assert_int_equal(pags_file_read(path, &second, &second_size), PAGS_OK);
+  assert_int_equal(first_size, second_size);
+  assert_memory_equal(first, second, first_size);
+  free(first);
+  free(second);
+  pags_state_destroy(&a);
+  pags_state_destroy(&b);
+}
+
+static void damage_is_found(void **unused) {
+  (void)unused;
+  pags_train_state a, b;
+  uint64_t fingerprint;
+  uint8_t *bytes;
+  size_t size;
+  make(&a);
+  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
+  for (size_t at = 0; at < size; at += 1 + size / 97) { /* one bit wrong */
+    bytes[at] ^= 0x10;
+    assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
+    assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+    assert_non_null(strstr(pags_error_message(), path));
+    bytes[at] ^= 0x10;
+  }
+  for (size_t cut = 0; cut < size; cut += 1 + size / 41) { /* cut off */
+    assert_int_equal(pags_file_write(path, bytes, cut), PAGS_OK);
+    assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+  }
+  free(bytes);
+  pags_state_destroy(&a);
+}
+
+/* A sound CRC over nonsense must not send the optimiser astray. */
+static void impossible_steps_are_refused(void **unused) {
+  (void)unused;
+  pags_train_state a, b;
+  uint64_t fingerprint;
+  make(&a);
+  a.adam.param_step[1] = 901;
+  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+  pags_state_destroy(&a);
+}
+
+static int make_path(void **unused) {
+  (void)unused;
+  snprintf(path, sizeof path, "/tmp/pags_checkpoint_%ld", (long)getpid());
+  return 0;
+}
+static int remove_path(void **unused) {
+  (void)unused;
+  return remove(path);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(comes_back_whole),
+      cmocka_unit_test(same_state_same_bytes),
+      cmocka_unit_test(damage_is_found),
+      cmocka_unit_test(impossible_steps_are_refused),
+  };
+  return cmocka_run_group_tests(tests, make_path, remove_path);
+}
