@@ -61,8 +61,9 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   if (got != expected) {
     free(block);
     errno = error;
-    return failed ? fail_errno(path, "can't read")
-                  : pags_fail(PAGS_ERROR_IO, "%s: shrank while it was read, at byte %llu", path, (unsigned long long)got);
+    return failed
+               ? fail_errno(path, "can't read")
+               : pags_fail(PAGS_ERROR_IO, "%s: shrank while it was read, at byte %llu", path, (unsigned long long)got);
   }
   block[got] = 0;
   *bytes = block;

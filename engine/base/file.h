@@ -11,8 +11,8 @@
 extern "C" {
 #endif
 
-/* The whole file in a block that the caller frees, with a zero byte after the end that `size` doesn't count. Folders are
- * refused. PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
+/* The whole file in a block that the caller frees, with a zero byte after the end that `size` doesn't count. Folders
+ * are refused. PAGS_ERROR_IO or PAGS_ERROR_MEMORY. */
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size);
 pags_result pags_file_size(const char *path, uint64_t *size);
 

@@ -65,7 +65,9 @@ static pags_json_value *new_value(reader *r) {
   return &json->blocks->values[json->blocks->used++];
 }
 
-static bool is_digit(const reader *r) { return r->at < r->end && *r->at >= '0' && *r->at <= '9'; }
+static bool is_digit(const reader *r) {
+  return r->at < r->end && *r->at >= '0' && *r->at <= '9';
+}
 
 static bool skip_digits(reader *r) {
   if (!is_digit(r))
@@ -259,18 +261,14 @@ static pags_result read_content(reader *r, pags_json_value *value) {
     case '[':
       value->type = c == '{' ? PAGS_JSON_OBJECT : PAGS_JSON_ARRAY;
       return read_children(r, value, c == '{' ? '}' : ']');
-    case '"':
-      value->type = PAGS_JSON_STRING;
-      return read_string(r, &value->text);
+    case '"': value->type = PAGS_JSON_STRING; return read_string(r, &value->text);
     case 't':
     case 'f':
       value->type = PAGS_JSON_BOOL;
       value->boolean = c == 't';
       return read_word(r, c == 't' ? "true" : "false");
-    case 'n':
-      return read_word(r, "null");
-    default:
-      return c == '-' || is_digit(r) ? read_number(r, value) : syntax_error(r, "a value");
+    case 'n': return read_word(r, "null");
+    default: return c == '-' || is_digit(r) ? read_number(r, value) : syntax_error(r, "a value");
   }
 }
 
@@ -357,9 +355,13 @@ void pags_json_destroy(pags_json *json) {
   free(json);
 }
 
-const pags_json_value *pags_json_root(const pags_json *json) { return json->root; }
+const pags_json_value *pags_json_root(const pags_json *json) {
+  return json->root;
+}
 
-const char *pags_json_path(const pags_json *json) { return json->path; }
+const char *pags_json_path(const pags_json *json) {
+  return json->path;
+}
 
 pags_result pags_json_fail(const pags_json *json, const pags_json_value *value, const char *format, ...) {
   char text[900];

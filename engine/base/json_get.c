@@ -17,7 +17,8 @@ const pags_json_value *pags_json_member(const pags_json_value *object, const cha
   return found;
 }
 
-static pags_result fail_type(const pags_json *json, const pags_json_value *value, const char *expected, const char *key) {
+static pags_result fail_type(const pags_json *json, const pags_json_value *value, const char *expected,
+                             const char *key) {
   return pags_json_fail(json, value, "expected %s for '%s', found %s", expected, key, type_names[value->type]);
 }
 
@@ -52,8 +53,8 @@ pags_result pags_json_number_or(const pags_json *json, const pags_json_value *ob
   return is_absent(object, key) ? PAGS_OK : pags_json_number(json, object, key, out);
 }
 
-pags_result pags_json_integer(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo, int64_t hi,
-                              int64_t *out) {
+pags_result pags_json_integer(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
+                              int64_t hi, int64_t *out) {
   const pags_json_value *value;
   PAGS_TRY(get(json, object, key, PAGS_JSON_NUMBER, &value));
   char *end;
@@ -66,14 +67,14 @@ pags_result pags_json_integer(const pags_json *json, const pags_json_value *obje
   return PAGS_OK;
 }
 
-pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo, int64_t hi,
-                                 int64_t fallback, int64_t *out) {
+pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
+                                 int64_t hi, int64_t fallback, int64_t *out) {
   *out = fallback;
   return is_absent(object, key) ? PAGS_OK : pags_json_integer(json, object, key, lo, hi, out);
 }
 
-pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *object, const char *key, uint64_t fallback,
-                                  uint64_t *out) {
+pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *object, const char *key,
+                                  uint64_t fallback, uint64_t *out) {
   const pags_json_value *value;
   *out = fallback;
   if (is_absent(object, key))
@@ -83,7 +84,8 @@ pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *
   errno = 0;
   unsigned long long integer = strtoull(value->text, &end, 10);
   if (*end || errno || value->text[0] == '-')
-    return pags_json_fail(json, value, "expected an integer from 0 to 2^64 - 1 for '%s', found %.40s", key, value->text);
+    return pags_json_fail(json, value, "expected an integer from 0 to 2^64 - 1 for '%s', found %.40s", key,
+                          value->text);
   *out = integer;
   return PAGS_OK;
 }
@@ -106,8 +108,8 @@ pags_result pags_json_string(const pags_json *json, const pags_json_value *objec
   return PAGS_OK;
 }
 
-pags_result pags_json_string_or(const pags_json *json, const pags_json_value *object, const char *key, const char *fallback,
-                                const char **out) {
+pags_result pags_json_string_or(const pags_json *json, const pags_json_value *object, const char *key,
+                                const char *fallback, const char **out) {
   *out = fallback;
   return is_absent(object, key) ? PAGS_OK : pags_json_string(json, object, key, out);
 }
@@ -122,7 +124,7 @@ pags_result pags_json_object(const pags_json *json, const pags_json_value *objec
   return get(json, object, key, PAGS_JSON_OBJECT, out);
 }
 
-/* Appends the numbers below `value` in file order; `filled` counts on beyond `count`. The reader has bounded the depth. */
+/* Appends the numbers below `value` in file order; `filled` counts on beyond `count`. The reader bounds the depth. */
 static const pags_json_value *flatten(const pags_json_value *value, int count, double *out, int64_t *filled) {
   for (const pags_json_value *child = value->first; child; child = child->next) {
     if (child->type == PAGS_JSON_ARRAY) {
@@ -140,7 +142,8 @@ static const pags_json_value *flatten(const pags_json_value *value, int count, d
   return NULL;
 }
 
-pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count, double *out) {
+pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count,
+                              double *out) {
   const pags_json_value *value;
   int64_t filled = 0;
   PAGS_TRY(get(json, object, key, PAGS_JSON_ARRAY, &value));
@@ -159,7 +162,8 @@ pags_result pags_json_as_number(const pags_json *json, const pags_json_value *va
   return PAGS_OK;
 }
 
-pags_result pags_json_as_string(const pags_json *json, const pags_json_value *value, const char *what, const char **out) {
+pags_result pags_json_as_string(const pags_json *json, const pags_json_value *value, const char *what,
+                                const char **out) {
   if (value->type != PAGS_JSON_STRING)
     return fail_type(json, value, "a string", what);
   *out = value->text;

@@ -29,7 +29,9 @@ static void put(pags_json_writer *w, const char *text, size_t size) {
   w->data[w->size] = 0;
 }
 
-static void put_text(pags_json_writer *w, const char *text) { put(w, text, strlen(text)); }
+static void put_text(pags_json_writer *w, const char *text) {
+  put(w, text, strlen(text));
+}
 
 static void put_line_break(pags_json_writer *w) {
   if (!w->indent || w->flat)
@@ -87,17 +89,27 @@ static void end_nested(pags_json_writer *w, const char *close) {
   w->has_sibling = true;
 }
 
-void pags_json_writer_init(pags_json_writer *writer, int indent) { *writer = (pags_json_writer){.indent = indent}; }
+void pags_json_writer_init(pags_json_writer *writer, int indent) {
+  *writer = (pags_json_writer){.indent = indent};
+}
 
 void pags_json_writer_destroy(pags_json_writer *writer) {
   free(writer->data);
   *writer = (pags_json_writer){0};
 }
 
-void pags_json_begin_object(pags_json_writer *writer, const char *key) { begin_nested(writer, key, "{"); }
-void pags_json_end_object(pags_json_writer *writer) { end_nested(writer, "}"); }
-void pags_json_begin_array(pags_json_writer *writer, const char *key) { begin_nested(writer, key, "["); }
-void pags_json_end_array(pags_json_writer *writer) { end_nested(writer, "]"); }
+void pags_json_begin_object(pags_json_writer *writer, const char *key) {
+  begin_nested(writer, key, "{");
+}
+void pags_json_end_object(pags_json_writer *writer) {
+  end_nested(writer, "}");
+}
+void pags_json_begin_array(pags_json_writer *writer, const char *key) {
+  begin_nested(writer, key, "[");
+}
+void pags_json_end_array(pags_json_writer *writer) {
+  end_nested(writer, "]");
+}
 
 void pags_json_put_number(pags_json_writer *writer, const char *key, double value) {
   char text[PAGS_DOUBLE_TEXT];
@@ -124,7 +136,9 @@ void pags_json_put_bool(pags_json_writer *writer, const char *key, bool value) {
   pags_json_put_raw(writer, key, value ? "true" : "false");
 }
 
-void pags_json_put_null(pags_json_writer *writer, const char *key) { pags_json_put_raw(writer, key, "null"); }
+void pags_json_put_null(pags_json_writer *writer, const char *key) {
+  pags_json_put_raw(writer, key, "null");
+}
 
 void pags_json_put_string(pags_json_writer *writer, const char *key, const char *value) {
   if (!value) {

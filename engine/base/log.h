@@ -1,5 +1,5 @@
-/* Lines for the user that are not errors ("12 views left out: image missing"). The library is silent until a receiver is
- * set. */
+/* Lines for the user that are not errors ("12 views left out: image missing"). The library is silent until a receiver
+ * is set. */
 #ifndef PAGS_BASE_LOG_H
 #define PAGS_BASE_LOG_H
 

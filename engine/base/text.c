@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A program around us may have called setlocale, and then strtod stops at the point of "0.5". uselocale changes the calling
- * thread only; a failing newlocale leaves the host's locale in place. */
+/* A program around us may have called setlocale, and then strtod stops at the point of "0.5". uselocale changes the
+ * calling thread only; a failing newlocale leaves the host's locale in place. */
 typedef struct c_locale {
   locale_t c, previous;
 } c_locale;

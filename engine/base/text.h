@@ -12,7 +12,7 @@ extern "C" {
 double pags_text_to_double(const char *text, char **end);
 
 enum { PAGS_DOUBLE_TEXT = 32 };
-/* The shortest of %.15g, %.16g and %.17g that reads back to the same bits: "0.1", "1e-07", "nan". Returns its length. */
+/* The shortest of %.15g, %.16g and %.17g that reads back to the same bits: "0.1", "1e-07", "nan"; returns its length */
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]);
 
 /* A copy on the heap, NULL when memory is out or `text` is NULL. */

@@ -47,7 +47,8 @@ void pags_rotation_from_quaternion(const double q[4], double r[9]) {
 /* Shepperd 1978: divides by the largest of the four components, so that nothing cancels. w >= 0 in the result. */
 void pags_quaternion_from_rotation(const double r[9], double q[4]) {
   double trace = r[0] + r[4] + r[8];
-  double square[4] = {trace, r[0], r[4], r[8]}; /* in the order of q_k^2 = (1 + 2 r_kk - trace) / 4, w^2 = (1 + trace) / 4 */
+  double square[4] = {trace, r[0], r[4],
+                      r[8]}; /* in the order of q_k^2 = (1 + 2 r_kk - trace) / 4, w^2 = (1 + trace) / 4 */
   int largest = 0;
   for (int k = 1; k < 4; ++k)
     if (square[k] > square[largest])
@@ -94,8 +95,8 @@ static double cofactors(const double m[12], double c[9]) {
   return m[0] * c[0] + m[1] * c[1] + m[2] * c[2];
 }
 
-/* The nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2 (Higham 1986), quadratic from within
- * 1e-3. An already orthonormal matrix is left alone, so that cameras keep their bits from one check to the next. */
+/* The nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2 (Higham 1986), quadratic from
+ * within 1e-3. An already orthonormal matrix is left alone: cameras keep their bits from one check to the next. */
 static void make_orthonormal(double m[12]) {
   for (int step = 0; step < 4 && orthonormal_error(m) > 1e-15; ++step) {
     double c[9];

@@ -14,8 +14,10 @@ static pags_result read_pose(const pags_json *json, const pags_json_value *objec
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_translation", 3, t));
   double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   if (!(norm > 1e-6 && isfinite(norm)))
-    return pags_json_fail(json, object, "expected a quaternion of about unit length for "
-                                        "'camera_from_world_quaternion_wxyz', found one of length %g", norm);
+    return pags_json_fail(json, object,
+                          "expected a quaternion of about unit length for "
+                          "'camera_from_world_quaternion_wxyz', found one of length %g",
+                          norm);
   pags_rotation_from_quaternion(q, r);
   for (int i = 0; i < 3; ++i) {
     for (int j = 0; j < 3; ++j)

@@ -13,8 +13,8 @@
 enum { CHUNK_ROWS = 256, BOUNDS = 18 };
 
 static const char *const bound_names[BOUNDS] = {
-    "min_x",       "min_y",       "min_z",       "max_x",       "max_y",       "max_z", "min_scale_x", "min_scale_y", "min_scale_z",
-    "max_scale_x", "max_scale_y", "max_scale_z", "min_r",       "min_g",       "min_b", "max_r",       "max_g",       "max_b"};
+    "min_x",       "min_y",       "min_z",       "max_x", "max_y", "max_z", "min_scale_x", "min_scale_y", "min_scale_z",
+    "max_scale_x", "max_scale_y", "max_scale_z", "min_r", "min_g", "min_b", "max_r",       "max_g",       "max_b"};
 static const char *const word_names[4] = {"packed_position", "packed_rotation", "packed_scale", "packed_color"};
 
 typedef struct reader {
@@ -25,7 +25,12 @@ typedef struct reader {
 } reader;
 
 static pags_result bind(reader *r, const ply_table *table) {
-  *r = (reader){table, pags_ply_table_find(table, "chunk"), pags_ply_table_find(table, "vertex"), pags_ply_table_find(table, "sh"), {0}, {0}};
+  *r = (reader){table,
+                pags_ply_table_find(table, "chunk"),
+                pags_ply_table_find(table, "vertex"),
+                pags_ply_table_find(table, "sh"),
+                {0},
+                {0}};
   if (!r->chunk)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'chunk' of a compressed PLY", table->path);
   for (int i = 0; i < BOUNDS; ++i) {
@@ -36,7 +41,8 @@ static pags_result bind(reader *r, const ply_table *table) {
   for (int i = 0; i < 4; ++i) {
     r->words[i] = pags_ply_property_find(table, r->vertex, word_names[i]);
     if (!r->words[i] || r->words[i]->type != PLY_UINT)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' of type uint in element 'vertex'", table->path, word_names[i]);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' of type uint in element 'vertex'", table->path,
+                       word_names[i]);
   }
   PAGS_TRY(pags_ply_table_need(table, r->chunk));
   PAGS_TRY(pags_ply_table_need(table, r->vertex));
@@ -53,7 +59,8 @@ static pags_result find_degree(const reader *r, int *degree) {
     return PAGS_OK;
   *degree = r->sh->property_count % 3 == 0 ? pags_sh_degree_of(r->sh->property_count / 3) : -1;
   if (*degree < 0 || r->sh->count != r->vertex->count)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 9, 24 or 45 properties and %lld rows in element 'sh', found %d and %lld",
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: expected 9, 24 or 45 properties and %lld rows in element 'sh', found %d and %lld",
                      r->table->path, (long long)r->vertex->count, r->sh->property_count, (long long)r->sh->count);
   return pags_ply_table_need(r->table, r->sh);
 }
@@ -64,9 +71,12 @@ static double unit(uint32_t word, int shift, int bits) {
   return (double)(word >> shift & mask) / (double)mask;
 }
 
-static double mix(double lo, double hi, double t) { return lo * (1 - t) + hi * t; }
+static double mix(double lo, double hi, double t) {
+  return lo * (1 - t) + hi * t;
+}
 
-static void unpack_vector(uint32_t word, const double *lo, const double *hi, int plane, int64_t row, pags_gaussians *out) {
+static void unpack_vector(uint32_t word, const double *lo, const double *hi, int plane, int64_t row,
+                          pags_gaussians *out) {
   static const int shifts[3] = {21, 11, 0}, bits[3] = {11, 10, 11};
   for (int k = 0; k < 3; ++k)
     pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));

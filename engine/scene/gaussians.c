@@ -7,9 +7,12 @@
 #include <string.h>
 
 enum { LANES = 16, ALIGNMENT = 64 };
-static const int64_t count_limit = INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
+static const int64_t count_limit =
+    INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
 
-static int64_t round_up(int64_t count) { return (count + LANES - 1) / LANES * LANES; }
+static int64_t round_up(int64_t count) {
+  return (count + LANES - 1) / LANES * LANES;
+}
 
 /* `rows` is a multiple of 16, so that the size is one of 64 bytes. */
 static void *allocate(int64_t rows, int64_t planes) {

@@ -1,7 +1,7 @@
 /* The PLY of INRIA's 3D Gaussian splatting (Kerbl et al. 2023), read by property name and written in its own order.
  *
- * f_rest is channel-major (all of R, then G, then B), our planes are coefficient-major. Values pass through untouched, so that
- * reading and writing gives the same bytes. Normals are neither kept nor used; they are written as zeros. */
+ * f_rest is channel-major (all of R, then G, then B), our planes are coefficient-major. Values pass through untouched,
+ * so that reading and writing gives the same bytes. Normals are neither kept nor used; they are written as zeros. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -71,8 +71,8 @@ static pags_result bind_columns(const ply_table *table, const ply_element *verte
   for (int i = 0; i < count; ++i) {
     properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
     if (!properties[i] && columns[i].plane >= 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat", table->path,
-                       columns[i].name);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
+                       table->path, columns[i].name);
   }
   return PAGS_OK;
 }
@@ -98,10 +98,10 @@ static pags_result fail_not_finite(const ply_table *table, const ply_element *ve
     for (int i = 0; i < count; ++i) {
       float value = columns[i].plane < 0 ? 0 : pags_plane(g, columns[i].plane)[row];
       if (!isfinite(value))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (row at byte %llu)",
-                         table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
-                         (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
-                                              (uint64_t)properties[i]->offset));
+        return pags_fail(
+            PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (row at byte %llu)",
+            table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
+            (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) + (uint64_t)properties[i]->offset));
     }
 }
 
@@ -186,8 +186,8 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
 
 static pags_result write_header(pags_file_writer *writer, const pags_gaussians *g, int count, const column columns[]) {
   char text[MAX_COLUMNS * 32 + 256];
-  int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n",
-                        (long long)g->count);
+  int length =
+      snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n", (long long)g->count);
   for (int i = 0; i < count; ++i)
     length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
   length += snprintf(text + length, sizeof text - (size_t)length, "%s%send_header\n",

@@ -11,10 +11,10 @@
 static const struct {
   const char *name;
   ply_type type;
-} type_names[] = {{"char", PLY_CHAR},      {"int8", PLY_CHAR},     {"uchar", PLY_UCHAR}, {"uint8", PLY_UCHAR},
-                  {"short", PLY_SHORT},    {"int16", PLY_SHORT},   {"ushort", PLY_USHORT}, {"uint16", PLY_USHORT},
-                  {"int", PLY_INT},        {"int32", PLY_INT},     {"uint", PLY_UINT},   {"uint32", PLY_UINT},
-                  {"float", PLY_FLOAT},    {"float32", PLY_FLOAT}, {"double", PLY_DOUBLE}, {"float64", PLY_DOUBLE}};
+} type_names[] = {{"char", PLY_CHAR},   {"int8", PLY_CHAR},     {"uchar", PLY_UCHAR},   {"uint8", PLY_UCHAR},
+                  {"short", PLY_SHORT}, {"int16", PLY_SHORT},   {"ushort", PLY_USHORT}, {"uint16", PLY_USHORT},
+                  {"int", PLY_INT},     {"int32", PLY_INT},     {"uint", PLY_UINT},     {"uint32", PLY_UINT},
+                  {"float", PLY_FLOAT}, {"float32", PLY_FLOAT}, {"double", PLY_DOUBLE}, {"float64", PLY_DOUBLE}};
 
 static const int type_sizes[] = {1, 1, 2, 2, 4, 4, 4, 8};
 
@@ -163,7 +163,8 @@ static void store_number(uint8_t *out, ply_type type, double value) {
     case PLY_FLOAT: pags_store_f32(out, (float)value); break;
     case PLY_DOUBLE: pags_store_f64(out, value); break;
     default: {
-      /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in text. */
+      /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in
+       * text. */
       int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
       uint8_t word[4];
       pags_store_u32(word, (uint32_t)whole);
@@ -193,7 +194,8 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
         if (!**at)
           return PAGS_OK;
         return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a number for '%s' of %s %lld", t->path,
-                         (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name, (long long)row);
+                         (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name,
+                         (long long)row);
       }
       store_number(rows + row * e->stride + property->offset, property->type, value);
       *at = end;
@@ -261,14 +263,16 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
       return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s' can't be read: element '%s' has a list property", table->path,
                        element->name, e->name);
   if (table->ascii)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s', the file ends at byte %zu", table->path,
-                     (long long)element->count, element->name, table->size);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s', the file ends at byte %zu",
+                     table->path, (long long)element->count, element->name, table->size);
   for (const ply_element *e = table->elements; e < element; ++e)
     if (!e->rows)
       element = e;
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the "
-                   "file ends at byte %zu", table->path, (long long)element->count, element->name,
-                   (long long)element->stride, (unsigned long long)element->offset, table->size);
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: truncated: expected %lld rows of '%s' (%lld bytes each) from byte %llu on, the "
+                   "file ends at byte %zu",
+                   table->path, (long long)element->count, element->name, (long long)element->stride,
+                   (unsigned long long)element->offset, table->size);
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {
@@ -301,7 +305,7 @@ double pags_ply_value(const ply_table *table, const ply_element *element, const 
 }
 
 void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
-                int64_t count, float *out) {
+                     int64_t count, float *out) {
   if (property->type != PLY_FLOAT || table->big_endian) {
     for (int64_t i = 0; i < count; ++i)
       out[i] = (float)pags_ply_value(table, element, property, first + i);

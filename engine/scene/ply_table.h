@@ -6,16 +6,7 @@
 
 #include <pags/base.h>
 
-typedef enum ply_type {
-  PLY_CHAR,
-  PLY_UCHAR,
-  PLY_SHORT,
-  PLY_USHORT,
-  PLY_INT,
-  PLY_UINT,
-  PLY_FLOAT,
-  PLY_DOUBLE
-} ply_type;
+typedef enum ply_type { PLY_CHAR, PLY_UCHAR, PLY_SHORT, PLY_USHORT, PLY_INT, PLY_UINT, PLY_FLOAT, PLY_DOUBLE } ply_type;
 
 typedef struct ply_property {
   const char *name;
@@ -40,7 +31,7 @@ typedef struct ply_table {
   const char *path;
   const uint8_t *bytes; /* the file; the caller's */
   size_t size;
-  char *header; /* a copy, cut into words */
+  char *header;                        /* a copy, cut into words */
   bool ascii, big_endian, antialiased; /* the last from "comment SplatRenderMode: mip" */
   int element_count, property_count, property_capacity;
   ply_element elements[PLY_MAX_ELEMENTS];
@@ -48,8 +39,8 @@ typedef struct ply_table {
   uint8_t *converted[PLY_MAX_ELEMENTS]; /* rows of text files in binary */
 } ply_table;
 
-/* Parses the header and finds the rows of each element. `bytes` must be terminated by a zero byte that `size` doesn't count,
- * and must outlive the table, as must `path`. */
+/* Parses the header and finds the rows of each element. `bytes` must be terminated by a zero byte that `size` doesn't
+ * count, and must outlive the table, as must `path`. */
 pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_t *bytes, size_t size);
 void pags_ply_table_close(ply_table *table);
 
@@ -61,6 +52,6 @@ const ply_property *pags_ply_property_find(const ply_table *table, const ply_ele
 double pags_ply_value(const ply_table *table, const ply_element *element, const ply_property *property, int64_t row);
 /* Rows [first, first + count) of a property as float; float bits are kept. */
 void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
-                int64_t count, float *out);
+                     int64_t count, float *out);
 
 #endif

@@ -14,9 +14,9 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
   pags_result result = pags_ply_load(path, &model->gaussians);
   if (result == PAGS_OK && (model->gaussians.count != expected || model->gaussians.sh_degree != expected_degree))
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d",
-                       path, (long long)expected, expected_degree, (long long)model->gaussians.count,
-                       model->gaussians.sh_degree);
+    result = pags_fail(
+        PAGS_ERROR_FORMAT, "%s: scene.json promises %lld Gaussians of SH degree %d, found %lld of degree %d", path,
+        (long long)expected, expected_degree, (long long)model->gaussians.count, model->gaussians.sh_degree);
   free(path);
   return result;
 }
@@ -62,9 +62,9 @@ static pags_result load_beside(const char *path, pags_scene *scene) {
 
 pags_result pags_scene_load(const char *path, pags_scene *scene) {
   *scene = (pags_scene){0};
-  pags_result result = pags_dir_exists(path)                              ? load_folder(path, scene)
+  pags_result result = pags_dir_exists(path)                             ? load_folder(path, scene)
                        : strcmp(pags_path_name(path), "scene.json") == 0 ? load_beside(path, scene)
-                                                                           : load_bare(path, scene);
+                                                                         : load_bare(path, scene);
   if (result != PAGS_OK)
     pags_scene_destroy(scene);
   return result;
@@ -74,7 +74,8 @@ static pags_result save_model(const char *folder, const pags_model *model) {
   assert(pags_path_is_inside(model->file));
   char *path = pags_path_join(folder, model->file);
   char *parent = path ? pags_path_folder(path) : NULL;
-  pags_result result = parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  pags_result result =
+      parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
   if (result == PAGS_OK)
     result = pags_ply_save(path, &model->gaussians);
   free(parent);

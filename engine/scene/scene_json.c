@@ -34,8 +34,8 @@ static pags_result read_up(const pags_json *json, const pags_json_value *root, p
       return PAGS_OK;
     }
   }
-  return pags_json_fail(json, pags_json_member(root, "up"), "expected \"z\", \"-y\" or \"unknown\" for 'up', found \"%.40s\"",
-                        name);
+  return pags_json_fail(json, pags_json_member(root, "up"),
+                        "expected \"z\", \"-y\" or \"unknown\" for 'up', found \"%.40s\"", name);
 }
 
 static pags_result read_model(const pags_json *json, const pags_json_value *value, pags_model *model, int64_t *count) {
@@ -46,12 +46,13 @@ static pags_result read_model(const pags_json *json, const pags_json_value *valu
   PAGS_TRY(pags_json_integer(json, value, "sh_degree", 0, 3, &degree));
   model->gaussians.sh_degree = (int)degree;
   if (!pags_path_is_inside(model->file))
-    return pags_json_fail(json, pags_json_member(value, "file"), "expected a 'file' inside of the scene's folder, found \"%s\"",
-                          model->file);
+    return pags_json_fail(json, pags_json_member(value, "file"),
+                          "expected a 'file' inside of the scene's folder, found \"%s\"", model->file);
   return PAGS_OK;
 }
 
-static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene, int64_t **counts) {
+static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
+                               int64_t **counts) {
   const pags_json_value *models;
   PAGS_TRY(pags_json_array(json, root, "models", &models));
   scene->models = calloc((size_t)models->count + 1, sizeof *scene->models);
@@ -109,7 +110,8 @@ static pags_result read_version(const pags_json *json, const pags_json_value *ro
                      pags_json_path(json), pags_json_member(root, "version")->line, (long long)version, VERSION);
   PAGS_TRY(pags_json_string(json, root, "units", &units));
   if (strcmp(units, "metres") != 0)
-    return pags_json_fail(json, pags_json_member(root, "units"), "expected \"metres\" for 'units', found \"%.40s\"", units);
+    return pags_json_fail(json, pags_json_member(root, "units"), "expected \"metres\" for 'units', found \"%.40s\"",
+                          units);
   return PAGS_OK;
 }
 

@@ -1,5 +1,5 @@
-/* antimatter15's .splat: 32 bytes a Gaussian and nothing else. Position f32 x 3, sigma f32 x 3 (not its logarithm), colour and
- * opacity u8 x 4, rotation u8 x 4 (w x y z, (b - 128) / 128). No spherical harmonics beyond the constant. */
+/* antimatter15's .splat: 32 bytes a Gaussian and nothing else. Position f32 x 3, sigma f32 x 3 (not its logarithm),
+ * colour and opacity u8 x 4, rotation u8 x 4 (w x y z, (b - 128) / 128). No spherical harmonics beyond the constant. */
 #include <math.h>
 
 #include "base/bytes.h"
@@ -14,8 +14,8 @@ static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, p
   for (int k = 0; k < 3; ++k) {
     float position = pags_load_f32(row + 4 * k), sigma = pags_load_f32(row + 12 + 4 * k);
     if (!isfinite(position) || !(sigma >= 0) || !isfinite(sigma))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a finite position and a sigma >= 0, found %g and %g", path,
-                       (unsigned long long)i * ROW_BYTES, (double)position, (double)sigma);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a finite position and a sigma >= 0, found %g and %g",
+                       path, (unsigned long long)i * ROW_BYTES, (double)position, (double)sigma);
     pags_plane(out, PAGS_MEAN + k)[i] = position;
     pags_plane(out, PAGS_SCALE + k)[i] = (float)log(fmax((double)sigma, smallest_sigma));
     pags_plane(out, PAGS_SH + k)[i] = (float)((row[24 + k] / 255.0 - 0.5) / PAGS_SH_C0);
@@ -29,8 +29,8 @@ static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, p
 pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out) {
   *out = (pags_gaussians){0};
   if (size % ROW_BYTES != 0 || size == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a positive multiple of %d bytes in a .splat file, found %zu", path,
-                     ROW_BYTES, size);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a positive multiple of %d bytes in a .splat file, found %zu",
+                     path, ROW_BYTES, size);
   PAGS_TRY(pags_gaussians_create(out, (int64_t)(size / ROW_BYTES), 0));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < out->count && result == PAGS_OK; ++i)

@@ -3,9 +3,9 @@
  * v2, v3  one gzip stream of a 16-byte header and the attributes
  * v4      a plain 32-byte header, a table of (compressed, plain) sizes, one zstd frame an attribute
  *
- * The order is positions, opacities, colours, scales, rotations, SH. Its axes are OpenGL's (x right, y up, z back); a PLY's are x
- * right, y down, z forward: half a turn about x, which flips y and z of positions and rotations and the sign of those SH
- * functions that are odd in y z together. */
+ * The order is positions, opacities, colours, scales, rotations, SH. Its axes are OpenGL's (x right, y up, z back); a
+ * PLY's are x right, y down, z forward: half a turn about x, which flips y and z of positions and rotations and the
+ * sign of those SH functions that are odd in y z together. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,14 +28,19 @@ typedef struct spz_header {
   uint64_t sizes[STREAMS]; /* bytes of each attribute */
 } spz_header;
 
-static int rest_coefficients(int degree) { return (degree + 1) * (degree + 1) - 1; }
+static int rest_coefficients(int degree) {
+  return (degree + 1) * (degree + 1) - 1;
+}
 
 /* The first 16 bytes, the same in all versions. */
 static pags_result read_header(const char *path, const uint8_t *bytes, spz_header *h) {
   if (memcmp(bytes, "NGSP", 4) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'NGSP' at the begin of the SPZ data", path);
-  *h = (spz_header){.version = pags_load_u32(bytes + 4), .count = pags_load_u32(bytes + 8), .sh_degree = bytes[12],
-                    .fractional_bits = bytes[13], .flags = bytes[14]};
+  *h = (spz_header){.version = pags_load_u32(bytes + 4),
+                    .count = pags_load_u32(bytes + 8),
+                    .sh_degree = bytes[12],
+                    .fractional_bits = bytes[13],
+                    .flags = bytes[14]};
   if (h->version < 2 || h->version > 4)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: SPZ version %u; versions 2 to 4 can be read", path, h->version);
   if (h->sh_degree > 4)
@@ -55,7 +60,7 @@ static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gau
     for (int k = 0; k < 3; ++k, bytes += 3) {
       int32_t fixed = bytes[0] | bytes[1] << 8 | bytes[2] << 16;
       fixed -= (fixed & 0x800000) << 1;
-      pags_plane(out, PAGS_MEAN + k)[i] = (float)((k ? -step : step) * fixed);
+      pags_plane(out, PAGS_MEAN + k)[i] = (float)(step * (k ? -fixed : fixed));
     }
 }
 
@@ -89,8 +94,8 @@ static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
   xyzw[3] = sqrt(fmax(0, 1 - sum));
 }
 
-/* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the bottom up: nine of
- * magnitude over 1/sqrt 2 and one of sign. */
+/* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the bottom up:
+ * nine of magnitude over 1/sqrt 2 and one of sign. */
 static void unpack_smallest_three(uint32_t word, double xyzw[4]) {
   int largest = (int)(word >> 30);
   double sum = 0;
@@ -151,8 +156,8 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
     out += got;
     size -= got;
     if (size && (code != Z_OK || got == 0))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians", path,
-                       (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
+                       path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
                        (unsigned long long)size);
   }
   return PAGS_OK;
@@ -175,7 +180,8 @@ static pags_result inflate_rest(const char *path, z_stream *stream, int extensio
   return PAGS_OK;
 }
 
-static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_size, spz_header *h, pags_gaussians *out) {
+static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_size, spz_header *h,
+                               pags_gaussians *out) {
   uint8_t bytes[GZIP_HEADER];
   PAGS_TRY(inflate_exactly(path, stream, bytes, sizeof bytes));
   PAGS_TRY(read_header(path, bytes, h));
@@ -186,7 +192,8 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
     total += h->sizes[i];
   /* Deflate can't do better than 1032 to 1: a count beyond that is refused before memory is asked for it. */
   if (total / 1032 > file_size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count, file_size);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count,
+                     file_size);
   PAGS_TRY(create(path, h, out));
   uint8_t *plain = malloc((size_t)total + 1);
   if (!plain)
@@ -201,7 +208,8 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   return result;
 }
 
-static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t size, spz_header *h, pags_gaussians *out) {
+static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t size, spz_header *h,
+                                 pags_gaussians *out) {
   z_stream stream = {0};
   /* 16: expect a gzip header. zlib counts input in 32 bits. */
   if (size > UINT32_MAX)
@@ -215,8 +223,8 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
   return result;
 }
 
-static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes, uint64_t packed,
-                                 uint64_t offset, pags_gaussians *out) {
+static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes,
+                                 uint64_t packed, uint64_t offset, pags_gaussians *out) {
   uint64_t size = h->sizes[index];
   uint8_t *plain = malloc((size_t)size + 1);
   if (!plain)
@@ -239,20 +247,21 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
 static pags_result check_table(const char *path, const uint8_t *bytes, size_t size, const spz_header *h, uint64_t table,
                                int streams) {
   if (table < V4_HEADER || table > size || size - table < 16u * (unsigned)streams)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 16: expected the table of streams within the file's %zu bytes, found %llu",
-                     path, size, (unsigned long long)table);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: byte 16: expected the table of streams within the file's %zu bytes, found %llu", path, size,
+                     (unsigned long long)table);
   uint64_t offset = table + 16u * (unsigned)streams;
   for (int i = 0; i < streams; ++i) {
     const uint8_t *entry = bytes + table + 16 * i;
     uint64_t packed = pags_load_u64(entry), plain = pags_load_u64(entry + 8);
     if (plain != h->sizes[i])
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu", path,
-                       (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i], stream_names[i],
-                       (long long)h->count, (unsigned long long)plain);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s for %lld Gaussians, found %llu",
+                       path, (unsigned long long)(table + 16u * (unsigned)i + 8), (unsigned long long)h->sizes[i],
+                       stream_names[i], (long long)h->count, (unsigned long long)plain);
     /* A zstd block of at least three bytes gives at most 128 KiB. */
     if (packed > size - offset || plain / (1 << 17) * 3 > packed)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected the %s from byte %llu on, the file ends at byte %zu", path,
-                       stream_names[i], (unsigned long long)offset, size);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected the %s from byte %llu on, the file ends at byte %zu",
+                       path, stream_names[i], (unsigned long long)offset, size);
     offset += packed;
   }
   return PAGS_OK;
@@ -260,7 +269,8 @@ static pags_result check_table(const char *path, const uint8_t *bytes, size_t si
 
 static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size, spz_header *h, pags_gaussians *out) {
   if (size < V4_HEADER)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected a header of %d bytes, found %zu", path, V4_HEADER, size);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected a header of %d bytes, found %zu", path, V4_HEADER,
+                     size);
   PAGS_TRY(read_header(path, bytes, h));
   if (h->version != 4)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version %u without gzip, which only version 4 is", path, h->version);
@@ -288,7 +298,7 @@ pags_result pags_spz_decode(const char *path, const uint8_t *bytes, size_t size,
   spz_header h = {0};
   *out = (pags_gaussians){0};
   pags_result result = size >= 2 && bytes[0] == 0x1f && bytes[1] == 0x8b ? decode_legacy(path, bytes, size, &h, out)
-                                                                       : decode_v4(path, bytes, size, &h, out);
+                                                                         : decode_v4(path, bytes, size, &h, out);
   if (result == PAGS_OK)
     result = pags_splat_accept(path, out);
   if (result != PAGS_OK) {

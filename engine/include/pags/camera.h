@@ -11,17 +11,17 @@ extern "C" {
 typedef struct pags_camera {
   int width, height;            /* pixels, 1..65535 */
   double fx, fy, cx, cy;        /* pixels; image corners at 0 and width/height */
-  double world_from_camera[12]; /* 3x4 row-major [R|t], OpenCV axes, metres, absolute (the scene's origin not subtracted) */
+  double world_from_camera[12]; /* 3x4 row-major [R|t], OpenCV axes, metres, absolute: the origin not subtracted */
   double time;                  /* seconds; NaN where unknown */
 } pags_camera;
 
-/* Checks sizes, focal lengths, that all numbers are finite and that R is a rotation within 1e-3 (it is then made exactly
- * orthonormal). `what` names the camera in the message. */
+/* Checks sizes, focal lengths, that all numbers are finite and that R is a rotation within 1e-3 (it is then made
+ * exactly orthonormal). `what` names the camera in the message. */
 PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
 
-/* The same camera at width/factor x height/factor pixels (rounded down, at least 1). Focal lengths and principal point are
- * divided by `factor` exactly: pixel (x, y) covers [x, x + 1] * factor of the source, what is left over at the right and
- * at the bottom is cut off. */
+/* The same camera at width/factor x height/factor pixels (rounded down, at least 1). Focal lengths and principal point
+ * are divided by `factor` exactly: pixel (x, y) covers [x, x + 1] * factor of the source, what is left over at the
+ * right and at the bottom is cut off. */
 PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double factor);
 
 /* 3x4 [R|t] of the inverse rigid motion. */

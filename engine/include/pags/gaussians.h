@@ -1,7 +1,8 @@
 /* A set of 3D Gaussians as a structure of arrays.
  *
  * One allocation holds `plane_count(sh_degree)` planes of `stride` floats each; plane p of Gaussian i is
- * data[p * stride + i]. Gradients and optimiser moments use the same layout, so whatever walks planes serves all of them.
+ * data[p * stride + i]. Gradients and optimiser moments use the same layout, so whatever walks planes serves all of
+ * them.
  *
  * Bytes per Gaussian: 4 * plane_count = 56, 92, 152 or 236 for SH degree 0..3. */
 #ifndef PAGS_GAUSSIANS_H
@@ -14,28 +15,34 @@ extern "C" {
 #endif
 
 enum {
-  PAGS_MEAN = 0,    /* x y z, metres, relative to the scene's origin */
-  PAGS_SCALE = 3,   /* ln sigma along the Gaussian's own axes */
+  PAGS_MEAN = 0,     /* x y z, metres, relative to the scene's origin */
+  PAGS_SCALE = 3,    /* ln sigma along the Gaussian's own axes */
   PAGS_ROTATION = 6, /* quaternion w x y z, not necessarily of unit length */
   PAGS_OPACITY = 10, /* logit */
-  PAGS_SH = 11,     /* spherical harmonics, coefficient-major: plane PAGS_SH + 3*k + channel, k = 0 the constant term */
+  PAGS_SH = 11, /* spherical harmonics, coefficient-major: plane PAGS_SH + 3*k + channel, k = 0 the constant term */
   PAGS_MAX_PLANES = 59
 };
 
 /* Coefficients per channel, planes in all. */
-static inline int pags_sh_coefficients(int degree) { return (degree + 1) * (degree + 1); }
-static inline int pags_plane_count(int sh_degree) { return PAGS_SH + 3 * pags_sh_coefficients(sh_degree); }
+static inline int pags_sh_coefficients(int degree) {
+  return (degree + 1) * (degree + 1);
+}
+static inline int pags_plane_count(int sh_degree) {
+  return PAGS_SH + 3 * pags_sh_coefficients(sh_degree);
+}
 
 typedef struct pags_gaussians {
-  int64_t count;    /* Gaussians in use */
-  int64_t stride;   /* floats from one plane to the next: capacity, a multiple of 16; planes are 64-byte aligned */
-  int sh_degree;    /* 0..3 */
-  float *data;      /* plane_count * stride floats, zero beyond count; NULL when stride is 0 */
-  float *s_sem;     /* semantic priority in [0, 1], `stride` floats; NULL when unknown */
+  int64_t count;      /* Gaussians in use */
+  int64_t stride;     /* floats from one plane to the next: capacity, a multiple of 16; planes are 64-byte aligned */
+  int sh_degree;      /* 0..3 */
+  float *data;        /* plane_count * stride floats, zero beyond count; NULL when stride is 0 */
+  float *s_sem;       /* semantic priority in [0, 1], `stride` floats; NULL when unknown */
   int32_t *object_id; /* per Gaussian, -1 for background, `stride` entries; NULL when unknown */
 } pags_gaussians;
 
-static inline float *pags_plane(const pags_gaussians *g, int plane) { return g->data + (int64_t)plane * g->stride; }
+static inline float *pags_plane(const pags_gaussians *g, int plane) {
+  return g->data + (int64_t)plane * g->stride;
+}
 
 /* Makes room for `count` Gaussians of zeros; `g` is overwritten. PAGS_ERROR_MEMORY or PAGS_ERROR_LIMIT (2^31 - 64). */
 PAGS_API pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degree);
@@ -51,9 +58,10 @@ PAGS_API pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count
 PAGS_API pags_result pags_gaussians_add_s_sem(pags_gaussians *g);
 PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
 
-/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem and object_id that both have). `to` must have
- * been created with `count` rows and from's degree and must not be `from`. */
-PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count, pags_gaussians *to);
+/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem and object_id that both have). `to`
+ * must have been created with `count` rows and from's degree and must not be `from`. */
+PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
+                                    pags_gaussians *to);
 
 /* The order of the Gaussians along a Morton curve of 21 bits an axis over their bounding box: index[i] is the row that
  * comes i-th; ties by row. Rows with a non-finite mean come last. `index` has g->count entries. */

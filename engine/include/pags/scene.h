@@ -28,22 +28,22 @@ typedef struct pags_scene_view { /* a photograph the scene was trained on or tes
 typedef struct pags_scene {
   double origin[3]; /* metres; added to every float position */
   pags_up up;
-  int antialiased;       /* 1: opacities expect the antialiased projection (Mip-Splatting, spz flag) */
-  float background[3];   /* display-referred sRGB behind everything, 0..1 */
+  int antialiased;             /* 1: opacities expect the antialiased projection (Mip-Splatting, spz flag) */
+  float background[3];         /* display-referred sRGB behind everything, 0..1 */
   double time_begin, time_end; /* seconds; both 0 for a static scene */
   uint64_t seed;
-  char *dataset;         /* path the scene was trained from, NULL if unknown */
-  char *config;          /* JSON text of the training configuration, NULL if unknown */
-  int64_t iterations;    /* steps done, 0 if unknown */
+  char *dataset;      /* path the scene was trained from, NULL if unknown */
+  char *config;       /* JSON text of the training configuration, NULL if unknown */
+  int64_t iterations; /* steps done, 0 if unknown */
   int64_t model_count;
   pags_model *models;
   int64_t view_count;
   pags_scene_view *views;
 } pags_scene;
 
-/* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed), .splat, .spz
- * (v2-v4), chosen by content. Gaussians that can't be drawn (non-finite values) are an error naming the first;
- * all-zero quaternions become the identity and are counted in a log line. The scene is zeroed on failure. */
+/* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed),
+ * .splat, .spz (v2-v4), chosen by content. Gaussians that can't be drawn (non-finite values) are an error naming the
+ * first; all-zero quaternions become the identity and are counted in a log line. The scene is zeroed on failure. */
 PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
 
 /* Writes the folder, made if missing. Each file is written beside and renamed. */
@@ -55,8 +55,8 @@ PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
  * same bytes; normals are kept as zeros. */
 PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);
 PAGS_API pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians);
-/* `kind` receives a static string ("PLY", "compressed PLY", "splat", "SPZ v4"); antialiased 1 if the file says so. Both may
- * be NULL. */
+/* `kind` receives a static string ("PLY", "compressed PLY", "splat", "SPZ v4"); antialiased 1 if the file says so. Both
+ * may be NULL. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);
 
 #ifdef __cplusplus
