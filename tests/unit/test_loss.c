@@ -1,0 +1,333 @@
+/* The training loss and its gradient: against a plain double evaluation, against finite differences of that evaluation, for every
+ * kernel table this machine runs, and for any number of threads. */
+#include <pags/frame.h>
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+
+#include "base/rng.h"
+#include "kernels.h"
+#include "train/loss.h"
+
+/* cmocka's own comparison is in float. */
+#define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))
+
+typedef struct pair {
+  int width, height, stride;
+  float *planes, *gradient;
+  uint8_t *rgb, *mask;
+  pags_picture picture;
+  pags_photo photo;
+} pair;
+
+/* Prediction: colours that leave [0, 1], a flat part, a part that equals the target; the padding holds what must not be
+ * read into any result. */
+static void fill(pair *p, uint64_t seed, float garbage) {
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < p->height; y++)
+      for (int x = 0; x < p->stride; x++) {
+        const int64_t at = ((int64_t)c * p->height + y) * p->stride + x;
+        const double noise = pags_rng_uniform(seed, 1, (uint64_t)at), wave = 0.5 + 0.4 * sin(0.4 * x + c) * cos(0.3 * y);
+        const uint8_t target = (uint8_t)(255.0 * (0.7 * wave + 0.3 * pags_rng_uniform(seed, 2, (uint64_t)at)));
+        const int flat = x > 20 && x < 50 && y > 15 && y < 30, same = x < 12 && y < 12;
+        p->rgb[at] = x < p->width ? (flat ? 128 : target) : 0;
+        p->planes[at] = flat ? 0.4f : same ? (float)p->rgb[at] * (1.0f / 255.0f) : (float)(1.3 * wave + 0.4 * noise - 0.3);
+        if (x >= p->width)
+          p->planes[at] = garbage;
+        p->gradient[at] = -7.0f;
+      }
+}
+
+static pair make_pair(int width, int height, uint64_t seed, int masked) {
+  pair p = {.width = width, .height = height, .stride = (width + 15) / 16 * 16};
+  const int64_t plane = (int64_t)p.stride * height;
+  p.planes = calloc((size_t)(3 * plane), sizeof *p.planes);
+  p.gradient = calloc((size_t)(3 * plane), sizeof *p.gradient);
+  p.rgb = calloc((size_t)(3 * plane), 1);
+  fill(&p, seed, 1e30f);
+  if (masked) {
+    p.mask = calloc((size_t)plane, 1);
+    for (int y = 0; y < height; y++)
+      for (int x = 0; x < width; x++)
+        p.mask[(int64_t)y * p.stride + x] = (x - 20) * (x - 20) + (y - 14) * (y - 14) > 80 && x < width - 3 ? 255 : 0;
+  }
+  p.picture = (pags_picture){.width = width, .height = height, .stride = p.stride};
+  for (int c = 0; c < 3; c++)
+    p.picture.rgb[c] = p.planes + c * plane;
+  p.photo = (pags_photo){.width = width, .height = height, .stride = p.stride, .rgb = p.rgb, .mask = p.mask};
+  return p;
+}
+
+static void free_pair(pair *p) {
+  free(p->planes);
+  free(p->gradient);
+  free(p->rgb);
+  free(p->mask);
+}
+
+static pags_result evaluate(pair *p, pags_tasks *tasks, double weight, pags_loss *out) {
+  float *gradient[3];
+  for (int c = 0; c < 3; c++)
+    gradient[c] = p->gradient + (int64_t)c * p->height * p->stride;
+  return pags_loss_evaluate(tasks, &p->picture, &p->photo, weight, gradient, out);
+}
+
+/* ------------------------------------------------------------------------------------------------ plain evaluation */
+
+static void plain_blur(const double *in, double *out, int width, int height) {
+  double w[11], sum = 0.0;
+  for (int i = 0; i < 11; i++)
+    sum += w[i] = exp(-(i - 5) * (i - 5) / 4.5);
+  double *rows = calloc((size_t)(width * height), sizeof *rows);
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++)
+      for (int k = -5; k <= 5; k++)
+        if (x + k >= 0 && x + k < width)
+          rows[y * width + x] += w[k + 5] / sum * in[y * width + x + k];
+  for (int i = 0; i < width * height; i++)
+    out[i] = 0.0;
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++)
+      for (int k = -5; k <= 5; k++)
+        if (y + k >= 0 && y + k < height)
+          out[y * width + x] += w[k + 5] / sum * rows[(y + k) * width + x];
+  free(rows);
+}
+
+/* Sum over counted pixels of SSIM values; `derivative` receives d/dx of the sum. x and y are masked already. */
+static double plain_ssim(const double *x, const double *y, const uint8_t *use, int width, int height, double *derivative) {
+  const int n = width * height;
+  double *m = calloc((size_t)(9 * n), sizeof *m), total = 0.0;
+  double *in = m + 5 * n, *d[3] = {m + 6 * n, m + 7 * n, m + 8 * n};
+  for (int k = 0; k < 5; k++) {
+    for (int i = 0; i < n; i++)
+      in[i] = k == 0 ? x[i] : k == 1 ? y[i] : k == 2 ? x[i] * x[i] : k == 3 ? y[i] * y[i] : x[i] * y[i];
+    plain_blur(in, m + k * n, width, height);
+  }
+  for (int i = 0; i < n; i++) {
+    const double mx = m[i], my = m[n + i], vx = m[2 * n + i] - mx * mx, vy = m[3 * n + i] - my * my;
+    const double a1 = 2 * mx * my + 1e-4, a2 = 2 * (m[4 * n + i] - mx * my) + 9e-4;
+    const double b1 = mx * mx + my * my + 1e-4, b2 = vx + vy + 9e-4, s = a1 * a2 / (b1 * b2);
+    const double on = use[i] ? 1.0 : 0.0;
+    total += on * s;
+    d[0][i] = on * ((2 * my * (a2 - a1)) / (b1 * b2) - 2 * mx * s / b1 + 2 * mx * s / b2);
+    d[1][i] = -on * s / b2;
+    d[2][i] = on * 2 * a1 / (b1 * b2);
+  }
+  for (int k = 0; k < 3; k++)
+    plain_blur(d[k], d[k], width, height);
+  for (int i = 0; i < n; i++)
+    derivative[i] = d[0][i] + 2 * x[i] * d[1][i] + y[i] * d[2][i];
+  free(m);
+  return total;
+}
+
+/* The whole loss; `gradient` has 3 * width * height values. */
+static pags_loss plain_loss(const pair *p, double weight, double *gradient) {
+  const int n = p->width * p->height;
+  pags_loss out = {0};
+  double *x = calloc((size_t)(3 * n), sizeof *x), *y = x + n, *ssim = x + 2 * n;
+  uint8_t *use = calloc((size_t)n, 1);
+  for (int i = 0; i < n; i++) {
+    use[i] = !p->mask || p->mask[(i / p->width) * p->stride + i % p->width];
+    out.counted += use[i];
+  }
+  const double values = 3.0 * (double)out.counted;
+  for (int c = 0; c < 3; c++) {
+    for (int i = 0; i < n; i++) {
+      const int64_t at = ((int64_t)c * p->height + i / p->width) * p->stride + i % p->width;
+      x[i] = use[i] ? (double)p->planes[at] : 0.0;
+      y[i] = use[i] ? p->rgb[at] / 255.0 : 0.0;
+      out.l1 += fabs(x[i] - y[i]) / values;
+      out.mse += pow(fmin(1.0, fmax(0.0, x[i])) - y[i], 2.0) / values;
+    }
+    out.ssim += plain_ssim(x, y, use, p->width, p->height, ssim) / values;
+    for (int i = 0; i < n; i++) {
+      /* Equal within rounding of k/255: no side. */
+      const double sign = fabs(x[i] - y[i]) < 1e-7 ? 0.0 : x[i] > y[i] ? 1.0 : -1.0;
+      gradient[c * n + i] = use[i] ? ((1.0 - weight) * sign - weight * ssim[i]) / values : 0.0;
+    }
+  }
+  out.loss = (1.0 - weight) * out.l1 + weight * (1.0 - out.ssim);
+  free(x);
+  free(use);
+  return out;
+}
+
+/* ------------------------------------------------------------------------------------------------ tests */
+
+/* Largest error of the gradient over its root mean square (of at least 1e-3 of a pixel's L1 gradient, as it may vanish); also
+ * sees to it that the padding is zero. */
+static double gradient_error(const pair *p, const double *expected) {
+  double worst = 0.0, power = 0.0;
+  const int n = p->width * p->height;
+  for (int c = 0; c < 3; c++)
+    for (int y = 0; y < p->height; y++)
+      for (int x = 0; x < p->stride; x++) {
+        const float g = p->gradient[((int64_t)c * p->height + y) * p->stride + x];
+        if (x >= p->width) {
+          assert_true(g == 0.0f);
+          continue;
+        }
+        const double e = expected[c * n + y * p->width + x];
+        if (e == 0.0)
+          assert_true(g == 0.0f);
+        worst = fmax(worst, fabs((double)g - e));
+        power += e * e;
+      }
+  return worst / fmax(sqrt(power / (3.0 * n)), 1e-3 / (3.0 * n));
+}
+
+static void check_against_plain(int width, int height, int masked, double weight, pags_tasks *tasks) {
+  pair p = make_pair(width, height, (uint64_t)(width * 1000 + height), masked);
+  double *expected = calloc((size_t)(3 * width * height), sizeof *expected);
+  const pags_loss plain = plain_loss(&p, weight, expected);
+  pags_loss loss = {0};
+  assert_int_equal(evaluate(&p, tasks, weight, &loss), PAGS_OK);
+  assert_int_equal(loss.counted, plain.counted);
+  assert_near(loss.l1, plain.l1, 1e-6);
+  assert_near(loss.mse, plain.mse, 1e-6);
+  assert_near(loss.ssim, plain.ssim, 1e-5);
+  assert_near(loss.loss, plain.loss, 3e-6);
+  assert_true(gradient_error(&p, expected) < 2e-4);
+  free(expected);
+  free_pair(&p);
+}
+
+static void test_plain(void **state) {
+  (void)state;
+  static const char *const tables[] = {"scalar", "avx2", "avx512", "neon"};
+  static const int sizes[][2] = {{96, 70}, {61, 131}, {1, 1}, {17, 3}, {5, 50}, {128, 49}};
+  const char *forced = getenv("PAGS_CPU");
+  char *kept = forced ? strdup(forced) : NULL;
+  pags_tasks *tasks = pags_tasks_create(2);
+  for (size_t t = 0; t < sizeof tables / sizeof *tables; t++) {
+    if (!pags_kernels_named(tables[t]))
+      continue;
+    setenv("PAGS_CPU", tables[t], 1);
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
+      for (int masked = 0; masked < 2; masked++)
+        if (!masked || sizes[i][0] > 50)
+          check_against_plain(sizes[i][0], sizes[i][1], masked, 0.2, tasks);
+    check_against_plain(70, 50, 1, 1.0, tasks);
+    check_against_plain(70, 50, 1, 0.0, tasks);
+  }
+  if (kept)
+    setenv("PAGS_CPU", kept, 1);
+  else
+    unsetenv("PAGS_CPU");
+  free(kept);
+  pags_tasks_destroy(tasks);
+}
+
+/* The plain gradient is the derivative of the plain loss, so that the comparison above means something. */
+static void test_finite_differences(void **state) {
+  (void)state;
+  pair p = make_pair(37, 29, 5, 1);
+  const int n = p.width * p.height;
+  double *gradient = calloc((size_t)(6 * n), sizeof *gradient), *unused = gradient + 3 * n;
+  plain_loss(&p, 0.2, gradient);
+  for (int k = 0; k < 300; k++) {
+    const int i = (int)pags_rng_below(9, 0, (uint64_t)k, (uint64_t)(3 * n)), c = i / n;
+    float *at = p.planes + ((int64_t)c * p.height + i % n / p.width) * p.stride + i % p.width;
+    const float middle = *at, low = middle - 1.0f / 1024, high = middle + 1.0f / 1024;
+    const double target = p.rgb[at - p.planes] / 255.0;
+    if (fabs((double)middle - target) < 2e-3)
+      continue; /* |x - y| has no derivative here */
+    *at = high;
+    const double above = plain_loss(&p, 0.2, unused).loss;
+    *at = low;
+    const double below = plain_loss(&p, 0.2, unused).loss;
+    *at = middle;
+    assert_near((above - below) / ((double)high - (double)low), gradient[i], 2e-7);
+  }
+  free(gradient);
+  free_pair(&p);
+}
+
+static void test_threads(void **state) {
+  (void)state;
+  pair p = make_pair(150, 333, 3, 1);
+  const size_t bytes = (size_t)(3 * p.stride * p.height) * sizeof(float);
+  float *first = malloc(bytes);
+  pags_loss loss, first_loss = {0};
+  for (int threads = 1; threads <= 4; threads++) {
+    pags_tasks *tasks = pags_tasks_create(threads);
+    memset(&loss, 0, sizeof loss);
+    assert_int_equal(evaluate(&p, tasks, 0.2, &loss), PAGS_OK);
+    if (threads == 1) {
+      memcpy(first, p.gradient, bytes);
+      first_loss = loss;
+    }
+    assert_memory_equal(first, p.gradient, bytes);
+    assert_memory_equal(&first_loss, &loss, sizeof loss);
+    pags_tasks_destroy(tasks);
+  }
+  free(first);
+  free_pair(&p);
+}
+
+/* What lies under the mask or in the padding of the prediction changes nothing. */
+static void test_unseen_pixels(void **state) {
+  (void)state;
+  pair p = make_pair(90, 60, 4, 1);
+  const size_t count = (size_t)(3 * p.stride * p.height);
+  float *first = malloc(count * sizeof *first);
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_loss before = {0}, after = {0};
+  assert_int_equal(evaluate(&p, tasks, 0.2, &before), PAGS_OK);
+  memcpy(first, p.gradient, count * sizeof *first);
+  for (size_t i = 0; i < count; i++)
+    if (!p.mask[i % (count / 3)])
+      p.planes[i] = i % 2 ? NAN : 1e20f;
+  assert_int_equal(evaluate(&p, tasks, 0.2, &after), PAGS_OK);
+  assert_memory_equal(first, p.gradient, count * sizeof *first);
+  assert_true(before.loss == after.loss && before.mse == after.mse);
+  memset(p.mask, 0, count / 3);
+  assert_int_equal(evaluate(&p, tasks, 0.2, &after), PAGS_OK);
+  assert_true(after.loss == 0.0 && after.counted == 0);
+  for (size_t i = 0; i < count; i++)
+    assert_true(p.gradient[i] == 0.0f);
+  free(first);
+  free_pair(&p);
+  pags_tasks_destroy(tasks);
+}
+
+/* Rounding must not turn huge colours into negative variances and these into huge SSIM values. */
+static void test_huge_colours(void **state) {
+  (void)state;
+  pair p = make_pair(64, 40, 8, 0);
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_loss loss = {0};
+  for (int64_t i = 0; i < (int64_t)3 * p.stride * p.height; i++)
+    p.planes[i] = 3e4f;
+  assert_int_equal(evaluate(&p, tasks, 0.2, &loss), PAGS_OK);
+  assert_true(fabs(loss.ssim) <= 1.0);
+  for (int64_t i = 0; i < (int64_t)3 * p.stride * p.height; i++)
+    assert_true(isfinite(p.gradient[i]));
+  free_pair(&p);
+  pags_tasks_destroy(tasks);
+}
+
+static void test_sizes_must_agree(void **state) {
+  (void)state;
+  pair p = make_pair(64, 40, 8, 0);
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_loss loss = {0};
+  p.photo.height--;
+  assert_int_equal(evaluate(&p, tasks, 0.2, &loss), PAGS_ERROR_ARGUMENT);
+  free_pair(&p);
+  pags_tasks_destroy(tasks);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_plain),         cmocka_unit_test(test_finite_differences), cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_unseen_pixels), cmocka_unit_test(test_huge_colours),       cmocka_unit_test(test_sizes_must_agree),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
