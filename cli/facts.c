@@ -50,7 +50,8 @@ pags_result pags_facts_end(pags_facts *facts, const pags_session *session, pags_
     result = pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   if (result == PAGS_OK) {
     pags_json_end_object(&facts->json);
-    if (facts->text)
+    bool json_instead = session->json && !strcmp(session->json, "-");
+    if (facts->text && !json_instead)
       pags_say(session, "%s", facts->text);
     result = pags_session_json(session, &facts->json);
   } else {

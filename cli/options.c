@@ -13,7 +13,7 @@
 enum { MAX_ROWS = 256, HELP_WIDTH = 100, HELP_COLUMN = 30 };
 
 static bool is_end(const pags_option *option) {
-  return !option->name && option->type != PAGS_OPTION_GROUP;
+  return option->type == PAGS_OPTION_END;
 }
 
 int pags_usage_error(const pags_verb *verb, const char *format, ...) {
@@ -265,7 +265,8 @@ static bool store(const pags_option *option, const char *text, void *slot) {
       *(const char **)slot = text;
       return true;
     case PAGS_OPTION_FLAG:
-    case PAGS_OPTION_GROUP: break;
+    case PAGS_OPTION_GROUP:
+    case PAGS_OPTION_END: break;
   }
   return false;
 }
@@ -452,7 +453,8 @@ static void print_default(const pags_option *option, const void *defaults, char 
         snprintf(text, size, "%s", *(const char *const *)slot);
       break;
     case PAGS_OPTION_FLAG:
-    case PAGS_OPTION_GROUP: break;
+    case PAGS_OPTION_GROUP:
+    case PAGS_OPTION_END: break;
   }
 }
 

@@ -18,6 +18,7 @@
 enum { PAGS_EXIT_OK = 0, PAGS_EXIT_FAILED = 1, PAGS_EXIT_USAGE = 2, PAGS_EXIT_INTERRUPTED = 3 };
 
 typedef enum pags_option_type {
+  PAGS_OPTION_END,      /* no option: the end of the table, {0} */
   PAGS_OPTION_GROUP,    /* no option: a heading in the help, its text in `help` */
   PAGS_OPTION_FLAG,     /* int, 1 when given; a flag whose name begins with "no-" sets 0 */
   PAGS_OPTION_INT,      /* int */
@@ -70,7 +71,7 @@ typedef struct pags_verb {
   const char *usage;   /* after "pags train " */
   const char *about;   /* a paragraph */
   const pags_positional *positionals;
-  const pags_option *options; /* ends with a NULL name that is no group */
+  const pags_option *options; /* ends with a row of zeros */
 } pags_verb;
 
 enum { PAGS_MAX_POSITIONALS = 4 };

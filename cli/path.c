@@ -11,7 +11,7 @@ typedef struct vec3 {
 } vec3;
 
 static const double pi = 3.14159265358979323846;
-enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, MAX_SAMPLES = 100000, PATH_FPS = 30 };
+enum { DEFAULT_WIDTH = 1280, DEFAULT_HEIGHT = 720, DEFAULT_FOCAL = 1000, MAX_SAMPLES = 100000, PATH_FPS = 30 };
 
 static vec3 add(vec3 a, vec3 b) {
   return (vec3){a.x + b.x, a.y + b.y, a.z + b.z};
@@ -161,13 +161,13 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
   double extent;
   PAGS_TRY(gaussian_middle(scene, &out->centre, &extent));
   out->up = scene_up(scene);
-  out->radius = 2.5 * extent;
-  out->height = 0.6 * extent;
+  out->radius = 3.2 * extent; /* then extent fits into the picture's height */
+  out->height = 0.8 * extent;
   out->half_arc = pi;
   out->lens = (pags_camera){.width = DEFAULT_WIDTH,
                             .height = DEFAULT_HEIGHT,
-                            .fx = DEFAULT_WIDTH,
-                            .fy = DEFAULT_WIDTH,
+                            .fx = DEFAULT_FOCAL,
+                            .fy = DEFAULT_FOCAL,
                             .cx = DEFAULT_WIDTH / 2.0,
                             .cy = DEFAULT_HEIGHT / 2.0,
                             .time = (double)NAN};
