@@ -5,7 +5,7 @@
 
 #include <math.h>
 
-static double poly(const double k[4], double t) {
+static inline double poly(const double k[4], double t) {
   return 1 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])));
 }
 
@@ -68,7 +68,7 @@ bool pags_lens_is_pinhole(const pags_lens *lens) {
 }
 
 /* (x, y) -> distorted position on the plane z = 1. */
-static void distort(const pags_lens *lens, double x, double y, double out[2]) {
+static inline void distort(const pags_lens *lens, double x, double y, double out[2]) {
   double r2 = x * x + y * y;
   if (lens->kind == PAGS_LENS_FISHEYE) {
     double r = sqrt(r2), theta = atan(r);
@@ -88,6 +88,17 @@ bool pags_lens_project(const pags_lens *lens, double x, double y, double *u, dou
   *u = lens->fx * d[0] + lens->cx;
   *v = lens->fy * d[1] + lens->cy;
   return x * x + y * y < lens->limit;
+}
+
+void pags_lens_project_row(const pags_lens *lens, int count, double x, double step, double y, double *source) {
+  const pags_lens local = *lens; /* in registers: `source` could alias *lens */
+  for (int i = 0; i < count; i++) {
+    double d[2], here = x + i * step;
+    distort(&local, here, y, d);
+    bool valid = here * here + y * y < local.limit;
+    source[2 * i] = valid ? local.fx * d[0] + local.cx : NAN;
+    source[2 * i + 1] = valid ? local.fy * d[1] + local.cy : NAN;
+  }
 }
 
 /* The radial part alone: r with r * poly(r^2) = target (or theta, for a fisheye), by bisection where the function grows. */
@@ -125,6 +136,8 @@ bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, d
       return false;
     at[0] += (e * d - b * f) / det;
     at[1] += (a * f - e * c) / det;
+    if (fabs(e) + fabs(f) < 1e-12)
+      break;
   }
   double check[2];
   distort(lens, at[0], at[1], check);

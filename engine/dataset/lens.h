@@ -29,6 +29,9 @@ bool pags_lens_is_pinhole(const pags_lens *lens);
 /* Source pixel position of (x, y, 1) in the camera's frame. Says false past the limit, where the model folds back. */
 bool pags_lens_project(const pags_lens *lens, double x, double y, double *u, double *v);
 
+/* The same for a row of `count` points (x + i * step, y, 1): source[2 i] = u, source[2 i + 1] = v, both NaN past the limit. */
+void pags_lens_project_row(const pags_lens *lens, int count, double x, double step, double y, double *source);
+
 /* The inverse: (x, y) on the plane z = 1 of a source pixel position; false where there is none. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y);
 

@@ -8,9 +8,13 @@
 #include <assert.h>
 #include <stdlib.h>
 
+/* Weights are fixed-point with FRACTION bits a direction, far below what a byte shows; the four add up to UNIT exactly. */
+enum { FRACTION = 10 };
+static const uint32_t unit = UINT32_C(1) << 2 * FRACTION;
+
 typedef struct taps {
-  size_t at[4];    /* pixel indices */
-  float weight[4]; /* sum 1 */
+  size_t at[4]; /* pixel indices */
+  uint32_t weight[4];
 } taps;
 
 static int clamp(int value, int size) {
@@ -21,28 +25,25 @@ static int clamp(int value, int size) {
 static bool find_taps(const pags_lens *lens, double u, double v, taps *out) {
   if (!(u >= 0 && u <= lens->width && v >= 0 && v <= lens->height))
     return false;
-  int x = (int)(u + 0.5) - 1, y = (int)(v + 0.5) - 1; /* floor(u - 0.5), u >= 0 */
-  float fx = (float)(u - 0.5 - x), fy = (float)(v - 0.5 - y);
+  const int whole = 1 << FRACTION;
+  int fixed_u = (int)((u + 0.5) * whole), fixed_v = (int)((v + 0.5) * whole); /* at most 2^26 */
+  int x = (fixed_u >> FRACTION) - 1, y = (fixed_v >> FRACTION) - 1;
+  uint32_t right_share = (uint32_t)(fixed_u & (whole - 1)), low_share = (uint32_t)(fixed_v & (whole - 1));
+  uint32_t left_share = (uint32_t)whole - right_share, high_share = (uint32_t)whole - low_share;
   size_t left = (size_t)clamp(x, lens->width), right = (size_t)clamp(x + 1, lens->width);
   size_t top = (size_t)clamp(y, lens->height) * (size_t)lens->width;
   size_t bottom = (size_t)clamp(y + 1, lens->height) * (size_t)lens->width;
-  out->at[0] = top + left;
-  out->at[1] = top + right;
-  out->at[2] = bottom + left;
-  out->at[3] = bottom + right;
-  out->weight[0] = (1 - fx) * (1 - fy);
-  out->weight[1] = fx * (1 - fy);
-  out->weight[2] = (1 - fx) * fy;
-  out->weight[3] = fx * fy;
+  *out = (taps){
+      .at = {top + left, top + right, bottom + left, bottom + right},
+      .weight = {left_share * high_share, right_share * high_share, left_share * low_share, right_share * low_share}};
   return true;
 }
 
-static void mix(const uint8_t *from, int channels, const taps *t, uint8_t *to) {
-  for (int c = 0; c < channels; c++) {
-    float sum = 0;
-    for (int i = 0; i < 4; i++)
-      sum += t->weight[i] * (float)from[t->at[i] * (size_t)channels + (size_t)c];
-    to[c] = (uint8_t)(sum + 0.5f);
+static void mix(const uint8_t *from, const taps *t, uint8_t to[3]) {
+  const uint8_t *a = from + 3 * t->at[0], *b = from + 3 * t->at[1], *c = from + 3 * t->at[2], *d = from + 3 * t->at[3];
+  for (int i = 0; i < 3; i++) {
+    uint32_t sum = t->weight[0] * a[i] + t->weight[1] * b[i] + t->weight[2] * c[i] + t->weight[3] * d[i];
+    to[i] = (uint8_t)((sum + unit / 2) / unit);
   }
 }
 
@@ -53,41 +54,54 @@ static bool mask_uses(const uint8_t *mask, const taps *t) {
   return true;
 }
 
-/* Returns whether every pixel of the row has a source. */
+/* Returns whether every pixel of the row has a source. `source` has room for two numbers a pixel. */
 static bool resample_row(const pags_lens *lens, const pags_camera *pinhole, int y, const pags_image *from,
-                         const pags_image *from_mask, uint8_t *row, uint8_t *mask) {
+                         const pags_image *from_mask, double *source, uint8_t *row, uint8_t *mask) {
   bool complete = true;
-  double ry = (y + 0.5 - pinhole->cy) / pinhole->fy;
+  double step = 1 / pinhole->fx, first = (0.5 - pinhole->cx) * step;
+  pags_lens_project_row(lens, pinhole->width, first, step, (y + 0.5 - pinhole->cy) / pinhole->fy, source);
   for (int x = 0; x < pinhole->width; x++) {
-    double u, v, rx = (x + 0.5 - pinhole->cx) / pinhole->fx;
     taps t;
-    bool has_source = pags_lens_project(lens, rx, ry, &u, &v) && find_taps(lens, u, v, &t);
+    bool has_source = find_taps(lens, source[2 * x], source[2 * x + 1], &t);
     if (has_source)
-      mix(from->data, from->channels, &t, row + x * from->channels);
+      mix(from->data, &t, row + 3 * x);
     complete = complete && has_source;
     mask[x] = has_source && (!from_mask || mask_uses(from_mask->data, &t)) ? 255 : 0;
   }
   return complete;
 }
 
-pags_result pags_undistort(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
-                           const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
-  assert(from->sample == PAGS_U8 && from->width == lens->width && from->height == lens->height);
-  assert(!from_mask || (from_mask->sample == PAGS_U8 && from_mask->channels == 1));
-  assert(!from_mask || (from_mask->width == lens->width && from_mask->height == lens->height));
-  PAGS_TRY(pags_image_create(to, pinhole->width, pinhole->height, from->channels, PAGS_U8));
-  pags_result result = pags_image_create(to_mask, pinhole->width, pinhole->height, 1, PAGS_U8);
-  if (result != PAGS_OK) {
-    pags_image_destroy(to);
-    return result;
-  }
+static pags_result resample(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
+                            const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
+  double *source = malloc((size_t)pinhole->width * 2 * sizeof *source);
+  if (!source)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", pinhole->width);
   bool complete = true;
   for (int y = 0; y < pinhole->height; y++) {
     size_t begin = (size_t)y * (size_t)pinhole->width;
-    uint8_t *row = (uint8_t *)to->data + begin * (size_t)from->channels;
-    complete = resample_row(lens, pinhole, y, from, from_mask, row, (uint8_t *)to_mask->data + begin) && complete;
+    uint8_t *row = (uint8_t *)to->data + 3 * begin, *mask = (uint8_t *)to_mask->data + begin;
+    complete = resample_row(lens, pinhole, y, from, from_mask, source, row, mask) && complete;
   }
+  free(source);
   if (complete && !from_mask)
     pags_image_destroy(to_mask);
   return PAGS_OK;
+}
+
+pags_result pags_undistort(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
+                           const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
+  assert(from->sample == PAGS_U8 && from->channels == 3 && from->width == lens->width && from->height == lens->height);
+  assert(!from_mask || (from_mask->sample == PAGS_U8 && from_mask->channels == 1));
+  assert(!from_mask || (from_mask->width == lens->width && from_mask->height == lens->height));
+  *to_mask = (pags_image){0};
+  pags_result result = pags_image_create(to, pinhole->width, pinhole->height, 3, PAGS_U8);
+  if (result == PAGS_OK)
+    result = pags_image_create(to_mask, pinhole->width, pinhole->height, 1, PAGS_U8);
+  if (result == PAGS_OK)
+    result = resample(lens, pinhole, from, from_mask, to, to_mask);
+  if (result != PAGS_OK) {
+    pags_image_destroy(to);
+    pags_image_destroy(to_mask);
+  }
+  return result;
 }
