@@ -1,0 +1,43 @@
+/* A folder for the files of one test program, and whole small files in it. */
+#ifndef PAGS_TESTS_SCRATCH_H
+#define PAGS_TESTS_SCRATCH_H
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "base/file.h"
+
+enum { SCRATCH_PATH = 512 };
+
+/* Made by scratch_make, removed with all that is in it by scratch_remove. */
+static char scratch_folder[SCRATCH_PATH];
+
+static inline int scratch_make(void) {
+  const char *base = getenv("TMPDIR");
+  snprintf(scratch_folder, sizeof scratch_folder, "%s/pags_test_XXXXXX", base ? base : "/tmp");
+  return mkdtemp(scratch_folder) ? 0 : -1;
+}
+
+static inline int scratch_remove(void) {
+  return pags_remove_tree(scratch_folder) == PAGS_OK ? 0 : -1;
+}
+
+/* The path of `name` in the folder; good until the fourth call from now. */
+static inline const char *scratch(const char *name) {
+  static char paths[4][SCRATCH_PATH + 128];
+  static int next;
+  char *path = paths[next++ % 4];
+  snprintf(path, sizeof paths[0], "%s/%s", scratch_folder, name);
+  return path;
+}
+
+/* Writes a file there and returns its path. */
+static inline const char *scratch_file(const char *name, const void *bytes, size_t size) {
+  const char *path = scratch(name);
+  FILE *stream = fopen(path, "wb");
+  if (!stream || fwrite(bytes, 1, size, stream) != size || fclose(stream) != 0)
+    abort();
+  return path;
+}
+
+#endif
