@@ -121,7 +121,8 @@ static void check_gradient(test_scene *scene, double skip_share) {
         double scale = fmax(fabs(analytic), fabs(numeric)) + 1e-3 / (plane < PAGS_SCALE ? pixel : 1);
         double error = smooth ? fabs(analytic - numeric) / scale : 0;
         if (error > 1e-6)
-          print_error("part %d Gaussian %d plane %d: analytic %.12g, numeric %.12g\n", p, (int)i, plane, analytic, numeric);
+          print_error("part %d Gaussian %d plane %d: analytic %.12g, numeric %.12g\n", p, (int)i, plane, analytic,
+                      numeric);
         assert_true(error <= 1e-6);
         worst = fmax(worst, error);
       }
@@ -270,9 +271,17 @@ static void test_needles(void **state) {
     const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     memcpy(scene.camera.world_from_camera, identity, sizeof identity);
     const double z = 2 + 0.37 * (double)i, sigma = (double)(5 + 7 * i) * z / scene.camera.fx;
-    const double values[11] = {0.1 * (double)i - 0.2, 0.15 - 0.06 * (double)i, z, log(sigma), log(sigma / 1e4),
-                               log(sigma / 1e4), 2 * cos(0.39269908169872414), 0, 0,
-                               (i % 2 ? 2 : -2) * sin(0.39269908169872414), 1.5};
+    const double values[11] = {0.1 * (double)i - 0.2,
+                               0.15 - 0.06 * (double)i,
+                               z,
+                               log(sigma),
+                               log(sigma / 1e4),
+                               log(sigma / 1e4),
+                               2 * cos(0.39269908169872414),
+                               0,
+                               0,
+                               (i % 2 ? 2 : -2) * sin(0.39269908169872414),
+                               1.5};
     for (int plane = 0; plane < 11; plane++)
       part->planes[plane * n + i] = values[plane];
   }
@@ -381,7 +390,8 @@ static void test_mean2d_is_in_pixels(void **state) {
   scene_backward(&scene, &picture, &gradient);
   for (int axis = 0; axis < 2; axis++) {
     int smooth;
-    double numeric = finite_difference(&scene, axis ? &scene.camera.cy : &scene.camera.cx, 1e-5, picture.decisions, &smooth);
+    double numeric =
+        finite_difference(&scene, axis ? &scene.camera.cy : &scene.camera.cx, 1e-5, picture.decisions, &smooth);
     double sum = 0;
     for (int64_t i = 0; i < 5; i++)
       sum += gradient.mean2d[2 * i + axis];

@@ -44,7 +44,8 @@ void reference_part_destroy(reference_part *part) {
 
 /* Geometry */
 
-reference_view reference_view_of(const reference_part *part, const pags_camera *camera, const pags_frame_options *options) {
+reference_view reference_view_of(const reference_part *part, const pags_camera *camera,
+                                 const pags_frame_options *options) {
   const double *c = camera->world_from_camera, *m = part->world_from_model;
   reference_view view;
   double offset[3]; /* model origin - camera, world axes */
@@ -119,10 +120,16 @@ reference_projection reference_project(const reference_part *part, int64_t i, co
     p.sigma[k] = exp(reference_value(part, PAGS_SCALE + k, i));
 
   splat->margin = INFINITY;
-  p.slope[0] = clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, &splat->clamped_axis[0], &splat->margin);
-  p.slope[1] = clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, &splat->clamped_axis[1], &splat->margin);
-  double jacobian[6] = {camera->fx / xyz[2], 0, -camera->fx * p.slope[0] / xyz[2],
-                        0, camera->fy / xyz[2], -camera->fy * p.slope[1] / xyz[2]};
+  p.slope[0] =
+      clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, &splat->clamped_axis[0], &splat->margin);
+  p.slope[1] =
+      clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, &splat->clamped_axis[1], &splat->margin);
+  double jacobian[6] = {camera->fx / xyz[2],
+                        0,
+                        -camera->fx * p.slope[0] / xyz[2],
+                        0,
+                        camera->fy / xyz[2],
+                        -camera->fy * p.slope[1] / xyz[2]};
   memcpy(p.jacobian, jacobian, sizeof jacobian);
 
   double to_camera[6];
@@ -302,8 +309,7 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   const reference_splat *splat = &picture->splats[gaussian];
   double dx = pixel % picture->width + 0.5 - splat->mean2d[0];
   double dy = pixel / picture->width + 0.5 - splat->mean2d[1];
-  double power =
-      -0.5 * (splat->conic[0] * dx * dx + 2 * splat->conic[1] * dx * dy + splat->conic[2] * dy * dy);
+  double power = -0.5 * (splat->conic[0] * dx * dx + 2 * splat->conic[1] * dx * dy + splat->conic[2] * dy * dy);
   double falloff = exp(power), raw = splat->opacity * falloff;
   keep_smaller(&picture->margin[pixel], fabs(raw / REFERENCE_ALPHA_MIN - 1));
   if (raw < REFERENCE_ALPHA_MIN)
@@ -331,8 +337,7 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
     picture->id[pixel] = splat->id;
   }
   picture->transmittance[pixel] = after;
-  append(picture, capacity,
-         (reference_contribution){pixel, gaussian, falloff, raw, before});
+  append(picture, capacity, (reference_contribution){pixel, gaussian, falloff, raw, before});
   hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > REFERENCE_ALPHA_CAP));
 }
 
@@ -342,7 +347,8 @@ static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state
   double reach = fmax(0, 2 * log(splat->opacity / REFERENCE_ALPHA_MIN));
   double half_width = sqrt(reach * splat->cov[0]) + 1, half_height = sqrt(reach * splat->cov[2]) + 1;
   double x0 = fmax(0, floor(splat->mean2d[0] - half_width)), x1 = fmin(picture->width, splat->mean2d[0] + half_width);
-  double y0 = fmax(0, floor(splat->mean2d[1] - half_height)), y1 = fmin(picture->height, splat->mean2d[1] + half_height);
+  double y0 = fmax(0, floor(splat->mean2d[1] - half_height)),
+         y1 = fmin(picture->height, splat->mean2d[1] + half_height);
   for (int y = (int)fmin(y0, picture->height); y < y1; y++) {
     for (int x = (int)fmin(x0, picture->width); x < x1; x++) {
       int32_t pixel = (int32_t)(y * picture->width + x);

@@ -1,7 +1,7 @@
 /* The oracle: the forward and backward of pags/frame.h in plain double-precision C, written to be read.
  *
- * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a mistake of
- * the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
+ * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a mistake
+ * of the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
  * tests/gradients/test_reference.c. Test code: running out of memory aborts.
  *
  * Definition (Zwicker et al. 2001; Kerbl et al. 2023; gsplat for the compensation and the off-centre clamp):
@@ -40,17 +40,17 @@ void reference_part_destroy(reference_part *part);
 typedef struct reference_splat {
   int drawn;
   int32_t id;
-  double camera[3];  /* mean in camera axes, metres; [2] is the depth */
-  double mean2d[2];  /* pixels */
-  double cov[3];     /* xx xy yy with the low-pass, px^2 */
-  double conic[3];   /* inverse of cov */
-  double opacity;    /* with the compensation */
+  double camera[3]; /* mean in camera axes, metres; [2] is the depth */
+  double mean2d[2]; /* pixels */
+  double cov[3];    /* xx xy yy with the low-pass, px^2 */
+  double conic[3];  /* inverse of cov */
+  double opacity;   /* with the compensation */
   double compensation;
   double colour[3];
   int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
   int clamped_colour[3]; /* 1: negative before max(0, .) */
   int floored;           /* compensation at its floor */
-  double margin; /* relative distance to the nearest of the clamps above */
+  double margin;         /* relative distance to the nearest of the clamps above */
 } reference_splat;
 
 /* One Gaussian blended into one pixel. */
@@ -71,8 +71,8 @@ typedef struct reference_picture {
   int32_t *id;       /* of the largest weight (tie: the nearer); -1 for none */
 
   /* How near a pixel came to a different decision, relative: alpha to 1/255 or 0.99, transmittance to 1e-4, its
-   * Gaussians to their clamps; and the smallest gap of depth between neighbours in its list. A float renderer may decide
-   * otherwise where these are of the order of its rounding. */
+   * Gaussians to their clamps; and the smallest gap of depth between neighbours in its list. A float renderer may
+   * decide otherwise where these are of the order of its rounding. */
   double *margin;
   double *depth_margin;
 
@@ -80,7 +80,7 @@ typedef struct reference_picture {
   reference_splat *splats; /* of all parts, in order */
   int64_t contribution_count;
   reference_contribution *contributions; /* front to back */
-  uint64_t decisions; /* hash of every discrete decision: contributors, caps, clamps */
+  uint64_t decisions;                    /* hash of every discrete decision: contributors, caps, clamps */
 } reference_picture;
 
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
@@ -116,12 +116,13 @@ void reference_gradient_destroy(reference_part_gradient *gradients, int part_cou
 
 /* The frame of a part as seen from the camera. */
 typedef struct reference_view {
-  double rotation[9];    /* camera_from_model */
+  double rotation[9]; /* camera_from_model */
   double translation[3];
   double position[3]; /* of the camera in the model's frame */
 } reference_view;
 
-reference_view reference_view_of(const reference_part *part, const pags_camera *camera, const pags_frame_options *options);
+reference_view reference_view_of(const reference_part *part, const pags_camera *camera,
+                                 const pags_frame_options *options);
 
 /* The steps from raw parameters to the 2D covariance, kept for the way back. */
 typedef struct reference_projection {

@@ -11,19 +11,20 @@ typedef struct reference_random {
 double reference_uniform(reference_random *random, double lo, double hi);
 double reference_normal(reference_random *random);
 
-/* A camera of that many pixels, field of view about 60 degrees, somewhere within 3 m of the origin, looking anywhere. */
+/* A camera of that many pixels, field of view about 60 degrees, somewhere within 3 m of the origin, looking anywhere.
+ */
 pags_camera reference_random_camera(reference_random *random, int width, int height);
 
 /* A random rigid motion with translations up to `reach` metres an axis. */
 void reference_random_pose(reference_random *random, double reach, double pose[12]);
 
 typedef struct reference_recipe {
-  double depth[2];      /* metres, range */
-  double spread;        /* means lie in the picture widened by this factor; 1: in the picture */
-  double sigma[2];      /* px, range of the larger axes on the picture, log-uniform */
-  double anisotropy;    /* largest sigma over smallest; ratio is log-uniform in [1, anisotropy] */
-  double logit[2];      /* of the opacity, range */
-  double colour;        /* standard deviation of the SH coefficients */
+  double depth[2];   /* metres, range */
+  double spread;     /* means lie in the picture widened by this factor; 1: in the picture */
+  double sigma[2];   /* px, range of the larger axes on the picture, log-uniform */
+  double anisotropy; /* largest sigma over smallest; ratio is log-uniform in [1, anisotropy] */
+  double logit[2];   /* of the opacity, range */
+  double colour;     /* standard deviation of the SH coefficients */
 } reference_recipe;
 
 reference_recipe reference_recipe_default(void);

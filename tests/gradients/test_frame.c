@@ -1,0 +1,289 @@
+/* The engine's backward (float, vectorised, tiled) against the oracle's over more than ten thousand Gaussians.
+ *
+ * Boundary band: where the oracle came within a relative 1e-4 of another decision (alpha at 1/255 or at its cap,
+ * transmittance at the stop, a Gaussian's clamps) or drew neighbours whose depths agree to 1e-6, float may decide
+ * otherwise and its gradient is a different one. The loss gives such pixels no weight.
+ *
+ * Error of a Gaussian in a group of planes: |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean square in
+ * this scene), vector norms over the group. */
+#include "reference/frame_scene.h"
+#include "reference/reference_scene.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <math.h>
+
+typedef struct parameter_group {
+  const char *name;
+  int first, planes; /* past the last plane: dL/dmean2D statistics */
+} parameter_group;
+
+enum { GROUPS = 8, MEAN2D = 6, MEAN2D_ABS = 7 };
+static const parameter_group groups[GROUPS] = {
+    {"mean", PAGS_MEAN, 3},
+    {"scale", PAGS_SCALE, 3},
+    {"rotation", PAGS_ROTATION, 4},
+    {"opacity", PAGS_OPACITY, 1},
+    {"sh dc", PAGS_SH, 3},
+    {"sh rest", PAGS_SH + 3, 45},
+    {"mean2d", -1, 1},
+    {"mean2d abs", -1, 1},
+};
+
+typedef struct error_list {
+  double *values;
+  int64_t count;
+} error_list;
+
+typedef struct gradient_case {
+  const char *name;
+  uint64_t seed;
+  int count, scenes;
+  reference_recipe recipe;
+  pags_frame_options options;
+  double limit; /* of the 99.9th percentile */
+  int behind;   /* 1: two of three rows are mirrored behind the camera, first rows included (facts 6 #22) */
+  int plain;    /* 1: no loss on depth, no absolute gradient: what a trainer asks for by default */
+} gradient_case;
+
+static pags_tasks *tasks;
+static pags_frame *frame;
+
+static int set_up(void **state) {
+  (void)state;
+  tasks = pags_tasks_create(2);
+  return tasks && pags_frame_create(tasks, &frame) == PAGS_OK ? 0 : -1;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  return 0;
+}
+
+/* Length of the gradient of row i in a group, by the oracle. */
+static double exact_norm(const reference_part_gradient *gradient, const parameter_group *group, int64_t i) {
+  double sum = 0;
+  for (int k = 0; k < group->planes; k++) {
+    double value = gradient->planes[(group->first + k) * gradient->count + i];
+    sum += value * value;
+  }
+  return sqrt(sum);
+}
+
+static double difference_norm(const reference_part_gradient *exact, const frame_part_result *drawn,
+                              const parameter_group *group, int64_t i) {
+  double sum = 0;
+  for (int k = 0; k < group->planes; k++) {
+    int64_t at = (group->first + k) * exact->count + i;
+    double value = (double)drawn->planes[at] - exact->planes[at];
+    sum += value * value;
+  }
+  return sqrt(sum);
+}
+
+/* The densification statistic: length of dL/dmean2D in NDC units. */
+static double exact_mean2d(const double *pixels, const pags_camera *camera, int64_t i) {
+  return hypot(pixels[2 * i] * camera->width / 2, pixels[2 * i + 1] * camera->height / 2);
+}
+
+static void find_group_errors(const reference_part_gradient *exact, const frame_part_result *drawn,
+                              const reference_splat *splats, const pags_camera *camera, int group, error_list *errors) {
+  double *norm = reference_alloc(2 * exact->count, sizeof(double)), *difference = norm + exact->count, square = 0;
+  int64_t count = 0;
+  for (int64_t i = 0; i < exact->count; i++) {
+    if (!splats[i].drawn)
+      continue;
+    if (group < MEAN2D) {
+      norm[i] = exact_norm(exact, &groups[group], i);
+      difference[i] = difference_norm(exact, drawn, &groups[group], i);
+    } else {
+      norm[i] = exact_mean2d(group == MEAN2D ? exact->mean2d : exact->mean2d_abs, camera, i);
+      difference[i] = fabs((double)(group == MEAN2D ? drawn->mean2d : drawn->mean2d_abs)[i] - norm[i]);
+    }
+    square += norm[i] * norm[i];
+    count++;
+  }
+  double floor_norm = 1e-2 * sqrt(square / (double)(count > 0 ? count : 1));
+  for (int64_t i = 0; i < exact->count; i++) {
+    if (splats[i].drawn && (norm[i] > 0 || difference[i] > 0))
+      errors[group].values[errors[group].count++] = difference[i] / fmax(norm[i], floor_norm);
+  }
+  free(norm);
+}
+
+/* Random weights in [-1, 1], of depth in [-1, 1] / 4 m so that it doesn't drown the colours; none where a float renderer
+ * may decide otherwise. Returns the share of pixels left out. */
+static double make_weights(reference_random *random, const reference_picture *picture, double *weights) {
+  int64_t pixels = (int64_t)picture->width * picture->height, left_out = 0;
+  for (int64_t k = 0; k < pixels; k++) {
+    int in_band = picture->margin[k] < 1e-4 || picture->depth_margin[k] < 1e-6;
+    left_out += in_band;
+    for (int plane = 0; plane < 5; plane++) {
+      double value = (double)(float)reference_uniform(random, -1, 1) * (plane == 4 ? 0.25 : 1);
+      weights[plane * pixels + k] = in_band ? 0 : value;
+    }
+  }
+  return (double)left_out / (double)pixels;
+}
+
+static void mirror_rows(reference_part *part, const pags_camera *camera, const pags_frame_options *options) {
+  reference_view view = reference_view_of(part, camera, options);
+  for (int64_t i = 0; i < part->count; i++) {
+    for (int k = 0; k < 3 && i % 3 < 2; k++) {
+      double *mean = &part->planes[(PAGS_MEAN + k) * part->count + i];
+      *mean = 2 * view.position[k] - *mean;
+    }
+  }
+}
+
+static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors, double *left_out) {
+  reference_random random = {seed};
+  pags_camera camera = reference_random_camera(&random, 160, 120);
+  pags_frame_options options = c->options;
+  options.absolute_gradient = !c->plain;
+  for (int k = 0; k < 3; k++)
+    options.background[k] = (float)reference_uniform(&random, 0, 1);
+  reference_part part = reference_part_create(c->count, 3);
+  reference_random_pose(&random, 4, part.world_from_model);
+  for (int64_t i = 0; i < c->count; i++)
+    reference_random_gaussian(&random, &c->recipe, &camera, &options, &part, i);
+  if (c->behind)
+    mirror_rows(&part, &camera, &options);
+  frame_scene_round(&part);
+
+  reference_picture picture = reference_render(&part, 1, &camera, &options);
+  int64_t pixels = (int64_t)camera.width * camera.height;
+  double *weights = reference_alloc(5 * pixels, sizeof(double));
+  *left_out += make_weights(&random, &picture, weights) / c->scenes;
+  reference_picture_gradient gradient = {weights, weights + 3 * pixels, c->plain ? NULL : weights + 4 * pixels};
+  reference_part_gradient exact;
+  reference_backward(&part, 1, &camera, &options, &picture, &gradient, &exact);
+  frame_scene scene = frame_scene_create(&part, 1, 64, 0);
+  frame_result drawn = frame_run(frame, &scene, &camera, &options, &gradient);
+  assert_int_equal(drawn.bad_rows, 0);
+  assert_true(frame_result_finite(&drawn));
+  for (int group = 0; group < GROUPS - c->plain; group++)
+    find_group_errors(&exact, &drawn.parts[0], picture.splats, &camera, group, errors);
+  for (int64_t i = 0; i < part.count; i++) /* facts 6 #29 */
+    assert_true(drawn.parts[0].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[0].mean2d[i] * 0.9999f));
+
+  frame_result_destroy(&drawn);
+  frame_scene_destroy(&scene);
+  reference_gradient_destroy(&exact, 1);
+  free(weights);
+  reference_picture_destroy(&picture);
+  reference_part_destroy(&part);
+}
+
+static int compare_doubles(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+static void errors_create(error_list *errors, int64_t capacity) {
+  for (int group = 0; group < GROUPS; group++)
+    errors[group] = (error_list){.values = reference_alloc(capacity, sizeof(double))};
+}
+
+static void errors_destroy(error_list *errors) {
+  for (int group = 0; group < GROUPS; group++)
+    free(errors[group].values);
+}
+
+/* Prints each group's percentiles; 1 when the 99.9th lies under the limit everywhere. */
+static int judge(error_list *errors, int group_count, double limit) {
+  int good = 1;
+  for (int group = 0; group < group_count; group++) {
+    int64_t count = errors[group].count;
+    assert_true(count > 0);
+    qsort(errors[group].values, (size_t)count, sizeof(double), compare_doubles);
+    double median = errors[group].values[count / 2], high = errors[group].values[(count - 1) * 999 / 1000];
+    print_message("    %-10s %6d, median %.1e, 99.9 %% %.1e, largest %.1e\n", groups[group].name, (int)count, median,
+                  high, errors[group].values[count - 1]);
+    good = good && high < limit;
+  }
+  return good;
+}
+
+/* Runs a case, judges it by its own limit and adds its errors to `pool` unless that is NULL. */
+static void run_case(const gradient_case *c, error_list *pool) {
+  error_list errors[GROUPS];
+  double left_out = 0;
+  errors_create(errors, (int64_t)c->count * c->scenes);
+  for (int k = 0; k < c->scenes; k++)
+    run_scene(c, c->seed + (uint64_t)k, errors, &left_out);
+  print_message("  %s: %.1f %% of pixels in the band\n", c->name, 100 * left_out);
+  assert_true(left_out < 0.05);
+  for (int group = 0; pool && group < GROUPS; group++) {
+    int64_t count = errors[group].count;
+    memcpy(pool[group].values + pool[group].count, errors[group].values, (size_t)count * sizeof(double));
+    pool[group].count += count;
+  }
+  int good = judge(errors, GROUPS - c->plain, c->limit);
+  errors_destroy(errors);
+  assert_true(good);
+}
+
+/* The figure that the engine promises: under 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each kind
+ * alone is held to five times that, since a few thousand say little about their 99.9th percentile. */
+static void test_random_gaussians(void **state) {
+  (void)state;
+  enum { KINDS = 5, MOST = 20000 };
+  const reference_recipe recipe = reference_recipe_default();
+  const pags_frame_options options = reference_options();
+  gradient_case kinds[KINDS] = {
+      {"plain", 100, 1500, 4, recipe, options, 5e-3, 0, 0},
+      {"antialiased", 200, 2500, 2, recipe, options, 5e-3, 0, 0},
+      {"beside the picture", 300, 400, 4, recipe, options, 5e-3, 0, 0},
+      {"opaque", 400, 1000, 2, recipe, options, 5e-3, 0, 0},
+      {"culled in between", 600, 1800, 2, recipe, options, 5e-3, 1, 0},
+  };
+  kinds[1].recipe.sigma[0] = 0.2, kinds[1].recipe.sigma[1] = 3;
+  kinds[1].options.antialiased = 1;
+  kinds[2].recipe.spread = 2, kinds[2].recipe.sigma[0] = 5, kinds[2].recipe.sigma[1] = 25;
+  kinds[3].recipe.logit[0] = 2, kinds[3].recipe.logit[1] = 8;
+  error_list pool[GROUPS];
+  errors_create(pool, MOST);
+  for (int k = 0; k < KINDS; k++)
+    run_case(&kinds[k], pool);
+  print_message("  all of them:\n");
+  for (int group = 0; group < GROUPS; group++)
+    assert_true(pool[group].count > 10000);
+  int good = judge(pool, GROUPS, 1e-3);
+  errors_destroy(pool);
+  assert_true(good);
+}
+
+/* The paths of the rasteriser's backward without depth, with the short exponential, and for both. */
+static void test_options(void **state) {
+  (void)state;
+  gradient_case c = {"no depth", 700, 1000, 1, reference_recipe_default(), reference_options(), 5e-3, .plain = 1};
+  run_case(&c, NULL);
+  c.name = "exp degree 3", c.options.exp_degree = 3, c.limit = 5e-2;
+  run_case(&c, NULL);
+  c.name = "exp degree 3, depth", c.plain = 0;
+  run_case(&c, NULL);
+}
+
+static void test_needles(void **state) {
+  (void)state;
+  gradient_case c = {"needles", 500, 300, 2, reference_recipe_default(), reference_options(), 1e-2, 0, 0};
+  c.recipe.sigma[0] = 5, c.recipe.sigma[1] = 30, c.recipe.anisotropy = 1e4;
+  run_case(&c, NULL);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_random_gaussians),
+      cmocka_unit_test(test_options),
+      cmocka_unit_test(test_needles),
+  };
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}

@@ -1,0 +1,266 @@
+/* The engine's frame behind the oracle's data; see frame_scene.h. */
+#include "frame_scene.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <math.h>
+
+#include "reference_scene.h"
+
+static void check(pags_result result) {
+  if (result != PAGS_OK)
+    fail_msg("%s: %s", pags_result_name(result), pags_error_message());
+}
+
+/* Scenes */
+
+static int64_t *row_order(int64_t count, uint64_t shuffle_seed) {
+  reference_random random = {shuffle_seed};
+  int64_t *order = reference_alloc(count, sizeof *order);
+  for (int64_t i = 0; i < count; i++) {
+    int64_t j = shuffle_seed ? (int64_t)reference_uniform(&random, 0, (double)(i + 1)) : i;
+    order[i] = order[j];
+    order[j] = i;
+  }
+  return order;
+}
+
+static void create_part(frame_scene *scene, int p, const reference_part *from, int cluster_size,
+                        uint64_t shuffle_seed) {
+  pags_gaussians *g = &scene->gaussians[p];
+  check(pags_gaussians_create(g, from->count, from->sh_degree));
+  scene->source[p] = row_order(from->count, shuffle_seed ? shuffle_seed + (uint64_t)p : 0);
+  if (shuffle_seed || from->id)
+    scene->id[p] = reference_alloc(from->count, sizeof(int32_t));
+  for (int64_t i = 0; i < from->count; i++) {
+    int64_t source = scene->source[p][i];
+    for (int plane = 0; plane < pags_plane_count(from->sh_degree); plane++)
+      pags_plane(g, plane)[i] = (float)reference_value(from, plane, source);
+    if (scene->id[p])
+      scene->id[p][i] = from->id ? from->id[source] : from->first_id + (int32_t)source;
+  }
+  check(pags_clusters_create(&scene->clusters[p], from->count, cluster_size));
+  pags_clusters_update(&scene->clusters[p], g, 0, scene->clusters[p].count);
+  scene->parts[p] =
+      (pags_part){.gaussians = g, .clusters = &scene->clusters[p], .id = scene->id[p], .first_id = from->first_id};
+  memcpy(scene->parts[p].world_from_model, from->world_from_model, sizeof from->world_from_model);
+}
+
+static void point_parts(frame_scene *scene) { /* the struct is returned by value */
+  for (int p = 0; p < scene->part_count; p++) {
+    scene->parts[p].gaussians = &scene->gaussians[p];
+    scene->parts[p].clusters = &scene->clusters[p];
+  }
+}
+
+frame_scene frame_scene_create(const reference_part *parts, int part_count, int cluster_size, uint64_t shuffle_seed) {
+  frame_scene scene = {.part_count = part_count};
+  assert_true(part_count <= FRAME_SCENE_PARTS);
+  for (int p = 0; p < part_count; p++)
+    create_part(&scene, p, &parts[p], cluster_size, shuffle_seed);
+  return scene;
+}
+
+void frame_scene_destroy(frame_scene *scene) {
+  for (int p = 0; p < scene->part_count; p++) {
+    pags_clusters_destroy(&scene->clusters[p]);
+    pags_gaussians_destroy(&scene->gaussians[p]);
+    free(scene->id[p]);
+    free(scene->source[p]);
+  }
+  *scene = (frame_scene){0};
+}
+
+void frame_scene_round(reference_part *part) {
+  for (int64_t k = 0; k < part->count * pags_plane_count(part->sh_degree); k++)
+    part->planes[k] = (double)(float)part->planes[k];
+}
+
+/* Runs */
+
+typedef struct run_context {
+  const frame_scene *scene;
+  frame_result *result;
+} run_context;
+
+static void touch(void *user, int part, int64_t cluster, int worker) {
+  (void)worker;
+  frame_part_result *to = &((run_context *)user)->result->parts[part];
+  to->touched[cluster]++;
+}
+
+static void receive(void *user, const pags_cluster_gradient *from, int worker) {
+  (void)worker;
+  const run_context *context = user;
+  frame_part_result *to = &context->result->parts[from->part];
+  const int64_t *source = context->scene->source[from->part];
+  to->received[from->cluster]++;
+  for (int i = 0; i < from->count; i++) {
+    int64_t row = source[from->first + i];
+    for (int plane = 0; plane < from->planes; plane++)
+      to->planes[plane * to->count + row] = from->data[plane * from->stride + i];
+    to->mean2d[row] = from->mean2d[i];
+    to->mean2d_abs[row] = from->mean2d_abs[i];
+    to->radius[row] = from->radius[i];
+    to->drawn[row] = from->drawn[i];
+  }
+}
+
+static void create_result(frame_result *result, const frame_scene *scene, const pags_camera *camera) {
+  int64_t pixels = (int64_t)camera->width * camera->height;
+  *result = (frame_result){.width = camera->width, .height = camera->height, .part_count = scene->part_count};
+  result->rgb = reference_alloc(3 * pixels, sizeof(float));
+  result->transmittance = reference_alloc(pixels, sizeof(float));
+  result->depth = reference_alloc(pixels, sizeof(float));
+  result->id = reference_alloc(pixels, sizeof(int32_t));
+  for (int p = 0; p < scene->part_count; p++) {
+    frame_part_result *part = &result->parts[p];
+    part->count = scene->gaussians[p].count;
+    part->plane_count = pags_plane_count(scene->gaussians[p].sh_degree);
+    part->planes = reference_alloc(part->count * part->plane_count, sizeof(float));
+    part->mean2d = reference_alloc(part->count, sizeof(float));
+    part->mean2d_abs = reference_alloc(part->count, sizeof(float));
+    part->radius = reference_alloc(part->count, sizeof(float));
+    part->drawn = reference_alloc(part->count, 1);
+    part->cluster_count = scene->clusters[p].count;
+    part->touched = reference_alloc(part->cluster_count, 1);
+    part->received = reference_alloc(part->cluster_count, 1);
+  }
+}
+
+static void copy_plane(const pags_picture *picture, const void *from, void *to) { /* of 4-byte values */
+  for (int y = 0; from && y < picture->height; y++) {
+    memcpy((char *)to + (size_t)4 * (size_t)y * (size_t)picture->width,
+           (const char *)from + (size_t)4 * (size_t)y * (size_t)picture->stride, (size_t)4 * (size_t)picture->width);
+  }
+}
+
+/* Widens a plane of doubles to the picture's stride and whole tiles, as float; NULL stays NULL. Padding must not matter:
+ * it is NaN. */
+static float *pad_plane(const pags_picture *picture, const double *from) {
+  if (!from)
+    return NULL;
+  int rows = (picture->height + 15) / 16 * 16;
+  float *to = reference_alloc((int64_t)picture->stride * rows, sizeof *to);
+  for (int y = 0; y < rows; y++) {
+    for (int x = 0; x < picture->stride; x++) {
+      int inside = x < picture->width && y < picture->height;
+      to[(int64_t)y * picture->stride + x] = inside ? (float)from[(int64_t)y * picture->width + x] : NAN;
+    }
+  }
+  return to;
+}
+
+static void go_back(pags_frame *frame, run_context *context, const pags_picture *picture,
+                    const reference_picture_gradient *gradient) {
+  int64_t pixels = (int64_t)picture->width * picture->height;
+  float *planes[5];
+  for (int channel = 0; channel < 3; channel++)
+    planes[channel] = pad_plane(picture, gradient->rgb + channel * pixels);
+  planes[3] = pad_plane(picture, gradient->transmittance);
+  planes[4] = pad_plane(picture, gradient->depth_sum);
+  const pags_picture_gradient padded = {{planes[0], planes[1], planes[2]}, planes[3], planes[4]};
+  check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
+  for (int k = 0; k < 5; k++)
+    free(planes[k]);
+}
+
+frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_camera *camera,
+                       const pags_frame_options *options, const reference_picture_gradient *gradient) {
+  frame_result result;
+  frame_scene here = *scene;
+  point_parts(&here);
+  create_result(&result, scene, camera);
+  run_context context = {scene, &result};
+  pags_frame_options kept = *options;
+  kept.keep_for_backward = gradient != NULL;
+  kept.extra_channels = kept.extra_channels || (gradient && gradient->depth_sum);
+  pags_picture picture;
+  check(pags_frame_render(frame, here.parts, here.part_count, camera, &kept, touch, &context, &picture));
+  assert_int_equal(picture.width, camera->width);
+  assert_int_equal(picture.height, camera->height);
+  assert_int_equal(picture.stride, (camera->width + 15) / 16 * 16);
+  for (int channel = 0; channel < 3; channel++)
+    copy_plane(&picture, picture.rgb[channel], result.rgb + (int64_t)channel * camera->width * camera->height);
+  copy_plane(&picture, picture.transmittance, result.transmittance);
+  assert_true((picture.depth != NULL) == (kept.extra_channels != 0));
+  copy_plane(&picture, picture.depth, result.depth);
+  copy_plane(&picture, picture.id, result.id);
+  if (gradient) {
+    go_back(frame, &context, &picture, gradient);
+    for (int p = 0; p < result.part_count; p++)
+      assert_memory_equal(result.parts[p].touched, result.parts[p].received, (size_t)result.parts[p].cluster_count);
+  }
+  for (int p = 0; p < result.part_count; p++) {
+    for (int64_t c = 0; c < result.parts[p].cluster_count; c++)
+      assert_true(result.parts[p].touched[c] <= 1);
+  }
+  return result;
+}
+
+void frame_result_destroy(frame_result *result) {
+  free(result->rgb);
+  free(result->transmittance);
+  free(result->depth);
+  free(result->id);
+  for (int p = 0; p < result->part_count; p++) {
+    frame_part_result *part = &result->parts[p];
+    free(part->planes);
+    free(part->mean2d);
+    free(part->mean2d_abs);
+    free(part->radius);
+    free(part->drawn);
+    free(part->touched);
+    free(part->received);
+  }
+  *result = (frame_result){0};
+}
+
+static int all_finite(const float *values, int64_t count) {
+  for (int64_t k = 0; k < count; k++) {
+    if (!isfinite(values[k]))
+      return 0;
+  }
+  return 1;
+}
+
+int frame_result_finite(const frame_result *result) {
+  int64_t pixels = (int64_t)result->width * result->height;
+  int finite = all_finite(result->rgb, 3 * pixels) && all_finite(result->transmittance, pixels) &&
+               all_finite(result->depth, pixels);
+  for (int p = 0; p < result->part_count; p++) {
+    const frame_part_result *part = &result->parts[p];
+    finite = finite && all_finite(part->planes, part->count * part->plane_count) &&
+             all_finite(part->mean2d, part->count) && all_finite(part->mean2d_abs, part->count) &&
+             all_finite(part->radius, part->count);
+  }
+  return finite;
+}
+
+static void hash_bytes(uint64_t *hash, const void *bytes, int64_t count) { /* FNV-1a */
+  const unsigned char *next = bytes;
+  for (int64_t k = 0; k < count; k++)
+    *hash = (*hash ^ next[k]) * 0x100000001b3u;
+}
+
+uint64_t frame_result_hash(const frame_result *result) {
+  uint64_t hash = 0xcbf29ce484222325u;
+  int64_t pixels = (int64_t)result->width * result->height;
+  hash_bytes(&hash, result->rgb, 12 * pixels);
+  hash_bytes(&hash, result->transmittance, 4 * pixels);
+  hash_bytes(&hash, result->depth, 4 * pixels);
+  hash_bytes(&hash, result->id, 4 * pixels);
+  for (int p = 0; p < result->part_count; p++) {
+    const frame_part_result *part = &result->parts[p];
+    hash_bytes(&hash, part->planes, 4 * part->count * part->plane_count);
+    hash_bytes(&hash, part->mean2d, 4 * part->count);
+    hash_bytes(&hash, part->mean2d_abs, 4 * part->count);
+    hash_bytes(&hash, part->radius, 4 * part->count);
+    hash_bytes(&hash, part->drawn, part->count);
+  }
+  return hash;
+}
