@@ -79,7 +79,7 @@ typedef struct pags_raster_in {
   int width, height;   /* of the picture: pixels outside count as stopped */
   int exp_degree;      /* 3 or 5 */
   uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
-  int64_t *evaluated, *blended; /* added to; NULL: not counted */
+  int64_t *pairs; /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
 } pags_raster_in;
 
 typedef struct pags_raster_back {
@@ -89,7 +89,7 @@ typedef struct pags_raster_back {
   int64_t count;
   const int64_t *slot_start; /* per splat */
   float *slots;        /* PAGS_SLOT_FLOATS each; slot of a pair = slot_start[splat] + rank */
-  int x0, y0, width, height, exp_degree;
+  int x0, y0, width, height; /* as forward's; forward must have used exp_degree 5 */
   int64_t stride;      /* of all planes below; each points at the tile's top left pixel */
   const float *rgb[3]; /* as forward left them (background included) */
   const float *transmittance;
@@ -97,7 +97,7 @@ typedef struct pags_raster_back {
   const float *rgb_gradient[3];
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
-  int32_t absolute; /* 1: fill the absolute sums too (always filled with depth_gradient or exp_degree 3) */
+  int32_t absolute; /* 1: fill the absolute sums too */
   float background[3];
 } pags_raster_back;
 

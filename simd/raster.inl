@@ -13,23 +13,27 @@ typedef struct raster_state { /* of one block */
   vi id;
 } raster_state;
 
-/* alpha of one splat at 16 pixel centres; exponent below log2(1/255) does not contribute. */
-static inline vf raster_alpha(const pags_splat *s, vf px, vf py, int degree, vm *contributes, vf *u, vf *v) {
+/* The exponent (base 2) of one splat's falloff at 16 pixel centres; below log2(1/255) it does not contribute. */
+V_INLINE vf raster_exponent(const pags_splat *s, vf px, vf py, vf *u, vf *v) {
   const vf dx = v_sub(px, v_set(s->x)), dy = v_sub(py, v_set(s->y));
   *u = v_mul(v_set(s->p), v_fnma(v_set(s->h), dy, dx));
   *v = v_mul(v_set(s->w), dy);
-  const vf q = v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
-  *contributes = v_ge(q, v_set(-PAGS_LOG2_255));
-  return v_exp2(q, degree);
+  return v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
 }
 
-static inline unsigned raster_step(raster_state *state, const pags_splat *s, vf px, vf py, int degree, bool extra, bool count) {
+typedef struct raster_cover { /* what a splat takes away, before transmittance */
+  vf alpha;
   vm contributes;
-  vf u, v;
-  const vf alpha = v_min(v_set(PAGS_ALPHA_MAX), raster_alpha(s, px, py, degree, &contributes, &u, &v));
-  const vf next = v_fnma(state->t, alpha, state->t);
-  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
-  const vf w = v_maskz(blends, v_mul(alpha, state->t));
+} raster_cover;
+
+V_INLINE raster_cover raster_alpha(vf exponent, int degree) {
+  return (raster_cover){v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)), v_ge(exponent, v_set(-PAGS_LOG2_255))};
+}
+
+V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, bool extra, bool counted) {
+  const vf next = v_fnma(state->t, cover.alpha, state->t);
+  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(blends, v_mul(cover.alpha, state->t));
   state->r = v_fma(w, v_set(s->r), state->r);
   state->g = v_fma(w, v_set(s->g), state->g);
   state->b = v_fma(w, v_set(s->b), state->b);
@@ -40,8 +44,31 @@ static inline unsigned raster_step(raster_state *state, const pags_splat *s, vf 
     state->best = v_select(heavier, w, state->best);
     state->id = i_select(heavier, i_set(s->id), state->id);
   }
-  state->t = v_select(blends, next, v_or_sign(contributes, state->t));
-  return count ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
+  state->t = v_select(blends, next, v_or_sign(cover.contributes, state->t));
+  return counted ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
+}
+
+/* Three splats are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A splat's chain of
+ * dependent operations is some 70 cycles long, more than the scheduler's window covers when they are written one after another. */
+typedef struct raster_pipeline {
+  raster_cover now;
+  vf next;
+} raster_pipeline;
+
+V_INLINE raster_pipeline raster_prime(const pags_splat *first, const pags_splat *second, vf px, vf py, int degree) {
+  vf u, v;
+  return (raster_pipeline){raster_alpha(raster_exponent(first, px, py, &u, &v), degree),
+                           raster_exponent(second, px, py, &u, &v)};
+}
+
+V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_state *state, const pags_splat *s, const pags_splat *after_next, vf px,
+                              vf py, int degree, bool extra, bool counted) {
+  vf u, v;
+  const vf exponent = raster_exponent(after_next, px, py, &u, &v);
+  const raster_cover cover = raster_alpha(pipe->next, degree);
+  const unsigned blends = raster_blend(state, s, pipe->now, extra, counted);
+  *pipe = (raster_pipeline){cover, exponent};
+  return blends;
 }
 
 static inline vf block_x(int block, int x0) {
@@ -72,20 +99,24 @@ static inline void chunk_masks(const pags_splat *chunk, int count, int x0, int y
 
 /* Blends the chunk's splats with bit `block` set into one block. Returns the chunk position from which on the block no longer
  * changes (count if it may). */
-static inline int raster_block(raster_state *block_state, const pags_splat *chunk, int count, uint16_t *masks, int block, vf px,
-                               vf py, int degree, bool extra, int64_t *evaluated, int64_t *blended) {
+V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, int count, uint16_t *masks, int block, vf px,
+                               vf py, int degree, bool extra, bool counted, int64_t *pairs) {
   int32_t list[RASTER_CHUNK + V_LANES];
   int n = 0;
   vi index = v_to_i(v_iota());
   for (int i = 0; i < count; i += V_LANES, index = i_add(index, i_set(V_LANES)))
     n += i_compress(list + n, m_test_u16(masks + i, block), index);
+  if (n == 0)
+    return count;
+  list[n] = list[n + 1] = list[n - 1]; /* fetched by the pipeline, never blended */
   raster_state state = *block_state;
+  raster_pipeline pipe = raster_prime(chunk + list[0], chunk + list[1], px, py, degree);
   int64_t blends = 0;
   int stopped_at = count, done = n;
   for (int k = 0; k < n;) {
     const int end = k + 8 < n ? k + 8 : n; /* stopping is looked for every 8 splats */
     for (; k < end; k++)
-      blends += raster_step(&state, chunk + list[k], px, py, degree, extra, blended != NULL);
+      blends += raster_step(&pipe, &state, chunk + list[k], chunk + list[k + 2], px, py, degree, extra, counted);
     if (v_sign_bits(state.t) == 0xFFFFu) {
       stopped_at = list[k - 1] + 1;
       done = k;
@@ -93,14 +124,14 @@ static inline int raster_block(raster_state *block_state, const pags_splat *chun
     }
   }
   *block_state = state;
-  if (evaluated) {
-    *evaluated += (int64_t)done * V_LANES;
-    *blended += blends;
+  if (counted) {
+    pairs[0] += (int64_t)done * V_LANES;
+    pairs[1] += blends;
   }
   return stopped_at;
 }
 
-static inline void raster_write(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
+V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
   const int64_t at = (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
   const vf t = v_abs(state->t);
   v_store_4x4(out->rgb[0] + at, out->stride, v_fma(t, v_set(out->background[0]), state->r));
@@ -116,7 +147,7 @@ static inline void raster_write(const pags_raster_out *out, const raster_state *
   }
 }
 
-static inline void raster_tile(const pags_raster_in *in, const pags_raster_out *out, int degree, bool extra) {
+V_INLINE void raster_tile(const pags_raster_in *in, const pags_raster_out *out, int degree, bool extra, bool counted) {
   raster_state state[PAGS_TILE_BLOCKS];
   unsigned active = 0;
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
@@ -146,7 +177,7 @@ static inline void raster_tile(const pags_raster_in *in, const pags_raster_out *
       if (!(active >> b & 1u))
         continue;
       const int stopped_at = raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), degree,
-                                          extra, in->evaluated, in->blended);
+                                          extra, counted, in->pairs);
       if (stopped_at < count || v_sign_bits(state[b].t) == 0xFFFFu) {
         active &= ~(1u << b);
         for (int i = stopped_at; i < count; i++)
@@ -162,26 +193,41 @@ static inline void raster_tile(const pags_raster_in *in, const pags_raster_out *
     raster_write(out, state + b, b, extra);
 }
 
+/* Every choice is a function of its own, so that none is left to the inner loop. */
+#define RASTER_VARIANT(name, degree, extra, counted)                                \
+  static void name(const pags_raster_in *in, const pags_raster_out *out) {          \
+    raster_tile(in, out, degree, extra, counted);                                   \
+  }
+RASTER_VARIANT(raster_5, 5, false, false)
+RASTER_VARIANT(raster_5_extra, 5, true, false)
+RASTER_VARIANT(raster_5_counted, 5, false, true)
+RASTER_VARIANT(raster_5_extra_counted, 5, true, true)
+RASTER_VARIANT(raster_3, 3, false, false)
+RASTER_VARIANT(raster_3_extra, 3, true, false)
+RASTER_VARIANT(raster_3_counted, 3, false, true)
+RASTER_VARIANT(raster_3_extra_counted, 3, true, true)
+
 static void raster(const pags_raster_in *in, const pags_raster_out *out) {
-  if (out->depth)
-    in->exp_degree >= 5 ? raster_tile(in, out, 5, true) : raster_tile(in, out, 3, true);
-  else
-    in->exp_degree >= 5 ? raster_tile(in, out, 5, false) : raster_tile(in, out, 3, false);
+  static void (*const variants[2][2][2])(const pags_raster_in *, const pags_raster_out *) = {
+      {{raster_3, raster_3_counted}, {raster_3_extra, raster_3_extra_counted}},
+      {{raster_5, raster_5_counted}, {raster_5_extra, raster_5_extra_counted}}};
+  variants[in->exp_degree >= 5][out->depth != NULL][in->pairs != NULL](in, out);
 }
 
-/* The same step with nothing to fetch: the block moves by a hair each step so that no part of it is invariant. */
-static float roofline(const pags_splat *splats, int64_t steps, int exp_degree) {
+/* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */
+V_INLINE float roofline_steps(const pags_splat *splats, int64_t steps, int degree) {
   raster_state state = {.t = v_set(1.0f), .r = v_zero(), .g = v_zero(), .b = v_zero()};
   vf px = block_x(0, 0), py = block_y(0, 0);
   const vf hair = v_set(1e-6f);
   const pags_splat s = *splats;
+  raster_pipeline pipe = raster_prime(&s, &s, px, py, degree);
   for (int64_t i = 0; i < steps; i++) {
-    if (exp_degree >= 5)
-      raster_step(&state, &s, px, py, 5, false, false);
-    else
-      raster_step(&state, &s, px, py, 3, false, false);
+    raster_step(&pipe, &state, &s, &s, px, py, degree, false, false);
     px = v_add(px, hair);
     py = v_add(py, hair);
   }
-  return v_sum(state.r) + v_sum(state.t);
+  return v_sum(state.r) + v_sum(state.g) + v_sum(state.b) + v_sum(state.t);
+}
+static float roofline(const pags_splat *splats, int64_t steps, int exp_degree) {
+  return exp_degree >= 5 ? roofline_steps(splats, steps, 5) : roofline_steps(splats, steps, 3);
 }

@@ -19,7 +19,7 @@ typedef struct backward_tile {
   vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
 } backward_tile;
 
-static inline void backward_load(backward_tile *tile, const pags_raster_back *in, bool depth) {
+V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, bool depth) {
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
     const int64_t at = (int64_t)(b >> 2) * 4 * in->stride + 4 * (b & 3);
     tile->px[b] = block_x(b, in->x0);
@@ -42,10 +42,23 @@ static inline void backward_load(backward_tile *tile, const pags_raster_back *in
   }
 }
 
-static inline void backward_step(backward_tile *tile, const pags_splat *s, int b, int degree, bool depth, bool absolute, vf *sum) {
+typedef struct backward_cover { /* of one splat over one block: independent of what lies in front */
+  vf u, v, raw;
   vm contributes;
-  vf u, v;
-  const vf raw = raster_alpha(s, tile->px[b], tile->py[b], degree, &contributes, &u, &v);
+} backward_cover;
+
+V_INLINE backward_cover backward_alpha(const backward_tile *tile, const pags_splat *s, int b) {
+  backward_cover c;
+  const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &c.u, &c.v);
+  c.contributes = v_ge(exponent, v_set(-PAGS_LOG2_255));
+  c.raw = v_exp2(exponent, 5);
+  return c;
+}
+
+V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
+                            bool absolute, vf *sum) {
+  const vf u = cover->u, v = cover->v, raw = cover->raw;
+  const vm contributes = cover->contributes;
   const vf alpha = v_min(v_set(PAGS_ALPHA_MAX), raw);
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
   const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
@@ -56,9 +69,9 @@ static inline void backward_step(backward_tile *tile, const pags_splat *s, int b
   if (depth)
     shine = v_fma(tile->g[3][b], v_set(s->z), shine);
   const vf behind = v_fnma(w, shine, tile->behind[b]);
-  const vm stops = m_andnot(contributes, blends);
-  tile->t[b] = v_select(blends, next, v_maskz(m_andnot(m_from_bits(0xFFFFu), stops), t));
-  tile->behind[b] = v_maskz(m_andnot(m_from_bits(0xFFFFu), stops), behind);
+  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(contributes, blends));
+  tile->t[b] = v_select(blends, next, v_maskz(going, t));
+  tile->behind[b] = v_maskz(going, behind);
 
   const vf dalpha = v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha)));
   const vm uncapped = v_ge_and(blends, v_set(PAGS_ALPHA_MAX), raw);
@@ -82,7 +95,7 @@ static inline void backward_step(backward_tile *tile, const pags_splat *s, int b
   }
 }
 
-static inline void backward_all(const pags_raster_back *in, int degree, bool depth, bool absolute) {
+V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute) {
   backward_tile tile;
   backward_load(&tile, in, depth);
   for (int64_t i = 0; i < in->count; i++) {
@@ -98,20 +111,30 @@ static inline void backward_all(const pags_raster_back *in, int degree, bool dep
     vf sum[PAGS_SLOT_FLOATS];
     for (int k = 0; k < PAGS_SLOT_FLOATS; k++)
       sum[k] = v_zero();
-    for (; blocks; blocks &= blocks - 1)
-      backward_step(&tile, s, __builtin_ctz(blocks), degree, depth, absolute, sum);
+    /* The next block's alpha is under way while this one's gradient is taken: see raster_pipeline. */
+    int b = __builtin_ctz(blocks);
+    backward_cover cover = backward_alpha(&tile, s, b);
+    for (blocks &= blocks - 1; blocks; blocks &= blocks - 1) {
+      const int next = __builtin_ctz(blocks);
+      const backward_cover next_cover = backward_alpha(&tile, s, next);
+      backward_step(&tile, s, &cover, b, depth, absolute, sum);
+      cover = next_cover;
+      b = next;
+    }
+    backward_step(&tile, s, &cover, b, depth, absolute, sum);
     v_store12(slot, v_sum12(sum));
   }
 }
 
+#define BACKWARD_VARIANT(name, depth, absolute)            \
+  static void name(const pags_raster_back *in) { backward_all(in, depth, absolute); }
+BACKWARD_VARIANT(backward_colour, false, false)
+BACKWARD_VARIANT(backward_absolute, false, true)
+BACKWARD_VARIANT(backward_depth, true, false)
+BACKWARD_VARIANT(backward_depth_absolute, true, true)
+
 static void raster_backward(const pags_raster_back *in) {
-  const bool depth = in->depth_gradient != NULL;
-  if (in->exp_degree < 5)
-    backward_all(in, 3, depth, true);
-  else if (depth)
-    backward_all(in, 5, true, true);
-  else if (in->absolute)
-    backward_all(in, 5, false, true);
-  else
-    backward_all(in, 5, false, false);
+  static void (*const variants[2][2])(const pags_raster_back *) = {{backward_colour, backward_absolute},
+                                                                   {backward_depth, backward_depth_absolute}};
+  variants[in->depth_gradient != NULL][in->absolute != 0](in);
 }

@@ -38,7 +38,6 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
                            .y0 = y0,
                            .width = f->camera.width,
                            .height = f->camera.height,
-                           .exp_degree = f->options.exp_degree,
                            .absolute = f->options.absolute_gradient,
                            .stride = f->stride,
                            .transmittance = frame_plane(f, PLANE_T) + at,

@@ -35,8 +35,7 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
                                .height = f->camera.height,
                                .exp_degree = f->options.exp_degree,
                                .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
-                               .evaluated = c->pairs ? &c->pairs[worker][0] : NULL,
-                               .blended = c->pairs ? &c->pairs[worker][1] : NULL};
+                               .pairs = c->pairs ? c->pairs[worker] : NULL};
     const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
     f->kernels->raster(&in, &out);
   }

@@ -48,7 +48,8 @@ typedef struct pags_frame_options {
   float low_pass;       /* px^2 added to both variances, default 0.3 (0.1 is Mip-Splatting's) */
   int antialiased;      /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
   int sh_degree;        /* highest degree used, 0..3; default 3 */
-  int exp_degree;       /* polynomial degree of exp2 in the rasteriser: 3 (7.5e-5 relative) or 5 (4e-7, default) */
+  int exp_degree;       /* polynomial degree of exp2 in the rasteriser: 3 (7.5e-5 relative; viewing only) or
+                           5 (2e-7, default, and what backward asks for) */
   int extra_channels;   /* 1: depth and id too */
   int count_pairs;      /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
   int keep_for_backward; /* 1: keep what pags_frame_backward needs */
