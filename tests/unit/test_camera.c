@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "base/rng.h"
-#include "scratch.h"
+#include "scratch_folder.h"
 #include "shared_data.h"
 
 #include <cmocka.h>

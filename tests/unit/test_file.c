@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "scratch.h"
+#include "scratch_folder.h"
 
 #include <cmocka.h>
 

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "base/text.h"
-#include "scratch.h"
+#include "scratch_folder.h"
 
 #include <cmocka.h>
 

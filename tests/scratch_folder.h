@@ -1,6 +1,6 @@
 /* A folder for the files of one test program, and whole small files in it. */
-#ifndef PAGS_TESTS_SCRATCH_H
-#define PAGS_TESTS_SCRATCH_H
+#ifndef PAGS_TESTS_SCRATCH_FOLDER_H
+#define PAGS_TESTS_SCRATCH_FOLDER_H
 
 #include <stdio.h>
 #include <stdlib.h>
