@@ -505,7 +505,10 @@ static void print_option(const pags_option *option, const void *defaults) {
 }
 
 void pags_options_help(const pags_verb *verb, const void *defaults) {
-  printf("usage: pags %s %s\n\n", verb->name, verb->usage);
+  char usage[512];
+  snprintf(usage, sizeof usage, "usage: pags %s %s", verb->name, verb->usage);
+  print_wrapped(usage, 0, 0);
+  putchar('\n');
   print_wrapped(verb->about, 0, 0);
   putchar('\n');
   for (const pags_positional *positional = verb->positionals; positional->metavar; ++positional) {

@@ -13,6 +13,7 @@
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include <train/checkpoint.h>
 
 typedef struct info_arguments {
   pags_session session;
@@ -244,6 +245,24 @@ static pags_result describe_image(pags_facts *facts, const char *path) {
   return PAGS_OK;
 }
 
+/* Reads all of it, so that what info accepts, --resume can go on from. */
+static pags_result describe_checkpoint(pags_facts *facts, const char *path) {
+  pags_train_state state;
+  uint64_t fingerprint, bytes;
+  PAGS_TRY(pags_file_size(path, &bytes));
+  PAGS_TRY(pags_checkpoint_load(path, &state, &fingerprint));
+  pags_facts_text(facts, "kind", "checkpoint");
+  pags_facts_count(facts, "gaussians", state.gaussians.count);
+  pags_facts_bytes(facts, "bytes", (double)bytes);
+  pags_facts_count(facts, "sh_degree", state.gaussians.sh_degree);
+  pags_facts_count(facts, "step", state.step);
+  pags_facts_count(facts, "last_step", state.stop);
+  pags_facts_count(facts, "views_train", state.schedule.views);
+  pags_facts_number(facts, "loss", state.loss);
+  pags_state_destroy(&state);
+  return PAGS_OK;
+}
+
 /* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
 static pags_result describe_json(pags_facts *facts, const info_arguments *arguments, const char *path) {
   pags_json *json;
@@ -294,6 +313,8 @@ static pags_result describe(pags_facts *facts, const info_arguments *arguments, 
   PAGS_TRY(read_head(path, head));
   if (is_image(head))
     return describe_image(facts, path);
+  if (!memcmp(head, "PAGSRUN", 7))
+    return describe_checkpoint(facts, path);
   for (int i = 0; i < 16; ++i) {
     if (head[i] == '{')
       return describe_json(facts, arguments, path);

@@ -1,0 +1,195 @@
+"""Bad input: one line that names file and place, exit code 1, nothing half-written left behind."""
+
+import json
+import os
+import struct
+
+import fixtures
+from fixtures import Case, files_below, make_dataset, ply_bytes, png_bytes, read, some_splats
+
+
+class BadSplats(Case):
+    def refused(self, path, *words):
+        """By render, which must not make its folder, and by info."""
+        out = self.path("out")
+        self.fails(["render", path, "-o", out], path, *words)
+        self.assertFalse(os.path.exists(out), files_below(self.folder))
+        self.fails(["info", path], path, *words)
+
+    def test_missing(self):
+        self.refused(self.path("missing.ply"), "No such file")
+
+    def test_truncated_ply(self):
+        whole = ply_bytes(some_splats())
+        for length in [len(whole) - 1, len(whole) - 100, len(whole) // 2, 200, 40, 3]:
+            self.refused(self.write(f"cut{length}.ply", whole[:length]))
+
+    def test_nan_in_ply(self):
+        for column, name in [(0, "x"), (9, "opacity"), (10, "scale_0"), (13, "rot_0"), (6, "f_dc_0")]:
+            rows = some_splats()
+            rows[7][column] = float("nan")
+            self.refused(self.write(f"nan_{name}.ply", ply_bytes(rows)), "7")
+        rows = some_splats()
+        rows[3][1] = float("inf")
+        self.refused(self.write("inf.ply", ply_bytes(rows)), "3")
+
+    def test_ply_with_a_count_it_does_not_hold(self):
+        text = ply_bytes(some_splats()).replace(b"vertex 40", b"vertex 9000000000000000000")
+        self.refused(self.write("count.ply", text))
+
+    def test_ply_without_positions(self):
+        text = ply_bytes(some_splats()).replace(b"float x\n", b"float q\n")
+        self.refused(self.write("names.ply", text), "x")
+
+    def test_empty_and_foreign_files(self):
+        self.refused(self.write("empty.ply", b""))
+        self.refused(self.write("text.ply", b"hello world\n"))
+        self.refused(self.write("cut.spz", b"NGSP" + struct.pack("<III", 4, 100, 0)))
+        self.refused(self.write("gz.spz", b"\x1f\x8b\x08\0\0\0\0\0\0\0"))
+        self.refused(self.write("odd.splat", b"\1" * 33))
+
+
+class BadScenes(Case):
+    def refused(self, *words):
+        self.fails(["render", self.path("scene"), "-o", self.path("out")], *words)
+        self.assertFalse(os.path.exists(self.path("out")))
+
+    def test_wrong_json(self):
+        self.write("scene/scene.json", '{\n "version": 1,\n "models": [}\n')
+        self.refused("scene.json:3")
+
+    def test_json_of_something_else(self):
+        self.write("scene/scene.json", "[1, 2]\n")
+        self.refused("scene.json")
+
+    def test_empty_folder(self):
+        os.makedirs(self.path("scene"))
+        self.refused(self.path("scene"))
+
+
+class BadCameras(Case):
+    def test_cameras(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        good = {
+            "width": 64,
+            "height": 48,
+            "fx": 60,
+            "fy": 60,
+            "cx": 32,
+            "cy": 24,
+            "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
+            "camera_from_world_translation": [0, 0, 5],
+        }
+        bad = {
+            "no_fx.json": {key: value for key, value in good.items() if key != "fx"},
+            "width.json": {**good, "width": -3},
+            "huge.json": {**good, "width": 1e9},
+            "focal.json": {**good, "fy": 0},
+            "short.json": {**good, "camera_from_world_translation": [0, 0]},
+            "word.json": {**good, "fx": "wide"},
+        }
+        for name, camera in bad.items():
+            path = self.write(name, json.dumps(camera))
+            self.fails(["render", scene, "--camera", path, "-o", self.path("out")], path)
+        cut = self.write("cut.json", json.dumps(good, indent=1)[:60])
+        self.fails(["render", scene, "--camera", cut, "-o", self.path("out")], cut + ":")
+        self.assertFalse(os.path.exists(self.path("out")))
+        whole = self.write("good.json", json.dumps(good))
+        self.succeeds("render", scene, "--camera", whole, "-o", self.path("out"))
+        self.assertEqual(files_below(self.path("out")), ["00000.png"])
+
+
+class BadOutput(Case):
+    def test_render(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        blocker = self.write("file", b"in the way")
+        for out in [blocker, os.path.join(blocker, "below"), "/proc/pags-test"]:
+            self.fails(["render", scene, "-n", "1", "-o", out], blocker if out.startswith(blocker) else out)
+        self.fails(["render", scene, "-n", "1", "-o", self.path("out"), "--json", "/proc/x.json"], "/proc/x.json")
+        self.fails(["info", scene, "--json", self.folder], self.folder)
+        self.assertEqual(files_below(self.folder), ["a.ply", "file"])
+        self.assertEqual(read(blocker), b"in the way")
+
+    def test_train(self):
+        data = make_dataset(self.path("data"), views=3, width=16, height=12)
+        blocker = self.write("file", b"in the way")
+        before = files_below(self.folder)
+        for out in [blocker, os.path.join(blocker, "below"), "/proc/pags-test"]:
+            self.fails(["train", data, "-o", out, "--iterations", "5", "-q"], blocker if out.startswith(blocker) else out)
+        self.write("full/something", b"mine")
+        self.fails(["train", data, "-o", self.path("full"), "--iterations", "5"], self.path("full"), "--overwrite")
+        self.assertEqual(files_below(self.folder), sorted([*before, "full/something"]))
+
+
+class BadDatasets(Case):
+    def refused(self, path, *words):
+        self.fails(["train", path, "-o", self.path("out"), "--iterations", "5", "--quiet"], *words)
+        self.assertFalse(os.path.exists(self.path("out")), files_below(self.folder))
+        self.fails(["info", path], *words)
+
+    def change(self, **more):
+        """The data set with changed keys of transforms.json."""
+        path = self.path("data", "transforms.json")
+        transforms = json.loads(read(path))
+        self.write("data/transforms.json", json.dumps({**transforms, **more}, indent=1))
+        return self.path("data")
+
+    def setUp(self):
+        super().setUp()
+        self.data = make_dataset(self.path("data"), views=3, width=16, height=12)
+
+    def test_no_data_set(self):
+        os.makedirs(self.path("nothing"))
+        self.refused(self.path("nothing"), self.path("nothing"), "not a data set")
+        self.refused(self.path("absent"), self.path("absent"))
+
+    def test_zero_images(self):
+        self.refused(self.change(frames=[]), "transforms.json", "at least one image")
+
+    def test_wrong_json(self):
+        whole = read(self.path("data", "transforms.json"))
+        self.write("data/transforms.json", whole[: len(whole) // 2])
+        self.refused(self.data, "transforms.json:")
+        self.write("data/transforms.json", "{}")
+        self.refused(self.data, "transforms.json:1")
+
+    def test_wrong_values(self):
+        self.refused(self.change(fl_x="wide"), "transforms.json:", "fl_x")
+        self.refused(self.change(fl_x=-5), "transforms.json")
+        frames = json.loads(read(self.path("data", "transforms.json")))["frames"]
+        frames[1]["transform_matrix"][0] = [1, 2, 3]
+        self.refused(self.change(fl_x=60, frames=frames), "transforms.json:", "transform_matrix")
+
+    def test_missing_image(self):
+        os.remove(self.path("data", "images", "001.png"))
+        self.refused(self.data, "001.png", "--allow-missing")
+        self.succeeds("info", self.data, "--allow-missing")
+
+    def test_four_byte_png(self):
+        self.write("data/images/001.png", b"\x89PNG")
+        self.refused(self.data, "001.png")
+
+    def test_cut_png(self):
+        # Its header is whole: only decoding finds the fault, when training has begun.
+        path = self.path("data", "images", "001.png")
+        whole = read(path)
+        self.write("data/images/001.png", whole[: len(whole) * 2 // 3])
+        self.fails(["train", self.data, "-o", self.path("out"), "--iterations", "30", "--quiet"], "001.png")
+
+    def test_wrong_size(self):
+        self.write("data/images/001.png", png_bytes(7, 5, bytes(7 * 5 * 3)))
+        self.refused(self.data, "001.png", "7 x 5")
+
+
+class BadEvaluation(Case):
+    def test_eval(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        data = make_dataset(self.path("data"), views=3, width=16, height=12)
+        self.fails(["eval", scene], scene, "--dataset")
+        self.fails(["eval", scene, "--dataset", self.path("none")], self.path("none"))
+        weights = self.write("weights.npz", b"PK")
+        self.fails(["eval", scene, "--dataset", data, "--lpips-weights", weights], weights)
+
+
+if __name__ == "__main__":
+    fixtures.main()

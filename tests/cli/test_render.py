@@ -1,0 +1,145 @@
+"""pags render and pags info on splat files made here."""
+
+import json
+import os
+import struct
+
+import fixtures
+from fixtures import Case, files_below, make_dataset, ply_bytes, read, read_png, some_splats, splat
+
+FRONT = {
+    "width": 65,
+    "height": 49,
+    "fx": 60.0,
+    "fy": 60.0,
+    "cx": 32.5,
+    "cy": 24.5,
+    "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
+    "camera_from_world_translation": [0, 0, 0],
+}
+
+
+class Render(Case):
+    def camera(self, **more):
+        return self.write("camera.json", json.dumps({**FRONT, **more}))
+
+    def pixel(self, path, x, y):
+        width, _, channels, bits, rows = read_png(path)
+        at = (y * width + x) * channels * bits // 8
+        return struct.unpack(f">{channels}{'H' if bits == 16 else 'B'}", rows[at : at + channels * bits // 8])
+
+    def test_colour_of_one_splat(self):
+        # One almost opaque Gaussian before the camera: alpha 0.99 at its centre, its colour over the background.
+        scene = self.write("one.ply", ply_bytes([splat(0, 0, 4, (0.8, 0.4, 0.2), sigma=0.5, opacity=12.0)]))
+        self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--bits", 16)
+        red, green, blue = [v / 65535 for v in self.pixel(self.path("out", "00000.png"), 32, 24)]
+        for got, wanted in zip((red, green, blue), (0.8, 0.4, 0.2)):
+            self.assertAlmostEqual(got, 0.99 * wanted, delta=1e-4)
+        self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 0, 0))
+        self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--background", "0,0.5,1")
+        self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 128, 255))
+
+    def test_nearest_in_front(self):
+        rows = [splat(0, 0, 6, (0, 1, 0), 0.8, 12.0), splat(0, 0, 3, (1, 0, 0), 0.8, 12.0), splat(0, 0, -3, (0, 0, 1), 0.8, 12.0)]
+        scene = self.write("three.ply", ply_bytes(rows))
+        channels = "color,alpha,depth,id,object"
+        self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--channel", channels)
+        wanted = ["00000.png", "00000_alpha.png", "00000_depth.exr", "00000_id.exr", "00000_object.exr"]
+        self.assertEqual(files_below(self.path("out")), wanted)
+        red, green, blue = self.pixel(self.path("out", "00000.png"), 32, 24)
+        self.assertGreater(red, 250)
+        self.assertLess(green, 4)
+        self.assertEqual(blue, 0)
+        self.assertGreater(self.pixel(self.path("out", "00000_alpha.png"), 32, 24)[0], 251)
+
+    def test_channels(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        self.fails(["render", scene, "-n", 1, "-o", self.path("out"), "--channel", "priority"], "priority")
+        self.assertFalse(os.path.exists(self.path("out")))
+        self.succeeds("render", scene, "-n", 1, "-o", self.path("out"), "--channel", "depth")
+        self.assertEqual(files_below(self.path("out")), ["00000_depth.exr"])
+        self.succeeds("render", scene, "-n", 1, "-o", self.path("exr"), "--format", "exr")
+        self.assertEqual(read(self.path("exr", "00000.exr"))[:4], b"\x76\x2f\x31\x01")
+
+    def test_orbit_and_json(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        out = self.path("out")
+        done = self.succeeds("render", scene, "--frames", 3, "-o", out, "--downscale", 8, "--json", "-")
+        self.assertEqual(files_below(out), ["00000.png", "00001.png", "00002.png"])
+        report = json.loads(done.stdout)
+        self.assertEqual([frame["name"] for frame in report["frames"]], ["00000", "00001", "00002"])
+        for frame in [*report["frames"], report["mean"]]:
+            self.assertEqual(frame["gaussians"], 40)
+            for key in ["loaded", "shaded", "binned", "pairs_binned", "pairs_evaluated", "pairs_blended"]:
+                self.assertGreater(frame[key], 0, key)
+            for stage in ["cull", "project", "shade", "sort", "bin", "raster", "total"]:
+                self.assertGreaterEqual(frame["ms"][stage], 0)
+        self.assertEqual((report["frames"][0]["width"], report["frames"][0]["height"]), (160, 90))
+        self.assertNotEqual(read(self.path("out", "00000.png")), read(self.path("out", "00001.png")))
+
+    def test_same_bits_on_any_number_of_threads(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        for threads in [1, 2, 3]:
+            self.succeeds("render", scene, "-n", 2, "-o", self.path(f"{threads}"), "-j", threads, "--bits", 16)
+        for name in ["00000.png", "00001.png"]:
+            self.assertEqual(read(self.path("1", name)), read(self.path("2", name)))
+            self.assertEqual(read(self.path("1", name)), read(self.path("3", name)))
+
+    def test_paths(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        path = self.write("path.json", json.dumps({"fps": 24, "frames": [FRONT, {**FRONT, "width": 33}]}))
+        self.succeeds("render", scene, "--path", path, "-o", self.path("out"))
+        self.assertEqual(read_png(self.path("out", "00000.png"))[:2], (65, 49))
+        self.assertEqual(read_png(self.path("out", "00001.png"))[:2], (33, 49))
+        self.fails(["render", scene, "--path", "ego", "-o", self.path("ego")], "2 training views")
+        self.fails(["render", scene, "--split", "test", "-o", self.path("ego")], "held-out")
+        self.assertFalse(os.path.exists(self.path("ego")))
+
+    def test_views_of_a_data_set(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        data = make_dataset(self.path("data"), views=5, width=16, height=12)
+        out = self.path("out")
+        self.succeeds("render", scene, "--dataset", data, "--split", "test", "--split-every", 2, "-o", out)
+        self.assertEqual(files_below(out), ["000.png", "002.png", "004.png"])
+        self.succeeds("render", scene, "--dataset", data, "--split", "all", "-o", self.path("all"))
+        self.assertEqual(len(files_below(self.path("all"))), 5)
+
+    def test_empty_scene(self):
+        scene = self.write("none.ply", ply_bytes([]))
+        self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--background", "1,0,0")
+        self.assertEqual(self.pixel(self.path("out", "00000.png"), 32, 24), (255, 0, 0))
+        self.fails(["render", scene, "-o", self.path("orbit")], "at least one Gaussian")
+
+
+class Info(Case):
+    def info(self, path, *more):
+        return json.loads(self.succeeds("info", path, "--json", "-", *more).stdout)
+
+    def test_splat(self):
+        scene = self.write("a.ply", ply_bytes([splat(1, 2, 3, (1, 1, 1)), splat(-1, 0, 5, (1, 1, 1))]))
+        facts = self.info(scene, "--memory")
+        self.assertEqual((facts["kind"], facts["gaussians"], facts["bytes"]), ("PLY", 2, os.path.getsize(scene)))
+        self.assertEqual(facts["models"][0]["sh_degree"], 0)
+        self.assertEqual((facts["bounds_lo"], facts["bounds_hi"]), ([-1, 0, 3], [1, 2, 5]))
+        self.assertEqual(facts["memory"]["parameters"], 56)
+
+    def test_others(self):
+        data = make_dataset(self.path("data"), views=9, width=16, height=12)
+        facts = self.info(data)
+        self.assertEqual((facts["kind"], facts["views_train"], facts["views_test"]), ("data set", 7, 2))
+        self.assertEqual(self.info(self.path("data", "transforms.json"))["kind"], "data set")
+        image = self.info(self.path("data", "images", "000.png"))
+        self.assertEqual((image["kind"], image["width"], image["height"]), ("image", 16, 12))
+        camera = self.write("camera.json", json.dumps(FRONT))
+        self.assertEqual(self.info(camera)["kind"], "camera")
+        path = self.write("path.json", json.dumps({"fps": 24, "frames": [FRONT, FRONT]}))
+        self.assertEqual((self.info(path)["kind"], self.info(path)["frames"]), ("path", 2))
+
+    def test_text(self):
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        self.assertRegex(self.succeeds("info", scene).stdout, r"(?m)^gaussians +40$")
+        self.assertEqual(self.succeeds("info", scene, "--quiet").stdout, "")
+
+
+if __name__ == "__main__":
+    fixtures.main()

@@ -1,0 +1,189 @@
+"""pags train, eval and render on a small data set made here; interruption and resumption."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+
+import fixtures
+from fixtures import Case, files_below, make_dataset, read
+
+# What may differ between runs that must give the same bits.
+TIMED = {"report.json"}
+
+
+class Train(Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.data_holder = fixtures.tempfile.TemporaryDirectory(prefix="pags-cli-data-")
+        cls.data = make_dataset(os.path.join(cls.data_holder.name, "data"), views=9)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.data_holder.cleanup()
+
+    def train(self, out, *more, iterations=300):
+        done = self.succeeds("train", self.data, "-o", out, "--iterations", iterations, "--json", "-", *more)
+        return json.loads(done.stdout)
+
+    def scene_files(self, folder):
+        """Contents of what must be the same bits."""
+        wanted = [n for n in files_below(folder) if n not in TIMED and not n.endswith(".pags")]
+        return {name: read(os.path.join(folder, name)) for name in wanted}
+
+    def test_train_eval_render_info(self):
+        out = self.path("scene")
+        result = self.train(out)
+        self.assertTrue(result["finished"])
+        self.assertEqual(result["iterations"], 300)
+        for key in ["seconds", "gaussians", "peak_rss_bytes", "iterations_per_second"]:
+            self.assertGreater(result[key], 0, key)
+        for name in ["scene.json", "background.ply", "log.jsonl", "report.json"]:
+            self.assertIn(name, files_below(out))
+        self.assertFalse([n for n in files_below(out) if n.endswith(".part")])
+
+        scores = json.loads(self.succeeds("eval", out, "--json", "-", "--images", self.path("pictures")).stdout)
+        self.assertEqual((scores["train"]["views"], scores["test"]["views"]), (7, 2))
+        for split in ["train", "test"]:
+            self.assertGreater(scores[split]["psnr"], 15)
+            self.assertGreater(scores[split]["ssim"], 0.3)
+            for absent in ["lpips", "psnr_critical", "psnr_noncritical", "psnr_moving"]:
+                self.assertIsNone(scores[split][absent])
+            self.assertEqual(len(scores[split]["per_view"]), scores[split]["views"])
+        self.assertIn("000_render.png", files_below(self.path("pictures")))
+        self.assertEqual(len(files_below(self.path("pictures"))), 18)
+
+        for split, count in [("train", 7), ("test", 2), ("all", 9)]:
+            self.succeeds("render", out, "--split", split, "-o", self.path(split))
+            self.assertEqual(len(files_below(self.path(split))), count)
+        self.succeeds("render", out, "--path", "ego", "--frames", 4, "-o", self.path("ego"))
+        self.succeeds("render", out, "--path", "orbit", "--frames", 4, "-o", self.path("orbit"))
+
+        facts = json.loads(self.succeeds("info", out, "--json", "-").stdout)
+        self.assertEqual((facts["kind"], facts["iterations"]), ("scene", 300))
+        self.assertEqual(facts["gaussians"], result["gaussians"])
+        ply = json.loads(self.succeeds("info", os.path.join(out, "background.ply"), "--json", "-").stdout)
+        self.assertEqual(ply["gaussians"], result["gaussians"])
+        self.succeeds("render", os.path.join(out, "background.ply"), "-n", 1, "-o", self.path("bare"))
+
+    def test_eval_of_a_downscaled_scene_finds_its_size(self):
+        out = self.path("scene")
+        self.train(out, "--downscale", "1.5", "--split-every", "4", iterations=50)
+        scores = json.loads(self.succeeds("eval", out, "--json", "-").stdout)
+        self.assertEqual((scores["train"]["views"], scores["test"]["views"]), (6, 3))
+        other = make_dataset(self.path("other"), views=4)
+        self.fails(["eval", out, "--dataset", other, "-q"], other)
+
+    def test_same_bits_on_one_and_two_threads(self):
+        self.train(self.path("one"), "-j", 1, iterations=200)
+        self.train(self.path("two"), "-j", 2, iterations=200)
+        self.assertEqual(self.scene_files(self.path("one")), self.scene_files(self.path("two")))
+
+    def start(self, out, iterations, *more):
+        """A training under way: returns once its log has a line."""
+        command = [fixtures.PAGS, "train", self.data, "-o", out, "--iterations", str(iterations), "--json"]
+        command += [self.path("result.json"), "--log-every", "10", "--checkpoint-every", "50", "--resume", *more]
+        running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        log, before = os.path.join(out, "log.jsonl"), 0
+        if os.path.exists(log):
+            before = os.path.getsize(log)
+        for _ in range(1200):
+            if running.poll() is not None or (os.path.exists(log) and os.path.getsize(log) > before):
+                break
+            time.sleep(0.05)
+        return running
+
+    def interrupted(self, how):
+        """Interrupts a long run once, goes on to its end, and compares with a run left alone."""
+        out, iterations = self.path("scene"), 3000
+        running = self.start(out, iterations)
+        running.send_signal(how)
+        _, errors = running.communicate(timeout=120)
+        if how != signal.SIGKILL:
+            self.assertEqual(running.returncode, 3, errors)
+            self.assertIn("--resume", errors)
+            self.assertEqual(len(errors.splitlines()), 1)
+            result = json.loads(read(self.path("result.json")))
+            self.assertFalse(result["finished"])
+            self.assertLess(result["iterations"], iterations)
+            self.assertIn("scene.json", files_below(out))
+            self.succeeds("render", out, "--split", "test", "-o", self.path("early"))
+            checkpoint = [n for n in files_below(out) if n.endswith(".pags")]
+            facts = json.loads(self.succeeds("info", os.path.join(out, checkpoint[0]), "--json", "-").stdout)
+            self.assertEqual((facts["kind"], facts["step"]), ("checkpoint", result["iterations"]))
+        options = ["--log-every", "10", "--checkpoint-every", "50"]
+        result = self.train(out, "--resume", *options, iterations=iterations)
+        self.assertTrue(result["finished"])
+        self.assertEqual(result["iterations"], iterations)
+        self.train(self.path("alone"), *options, iterations=iterations)
+        self.assertEqual(self.scene_files(out), self.scene_files(self.path("alone")))
+
+    def test_interrupt_and_resume(self):
+        self.interrupted(signal.SIGINT)
+
+    def test_terminate_and_resume(self):
+        self.interrupted(signal.SIGTERM)
+
+    def test_kill_and_resume(self):
+        self.interrupted(signal.SIGKILL)
+
+    def test_second_interrupt_ends_at_once(self):
+        running = self.start(self.path("scene"), 1000000)
+        running.send_signal(signal.SIGSTOP)
+        running.send_signal(signal.SIGINT)
+        running.send_signal(signal.SIGCONT)
+        time.sleep(0.001)
+        running.send_signal(signal.SIGINT)
+        running.communicate(timeout=60)
+        self.assertIn(running.returncode, [3, 130])
+
+    def test_broken_checkpoint(self):
+        out = self.path("scene")
+        self.train(out, iterations=60)
+        name = [n for n in files_below(out) if n.endswith(".pags")][0]
+        path = os.path.join(out, name)
+        whole = read(path)
+        for broken in [whole[: len(whole) // 2], whole[:200] + b"\xff" + whole[201:], b""]:
+            self.write(os.path.join("scene", name), broken)
+            before = self.scene_files(out)
+            self.fails(["train", self.data, "-o", out, "--iterations", 90, "--resume", "-q"], path)
+            self.assertEqual(self.scene_files(out), before)
+        self.write(os.path.join("scene", name), whole)
+        self.train(out, "--resume", iterations=90)
+
+    def test_overwrite_and_refusal(self):
+        out = self.path("scene")
+        self.train(out, iterations=30)
+        before = self.scene_files(out)
+        self.fails(["train", self.data, "-o", out, "--iterations", 30, "-q"], out, "--overwrite")
+        self.assertEqual(self.scene_files(out), before)
+        self.train(out, "--overwrite", "--seed", "5", iterations=30)
+        self.assertNotEqual(self.scene_files(out)["background.ply"], before["background.ply"])
+        self.fails(["train", self.data, "-o", out, "--iterations", 60, "--resume", "-q", "--sh-degree", "1"], "sh_degree")
+
+    def test_bound_on_gaussians(self):
+        result = self.train(self.path("scene"), "--max-gaussians", "500", "--random-points", "400", iterations=400)
+        self.assertLessEqual(result["gaussians"], 500)
+
+    def test_strategies(self):
+        for more in [["--strategy", "mcmc", "--max-gaussians", "800"], ["--absgrad"], ["--antialiased"], ["--sh-degree", "0"]]:
+            out = self.path("scene")
+            result = self.train(out, *more, "--random-points", "500", "--reconstruction", iterations=120)
+            self.assertTrue(result["finished"])
+            scores = json.loads(self.succeeds("eval", out, "--json", "-").stdout)
+            self.assertEqual((scores["test"]["views"], scores["test"]["psnr"]), (0, None))
+            self.assertGreater(scores["train"]["psnr"], 12)
+            shutil.rmtree(out)
+
+    def test_estimate(self):
+        done = self.succeeds("train", self.data, "--estimate", "--json", "-")
+        result = json.loads(done.stdout)
+        self.assertGreater(result["estimated_seconds"], 0)
+        self.assertGreater(result["estimated_bytes"], 0)
+        self.assertEqual(files_below(self.folder), [])
+
+
+if __name__ == "__main__":
+    fixtures.main()

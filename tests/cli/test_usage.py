@@ -1,0 +1,101 @@
+"""Usage: exit codes, messages and help."""
+
+import re
+
+import fixtures
+from fixtures import Case, run
+
+VERBS = ["train", "render", "eval", "info"]
+
+
+class Usage(Case):
+    def refused(self, arguments, *words):
+        return self.fails(arguments, *words, code=2)
+
+    def test_no_verb(self):
+        self.refused([], "--help")
+
+    def test_unknown_verb_suggests(self):
+        self.refused(["trian"], "trian", "'train'")
+        self.refused(["qqqqqqq"], "qqqqqqq", "--help")
+
+    def test_missing_positional_and_output(self):
+        self.refused(["train"], "pags train:", "DATASET is missing")
+        self.refused(["train", "x"], "-o SCENE is missing")
+        self.refused(["render", "x"], "-o FOLDER is missing")
+
+    def test_too_many_positionals(self):
+        self.refused(["info", "a", "b"], "unexpected 'b'")
+
+    def test_unknown_option_suggests(self):
+        self.refused(["train", "x", "-o", "y", "--iteratons", "3"], "--iteratons", "did you mean '--iterations'")
+        self.refused(["info", "x", "--zzzzzz"], "--zzzzzz")
+        self.refused(["info", "x", "-Z"], "-Z")
+
+    def test_bad_values(self):
+        train = ["train", "x", "-o", "y"]
+        expected = "pags train: --iterations: expected a whole number of at least 1, got 'x'"
+        self.assertEqual(self.refused([*train, "--iterations", "x"]), expected)
+        for value in ["0", "-5", "1.5", "", "99999999999999999999", "5 ", " 5", "5x"]:
+            self.refused([*train, "--iterations", value], "--iterations", "at least 1")
+        for value in ["nan", "inf", "0.5", "1e999", "2,5"]:
+            self.refused([*train, "--downscale", value], "--downscale", "from 1 to 64")
+        for value in ["2Q", "-1G", "G", "1e30G"]:
+            self.refused([*train, "--image-cache", value], "--image-cache", "512M")
+        for value in ["2x", "h", "1h-3m"]:
+            self.refused([*train, "--time-limit", value], "--time-limit", "2h")
+        for value in ["1,2", "1,2,3,4", "red", "0,0,2"]:
+            self.refused([*train, "--background", value], "--background", "r,g,b")
+        self.refused([*train, "--strategy", "mc"], "default|mcmc", "'mc'")
+        self.refused([*train, "--strategy", ""], "default|mcmc")
+        self.refused([*train, "--iterations"], "got nothing")
+        self.refused([*train, "--resume=1"], "takes no value")
+        self.refused([*train, "--cluster-size", "17"], "cluster")
+
+    def test_conflicts(self):
+        self.refused(["train", "x", "-o", "y", "--resume", "--overwrite"], "exclude each other")
+        self.refused(["train", "x", "-o", "y", "--reconstruction", "--split-every", "4"], "exclude each other")
+        self.refused(["render", "x", "-o", "y", "--split", "test", "--path", "ego"], "exclude each other")
+        self.refused(["render", "x", "-o", "y", "--dataset", "d"], "--split")
+        self.refused(["render", "x", "-o", "y", "--channel", "color,hue"], "'hue'")
+        self.refused(["render", "x", "-o", "y", "--bits", "12"], "'12'")
+
+    def test_forms_of_options(self):
+        missing = self.path("missing")
+        for form in [["--downscale", "2"], ["--downscale=2"], ["-j1"], ["-j", "1"], ["--threads=1"], ["-j=1"]]:
+            self.fails(["info", *form, missing], "missing")
+        self.fails(["info", "--", missing], "missing")
+        self.fails(["info", "--", "--help"], "--help: ")
+
+    def test_help(self):
+        top = self.succeeds("--help")
+        for verb in VERBS:
+            self.assertIn(f"  {verb}", top.stdout)
+            shown = self.succeeds(verb, "--help").stdout
+            self.assertEqual(shown, self.succeeds(verb, "x", "--bogus", "-h").stdout)
+            for line in shown.splitlines():
+                self.assertLessEqual(len(line), 100)
+                self.assertEqual(line, line.rstrip())
+            for general in ["--threads N", "--json FILE|-", "--quiet", "--help", "Exit codes: 0"]:
+                self.assertIn(general, shown)
+
+    def test_help_mentions_every_option(self):
+        # Every option that help lists must parse, and one of each kind must show its unit and default.
+        for verb in VERBS:
+            shown = run(verb, "--help").stdout
+            names = re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)( \S+)?", shown, re.M)
+            self.assertGreater(len(names), 5)
+            for name, value in names:
+                if value:
+                    self.fails([verb, "x", name], f"{name}: expected", "got nothing", code=2)
+        shown = " ".join(run("train", "--help").stdout.split())
+        self.assertIn("[steps; default 30000]", shown)
+        self.assertIn("[px^2; default 0.3]", shown)
+        self.assertIn("[default 0.2]", shown)
+
+    def test_version(self):
+        self.assertRegex(self.succeeds("--version").stdout, r"^pags \d+\.\d+\.\d+\n$")
+
+
+if __name__ == "__main__":
+    fixtures.main()
