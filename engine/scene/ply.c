@@ -99,7 +99,7 @@ static pags_result fail_not_finite(const ply_table *table, const ply_element *ve
       float value = columns[i].plane < 0 ? 0 : pags_plane(g, columns[i].plane)[row];
       if (!isfinite(value))
         return pags_fail(
-            PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (row at byte %llu)",
+            PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (at byte %llu)",
             table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
             (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) + (uint64_t)properties[i]->offset));
     }

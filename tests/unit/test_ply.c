@@ -1,0 +1,290 @@
+/* Reading and writing INRIA's PLY. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "pags/scene.h"
+#include "scratch_folder.h"
+#include "shared_data.h"
+#include "splat_files.h"
+
+#include <cmocka.h>
+
+static void assert_same(const pags_gaussians *a, const pags_gaussians *b) {
+  assert_int_equal(a->count, b->count);
+  assert_int_equal(a->sh_degree, b->sh_degree);
+  for (int p = 0; p < pags_plane_count(a->sh_degree); ++p)
+    assert_memory_equal(pags_plane(a, p), pags_plane(b, p), (size_t)a->count * sizeof(float));
+}
+
+static void load(const char *path, pags_gaussians *g) {
+  if (pags_ply_load(path, g) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+}
+
+static void assert_file_holds(const char *path, const uint8_t *bytes, size_t size) {
+  uint8_t *found;
+  size_t found_size;
+  assert_int_equal(pags_file_read(path, &found, &found_size), PAGS_OK);
+  assert_int_equal(found_size, size);
+  assert_memory_equal(found, bytes, size);
+  free(found);
+}
+
+static void every_degree_round_trips_to_the_byte(void **state) {
+  (void)state;
+  for (int degree = 0; degree <= 3; ++degree) {
+    pags_gaussians g, back;
+    sample_gaussians(&g, 300, degree, 1);
+    pags_plane(&g, PAGS_MEAN)[5] = -0.0f;
+    file_bytes file = make_ply(&g);
+    load(scratch_file("a.ply", file.data, file.size), &back);
+    assert_same(&g, &back);
+    assert_null(back.s_sem);
+    assert_int_equal(pags_ply_save(scratch("b.ply"), &back), PAGS_OK);
+    assert_file_holds(scratch("b.ply"), file.data, file.size);
+    bytes_free(&file);
+    pags_gaussians_destroy(&g);
+    pags_gaussians_destroy(&back);
+  }
+}
+
+static void any_order_and_encoding_reads_the_same(void **state) {
+  (void)state;
+  static const char *const formats[] = {"ascii 1.0", "binary_little_endian 1.0", "binary_big_endian 1.0"};
+  for (int i = 0; i < 3; ++i) {
+    pags_gaussians g, back;
+    sample_gaussians(&g, 290, 2, 2);
+    file_bytes file = make_scrambled_ply(&g, formats[i]);
+    load(scratch_file("a.ply", file.data, file.size), &back);
+    assert_same(&g, &back);
+    bytes_free(&file);
+    pags_gaussians_destroy(&g);
+    pags_gaussians_destroy(&back);
+  }
+}
+
+static void extras_follow_the_standard_properties(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  sample_gaussians(&g, 20, 1, 3);
+  assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
+  g.s_sem[3] = 0.75f;
+  g.object_id[4] = 16777217; /* not a float */
+  assert_int_equal(pags_ply_save(scratch("e.ply"), &g), PAGS_OK);
+  load(scratch("e.ply"), &back);
+  assert_same(&g, &back);
+  assert_memory_equal(g.s_sem, back.s_sem, 20 * sizeof(float));
+  assert_memory_equal(g.object_id, back.object_id, 20 * sizeof(int32_t));
+  pags_gaussians_destroy(&back);
+  g.s_sem[19] = 1.5f;
+  assert_int_equal(pags_ply_save(scratch("e.ply"), &g), PAGS_OK);
+  assert_int_equal(pags_ply_load(scratch("e.ply"), &back), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), "e.ply: vertex 19: expected 's_sem' from 0 to 1, found 1.5"));
+  pags_gaussians_destroy(&g);
+}
+
+static void an_empty_file_round_trips(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  assert_int_equal(pags_gaussians_create(&g, 0, 3), PAGS_OK);
+  assert_int_equal(pags_ply_save(scratch("0.ply"), &g), PAGS_OK);
+  load(scratch("0.ply"), &back);
+  assert_int_equal(back.count, 0);
+  assert_int_equal(back.sh_degree, 3);
+}
+
+/* Replaces the first `from` by `to` of any length. */
+static void replace(file_bytes *file, const char *from, const char *to) {
+  size_t length = strlen(from);
+  for (size_t at = 0; at + length <= file->size; ++at) {
+    if (memcmp(file->data + at, from, length) == 0) {
+      file_bytes out = {0};
+      bytes_put(&out, file->data, at);
+      bytes_text(&out, "%s", to);
+      bytes_put(&out, file->data + at + length, file->size - at - length);
+      bytes_free(file);
+      *file = out;
+      return;
+    }
+  }
+  fail_msg("no '%s' in the file", from);
+}
+
+static void assert_edit_fails(const char *from, const char *to, pags_result code, const char *message) {
+  pags_gaussians g, back;
+  sample_gaussians(&g, 10, 1, 4);
+  file_bytes file = make_ply(&g);
+  replace(&file, from, to);
+  assert_int_equal(pags_ply_load(scratch_file("bad.ply", file.data, file.size), &back), code);
+  if (!strstr(pags_error_message(), message) || !strstr(pags_error_message(), "bad.ply"))
+    fail_msg("expected '%s' in '%s'", message, pags_error_message());
+  assert_null(back.data);
+  bytes_free(&file);
+  pags_gaussians_destroy(&g);
+}
+
+static void bad_headers_are_explained(void **state) {
+  (void)state;
+  assert_edit_fails("ply\n", "plx\n", PAGS_ERROR_FORMAT, "expected a PLY file");
+  assert_edit_fails("format", "fromat", PAGS_ERROR_FORMAT, ":2: expected format, element");
+  assert_edit_fails("little", "middle", PAGS_ERROR_FORMAT, ":2: expected ascii, binary_little_endian");
+  assert_edit_fails("vertex 10", "vertex ten", PAGS_ERROR_FORMAT, ":3: expected 'element', a name and a count");
+  assert_edit_fails("vertex 10", "vertex -1", PAGS_ERROR_FORMAT, ":3: expected 'element'");
+  assert_edit_fails("element vertex 10\n", "", PAGS_ERROR_FORMAT, ":3: a property before any element");
+  assert_edit_fails("vertex 10", "points 10", PAGS_ERROR_FORMAT, "expected an element 'vertex'");
+  assert_edit_fails("float opacity", "half opacity", PAGS_ERROR_FORMAT, "expected 'property', a type and a name");
+  assert_edit_fails("opacity", "rot_0", PAGS_ERROR_FORMAT, "a second property 'rot_0'");
+  assert_edit_fails("scale_2", "scale_x", PAGS_ERROR_FORMAT, "no property 'scale_2'");
+  assert_edit_fails("f_rest_8", "g_rest_8", PAGS_ERROR_FORMAT, "expected 0, 9, 24 or 45 properties f_rest_*, found 8");
+  assert_edit_fails("f_rest_8", "f_rest_9", PAGS_ERROR_FORMAT, "no property 'f_rest_8'");
+  assert_edit_fails("end_header\n", "end_headed\n", PAGS_ERROR_FORMAT, "expected 'end_header'");
+  assert_edit_fails("element vertex", "element face 1\nproperty list uchar int v\nelement vertex",
+                    PAGS_ERROR_UNSUPPORTED, "element 'face' has a list property");
+}
+
+static void absurd_counts_are_refused_before_memory_is_asked_for(void **state) {
+  (void)state;
+  assert_edit_fails("vertex 10", "vertex 11", PAGS_ERROR_FORMAT,
+                    "truncated: expected 11 rows of 'vertex' (104 bytes each) from byte");
+  assert_edit_fails("vertex 10", "vertex 9000000000000000000", PAGS_ERROR_FORMAT, "truncated");
+  assert_edit_fails("vertex 10", "vertex 9223372036854775808", PAGS_ERROR_FORMAT, ":3: expected 'element'");
+}
+
+static void truncated_files_say_where(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  sample_gaussians(&g, 10, 3, 5);
+  file_bytes file = make_ply(&g);
+  char message[64];
+  snprintf(message, sizeof message, "the file ends at byte %zu", file.size - 1);
+  assert_int_equal(pags_ply_load(scratch_file("cut.ply", file.data, file.size - 1), &back), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), message));
+  bytes_free(&file);
+  pags_gaussians_destroy(&g);
+}
+
+static void a_nan_is_named(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  sample_gaussians(&g, 600, 3, 6);
+  pags_plane(&g, PAGS_ROTATION + 2)[431] = NAN;
+  pags_plane(&g, PAGS_MEAN)[432] = INFINITY;
+  file_bytes file = make_ply(&g);
+  char message[128];
+  snprintf(message, sizeof message, "vertex 431: expected a finite number for 'rot_2', found nan (at byte %zu)",
+           file.size - (600 - 431) * 248 + 60 * 4);
+  assert_int_equal(pags_ply_load(scratch_file("nan.ply", file.data, file.size), &back), PAGS_ERROR_FORMAT);
+  if (!strstr(pags_error_message(), message))
+    fail_msg("expected '%s' in '%s'", message, pags_error_message());
+  bytes_free(&file);
+  pags_gaussians_destroy(&g);
+}
+
+static int lines_logged;
+static char last_line[1024];
+
+static void remember(void *user, pags_log_level level, const char *line) {
+  (void)user;
+  (void)level;
+  ++lines_logged;
+  snprintf(last_line, sizeof last_line, "%s", line);
+}
+
+static void zero_quaternions_become_the_identity(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  sample_gaussians(&g, 8, 0, 7);
+  for (int k = 0; k < 4; ++k)
+    pags_plane(&g, PAGS_ROTATION + k)[2] = pags_plane(&g, PAGS_ROTATION + k)[7] = 0;
+  file_bytes file = make_ply(&g);
+  pags_log_set(remember, NULL);
+  load(scratch_file("q.ply", file.data, file.size), &back);
+  pags_log_set(NULL, NULL);
+  assert_int_equal(lines_logged, 1);
+  assert_non_null(strstr(last_line, "q.ply: 2 all-zero quaternions"));
+  assert_true(pags_plane(&back, PAGS_ROTATION)[7] == 1 && pags_plane(&back, PAGS_ROTATION + 1)[7] == 0);
+  bytes_free(&file);
+  pags_gaussians_destroy(&g);
+  pags_gaussians_destroy(&back);
+}
+
+static void writing_where_one_cannot_is_an_error(void **state) {
+  (void)state;
+  pags_gaussians g;
+  sample_gaussians(&g, 4, 0, 8);
+  assert_int_equal(pags_ply_save(scratch("none/x.ply"), &g), PAGS_ERROR_IO);
+  assert_int_equal(pags_ply_save("/dev/full/x.ply", &g), PAGS_ERROR_IO);
+  pags_gaussians_destroy(&g);
+}
+
+static void inrias_file_round_trips(void **state) {
+  (void)state;
+  char path[1024];
+  uint8_t *bytes;
+  size_t size;
+  pags_gaussians g;
+  if (!pags_shared_data("splats/lod1_tile_0_0.5x.ply", path, sizeof path))
+    skip();
+  load(path, &g);
+  assert_int_equal(g.count, 14051);
+  assert_int_equal(pags_ply_save(scratch("lod.ply"), &g), PAGS_OK);
+  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
+  assert_file_holds(scratch("lod.ply"), bytes, size);
+  free(bytes);
+  pags_gaussians_destroy(&g);
+}
+
+/* A real file in scrambled order: every value is found by name, and what is written again is the same in INRIA's order. */
+static void a_scrambled_file_keeps_its_bits(void **state) {
+  (void)state;
+  char path[1024];
+  pags_gaussians g, again;
+  if (!pags_shared_data("splats/equinor_banana.ply", path, sizeof path))
+    skip();
+  load(path, &g);
+  assert_int_equal(g.count, 11458);
+  for (int64_t i = 0; i < g.count; ++i) { /* a trained model: sigmas below 10 cm, no quaternion far from unit length */
+    double norm = 0;
+    for (int k = 0; k < 4; ++k)
+      norm += pow((double)pags_plane(&g, PAGS_ROTATION + k)[i], 2);
+    assert_true(norm > 0.05 && norm < 16);
+    assert_true(pags_plane(&g, PAGS_SCALE)[i] < -2.3f);
+  }
+  assert_int_equal(pags_ply_save(scratch("banana.ply"), &g), PAGS_OK);
+  load(scratch("banana.ply"), &again);
+  assert_same(&g, &again);
+  pags_gaussians_destroy(&g);
+  pags_gaussians_destroy(&again);
+}
+
+static int setup(void **state) {
+  (void)state;
+  return scratch_make();
+}
+
+static int teardown(void **state) {
+  (void)state;
+  return scratch_remove();
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(every_degree_round_trips_to_the_byte),
+      cmocka_unit_test(any_order_and_encoding_reads_the_same),
+      cmocka_unit_test(extras_follow_the_standard_properties),
+      cmocka_unit_test(an_empty_file_round_trips),
+      cmocka_unit_test(bad_headers_are_explained),
+      cmocka_unit_test(absurd_counts_are_refused_before_memory_is_asked_for),
+      cmocka_unit_test(truncated_files_say_where),
+      cmocka_unit_test(a_nan_is_named),
+      cmocka_unit_test(zero_quaternions_become_the_identity),
+      cmocka_unit_test(writing_where_one_cannot_is_an_error),
+      cmocka_unit_test(inrias_file_round_trips),
+      cmocka_unit_test(a_scrambled_file_keeps_its_bits),
+  };
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
