@@ -1,6 +1,7 @@
 /* Pictures in memory: the type, conversion of samples and channels, and files through the module (module.h). */
 #include <pags/image.h>
 
+#include "image/jpeg.h"
 #include "image/module.h"
 #include "image/oiio.h"
 
@@ -168,7 +169,9 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
   void *reader;
   pags_oiio_info info;
   PAGS_TRY(open_picture(path, &oiio, &reader, &info));
-  int stored = info.channels < 4 ? info.channels : 4;
+  /* Channels past those asked for are never read. Luma of a colour picture needs all three. */
+  int most = channels == 3 ? 3 : 4;
+  int stored = info.channels < most ? info.channels : most;
   pags_result result = pags_image_create(out, (int)info.width, (int)info.height, stored, info.sample);
   if (result == PAGS_OK) {
     pags_oiio_message message;
@@ -177,6 +180,8 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
       pags_fail(result, "%s: can't be decoded: %s", path, message.text);
   }
   oiio->close(reader);
+  if (result == PAGS_OK && strcmp(info.format, "jpeg") == 0)
+    result = pags_jpeg_check_end(path);
   if (result == PAGS_OK)
     result = convert_in_place(out, sample, channels ? channels : stored);
   if (result != PAGS_OK)

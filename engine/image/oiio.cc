@@ -78,6 +78,7 @@ pags_result open_reader(const char *path, void **out, pags_oiio_info *info, pags
     info->depth = spec.depth;
     info->channels = spec.nchannels;
     info->sample = sample_of(spec.format);
+    std::snprintf(info->format, sizeof info->format, "%s", input->format_name());
     *out = new reader{std::move(input)};
     return PAGS_OK;
   });

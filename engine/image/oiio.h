@@ -23,6 +23,7 @@ typedef struct pags_oiio_info {
   int64_t width, height, depth;
   int channels;
   pags_sample sample;
+  char format[16]; /* "png", "jpeg", "openexr", ... */
 } pags_oiio_info;
 
 /* What to write: `channels` interleaved samples a pixel, of type `sample`. */

@@ -1,0 +1,74 @@
+/* A folder for the files of one test, and files to put there. */
+#ifndef PAGS_TESTS_UNIT_SCRATCH_H
+#define PAGS_TESTS_UNIT_SCRATCH_H
+
+#include <pags/image.h>
+
+#include "base/file.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+typedef struct scratch {
+  char folder[64];
+  char path[256]; /* of the last call of scratch_path */
+} scratch;
+
+static inline void scratch_begin(scratch *s) {
+  snprintf(s->folder, sizeof s->folder, "/tmp/pags-test-XXXXXX");
+  assert_non_null(mkdtemp(s->folder));
+}
+
+static inline void scratch_end(scratch *s) {
+  assert_int_equal(pags_remove_tree(s->folder), PAGS_OK);
+}
+
+static inline const char *scratch_path(scratch *s, const char *name) {
+  snprintf(s->path, sizeof s->path, "%s/%s", s->folder, name);
+  return s->path;
+}
+
+static inline void scratch_write(scratch *s, const char *name, const void *bytes, size_t size) {
+  char *folder = pags_path_folder(scratch_path(s, name));
+  assert_int_equal(pags_make_dirs(folder), PAGS_OK);
+  free(folder);
+  assert_int_equal(pags_file_write(s->path, bytes, size), PAGS_OK);
+}
+
+static inline void scratch_text(scratch *s, const char *name, const char *text) {
+  scratch_write(s, name, text, strlen(text));
+}
+
+/* An RGB picture of 8 bits whose samples are paint(x, y, c). */
+static inline void scratch_picture(scratch *s, const char *name, int width, int height,
+                                   uint8_t (*paint)(int x, int y, int c)) {
+  pags_image image;
+  assert_int_equal(pags_image_create(&image, width, height, 3, PAGS_U8), PAGS_OK);
+  uint8_t *out = image.data;
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++)
+      for (int c = 0; c < 3; c++)
+        *out++ = paint(x, y, c);
+  char *folder = pags_path_folder(scratch_path(s, name));
+  assert_int_equal(pags_make_dirs(folder), PAGS_OK);
+  free(folder);
+  pags_result result = pags_image_save(scratch_path(s, name), &image);
+  if (result != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  pags_image_destroy(&image);
+}
+
+/* Fails unless `result` is `code` and the message has `part` in it and is one line. */
+static inline void scratch_expect(pags_result result, pags_result code, const char *part) {
+  const char *message = pags_error_message();
+  if (result != code || !strstr(message, part) || strchr(message, '\n'))
+    fail_msg("expected %s with '%s', found %s: %s", pags_result_name(code), part, pags_result_name(result), message);
+}
+
+#endif

@@ -1,0 +1,332 @@
+/* Pictures: conversion, files there and back, what is refused, shrinking, and several threads at once. */
+#include <pags/image.h>
+#include <pags/tasks.h>
+
+#include "image/resample.h"
+#include "unit/scratch.h"
+
+#include <math.h>
+
+static uint8_t pattern(int x, int y, int c) {
+  return (uint8_t)(x * 7 + y * 13 + c * 61);
+}
+
+static pags_image make_u8(int width, int height, int channels) {
+  pags_image image;
+  assert_int_equal(pags_image_create(&image, width, height, channels, PAGS_U8), PAGS_OK);
+  uint8_t *out = image.data;
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++)
+      for (int c = 0; c < channels; c++)
+        *out++ = pattern(x, y, c);
+  return image;
+}
+
+static size_t samples_of(const pags_image *image) {
+  return (size_t)image->width * (size_t)image->height * (size_t)image->channels;
+}
+
+static void test_create_checks_its_arguments(void **state) {
+  (void)state;
+  pags_image image;
+  scratch_expect(pags_image_create(&image, 0, 5, 3, PAGS_U8), PAGS_ERROR_ARGUMENT, "0 x 5");
+  scratch_expect(pags_image_create(&image, 5, 65536, 3, PAGS_U8), PAGS_ERROR_ARGUMENT, "65536");
+  scratch_expect(pags_image_create(&image, 5, 5, 5, PAGS_U8), PAGS_ERROR_ARGUMENT, "5 channels");
+  pags_image_destroy(&image); /* zeroed by the failure */
+  pags_image_destroy(NULL);
+}
+
+/* Every channel count through PNG at 8 and 16 bits: the same samples come back, alpha untouched. */
+static void test_png_round_trip(void **state) {
+  scratch *s = *state;
+  for (int channels = 1; channels <= 4; channels++) {
+    pags_image image = make_u8(17, 9, channels), back;
+    const char *path = scratch_path(s, "a.png");
+    assert_int_equal(pags_image_save(path, &image), PAGS_OK);
+    assert_int_equal(pags_image_load(path, PAGS_U8, 0, &back), PAGS_OK);
+    assert_int_equal(back.channels, channels);
+    assert_memory_equal(back.data, image.data, samples_of(&image));
+    pags_image_destroy(&back);
+    assert_int_equal(pags_image_load(path, PAGS_U16, 0, &back), PAGS_OK);
+    for (size_t i = 0; i < samples_of(&image); i++)
+      assert_int_equal(((uint16_t *)back.data)[i], 257 * ((uint8_t *)image.data)[i]);
+    assert_int_equal(pags_image_save(path, &back), PAGS_OK); /* 16 bit now */
+    pags_image_destroy(&back);
+    assert_int_equal(pags_image_load(path, PAGS_U8, 0, &back), PAGS_OK);
+    assert_memory_equal(back.data, image.data, samples_of(&image));
+    pags_image_destroy(&back);
+    pags_image_destroy(&image);
+  }
+}
+
+static void test_channels_are_converted(void **state) {
+  scratch *s = *state;
+  pags_image rgba = make_u8(5, 4, 4), out;
+  const char *path = scratch_path(s, "rgba.png");
+  assert_int_equal(pags_image_save(path, &rgba), PAGS_OK);
+  assert_int_equal(pags_image_load(path, PAGS_U8, 3, &out), PAGS_OK);
+  for (size_t i = 0; i < 20; i++) /* alpha is dropped, not multiplied */
+    assert_memory_equal((uint8_t *)out.data + 3 * i, (uint8_t *)rgba.data + 4 * i, 3);
+  pags_image_destroy(&out);
+  pags_image_destroy(&rgba);
+
+  pags_image grey = make_u8(5, 4, 1);
+  path = scratch_path(s, "grey.png");
+  assert_int_equal(pags_image_save(path, &grey), PAGS_OK);
+  assert_int_equal(pags_image_load(path, PAGS_F32, 4, &out), PAGS_OK);
+  for (size_t i = 0; i < 20; i++) {
+    const float *p = (const float *)out.data + 4 * i;
+    assert_true(p[0] == (float)(((uint8_t *)grey.data)[i] / 255.0) && p[0] == p[1] && p[1] == p[2] && p[3] == 1);
+  }
+  pags_image_destroy(&out);
+  pags_image_destroy(&grey);
+}
+
+static void test_float_is_rounded_and_clamped(void **state) {
+  scratch *s = *state;
+  pags_image image, back;
+  assert_int_equal(pags_image_create(&image, 6, 1, 1, PAGS_F32), PAGS_OK);
+  const float values[6] = {-1, NAN, 0.5f / 255 + 1e-4f, 127.4f / 255, 1, 7};
+  const uint8_t expected[6] = {0, 0, 1, 127, 255, 255};
+  memcpy(image.data, values, sizeof values);
+  const char *path = scratch_path(s, "float.png");
+  assert_int_equal(pags_image_save(path, &image), PAGS_OK);
+  assert_int_equal(pags_image_load(path, PAGS_U8, 1, &back), PAGS_OK);
+  assert_memory_equal(back.data, expected, 6);
+  pags_image_destroy(&back);
+  pags_image_destroy(&image);
+}
+
+static void test_exr_keeps_floats(void **state) {
+  scratch *s = *state;
+  enum { WIDTH = 5, HEIGHT = 3, STRIDE = 8 };
+  float red[HEIGHT * STRIDE], depth[HEIGHT * STRIDE];
+  for (int i = 0; i < HEIGHT * STRIDE; i++) {
+    red[i] = (float)i * 1.25f - 3;
+    depth[i] = 1e6f / (float)(i + 1);
+  }
+  const char *const names[] = {"R", "G", "B"};
+  const float *const planes[] = {red, depth, red};
+  const char *path = scratch_path(s, "a.exr");
+  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 3, names, planes, STRIDE), PAGS_OK);
+  pags_image back;
+  assert_int_equal(pags_image_load(path, PAGS_F32, 0, &back), PAGS_OK);
+  assert_int_equal(back.channels, 3);
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++) {
+      const float *p = (const float *)back.data + 3 * (y * WIDTH + x);
+      assert_true(p[0] == red[y * STRIDE + x] && p[1] == depth[y * STRIDE + x] && p[2] == red[y * STRIDE + x]);
+    }
+  const char *const z[] = {"Z"};
+  assert_int_equal(pags_image_save_exr(path, WIDTH, HEIGHT, 1, z, &planes[1], STRIDE), PAGS_OK);
+  pags_image_destroy(&back);
+  assert_int_equal(pags_image_load(path, PAGS_F32, 0, &back), PAGS_OK);
+  assert_int_equal(back.channels, 1);
+  assert_true(((float *)back.data)[WIDTH] == depth[STRIDE]);
+  assert_int_equal(pags_image_save(path, &back), PAGS_OK);
+  pags_image_destroy(&back);
+}
+
+static void test_jpeg(void **state) {
+  scratch *s = *state;
+  pags_image image, back;
+  assert_int_equal(pags_image_create(&image, 64, 48, 3, PAGS_F32), PAGS_OK);
+  for (size_t i = 0; i < samples_of(&image); i++)
+    ((float *)image.data)[i] = 0.5f + 0.4f * sinf((float)(i / 3 % 64) * 0.1f);
+  const char *path = scratch_path(s, "a.jpg");
+  assert_int_equal(pags_image_save(path, &image), PAGS_OK);
+  assert_int_equal(pags_image_load(path, PAGS_F32, 3, &back), PAGS_OK);
+  for (size_t i = 0; i < samples_of(&image); i++)
+    assert_true(fabsf(((float *)back.data)[i] - ((float *)image.data)[i]) < 0.02f);
+  int width, height;
+  assert_int_equal(pags_image_size(path, &width, &height), PAGS_OK);
+  assert_true(width == 64 && height == 48);
+  pags_image_destroy(&back);
+  pags_image_destroy(&image);
+}
+
+static void test_bad_files(void **state) {
+  scratch *s = *state;
+  pags_image image = {0};
+  scratch_text(s, "four.png", "\x89PNG");
+  scratch_expect(pags_image_load(scratch_path(s, "four.png"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "four.png");
+  assert_null(image.data);
+  scratch_text(s, "text.jpg", "This is not a picture.\n");
+  scratch_expect(pags_image_load(scratch_path(s, "text.jpg"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "text.jpg");
+  scratch_text(s, "empty.png", "");
+  scratch_expect(pags_image_load(scratch_path(s, "empty.png"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, "empty.png");
+  scratch_expect(pags_image_load(s->folder, PAGS_U8, 3, &image), PAGS_ERROR_IO, "folder");
+  scratch_expect(pags_image_load(scratch_path(s, "none.png"), PAGS_U8, 3, &image), PAGS_ERROR_IO, "none.png");
+  int width, height;
+  scratch_expect(pags_image_size(scratch_path(s, "text.jpg"), &width, &height), PAGS_ERROR_FORMAT, "text.jpg");
+}
+
+/* The first `keep` thousandths of a file that decodes as a whole. */
+static void expect_cut(scratch *s, const char *name, size_t keep) {
+  uint8_t *bytes;
+  size_t size;
+  pags_image image = {0};
+  assert_int_equal(pags_file_read(scratch_path(s, name), &bytes, &size), PAGS_OK);
+  scratch_write(s, name, bytes, size * keep / 1000);
+  free(bytes);
+  scratch_expect(pags_image_load(scratch_path(s, name), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT, name);
+  assert_null(image.data);
+}
+
+static void test_cut_off_files(void **state) {
+  scratch *s = *state;
+  const char *const names[] = {"cut.png", "cut.jpg", "cut.exr"};
+  for (int i = 0; i < 3; i++)
+    for (size_t keep = 990; keep > 100; keep -= 400) {
+      scratch_picture(s, names[i], 120, 90, pattern);
+      expect_cut(s, names[i], keep);
+    }
+}
+
+static void test_saving_fails_cleanly(void **state) {
+  scratch *s = *state;
+  pags_image image = make_u8(4, 4, 3);
+  scratch_expect(pags_image_save(scratch_path(s, "none/a.png"), &image), PAGS_ERROR_IO, "none/a.png");
+  scratch_expect(pags_image_save(scratch_path(s, "a.what"), &image), PAGS_ERROR_ARGUMENT, "a.what");
+  scratch_text(s, "dir.png/file", "x");
+  scratch_expect(pags_image_save(scratch_path(s, "dir.png"), &image), PAGS_ERROR_IO, "dir.png");
+  pags_dir_list list;
+  assert_int_equal(pags_dir_list_read(s->folder, &list), PAGS_OK);
+  for (int64_t i = 0; i < list.count; i++)
+    assert_null(strstr(list.names[i], "part")); /* nothing half-written is left */
+  pags_dir_list_destroy(&list);
+  pags_image_destroy(&image);
+}
+
+/* The same pixels give the same bytes: no date, no host in the file. */
+static void test_saving_is_deterministic(void **state) {
+  scratch *s = *state;
+  const char *const names[] = {"x.png", "x.jpg", "x.exr"};
+  for (int i = 0; i < 3; i++) {
+    uint8_t *first, *second;
+    size_t first_size, second_size;
+    scratch_picture(s, names[i], 31, 17, pattern);
+    assert_int_equal(pags_file_read(s->path, &first, &first_size), PAGS_OK);
+    scratch_picture(s, names[i], 31, 17, pattern);
+    assert_int_equal(pags_file_read(s->path, &second, &second_size), PAGS_OK);
+    assert_int_equal(first_size, second_size);
+    assert_memory_equal(first, second, first_size);
+    free(first);
+    free(second);
+  }
+}
+
+static void test_shrink_mean(void **state) {
+  (void)state;
+  pags_image from = make_u8(12, 10, 3), to;
+  const uint8_t *in = from.data;
+  assert_int_equal(pags_image_create(&to, 6, 5, 3, PAGS_U8), PAGS_OK);
+  assert_int_equal(pags_shrink_mean(&from, 2, 2, &to), PAGS_OK);
+  for (int y = 0; y < 5; y++)
+    for (int x = 0; x < 6; x++)
+      for (int c = 0; c < 3; c++) {
+        int sum = 0;
+        for (int i = 0; i < 4; i++)
+          sum += in[((2 * y + i / 2) * 12 + 2 * x + i % 2) * 3 + c];
+        assert_int_equal(((uint8_t *)to.data)[(y * 6 + x) * 3 + c], (sum + 2) / 4);
+      }
+  pags_image_destroy(&to);
+
+  /* A ramp averaged over [1.5 x, 1.5 (x + 1)) is the ramp at the middle: 10 (1.5 x + 0.25) for value 10 i at pixel i. */
+  for (int i = 0; i < 12 * 10 * 3; i++)
+    ((uint8_t *)from.data)[i] = (uint8_t)(10 * (i / 3 % 12));
+  assert_int_equal(pags_image_create(&to, 8, 6, 3, PAGS_U8), PAGS_OK);
+  assert_int_equal(pags_shrink_mean(&from, 1.5, 1.5, &to), PAGS_OK);
+  const uint8_t expected[8] = {3, 17, 33, 47, 63, 77, 93, 107};
+  for (int x = 0; x < 8; x++)
+    assert_int_equal(((uint8_t *)to.data)[(3 * 8 + x) * 3], expected[x]);
+  pags_image_destroy(&to);
+  pags_image_destroy(&from);
+}
+
+static void test_shrink_mask(void **state) {
+  (void)state;
+  pags_image from, to;
+  assert_int_equal(pags_image_create(&from, 9, 6, 1, PAGS_U8), PAGS_OK);
+  memset(from.data, 200, 54);
+  ((uint8_t *)from.data)[2 * 9 + 4] = 127; /* below one half: not to be used */
+  assert_int_equal(pags_image_create(&to, 3, 2, 1, PAGS_U8), PAGS_OK);
+  pags_shrink_mask(&from, 3, 3, &to);
+  const uint8_t expected[6] = {255, 0, 255, 255, 255, 255};
+  assert_memory_equal(to.data, expected, 6);
+  pags_image_destroy(&to);
+  pags_image_destroy(&from);
+}
+
+typedef struct load_context {
+  const char *paths[2];
+  uint8_t first[2][3];
+  int failures[64];
+} load_context;
+
+static void load_block(void *user, int64_t begin, int64_t end, int worker) {
+  load_context *context = user;
+  for (int64_t i = begin; i < end; i++) {
+    pags_image image;
+    if (pags_image_load(context->paths[i % 2], PAGS_U8, 3, &image) != PAGS_OK ||
+        memcmp(image.data, context->first[i % 2], 3) != 0)
+      context->failures[worker]++;
+    pags_image_destroy(&image);
+  }
+}
+
+/* Nothing has been opened before: the threads race to load the module. */
+static void race_block(void *user, int64_t begin, int64_t end, int worker) {
+  (void)end, (void)worker;
+  int width, height;
+  ((pags_result *)user)[begin] = pags_image_size("/dev/null", &width, &height);
+}
+
+static void test_threads(void **state) {
+  scratch *s = *state;
+  char other[256];
+  pags_result results[8];
+  pags_tasks *tasks = pags_tasks_create(4);
+  assert_true(pags_parallel_for(tasks, 8, 1, race_block, results));
+  for (int i = 0; i < 8; i++)
+    assert_int_equal(results[i], PAGS_ERROR_FORMAT);
+  scratch_picture(s, "t.png", 50, 40, pattern);
+  snprintf(other, sizeof other, "%s", s->path);
+  scratch_picture(s, "t.exr", 50, 40, pattern);
+  load_context context = {.paths = {other, s->path}, .first = {{0, 61, 122}, {0, 61, 122}}};
+  assert_true(pags_parallel_for(tasks, 64, 1, load_block, &context));
+  for (int i = 0; i < 64; i++)
+    assert_int_equal(context.failures[i], 0);
+  pags_tasks_destroy(tasks);
+}
+
+static int begin(void **state) {
+  static scratch s;
+  scratch_begin(&s);
+  *state = &s;
+  return 0;
+}
+
+static int end(void **state) {
+  scratch_end(*state);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_create_checks_its_arguments),
+      cmocka_unit_test_setup_teardown(test_threads, begin, end), /* first: see race_block */
+      cmocka_unit_test_setup_teardown(test_png_round_trip, begin, end),
+      cmocka_unit_test_setup_teardown(test_channels_are_converted, begin, end),
+      cmocka_unit_test_setup_teardown(test_float_is_rounded_and_clamped, begin, end),
+      cmocka_unit_test_setup_teardown(test_exr_keeps_floats, begin, end),
+      cmocka_unit_test_setup_teardown(test_jpeg, begin, end),
+      cmocka_unit_test_setup_teardown(test_bad_files, begin, end),
+      cmocka_unit_test_setup_teardown(test_cut_off_files, begin, end),
+      cmocka_unit_test_setup_teardown(test_saving_fails_cleanly, begin, end),
+      cmocka_unit_test_setup_teardown(test_saving_is_deterministic, begin, end),
+      cmocka_unit_test(test_shrink_mean),
+      cmocka_unit_test(test_shrink_mask),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
