@@ -17,7 +17,7 @@ static const char magic[8] = "PAGSRUN1";
 
 /* RUN0. */
 typedef struct run_record {
-  int64_t step, stop, resets, clocked, views, count, sh_degree, clusters;
+  int64_t step, stop, resets, cap, clocked, views, count, sh_degree, clusters;
   double extent, loss, mse;
   uint64_t fingerprint;
 } run_record;
@@ -83,6 +83,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   run_record record = {.step = s->step,
                        .stop = s->stop,
                        .resets = s->resets,
+                       .cap = s->cap,
                        .clocked = s->clocked,
                        .views = s->schedule.views,
                        .count = s->gaussians.count,
@@ -141,7 +142,7 @@ static pags_result next(section_reader *r, const char tag[4], const uint8_t **pa
 
 /* The same where the size is known. */
 static pags_result next_sized(section_reader *r, const char tag[4], uint64_t wanted, const uint8_t **payload) {
-  uint64_t size;
+  uint64_t size = 0;
   PAGS_TRY(next(r, tag, payload, &size));
   if (size != wanted)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section %.4s has %llu bytes, expected %llu", r->path, tag,
@@ -152,7 +153,7 @@ static pags_result next_sized(section_reader *r, const char tag[4], uint64_t wan
 static pags_result get_planes(section_reader *r, const char tag[4], pags_gaussians *g) {
   int planes = pags_plane_count(g->sh_degree);
   size_t bytes = (size_t)g->count * sizeof(float);
-  const uint8_t *payload;
+  const uint8_t *payload = NULL;
   PAGS_TRY(next_sized(r, tag, (uint64_t)planes * bytes, &payload));
   for (int p = 0; p < planes; p++)
     memcpy(pags_plane(g, p), payload + (size_t)p * bytes, bytes);
@@ -161,7 +162,7 @@ static pags_result get_planes(section_reader *r, const char tag[4], pags_gaussia
 
 static pags_result get_pair(section_reader *r, const char tag[4], void *a, void *b, int64_t count) {
   size_t bytes = (size_t)count * sizeof(int32_t);
-  const uint8_t *payload;
+  const uint8_t *payload = NULL;
   PAGS_TRY(next_sized(r, tag, 2 * (uint64_t)bytes, &payload));
   memcpy(a, payload, bytes);
   memcpy(b, payload + bytes, bytes);
@@ -186,7 +187,7 @@ static pags_result check_steps(const char *path, const pags_train_state *s) {
 }
 
 static pags_result read_rest(section_reader *r, pags_train_state *s) {
-  const uint8_t *payload;
+  const uint8_t *payload = NULL;
   PAGS_TRY(get_planes(r, "MOM1", &s->adam.first));
   PAGS_TRY(get_planes(r, "MOM2", &s->adam.second));
   PAGS_TRY(get_pair(r, "STEP", s->adam.moment_step, s->adam.param_step, s->adam.cluster_count));
@@ -199,8 +200,8 @@ static pags_result read_rest(section_reader *r, pags_train_state *s) {
 
 static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *fingerprint) {
   pags_train_config config = pags_train_config_default();
-  const uint8_t *payload;
-  uint64_t size;
+  const uint8_t *payload = NULL;
+  uint64_t size = 0;
   run_record record;
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN1", r->path);
@@ -224,6 +225,7 @@ static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *
   PAGS_TRY(result);
   s->step = record.step;
   s->resets = record.resets;
+  s->cap = record.cap;
   s->clocked = record.clocked;
   s->loss = record.loss;
   s->mse = record.mse;

@@ -120,7 +120,7 @@ pags_result pags_densify_decide(const pags_train_state *state, pags_edits *edits
   edits->wanted = edits->cloned + edits->split;
   if (edits->pruned > 0 && count - edits->pruned < least_survivors)
     spare_all(edits);
-  int64_t cap = state->schedule.config.max_gaussians;
+  int64_t cap = state->cap;
   int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
   room = room < 0 ? 0 : room;
   pags_result result = edits->wanted > room ? cut_growth(state, edits, room) : PAGS_OK;

@@ -39,7 +39,7 @@ static pags_result make_clusters(pags_train_state *state, pags_tasks *tasks) {
 }
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, pags_gaussians *g) {
-  *state = (pags_train_state){.schedule = *schedule, .stop = stop, .gaussians = *g};
+  *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians, .gaussians = *g};
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&state->adam, &state->schedule, &state->gaussians, 0, stop);
   if (result == PAGS_OK)

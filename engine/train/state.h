@@ -21,6 +21,7 @@ typedef struct pags_train_state {
   int64_t stop;            /* last step to do; beyond schedule.length after --resume --iterations */
   int64_t step;            /* steps done */
   int64_t resets;          /* opacity resets done */
+  int64_t cap;             /* the bound on Gaussians that the run keeps: max_gaussians or what max_memory allows; 0: none */
   int64_t clocked;         /* 1: the length was set from a clock, so it need not be the one asked for */
   double loss, mse;        /* running means; 0 steps: 0 */
   pags_gaussians gaussians;

@@ -1,0 +1,81 @@
+/* What a run will take: bytes from counts, seconds from a few passes.
+ *
+ * Assumed: the count of Gaussians ends at its bound, or at 8 times the start (the usual factor of 3DGS from structure-from-motion
+ * points), and grows evenly until densify_until; a pass's cost is a part that follows the count (cull, project, shade, Adam) and a part that
+ * follows the pixels, which doubles as a scene fills up (measured between an early and a finished state). */
+#include <math.h>
+
+#include "train/trainer.h"
+
+enum { PROBES = 4 };
+static const double growth = 8.0;
+static const double pixel_growth = 2.0;
+
+/* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room again for growth;
+ * statistics 8; scratch of reordering 12; the frame's splat 64, key and order 32, at 12 tiles per Gaussian 12 entries of 8, masks of
+ * 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12, loss 80, photo 3. */
+uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height) {
+  uint64_t planes = (uint64_t)pags_plane_count(sh_degree);
+  uint64_t each = planes * 4 * 3 * 3 / 2 + 8 + 12 + 64 + 32 + 12 * (8 + 2 + 48);
+  uint64_t pixel = 40 + 12 + 80 + 3;
+  return (uint64_t)gaussians * each + (uint64_t)width * (uint64_t)height * pixel + ((uint64_t)64 << 20);
+}
+
+/* Milliseconds of a pass at `level`: what follows the count, and what follows the pixels. */
+typedef struct cost {
+  double rows, pixels;
+} cost;
+
+static pags_result probe(pags_trainer *t, int level, cost *out) {
+  *out = (cost){0.0, 0.0};
+  for (int i = 0; i <= PROBES; i++) { /* the first warms up */
+    int64_t pick = i * t->view_count / (PROBES + 1);
+    pags_step_view v = {.view = t->views[pick], .level = level};
+    double begin = pags_trainer_clock(), waited = t->ms.wait;
+    t->measuring = 1;
+    pags_result result = pags_trainer_pass(t, t->state.step + 1, &v);
+    t->measuring = 0;
+    PAGS_TRY(result);
+    double whole = pags_trainer_clock() - begin - (t->ms.wait - waited);
+    const pags_frame_stats *s = pags_frame_stats_get(t->frame);
+    double rows = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
+    if (i == 0)
+      continue;
+    out->rows += rows / PROBES;
+    out->pixels += fmax(whole - rows, 0.0) / PROBES;
+  }
+  return PAGS_OK;
+}
+
+/* Mean count over the schedule, relative to now. */
+static double mean_growth(const pags_train_state *s, double now, double final) {
+  double share = fmin((double)s->schedule.densify_until / (double)s->stop, 1.0);
+  return fmax((share * 0.5 * (now + final) + (1.0 - share) * final) / now, 1.0);
+}
+
+pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *seconds, uint64_t *bytes) {
+  pags_train_state *s = &t->state;
+  int64_t count = s->gaussians.count > 0 ? s->gaussians.count : 1;
+  double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
+  double rows = mean_growth(s, (double)count, final), scale = (double)iterations / (double)s->stop;
+  int64_t quarter = s->schedule.quarter_until, half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
+  int64_t steps[3] = {s->stop - half, half - quarter, quarter};
+  double ms = 0.0;
+  int width = 1, height = 1;
+  for (int k = 0; k < 3; k++) {
+    cost c = {0.0, 0.0};
+    if (steps[k] > 0)
+      PAGS_TRY(probe(t, 1 << k, &c));
+    ms += (double)(steps[k] > 0 ? steps[k] : 0) * (c.rows * rows + c.pixels * pixel_growth);
+  }
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    if ((int64_t)camera->width * camera->height > (int64_t)width * height) {
+      width = camera->width;
+      height = camera->height;
+    }
+  }
+  *seconds = ms * scale / 1e3;
+  *bytes = pags_train_bytes((int64_t)final, s->gaussians.sh_degree, width, height) + t->options->image_cache;
+  return PAGS_OK;
+}

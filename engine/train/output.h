@@ -1,0 +1,49 @@
+/* What a run leaves in its folder: log.jsonl, previews, the scene, report.json. */
+#ifndef PAGS_TRAIN_OUTPUT_H
+#define PAGS_TRAIN_OUTPUT_H
+
+#include <stdio.h>
+
+#include <pags/dataset.h>
+#include <pags/frame.h>
+#include <pags/train.h>
+
+#include "train/state.h"
+
+typedef struct pags_output {
+  char *folder;
+  char *checkpoint, *log, *report; /* paths in it */
+  int made;                        /* 1: the folder didn't exist */
+  FILE *stream;                    /* of the log; NULL before open */
+} pags_output;
+
+/* Looks, changes nothing: refuses a file, and a non-empty folder without resume or overwrite. `found` receives 1 where there is a
+ * checkpoint to resume. */
+pags_result pags_output_find(pags_output *output, const pags_train_options *options, int *found);
+/* Makes the folder and opens the log. A fresh run's removes what an earlier one of ours left; a resumed one's keeps the lines up
+ * to `step`. */
+pags_result pags_output_open(pags_output *output, int resumed, int64_t step);
+/* With `failed`, a folder that this run made is removed again unless it holds a checkpoint. */
+void pags_output_close(pags_output *output, int failed);
+
+/* One line: no clock in it, so that logs of equal runs are equal. */
+typedef struct pags_log_entry {
+  int64_t step, gaussians;
+  int level, sh_degree;
+  double loss, psnr; /* running */
+  double step_loss, step_l1, step_ssim, step_psnr; /* of this step's view */
+} pags_log_entry;
+pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
+pags_result pags_output_log_density(pags_output *output, int64_t step, int64_t cloned, int64_t split, int64_t pruned,
+                                    int64_t wanted, int64_t gaussians);
+
+/* preview_STEP.png: the picture beside its photograph. */
+pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,
+                                const pags_photo *photo);
+
+/* scene.json and its PLY; the state's parameters must be current. */
+pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
+
+pags_result pags_output_report(const pags_output *output, const pags_train_result *result, pags_tasks *tasks);
+
+#endif

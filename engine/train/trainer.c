@@ -1,0 +1,587 @@
+/* The training loop.
+ *
+ * Step t: the view that the pass's permutation names, at the resolution of t; the frame forward, with owed updates paid for each
+ * cluster in view; the loss; the frame backward, whose receiver moves each cluster's rows while their gradients are in cache. Then,
+ * at the steps the schedule names, density control and the opacity reset, which look at all rows and pay everything first. */
+#include "train/trainer.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <time.h>
+
+#include "base/log.h"
+#include "train/checkpoint.h"
+#include "train/config.h"
+#include "train/densify.h"
+#include "train/init.h"
+#include "train/mcmc.h"
+
+enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
+
+double pags_trainer_clock(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_MONOTONIC, &t);
+  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+static double lap(double *since) {
+  double now = pags_trainer_clock(), passed = now - *since;
+  *since = now;
+  return passed;
+}
+
+/* One pass. */
+
+static pags_frame_options frame_options(const pags_trainer *t, int64_t step) {
+  const pags_train_config *c = &t->state.schedule.config;
+  pags_frame_options o = pags_frame_options_default();
+  for (int k = 0; k < 3; k++) {
+    o.origin[k] = pags_dataset_origin(t->dataset)[k];
+    o.background[k] = (float)c->background[k];
+  }
+  o.near_plane = (float)c->near_plane;
+  o.low_pass = (float)c->low_pass;
+  o.antialiased = c->antialiased;
+  o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
+  o.keep_for_backward = 1;
+  return o;
+}
+
+typedef struct pass_context {
+  pags_trainer *trainer;
+  int64_t step;
+} pass_context;
+
+static void touch(void *user, int part, int64_t cluster, int worker) {
+  const pass_context *c = user;
+  pags_train_state *s = &c->trainer->state;
+  (void)part;
+  (void)worker;
+  pags_adam_touch(&s->adam, &s->gaussians, cluster, c->step);
+}
+
+static void add_statistics(pags_train_state *s, const pags_cluster_gradient *g) {
+  const float *pull = s->schedule.config.absgrad ? g->mean2d_abs : g->mean2d;
+  for (int i = 0; i < g->count; i++) {
+    if (!g->drawn[i])
+      continue;
+    s->density.gradient[g->first + i] += pull[i];
+    s->density.seen[g->first + i]++;
+  }
+}
+
+static int any_drawn(const pags_cluster_gradient *g) {
+  int any = 0;
+  for (int i = 0; i < g->count; i++)
+    any |= g->drawn[i];
+  return any;
+}
+
+/* A cluster in view that shows nothing goes on owing: whether it was in view must not change a bit. */
+static void receive(void *user, const pags_cluster_gradient *g, int worker) {
+  const pass_context *c = user;
+  pags_train_state *s = &c->trainer->state;
+  (void)worker;
+  if (c->trainer->measuring || !any_drawn(g))
+    return;
+  add_statistics(s, g);
+  if (s->schedule.config.strategy != PAGS_STRATEGY_MCMC) {
+    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, g->cluster, g->data, g->stride, g->planes);
+    return;
+  }
+  float data[PAGS_MAX_PLANES * LARGEST_CLUSTER];
+  memcpy(data, g->data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
+  pags_mcmc_regularise(s, g->first, g->count, data, g->stride);
+  pags_adam_update(&s->adam, &s->gaussians, &s->clusters, g->cluster, data, g->stride, g->planes);
+}
+
+static pags_result reserve_gradient(pags_trainer *t, const pags_picture *picture) {
+  int64_t floats = (int64_t)picture->stride * picture->height;
+  if (floats <= t->gradient_floats)
+    return PAGS_OK;
+  t->gradient_floats = 0;
+  for (int c = 0; c < 3; c++) {
+    free(t->gradient[c]);
+    t->gradient[c] = aligned_alloc(64, (size_t)floats * sizeof(float)); /* stride is a multiple of 16 */
+    if (!t->gradient[c])
+      return pags_fail(PAGS_ERROR_MEMORY, "no memory for gradients of a picture of %d x %d", picture->width,
+                       picture->height);
+  }
+  t->gradient_floats = floats;
+  return PAGS_OK;
+}
+
+pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) {
+  pags_train_state *s = &t->state;
+  double clock = pags_trainer_clock();
+  pass_context context = {t, step};
+  pags_frame_options options = frame_options(t, step);
+  pags_part part = {.gaussians = &s->gaussians, .clusters = &s->clusters};
+  part.world_from_model[0] = part.world_from_model[5] = part.world_from_model[10] = 1.0;
+  PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
+  t->ms.wait += lap(&clock);
+  v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
+  pags_adam_begin(&s->adam, step);
+  PAGS_TRY(pags_frame_render(t->frame, &part, 1, &v->camera, &options, touch, &context, &v->picture));
+  t->ms.forward += lap(&clock);
+  PAGS_TRY(reserve_gradient(t, &v->picture));
+  PAGS_TRY(pags_loss_evaluate(t->tasks, &v->picture, &v->photo, s->schedule.config.ssim_weight, t->gradient, &v->loss));
+  t->ms.loss += lap(&clock);
+  pags_picture_gradient gradient = {.rgb = {t->gradient[0], t->gradient[1], t->gradient[2]}};
+  int64_t bad = 0;
+  PAGS_TRY(pags_frame_backward(t->frame, &gradient, receive, &context, &bad));
+  t->bad_rows += bad;
+  t->ms.backward += lap(&clock);
+  return PAGS_OK;
+}
+
+/* One step. */
+
+/* Permutations of the pass that `step` belongs to and of the next. */
+static void prepare_order(pags_trainer *t, int64_t step) {
+  int64_t epoch = (step - 1) / t->view_count;
+  if (epoch == t->order_epoch)
+    return;
+  pags_schedule_order(&t->state.schedule, epoch, t->order);
+  pags_schedule_order(&t->state.schedule, epoch + 1, t->order + t->view_count);
+  t->order_epoch = epoch;
+}
+
+/* The data set's view of a step of these two passes. */
+static int64_t view_of(const pags_trainer *t, int64_t step) {
+  return t->views[t->order[(step - 1) - t->order_epoch * t->view_count]];
+}
+
+static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
+  const pags_camera *camera = &pags_dataset_view(t->dataset, view)->camera;
+  return pags_schedule_level(&t->state.schedule, step, camera->width, camera->height);
+}
+
+/* Views to come, as long as they are wanted at the same size. */
+static void announce(pags_trainer *t, int64_t step, int level) {
+  int64_t ahead[PAGS_TRAIN_AHEAD], known = (t->order_epoch + 2) * t->view_count;
+  int64_t last = known < t->state.stop ? known : t->state.stop;
+  int count = 0;
+  for (int64_t k = step; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
+    int64_t view = view_of(t, k);
+    if (level_of(t, k, view) != level)
+      break;
+    ahead[count++] = view;
+  }
+  pags_photo_cache_prefetch(t->cache, ahead, count, level);
+}
+
+static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
+  pags_train_state *s = context;
+  int64_t step = s->step, stride = s->adam.cluster_size;
+  int planes = pags_plane_count(pags_schedule_sh_degree(&s->schedule, step));
+  float data[PAGS_MAX_PLANES * LARGEST_CLUSTER];
+  (void)worker;
+  for (int64_t c = begin; c < end; c++) {
+    int64_t first = c * stride, rest = s->gaussians.count - first;
+    if (s->adam.moment_step[c] == step)
+      continue;
+    memset(data, 0, (size_t)planes * (size_t)stride * sizeof(float));
+    pags_adam_touch(&s->adam, &s->gaussians, c, step);
+    pags_mcmc_regularise(s, first, (int)(rest < stride ? rest : stride), data, stride);
+    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, c, data, stride, planes);
+  }
+}
+
+/* Under MCMC the regularisers and the noise move rows that no view shows, too. */
+static pags_result move_unseen(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  if (!pags_parallel_for(t->tasks, s->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, s))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_mcmc_noise(s, s->step, t->tasks);
+}
+
+static pags_result densify(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  pags_edits edits;
+  PAGS_TRY(pags_densify_decide(s, &edits));
+  pags_result result = pags_densify_apply(s, &edits, t->tasks);
+  if (result == PAGS_OK && t->output.stream)
+    result = pags_output_log_density(&t->output, s->step, edits.cloned, edits.split, edits.pruned, edits.wanted,
+                                     s->gaussians.count);
+  pags_edits_destroy(&edits);
+  return result;
+}
+
+/* What the schedule names for the step just done. */
+static pags_result control_density(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
+  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
+  if (mcmc)
+    PAGS_TRY(move_unseen(t));
+  if (!due && !reset)
+    return PAGS_OK;
+  pags_state_settle(s, t->tasks);
+  if (due)
+    PAGS_TRY(mcmc ? pags_mcmc_refine(s, t->tasks) : densify(t));
+  if (reset)
+    pags_densify_reset(s);
+  return PAGS_OK;
+}
+
+/* Exponential means over about one pass. */
+static void update_running(pags_trainer *t, const pags_loss *loss) {
+  pags_train_state *s = &t->state;
+  double weight = 1.0 / (double)(s->step < t->view_count ? s->step : t->view_count);
+  s->loss += weight * (loss->loss - s->loss);
+  s->mse += weight * (loss->mse - s->mse);
+}
+
+static double psnr_of(double mse) { return mse > 0.0 ? -10.0 * log10(mse) : 0.0; }
+
+static pags_result do_step(pags_trainer *t, pags_step_view *v) {
+  int64_t step = t->state.step + 1;
+  prepare_order(t, step);
+  *v = (pags_step_view){.view = view_of(t, step)};
+  v->level = level_of(t, step, v->view);
+  announce(t, step, v->level);
+  PAGS_TRY(pags_trainer_pass(t, step, v));
+  double clock = pags_trainer_clock();
+  t->state.step = step;
+  update_running(t, &v->loss);
+  PAGS_TRY(control_density(t));
+  t->ms.density += lap(&clock);
+  return PAGS_OK;
+}
+
+/* The run. */
+
+/* Clocks of this process's part of the run; time inside of callbacks is taken out by moving them all forward. */
+typedef struct run_clock {
+  double begin;                  /* ms */
+  double window;                 /* of it/s shown: when it began, at which step */
+  int64_t window_step;
+  double rate;                   /* last shown, 1/s; 0: none yet */
+  double tail;                   /* when the last tenth began */
+  int64_t tail_step, first_step;
+  uint64_t tail_heap_calls;
+} run_clock;
+
+static void excuse(run_clock *clock, double since) {
+  double passed = pags_trainer_clock() - since;
+  clock->begin += passed;
+  clock->window += passed;
+  clock->tail += passed;
+}
+
+static void update_clock(const pags_trainer *t, run_clock *clock) {
+  const pags_train_state *s = &t->state;
+  double now = pags_trainer_clock();
+  if (now - clock->window >= 1000.0) {
+    clock->rate = 1e3 * (double)(s->step - clock->window_step) / (now - clock->window);
+    clock->window = now;
+    clock->window_step = s->step;
+  }
+  if (s->step == s->stop - s->stop / 10) {
+    clock->tail = now;
+    clock->tail_step = s->step;
+    clock->tail_heap_calls = pags_frame_heap_calls(t->frame);
+  }
+}
+
+static pags_train_progress progress_of(const pags_trainer *t, const run_clock *clock, int level) {
+  const pags_train_state *s = &t->state;
+  double seconds = (pags_trainer_clock() - clock->begin) / 1e3;
+  int64_t done = s->step - clock->first_step;
+  double rate = clock->rate > 0.0 ? clock->rate : seconds > 0.0 ? (double)done / seconds : 0.0;
+  return (pags_train_progress){.step = s->step,
+                               .iterations = s->stop,
+                               .it_per_second = rate,
+                               .gaussians = s->gaussians.count,
+                               .loss = s->loss,
+                               .psnr = psnr_of(s->mse),
+                               .seconds = seconds,
+                               .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
+                               .level = level};
+}
+
+/* Calls the host; returns 0 when it asks to stop. */
+static int call_host(pags_trainer *t, run_clock *clock, int level) {
+  const pags_train_options *o = t->options;
+  double since = pags_trainer_clock();
+  int go_on = 1;
+  pags_train_progress progress = progress_of(t, clock, level);
+  if (o->progress)
+    go_on = o->progress(o->progress_user, &progress);
+  if (o->snapshot && o->snapshot_every > 0 && t->state.step % o->snapshot_every == 0) {
+    pags_adam_flush(&t->state.adam, &t->state.gaussians, t->state.step, t->tasks);
+    o->snapshot(o->snapshot_user, &progress, &t->state.gaussians, pags_dataset_origin(t->dataset));
+  }
+  excuse(clock, since);
+  return go_on && !(o->cancel && *o->cancel);
+}
+
+static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
+  const pags_train_options *o = t->options;
+  const pags_train_state *s = &t->state;
+  if (o->log_every > 0 && s->step % o->log_every == 0)
+    PAGS_TRY(pags_output_log(&t->output, &(pags_log_entry){.step = s->step,
+                                                           .gaussians = s->gaussians.count,
+                                                           .level = v->level,
+                                                           .sh_degree = pags_schedule_sh_degree(&s->schedule, s->step),
+                                                           .loss = s->loss,
+                                                           .psnr = psnr_of(s->mse),
+                                                           .step_loss = v->loss.loss,
+                                                           .step_l1 = v->loss.l1,
+                                                           .step_ssim = v->loss.ssim,
+                                                           .step_psnr = psnr_of(v->loss.mse)}));
+  if (o->preview_every > 0 && s->step % o->preview_every == 0)
+    PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
+  if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop)
+    PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  return PAGS_OK;
+}
+
+/* Sets the number of steps so that all of them take the time limit. */
+static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
+  pags_train_state *s = &t->state;
+  double seconds;
+  uint64_t bytes;
+  PAGS_TRY(pags_trainer_estimate(t, s->stop, &seconds, &bytes));
+  double left = t->options->time_limit_seconds - (pags_trainer_clock() - clock->begin) / 1e3;
+  double fitted = (double)s->stop * fmax(left, 0.0) / fmax(seconds, 1e-9);
+  int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
+  pags_state_settle(s, t->tasks);
+  pags_train_config config = s->schedule.config;
+  config.iterations = steps;
+  config.schedule_iterations = 0;
+  s->schedule = pags_schedule_make(&config, s->schedule.extent, s->schedule.views);
+  s->stop = steps;
+  s->clocked = 1;
+  PAGS_TRY(pags_adam_retime(&s->adam, steps));
+  pags_adam_bound_all(&s->adam, &s->gaussians, &s->clusters, t->tasks);
+  pags_log(PAGS_LOG_INFO, "time limit: %lld steps", (long long)steps);
+  return PAGS_OK;
+}
+
+static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
+  pags_train_state *s = &t->state;
+  double limit = t->options->time_limit_seconds;
+  while (s->step < s->stop && !*stopped) {
+    pags_step_view v;
+    PAGS_TRY(do_step(t, &v));
+    update_clock(t, clock);
+    if (t->options->estimate) {
+      *stopped = s->step >= ESTIMATE_STEPS;
+      continue;
+    }
+    PAGS_TRY(write_step(t, &v));
+    if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
+      PAGS_TRY(fit_to_clock(t, clock));
+    *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_trainer_clock() - clock->begin > 1e3 * limit);
+  }
+  return PAGS_OK;
+}
+
+static uint64_t peak_rss(void) {
+  struct rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  return (uint64_t)usage.ru_maxrss * 1024;
+}
+
+static void fill_result(const pags_trainer *t, const run_clock *clock, pags_train_result *r) {
+  const pags_train_state *s = &t->state;
+  double now = pags_trainer_clock(), steps = (double)(s->step - clock->first_step);
+  double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
+  r->finished = s->step >= s->stop;
+  r->iterations = s->step;
+  r->gaussians = s->gaussians.count;
+  r->seconds = (now - clock->begin) / 1e3;
+  if (s->step > clock->tail_step)
+    r->iterations_per_second = 1e3 * (double)(s->step - clock->tail_step) / fmax(now - clock->tail, 1e-6);
+  r->peak_rss_bytes = peak_rss();
+  r->loss = s->loss;
+  r->psnr = psnr_of(s->mse);
+  r->bad_rows = t->bad_rows;
+  r->heap_calls_steady = pags_frame_heap_calls(t->frame) - clock->tail_heap_calls;
+  r->ms_wait = t->ms.wait * per_step;
+  r->ms_forward = t->ms.forward * per_step;
+  r->ms_loss = t->ms.loss * per_step;
+  r->ms_backward = t->ms.backward * per_step;
+  r->ms_density = t->ms.density * per_step;
+}
+
+/* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
+static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
+  pags_train_state *s = &t->state;
+  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  pags_adam_flush(&s->adam, &s->gaussians, s->step, t->tasks);
+  PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
+  r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;
+  return pags_output_report(&t->output, r, t->tasks);
+}
+
+static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
+  run_clock clock = {.begin = begin};
+  int stopped = 0;
+  clock.window = clock.tail = pags_trainer_clock();
+  clock.window_step = clock.tail_step = clock.first_step = t->state.step;
+  PAGS_TRY(loop(t, &clock, &stopped));
+  fill_result(t, &clock, r);
+  if (t->options->estimate)
+    return pags_trainer_estimate(t, t->state.stop, &r->estimated_seconds, &r->estimated_bytes);
+  return write_end(t, r, &clock);
+}
+
+/* Opening. */
+
+pags_train_options pags_train_options_default(void) {
+  return (pags_train_options){
+      .image_cache = (uint64_t)1 << 30, .checkpoint_every = 1000, .log_every = 100, .preview_every = 1000};
+}
+
+static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
+  const uint8_t *b = bytes;
+  for (size_t i = 0; i < size; i++)
+    hash = (hash ^ b[i]) * 1099511628211u;
+  return hash;
+}
+
+/* Names, sizes, cameras and roles of all views: what a checkpoint's steps depend on. */
+static uint64_t fingerprint_of(const pags_dataset *dataset) {
+  uint64_t hash = 14695981039346656037u;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *v = pags_dataset_view(dataset, i);
+    int sizes[3] = {v->camera.width, v->camera.height, v->test};
+    double lens[4] = {v->camera.fx, v->camera.fy, v->camera.cx, v->camera.cy};
+    hash = hash_bytes(hash, v->name, strlen(v->name) + 1);
+    hash = hash_bytes(hash, sizes, sizeof sizes);
+    hash = hash_bytes(hash, lens, sizeof lens);
+    hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+  }
+  return hash;
+}
+
+static pags_result list_views(pags_trainer *t) {
+  int64_t all = pags_dataset_view_count(t->dataset);
+  t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
+  t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
+  if (!t->views || !t->order)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)all);
+  for (int64_t i = 0; i < all; i++)
+    if (!pags_dataset_view(t->dataset, i)->test)
+      t->views[t->view_count++] = i;
+  t->order_epoch = -1;
+  if (t->view_count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no view to train on: %lld views, all held out",
+                     pags_dataset_path(t->dataset), (long long)all);
+  return PAGS_OK;
+}
+
+static void largest_picture(const pags_trainer *t, int *width, int *height) {
+  int64_t most = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *c = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    if ((int64_t)c->width * c->height <= most)
+      continue;
+    most = (int64_t)c->width * c->height;
+    *width = c->width;
+    *height = c->height;
+  }
+}
+
+/* The smaller of max_gaussians and of what max_memory has room for; 0: neither. */
+static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
+  int width = 1, height = 1;
+  uint64_t memory = t->options->max_memory;
+  if (memory == 0)
+    return config->max_gaussians;
+  largest_picture(t, &width, &height);
+  uint64_t fixed = pags_train_bytes(0, config->sh_degree, width, height) + t->options->image_cache;
+  uint64_t each = (pags_train_bytes(1 << 20, config->sh_degree, 1, 1) - pags_train_bytes(0, config->sh_degree, 1, 1)) >> 20;
+  uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
+  int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
+  return config->max_gaussians > 0 && config->max_gaussians < fits ? config->max_gaussians : fits;
+}
+
+static pags_result start(pags_trainer *t, const pags_train_config *config) {
+  int64_t points, cap = choose_cap(t, config);
+  const float *xyz;
+  const uint8_t *rgb;
+  int random;
+  pags_gaussians g;
+  double extent = pags_init_extent(t->dataset, t->views, t->view_count);
+  pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
+  pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
+  PAGS_TRY(pags_init_gaussians(config, points, xyz, rgb, cap > 0 ? cap : INT32_MAX - 64, extent, t->tasks, &g));
+  PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, &g));
+  t->state.cap = cap;
+  return PAGS_OK;
+}
+
+/* Goes on with the checkpoint's configuration; what the caller asks for must agree with it. */
+static pags_result resume(pags_trainer *t, const pags_train_config *config) {
+  uint64_t fingerprint;
+  const char *path = t->output.checkpoint;
+  PAGS_TRY(pags_checkpoint_load(path, &t->state, &fingerprint));
+  pags_train_state *s = &t->state;
+  const char *field = pags_config_difference(config, &s->schedule.config);
+  if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: belongs to other views than those of %s", path,
+                     pags_dataset_path(t->dataset));
+  if (field)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: was begun with another %s; pass the same, or --overwrite to begin afresh",
+                     path, field);
+  if (s->clocked || config->iterations == s->stop)
+    return PAGS_OK;
+  if (config->iterations < s->stop)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is of a run of %lld iterations; %lld asked for can't be fewer", path,
+                     (long long)s->stop, (long long)config->iterations);
+  s->schedule.config.iterations = config->iterations;
+  s->schedule.config.schedule_iterations = s->schedule.length;
+  s->stop = config->iterations;
+  return pags_adam_retime(&s->adam, s->stop);
+}
+
+static pags_result open_run(pags_trainer *t, const pags_train_config *config, pags_train_result *result) {
+  const pags_train_options *o = t->options;
+  int found = 0;
+  PAGS_TRY(pags_train_config_check(config));
+  if (!o->estimate)
+    PAGS_TRY(pags_output_find(&t->output, o, &found));
+  PAGS_TRY(list_views(t));
+  t->fingerprint = fingerprint_of(t->dataset);
+  PAGS_TRY(found ? resume(t, config) : start(t, config));
+  PAGS_TRY(pags_frame_create(t->tasks, &t->frame));
+  PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
+  result->resumed = found;
+  return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
+}
+
+static void close_run(pags_trainer *t, int failed) {
+  pags_output_close(&t->output, failed);
+  pags_photo_cache_destroy(t->cache);
+  pags_frame_destroy(t->frame);
+  pags_state_destroy(&t->state);
+  for (int c = 0; c < 3; c++)
+    free(t->gradient[c]);
+  free(t->views);
+  free(t->order);
+  free(t);
+}
+
+pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {
+  double begin = pags_trainer_clock();
+  assert(options->dataset && options->tasks && (options->output || options->estimate));
+  *result = (pags_train_result){0};
+  pags_trainer *t = calloc(1, sizeof *t);
+  if (!t)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a trainer");
+  t->options = options;
+  t->dataset = options->dataset;
+  t->tasks = options->tasks;
+  pags_result code = open_run(t, config, result);
+  if (code == PAGS_OK)
+    code = run(t, begin, result);
+  close_run(t, code != PAGS_OK);
+  return code;
+}

@@ -1,0 +1,54 @@
+/* A run at work: what the loop, its estimate and its opening share. */
+#ifndef PAGS_TRAIN_TRAINER_H
+#define PAGS_TRAIN_TRAINER_H
+
+#include "train/loss.h"
+#include "train/output.h"
+#include "train/state.h"
+
+/* Views announced to the photo cache ahead of use. */
+enum { PAGS_TRAIN_AHEAD = 32 };
+
+typedef struct pags_trainer {
+  const pags_train_options *options;
+  const pags_dataset *dataset;
+  pags_tasks *tasks;
+  pags_train_state state;
+  pags_output output;
+  uint64_t fingerprint;   /* of the views */
+  int64_t view_count;
+  int64_t *views;         /* training views: indices of the data set's */
+  int64_t *order;         /* of the pass under way and the next: 2 x view_count */
+  int64_t order_epoch;    /* -1: none yet */
+  pags_photo_cache *cache;
+  pags_frame *frame;
+  float *gradient[3];     /* dLoss/d(rgb) */
+  int64_t gradient_floats; /* room in each plane */
+  int measuring;          /* 1: gradients are thrown away */
+  int64_t bad_rows;       /* in this process */
+  struct {
+    double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
+  } ms;
+} pags_trainer;
+
+/* One view's way through the frame. */
+typedef struct pags_step_view {
+  int64_t view; /* of the data set */
+  int level;
+  pags_camera camera; /* shrunk */
+  pags_photo photo;
+  pags_picture picture;
+  pags_loss loss;
+} pags_step_view;
+
+/* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
+pags_result pags_trainer_pass(pags_trainer *trainer, int64_t step, pags_step_view *v);
+
+/* Seconds and bytes of all of `iterations` steps, from a few passes at each level that change no bit of the run. Makes no assumption
+ * about the machine; about growth it assumes what estimate.c says. */
+pags_result pags_trainer_estimate(pags_trainer *trainer, int64_t iterations, double *seconds, uint64_t *bytes);
+
+/* Milliseconds of a clock that only goes forward. */
+double pags_trainer_clock(void);
+
+#endif
