@@ -21,61 +21,105 @@ static inline float cut_off(const pags_splat *s) { return s->log2_opacity + (PAG
 
 static inline int tile_clamp(float t, int tiles) { return t < 0.0f ? 0 : t > (float)tiles ? tiles : (int)t; }
 
-/* Calls for each touched tile, row by row. Boxes narrower than a vector are flattened into it. */
-static inline uint32_t bin_one(const pags_splat *s, uint32_t splat, int tiles_x, int tiles_y, uint32_t *counts, int64_t *offsets,
-                               pags_entry *entries) {
+typedef struct tile_box { /* the tiles that the splat's bounding box meets, numbered row by row from 0 */
+  int x0, y0, nx, ny;
+} tile_box;
+
+static inline tile_box tile_box_of(const pags_splat *s, int tiles_x, int tiles_y) {
   const float inv = 1.0f / (float)PAGS_TILE;
-  const int tx0 = tile_clamp((s->x - s->extent_x) * inv, tiles_x), tx1 = tile_clamp((s->x + s->extent_x) * inv + 1.0f, tiles_x);
-  const int ty0 = tile_clamp((s->y - s->extent_y) * inv, tiles_y), ty1 = tile_clamp((s->y + s->extent_y) * inv + 1.0f, tiles_y);
-  const int nx = tx1 - tx0, ny = ty1 - ty0;
-  if (nx <= 0 || ny <= 0)
-    return 0;
-  const bool flat = nx < V_LANES;
-  const int groups = flat ? (nx * ny + V_LANES - 1) / V_LANES : ny * ((nx + V_LANES - 1) / V_LANES);
-  const int groups_per_row = (nx + V_LANES - 1) / V_LANES;
-  const vf cut = v_set(cut_off(s)), inv_nx = v_set(1.0f / (float)nx);
-  uint32_t rank = 0;
-  for (int group = 0; group < groups; group++) {
-    vf column, row;
-    vm inside;
-    if (flat) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps the product off whole numbers */
-      const vf l = v_add(v_iota(), v_set((float)(group * V_LANES)));
-      row = v_sub(v_mul(v_add(l, v_set(0.5f)), inv_nx), v_set(0.5f));
-      row = i_to_v(v_to_i(row));
-      column = v_fnma(row, v_set((float)nx), l);
-      inside = m_first(nx * ny - group * V_LANES);
-    } else {
-      const int start = group % groups_per_row * V_LANES;
-      row = v_set((float)(group / groups_per_row));
-      column = v_add(v_iota(), v_set((float)start));
-      inside = m_first(nx - start);
-    }
-    const vf x0 = v_sub(v_fma(v_add(column, v_set((float)tx0)), v_set(PAGS_TILE), v_set(0.5f)), v_set(s->x));
-    const vf y0 = v_sub(v_fma(v_add(row, v_set((float)ty0)), v_set(PAGS_TILE), v_set(0.5f)), v_set(s->y));
-    const vf side = v_set((float)(PAGS_TILE - 1));
-    const vm touched = v_ge_and(inside, cut, quadratic_min(s, x0, v_add(x0, side), y0, v_add(y0, side)));
-    const vf tile = v_fma(v_add(row, v_set((float)ty0)), v_set((float)tiles_x), v_add(column, v_set((float)tx0)));
-    int32_t list[2 * V_LANES];
-    const int n = i_compress(list, touched, v_to_i(tile));
-    for (int k = 0; k < n; k++) {
-      if (counts)
-        counts[list[k]]++;
-      else
-        entries[offsets[list[k]]++] = (pags_entry){splat, rank + (uint32_t)k};
-    }
-    rank += (uint32_t)n;
+  const int x0 = tile_clamp((s->x - s->extent_x) * inv, tiles_x), x1 = tile_clamp((s->x + s->extent_x) * inv + 1.0f, tiles_x);
+  const int y0 = tile_clamp((s->y - s->extent_y) * inv, tiles_y), y1 = tile_clamp((s->y + s->extent_y) * inv + 1.0f, tiles_y);
+  return (tile_box){x0, y0, x1 - x0, y1 - y0};
+}
+
+/* Bit k < lanes: the tile at (column, row) of the box in lane k is touched. */
+static inline unsigned box_touched(const pags_splat *s, tile_box box, int lanes, vf column, vf row) {
+  const vf tile = v_set((float)PAGS_TILE), half = v_set(0.5f), side = v_set((float)(PAGS_TILE - 1));
+  const vf x0 = v_sub(v_fma(v_add(column, v_set((float)box.x0)), tile, half), v_set(s->x));
+  const vf y0 = v_sub(v_fma(v_add(row, v_set((float)box.y0)), tile, half), v_set(s->y));
+  return m_bits(v_ge_and(m_first(lanes), v_set(cut_off(s)), quadratic_min(s, x0, v_add(x0, side), y0, v_add(y0, side))));
+}
+
+/* All of a box of at most 64 tiles. */
+static inline uint64_t small_box_touched(const pags_splat *s, tile_box box) {
+  const int tiles = box.nx * box.ny;
+  if (tiles == 1)
+    return 1;
+  const vf nx = v_set((float)box.nx), inv_nx = v_set(1.0f / (float)box.nx), half = v_set(0.5f);
+  uint64_t touched = 0;
+  for (int first = 0; first < tiles; first += V_LANES) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps l / nx off whole numbers */
+    const vf l = v_add(v_iota(), v_set((float)first));
+    const vf row = i_to_v(v_to_i(v_sub(v_mul(v_add(l, half), inv_nx), half)));
+    touched |= (uint64_t)box_touched(s, box, tiles - first, v_fnma(row, nx, l), row) << first;
   }
-  return rank;
+  return touched;
 }
 
-static void bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, uint32_t *counts) {
-  for (int64_t i = 0; i < count; i++)
-    splats[order[i]].tiles = bin_one(splats + order[i], order[i], tiles_x, tiles_y, counts, NULL, NULL);
+/* Where pairs are counted or written. */
+typedef struct bin_sink {
+  int tiles_x;
+  uint32_t splat, rank;
+  uint32_t *counts;
+  int64_t *offsets;
+  pags_entry *entries;
+} bin_sink;
+
+V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
+  if (fill)
+    sink->entries[sink->offsets[tile]++] = (pags_entry){sink->splat, sink->rank};
+  else
+    sink->counts[tile]++;
+  sink->rank++;
 }
 
-static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, int64_t *offsets,
-                     pags_entry *entries) {
-  for (int64_t i = 0; i < count; i++)
-    if (splats[order[i]].tiles)
-      bin_one(splats + order[i], order[i], tiles_x, tiles_y, NULL, offsets, entries);
+V_INLINE void bin_small(bin_sink *sink, tile_box box, uint64_t touched, bool fill) {
+  int64_t row_tile = (int64_t)box.y0 * sink->tiles_x + box.x0;
+  const uint64_t row_bits = box.nx < 64 ? (UINT64_C(1) << box.nx) - 1 : ~UINT64_C(0);
+  for (int y = 0; y < box.ny; y++, row_tile += sink->tiles_x) {
+    for (uint64_t bits = touched & row_bits; bits; bits &= bits - 1)
+      bin_tile(sink, row_tile + __builtin_ctzll(bits), fill);
+    touched = box.nx < 64 ? touched >> box.nx : 0;
+  }
+}
+
+V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, tile_box box, bool fill) {
+  for (int y = 0; y < box.ny; y++)
+    for (int x = 0; x < box.nx; x += V_LANES) {
+      const vf column = v_add(v_iota(), v_set((float)x));
+      unsigned bits = box_touched(s, box, box.nx - x, column, v_set((float)y));
+      for (; bits; bits &= bits - 1)
+        bin_tile(sink, (int64_t)(box.y0 + y) * sink->tiles_x + box.x0 + x + __builtin_ctz(bits), fill);
+    }
+}
+
+static void bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, uint64_t *touched,
+                      uint32_t *counts) {
+  for (int64_t i = 0; i < count; i++) {
+    pags_splat *const s = splats + order[i];
+    const tile_box box = tile_box_of(s, tiles_x, tiles_y);
+    bin_sink sink = {.tiles_x = tiles_x, .counts = counts};
+    touched[i] = 0;
+    if (box.nx > 0 && box.ny > 0 && (int64_t)box.nx * box.ny <= 64)
+      bin_small(&sink, box, touched[i] = small_box_touched(s, box), false);
+    else if (box.nx > 0 && box.ny > 0)
+      bin_large(&sink, s, box, false);
+    s->tiles = sink.rank;
+  }
+}
+
+static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                     const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
+  for (int64_t i = 0; i < count; i++) {
+    const pags_splat *const s = splats + order[i];
+    if (i + 8 < count)
+      __builtin_prefetch(splats + order[i + 8]);
+    if (s->tiles == 0)
+      continue;
+    const tile_box box = tile_box_of(s, tiles_x, tiles_y);
+    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries};
+    if ((int64_t)box.nx * box.ny <= 64)
+      bin_small(&sink, box, touched[i], true);
+    else
+      bin_large(&sink, s, box, true);
+  }
 }

@@ -147,12 +147,13 @@ typedef struct pags_kernels {
   void (*shade)(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
                 pags_splat *splats);
 
-  /* Sets splats[i].tiles for the `count` splats named by `order` and adds to counts[tile] for each tile touched. */
-  void (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+  /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
+   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. */
+  void (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, uint64_t *touched,
                     uint32_t *counts);
   /* Writes each pair to entries[offsets[tile]++]. */
   void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                   int64_t *offsets, pags_entry *entries);
+                   const uint64_t *touched, int64_t *offsets, pags_entry *entries);
 
   void (*raster)(const pags_raster_in *in, const pags_raster_out *out);
   void (*raster_backward)(const pags_raster_back *in);

@@ -13,6 +13,7 @@ typedef struct bin_context {
   int64_t tiles, grain;
   uint32_t *counts; /* tiles per block */
   int64_t *offsets; /* tiles per block */
+  uint64_t *touched; /* per drawn splat */
 } bin_context;
 
 static void count_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -21,14 +22,15 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   uint32_t *const counts = c->counts + begin / c->grain * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
-  f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, counts);
+  f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
+                        counts);
 }
 
 static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   bin_context *const c = context;
   pags_frame *const f = c->frame;
   (void)worker;
-  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y,
+  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
                        c->offsets + begin / c->grain * c->tiles, f->entries);
 }
 
@@ -68,7 +70,8 @@ pags_result pags_stage_bin(pags_frame *frame) {
   c.counts = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.counts, "tile counts");
   c.offsets = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.offsets, "tile offsets");
   frame->tile_start = pags_frame_alloc(frame, c.tiles + 1, sizeof *frame->tile_start, "tile lists");
-  if (!c.counts || !c.offsets || !frame->tile_start)
+  c.touched = pags_frame_alloc(frame, frame->drawn_count, sizeof *c.touched, "touched tiles");
+  if (!c.counts || !c.offsets || !c.touched || !frame->tile_start)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
   const int64_t pairs = place_blocks(&c, blocks);
