@@ -20,13 +20,19 @@ typedef struct scratch {
   char path[256]; /* of the last call of scratch_path */
 } scratch;
 
+/* Fails with the message unless `result` is PAGS_OK. */
+static inline void scratch_ok(pags_result result) {
+  if (result != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+}
+
 static inline void scratch_begin(scratch *s) {
   snprintf(s->folder, sizeof s->folder, "/tmp/pags-test-XXXXXX");
   assert_non_null(mkdtemp(s->folder));
 }
 
 static inline void scratch_end(scratch *s) {
-  assert_int_equal(pags_remove_tree(s->folder), PAGS_OK);
+  scratch_ok(pags_remove_tree(s->folder));
 }
 
 static inline const char *scratch_path(scratch *s, const char *name) {
@@ -36,9 +42,9 @@ static inline const char *scratch_path(scratch *s, const char *name) {
 
 static inline void scratch_write(scratch *s, const char *name, const void *bytes, size_t size) {
   char *folder = pags_path_folder(scratch_path(s, name));
-  assert_int_equal(pags_make_dirs(folder), PAGS_OK);
+  scratch_ok(pags_make_dirs(folder));
   free(folder);
-  assert_int_equal(pags_file_write(s->path, bytes, size), PAGS_OK);
+  scratch_ok(pags_file_write(s->path, bytes, size));
 }
 
 static inline void scratch_text(scratch *s, const char *name, const char *text) {
@@ -56,11 +62,9 @@ static inline void scratch_picture(scratch *s, const char *name, int width, int 
       for (int c = 0; c < 3; c++)
         *out++ = paint(x, y, c);
   char *folder = pags_path_folder(scratch_path(s, name));
-  assert_int_equal(pags_make_dirs(folder), PAGS_OK);
+  scratch_ok(pags_make_dirs(folder));
   free(folder);
-  pags_result result = pags_image_save(scratch_path(s, name), &image);
-  if (result != PAGS_OK)
-    fail_msg("%s", pags_error_message());
+  scratch_ok(pags_image_save(scratch_path(s, name), &image));
   pags_image_destroy(&image);
 }
 
