@@ -118,8 +118,8 @@ static void find_group_errors(const reference_part_gradient *exact, const frame_
   free(norm);
 }
 
-/* Random weights in [-1, 1], of depth in [-1, 1] / 4 m so that it doesn't drown the colours; none where a float renderer
- * may decide otherwise. Returns the share of pixels left out. */
+/* Random weights in [-1, 1], of depth in [-1, 1] / 4 m so that it doesn't drown the colours; none where a float
+ * renderer may decide otherwise. Returns the share of pixels left out. */
 static double make_weights(reference_random *random, const reference_picture *picture, double *weights) {
   int64_t pixels = (int64_t)picture->width * picture->height, left_out = 0;
   for (int64_t k = 0; k < pixels; k++) {
@@ -231,8 +231,8 @@ static void run_case(const gradient_case *c, error_list *pool) {
   assert_true(good);
 }
 
-/* The figure that the engine promises: under 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each kind
- * alone is held to five times that, since a few thousand say little about their 99.9th percentile. */
+/* The figure that the engine promises: under 1e-3 for 99.9 % of more than ten thousand Gaussians of all kinds. Each
+ * kind alone is held to five times that, since a few thousand say little about their 99.9th percentile. */
 static void test_random_gaussians(void **state) {
   (void)state;
   enum { KINDS = 5, MOST = 20000 };

@@ -139,8 +139,8 @@ static void copy_plane(const pags_picture *picture, const void *from, void *to) 
   }
 }
 
-/* Widens a plane of doubles to the picture's stride and whole tiles, as float; NULL stays NULL. Padding must not matter:
- * it is NaN. */
+/* Widens a plane of doubles to the picture's stride and whole tiles, as float; NULL stays NULL. Padding must not
+ * matter: it is NaN. */
 static float *pad_plane(const pags_picture *picture, const double *from) {
   if (!from)
     return NULL;

@@ -275,8 +275,8 @@ static void test_nothing_in_view(void **state) {
 }
 
 /* #2: scales whose exponential overflows, and every other parameter that isn't finite. The picture is finite, and where
- * the row can't be drawn its neighbours, of the same vector and cluster, don't notice. (A quaternion that isn't finite may be
- * taken for the identity, as the zero quaternion is.) */
+ * the row can't be drawn its neighbours, of the same vector and cluster, don't notice. (A quaternion that isn't finite
+ * may be taken for the identity, as the zero quaternion is.) */
 static void test_non_finite_rows(void **state) {
   (void)state;
   fixture f = fixture_create(11, 24);
