@@ -45,7 +45,7 @@ pags_result pags_file_size(const char *path, uint64_t *size) {
 
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   FILE *stream;
-  uint64_t expected;
+  uint64_t expected = 0;
   *bytes = NULL;
   *size = 0;
   PAGS_TRY(open_regular(path, &stream, &expected));

@@ -41,7 +41,7 @@ static bool is_absent(const pags_json_value *object, const char *key) {
 }
 
 pags_result pags_json_number(const pags_json *json, const pags_json_value *object, const char *key, double *out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   PAGS_TRY(get(json, object, key, PAGS_JSON_NUMBER, &value));
   *out = value->number;
   return PAGS_OK;
@@ -55,7 +55,7 @@ pags_result pags_json_number_or(const pags_json *json, const pags_json_value *ob
 
 pags_result pags_json_integer(const pags_json *json, const pags_json_value *object, const char *key, int64_t lo,
                               int64_t hi, int64_t *out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   PAGS_TRY(get(json, object, key, PAGS_JSON_NUMBER, &value));
   char *end;
   errno = 0;
@@ -75,7 +75,7 @@ pags_result pags_json_integer_or(const pags_json *json, const pags_json_value *o
 
 pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *object, const char *key,
                                   uint64_t fallback, uint64_t *out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   *out = fallback;
   if (is_absent(object, key))
     return PAGS_OK;
@@ -92,7 +92,7 @@ pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *
 
 pags_result pags_json_bool_or(const pags_json *json, const pags_json_value *object, const char *key, bool fallback,
                               bool *out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   *out = fallback;
   if (is_absent(object, key))
     return PAGS_OK;
@@ -102,7 +102,7 @@ pags_result pags_json_bool_or(const pags_json *json, const pags_json_value *obje
 }
 
 pags_result pags_json_string(const pags_json *json, const pags_json_value *object, const char *key, const char **out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   PAGS_TRY(get(json, object, key, PAGS_JSON_STRING, &value));
   *out = value->text;
   return PAGS_OK;
@@ -144,7 +144,7 @@ static const pags_json_value *flatten(const pags_json_value *value, int count, d
 
 pags_result pags_json_numbers(const pags_json *json, const pags_json_value *object, const char *key, int count,
                               double *out) {
-  const pags_json_value *value;
+  const pags_json_value *value = NULL;
   int64_t filled = 0;
   PAGS_TRY(get(json, object, key, PAGS_JSON_ARRAY, &value));
   const pags_json_value *bad = flatten(value, count, out, &filled);

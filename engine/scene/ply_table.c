@@ -102,7 +102,7 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
 }
 
 static pags_result parse_line(ply_table *t, int line, char *text) {
-  char *word[MAX_WORDS];
+  char *word[MAX_WORDS] = {0};
   if (strcmp(text, "comment SplatRenderMode: mip") == 0)
     t->antialiased = true;
   int words = split(text, word);
