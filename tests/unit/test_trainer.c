@@ -1,0 +1,401 @@
+/* Whole training runs on a small scene rendered here: what they learn, and that nothing but data, configuration and seed decides
+ * their bits. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <math.h>
+#include <pags/frame.h>
+#include <pags/image.h>
+#include <pags/scene.h>
+#include <pags/train.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "base/file.h"
+#include "base/rng.h"
+
+enum { VIEWS = 9, WIDTH = 80, HEIGHT = 64, TRUTH = 150, ITERATIONS = 160 };
+static const double focal = 80.0;
+
+static char root[64];
+static pags_dataset *dataset;
+
+static const char *in_root(const char *name) {
+  static char path[4][128];
+  static int next;
+  next = (next + 1) % 4;
+  snprintf(path[next], sizeof path[next], "%s/%s", root, name);
+  return path[next];
+}
+
+static float uniform(uint64_t purpose, int i) { return (float)pags_rng_uniform(99, purpose, (uint64_t)i); }
+
+static void make_truth(pags_gaussians *g) {
+  assert_int_equal(pags_gaussians_create(g, TRUTH, 0), PAGS_OK);
+  for (int i = 0; i < TRUTH; i++) {
+    for (int k = 0; k < 3; k++) {
+      pags_plane(g, PAGS_MEAN + k)[i] = 2.0f * uniform((uint64_t)k, i) - 1.0f;
+      pags_plane(g, PAGS_SCALE + k)[i] = logf(0.08f + 0.15f * uniform((uint64_t)(3 + k), i));
+      pags_plane(g, PAGS_SH + k)[i] = 3.0f * uniform((uint64_t)(6 + k), i) - 1.5f;
+    }
+    pags_plane(g, PAGS_ROTATION)[i] = 1.0f;
+    pags_plane(g, PAGS_OPACITY)[i] = 2.0f;
+  }
+}
+
+/* On a circle of radius 4 at height 0.5, looking at the middle; OpenCV axes, world z up. */
+static pags_camera make_camera(int view) {
+  double angle = 6.283185307 * view / VIEWS, eye[3] = {4.0 * cos(angle), 4.0 * sin(angle), 0.5};
+  double length = sqrt(16.25), z[3], x[3] = {-sin(angle), cos(angle), 0.0};
+  for (int k = 0; k < 3; k++)
+    z[k] = -eye[k] / length;
+  double y[3] = {z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0]};
+  pags_camera c = {.width = WIDTH, .height = HEIGHT, .fx = focal, .fy = focal, .cx = WIDTH / 2.0, .cy = HEIGHT / 2.0};
+  for (int k = 0; k < 3; k++) {
+    c.world_from_camera[4 * k] = x[k];
+    c.world_from_camera[4 * k + 1] = y[k];
+    c.world_from_camera[4 * k + 2] = z[k];
+    c.world_from_camera[4 * k + 3] = eye[k];
+  }
+  return c;
+}
+
+static void save_view(pags_frame *frame, const pags_part *part, const pags_camera *camera, const char *path) {
+  pags_frame_options options = pags_frame_options_default();
+  pags_picture picture;
+  pags_image image;
+  options.background[2] = 0.3f;
+  assert_int_equal(pags_frame_render(frame, part, 1, camera, &options, NULL, NULL, &picture), PAGS_OK);
+  assert_int_equal(pags_image_create(&image, WIDTH, HEIGHT, 3, PAGS_F32), PAGS_OK);
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++)
+      for (int c = 0; c < 3; c++)
+        ((float *)image.data)[(y * WIDTH + x) * 3 + c] = picture.rgb[c][y * picture.stride + x];
+  assert_int_equal(pags_image_save(path, &image), PAGS_OK);
+  pags_image_destroy(&image);
+}
+
+/* transforms.json holds OpenGL axes: y and z turned. */
+static void save_transforms(void) {
+  FILE *f = fopen(in_root("data/transforms.json"), "w");
+  assert_non_null(f);
+  fprintf(f, "{\"w\": %d, \"h\": %d, \"fl_x\": %g, \"fl_y\": %g, \"cx\": %g, \"cy\": %g, \"frames\": [", WIDTH, HEIGHT,
+          focal, focal, WIDTH / 2.0, HEIGHT / 2.0);
+  for (int v = 0; v < VIEWS; v++) {
+    pags_camera c = make_camera(v);
+    fprintf(f, "%s{\"file_path\": \"view%d.png\", \"transform_matrix\": [", v ? ", " : "", v);
+    for (int k = 0; k < 3; k++) {
+      const double *r = c.world_from_camera + 4 * k;
+      fprintf(f, "[%.17g, %.17g, %.17g, %.17g], ", r[0], -r[1], -r[2], r[3]);
+    }
+    fprintf(f, "[0, 0, 0, 1]]}");
+  }
+  fprintf(f, "]}\n");
+  fclose(f);
+}
+
+static int make_data(void **unused) {
+  (void)unused;
+  pags_gaussians truth;
+  pags_clusters clusters;
+  pags_frame *frame;
+  snprintf(root, sizeof root, "/tmp/pags_trainer_%ld", (long)getpid());
+  if (pags_make_dirs(in_root("data")) != PAGS_OK)
+    return -1;
+  pags_tasks *tasks = pags_tasks_create(1);
+  make_truth(&truth);
+  assert_int_equal(pags_clusters_create(&clusters, TRUTH, 64), PAGS_OK);
+  pags_clusters_update(&clusters, &truth, 0, clusters.count);
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  pags_part part = {.gaussians = &truth, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  for (int v = 0; v < VIEWS; v++) {
+    char name[32];
+    pags_camera camera = make_camera(v);
+    snprintf(name, sizeof name, "data/view%d.png", v);
+    save_view(frame, &part, &camera, in_root(name));
+  }
+  save_transforms();
+  pags_frame_destroy(frame);
+  pags_clusters_destroy(&clusters);
+  pags_gaussians_destroy(&truth);
+  pags_tasks_destroy(tasks);
+  pags_dataset_options options = pags_dataset_options_default();
+  options.split_every = 0;
+  options.random_points = 300;
+  if (pags_dataset_open(in_root("data"), &options, &dataset) == PAGS_OK)
+    return 0;
+  print_message("%s\n", pags_error_message());
+  return -1;
+}
+
+static int remove_data(void **unused) {
+  (void)unused;
+  pags_dataset_close(dataset);
+  return pags_remove_tree(root) == PAGS_OK ? 0 : -1;
+}
+
+static pags_train_config small_config(void) {
+  pags_train_config c = pags_train_config_default();
+  c.iterations = ITERATIONS;
+  c.sh_degree = 1;
+  c.resolution_floor = 16;
+  c.max_gaussians = 700;
+  c.background[2] = 0.3;
+  c.densify_from = 0;
+  c.densify_gradient = 1e-4;
+  c.cluster_size = 16;
+  return c;
+}
+
+static pags_result run(const pags_train_config *config, const char *output, int threads, pags_train_options options,
+                       pags_train_result *result) {
+  pags_tasks *tasks = pags_tasks_create(threads);
+  options.dataset = dataset;
+  options.output = output;
+  options.tasks = tasks;
+  options.log_every = 10;
+  options.preview_every = 80;
+  pags_result code = pags_train(config, &options, result);
+  pags_tasks_destroy(tasks);
+  return code;
+}
+
+/* A whole run from nothing. */
+static void train(const pags_train_config *config, const char *output, int threads, int checkpoint_every) {
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  options.checkpoint_every = checkpoint_every;
+  pags_result code = run(config, output, threads, options, &result);
+  if (code != PAGS_OK)
+    print_message("%s\n", pags_error_message());
+  assert_int_equal(code, PAGS_OK);
+  assert_true(result.finished);
+  assert_int_equal(result.iterations, config->iterations);
+  assert_int_equal(result.bad_rows, 0);
+}
+
+static void assert_same_file(const char *a, const char *b, const char *name) {
+  char path[2][192];
+  uint8_t *bytes[2];
+  size_t size[2];
+  for (int i = 0; i < 2; i++) {
+    snprintf(path[i], sizeof path[i], "%s/%s", i ? b : a, name);
+    assert_int_equal(pags_file_read(path[i], &bytes[i], &size[i]), PAGS_OK);
+  }
+  assert_int_equal(size[0], size[1]);
+  assert_memory_equal(bytes[0], bytes[1], size[0]);
+  free(bytes[0]);
+  free(bytes[1]);
+}
+
+/* All files but the report, by name and content. */
+static void assert_same_folder(const char *a, const char *b) {
+  pags_dir_list x, y;
+  assert_int_equal(pags_dir_list_read(a, &x), PAGS_OK);
+  assert_int_equal(pags_dir_list_read(b, &y), PAGS_OK);
+  assert_int_equal(x.count, y.count);
+  assert_true(x.count >= 6);
+  for (int64_t i = 0; i < x.count; i++) {
+    assert_string_equal(x.names[i], y.names[i]);
+    if (strcmp(x.names[i], "report.json") != 0)
+      assert_same_file(a, b, x.names[i]);
+  }
+  pags_dir_list_destroy(&x);
+  pags_dir_list_destroy(&y);
+}
+
+static void learns_the_scene(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  pags_scene scene;
+  config.iterations = 600;
+  assert_int_equal(run(&config, in_root("learn"), 2, options, &result), PAGS_OK);
+  print_message("%lld Gaussians, %.2f dB\n", (long long)result.gaussians, result.psnr);
+  assert_true(result.psnr > 25.0);
+  assert_true(result.gaussians > 300 && result.gaussians <= 700);
+  assert_int_equal(pags_scene_load(in_root("learn"), &scene), PAGS_OK);
+  assert_int_equal(pags_scene_gaussian_count(&scene), result.gaussians);
+  assert_int_equal(scene.view_count, VIEWS);
+  assert_int_equal(scene.iterations, 600);
+  pags_scene_destroy(&scene);
+}
+
+static void threads_and_checkpoints_change_no_bit(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  train(&config, in_root("one"), 1, 0);
+  train(&config, in_root("two"), 2, 37);
+  train(&config, in_root("five"), 5, 3);
+  assert_same_folder(in_root("one"), in_root("two"));
+  assert_same_folder(in_root("one"), in_root("five"));
+}
+
+static void mcmc_is_reproducible_too(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  config.strategy = PAGS_STRATEGY_MCMC;
+  config.max_gaussians = 350;
+  train(&config, in_root("mcmc1"), 1, 0);
+  train(&config, in_root("mcmc3"), 3, 11);
+  assert_same_folder(in_root("mcmc1"), in_root("mcmc3"));
+}
+
+static int stop_at(void *user, const pags_train_progress *progress) { return progress->step < *(const int64_t *)user; }
+
+static void stopping_and_resuming_changes_no_bit(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  static const int64_t stops[] = {1, 25, 26, 119, ITERATIONS};
+  train(&config, in_root("straight"), 2, 50);
+  options.resume = 1;
+  options.progress = stop_at;
+  for (int i = 0; i < 5; i++) {
+    options.progress_user = (void *)(uintptr_t)&stops[i];
+    assert_int_equal(run(&config, in_root("stopped"), 1 + i % 3, options, &result), PAGS_OK);
+    assert_int_equal(result.finished, stops[i] == ITERATIONS);
+    assert_int_equal(result.iterations, stops[i]);
+    assert_int_equal(result.resumed, i > 0);
+  }
+  assert_same_folder(in_root("straight"), in_root("stopped"));
+}
+
+/* A child trains and is killed after a while. Returns 1 if it had finished before. */
+static int train_and_kill(const pags_train_config *config, const char *output, long milliseconds) {
+  int status;
+  pid_t child = fork();
+  assert_true(child >= 0);
+  if (child == 0) {
+    pags_train_options options = pags_train_options_default();
+    pags_train_result result;
+    options.resume = 1;
+    options.checkpoint_every = 7;
+    _exit(run(config, output, 2, options, &result) == PAGS_OK ? 0 : 1);
+  }
+  nanosleep(&(struct timespec){milliseconds / 1000, milliseconds % 1000 * 1000000}, NULL);
+  kill(child, SIGKILL);
+  assert_int_equal(waitpid(child, &status, 0), child);
+  if (WIFEXITED(status))
+    assert_int_equal(WEXITSTATUS(status), 0);
+  return WIFEXITED(status);
+}
+
+static void being_killed_changes_no_bit(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  train(&config, in_root("alive"), 2, 7);
+  int kills = 0;
+  for (int i = 0; i < 3; i++)
+    kills += !train_and_kill(&config, in_root("killed"), 60 + 90 * i);
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  options.resume = 1;
+  assert_int_equal(run(&config, in_root("killed"), 2, options, &result), PAGS_OK);
+  print_message("killed %d times\n", kills);
+  assert_true(result.finished);
+  assert_same_folder(in_root("alive"), in_root("killed"));
+}
+
+static void resuming_may_go_further_but_not_elsewhere(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  train(&config, in_root("further"), 2, 0);
+  options.resume = 1;
+  config.scale_rate *= 2.0;
+  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "scale_rate"));
+  config = small_config();
+  config.iterations = ITERATIONS - 1;
+  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_ERROR_ARGUMENT);
+  config.iterations = ITERATIONS + 30;
+  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
+  assert_true(result.finished && result.resumed);
+  assert_int_equal(result.iterations, ITERATIONS + 30);
+  assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK); /* requeued: nothing left to do */
+  assert_int_equal(result.iterations, ITERATIONS + 30);
+}
+
+static void a_folder_in_use_is_refused_untouched(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  pags_dir_list list;
+  assert_int_equal(pags_make_dirs(in_root("mine")), PAGS_OK);
+  assert_int_equal(pags_file_write(in_root("mine/letter.txt"), "dear", 4), PAGS_OK);
+  assert_int_equal(run(&config, in_root("mine"), 1, options, &result), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "mine"));
+  assert_int_equal(pags_dir_list_read(in_root("mine"), &list), PAGS_OK);
+  assert_int_equal(list.count, 1);
+  pags_dir_list_destroy(&list);
+  options.overwrite = 1;
+  assert_int_equal(run(&config, in_root("mine"), 1, options, &result), PAGS_OK);
+  assert_true(pags_file_exists(in_root("mine/letter.txt"))); /* not ours to remove */
+  assert_int_equal(run(&config, in_root("mine/letter.txt"), 1, options, &result), PAGS_ERROR_IO);
+  options.overwrite = 0;
+  assert_int_equal(run(&config, "/proc/no/such/place", 1, options, &result), PAGS_ERROR_IO);
+}
+
+static void an_estimate_writes_nothing(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  options.estimate = 1;
+  assert_int_equal(run(&config, in_root("estimate"), 2, options, &result), PAGS_OK);
+  assert_false(pags_path_exists(in_root("estimate")));
+  assert_true(result.estimated_seconds > 0.0 && result.estimated_bytes > 1 << 20);
+}
+
+static void a_time_limit_sets_the_steps(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  config.iterations = 10000000;
+  options.time_limit_seconds = 1.5;
+  assert_int_equal(run(&config, in_root("limit"), 2, options, &result), PAGS_OK);
+  assert_true(result.seconds < 6.0);
+  print_message("%lld steps in %.2f s\n", (long long)result.iterations, result.seconds);
+  assert_true(result.iterations > 50 && result.iterations < 100000);
+}
+
+static void memory_becomes_a_bound_on_the_count(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  config.max_gaussians = 0;
+  options.max_memory = 1; /* too little for anything: the least bound, 1024 */
+  assert_int_equal(run(&config, in_root("memory"), 2, options, &result), PAGS_OK);
+  assert_true(result.gaussians <= 1024);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(learns_the_scene),
+      cmocka_unit_test(threads_and_checkpoints_change_no_bit),
+      cmocka_unit_test(mcmc_is_reproducible_too),
+      cmocka_unit_test(stopping_and_resuming_changes_no_bit),
+      cmocka_unit_test(being_killed_changes_no_bit),
+      cmocka_unit_test(resuming_may_go_further_but_not_elsewhere),
+      cmocka_unit_test(a_folder_in_use_is_refused_untouched),
+      cmocka_unit_test(an_estimate_writes_nothing),
+      cmocka_unit_test(a_time_limit_sets_the_steps),
+      cmocka_unit_test(memory_becomes_a_bound_on_the_count),
+  };
+  return cmocka_run_group_tests(tests, make_data, remove_data);
+}
