@@ -1,0 +1,284 @@
+/* Distortion models and resampling: against the models' definitions, analytic pictures and COLMAP's own choice of size. */
+#include <pags/image.h>
+
+#include "dataset/undistort.h"
+#include "unit/scratch.h"
+
+#include <math.h>
+
+static const pags_lens fox_lens = {.width = 540,
+                                   .height = 960,
+                                   .fx = 688.06464872879812,
+                                   .fy = 687.6776936365344,
+                                   .cx = 277.279,
+                                   .cy = 482.634,
+                                   .k = {0.053545374500611989, -0.075797193663761461},
+                                   .p = {-0.00081220164019132803, 5.7733598567121789e-05}};
+
+static const pags_lens barrel_lens = {.width = 320,
+                                      .height = 240,
+                                      .fx = 200,
+                                      .fy = 205,
+                                      .cx = 162,
+                                      .cy = 118,
+                                      .k = {-0.25, 0.06, -0.004},
+                                      .p = {0.001, -0.002}};
+
+static const pags_lens fisheye_lens = {.kind = PAGS_LENS_FISHEYE,
+                                       .width = 320,
+                                       .height = 240,
+                                       .fx = 150,
+                                       .fy = 150,
+                                       .cx = 158,
+                                       .cy = 121,
+                                       .k = {-0.02, 0.003, -0.001, 0.0002}};
+
+static const pags_lens *const lenses[] = {&fox_lens, &barrel_lens, &fisheye_lens};
+
+enum { LENSES = 3 };
+
+static pags_lens prepared(const pags_lens *lens) {
+  pags_lens out = *lens;
+  scratch_ok(pags_lens_prepare(&out, "lens"));
+  return out;
+}
+
+static pags_camera pinhole_of(const pags_lens *lens) {
+  pags_camera camera = {0};
+  scratch_ok(pags_lens_pinhole(lens, "lens", &camera));
+  return camera;
+}
+
+/* One point through each model, worked out from the definition with other code. */
+static void test_models(void **state) {
+  (void)state;
+  const double x = 0.3, y = -0.2, r = sqrt(0.13);
+  pags_lens lens = prepared(&barrel_lens);
+  double u, v, radial = 1 - 0.25 * 0.13 + 0.06 * 0.0169 - 0.004 * 0.002197;
+  assert_true(pags_lens_project(&lens, x, y, &u, &v));
+  assert_true(fabs(u - (200 * (x * radial + 2 * 0.001 * x * y - 0.002 * (0.13 + 2 * x * x)) + 162)) < 1e-9);
+  assert_true(fabs(v - (205 * (y * radial + 0.001 * (0.13 + 2 * y * y) - 2 * 0.002 * x * y) + 118)) < 1e-9);
+  lens = prepared(&fisheye_lens);
+  double t = atan(r), bent = t - 0.02 * pow(t, 3) + 0.003 * pow(t, 5) - 0.001 * pow(t, 7) + 0.0002 * pow(t, 9);
+  assert_true(pags_lens_project(&lens, x, y, &u, &v));
+  assert_true(fabs(u - (150 * x * bent / r + 158)) < 1e-9);
+  assert_true(fabs(v - (150 * y * bent / r + 121)) < 1e-9);
+}
+
+static void test_inverse(void **state) {
+  (void)state;
+  for (int i = 0; i < LENSES; i++) {
+    pags_lens lens = prepared(lenses[i]);
+    int found = 0;
+    for (int y = 0; y <= lens.height; y += 10)
+      for (int x = 0; x <= lens.width; x += 10) {
+        double px, py, u, v;
+        if (!pags_lens_unproject(&lens, x, y, &px, &py))
+          continue;
+        assert_true(pags_lens_project(&lens, px, py, &u, &v));
+        assert_true(fabs(u - x) < 1e-3 && fabs(v - y) < 1e-3);
+        found++;
+      }
+    assert_true(found > (lens.width / 10 + 1) * (lens.height / 10 + 1) * 95 / 100);
+  }
+}
+
+static void test_row_equals_points(void **state) {
+  (void)state;
+  for (int i = 0; i < LENSES; i++) {
+    pags_lens lens = prepared(lenses[i]);
+    double row[2 * 50], u, v;
+    pags_lens_project_row(&lens, 50, -3, 0.125, 0.25, row);
+    for (int x = 0; x < 50; x++) {
+      if (pags_lens_project(&lens, -3 + x * 0.125, 0.25, &u, &v))
+        assert_true(row[2 * x] == u && row[2 * x + 1] == v);
+      else
+        assert_true(isnan(row[2 * x]) && isnan(row[2 * x + 1]));
+    }
+  }
+}
+
+/* Past the radius where the radial function turns back, a picture would appear a second time. */
+static void test_limit(void **state) {
+  (void)state;
+  pags_lens lens = {.width = 100, .height = 100, .fx = 50, .fy = 50, .cx = 50, .cy = 50, .k = {-0.3}};
+  scratch_ok(pags_lens_prepare(&lens, "lens"));
+  assert_true(fabs(lens.limit - 1 / 0.9) < 1e-6); /* 1 - 0.9 r^2 = 0 */
+  double u, v;
+  assert_true(pags_lens_project(&lens, 1.05, 0, &u, &v));
+  assert_false(pags_lens_project(&lens, 1.06, 0, &u, &v));
+  assert_false(pags_lens_unproject(&lens, 95, 95, &u, &v)); /* no ray bends that far out */
+}
+
+/* Every pixel of the pinhole has a source, and it is as large as that allows: one more pixel on any side has some
+ * without. */
+static void test_pinhole_is_filled(void **state) {
+  (void)state;
+  for (int i = 0; i < 2; i++) {
+    pags_lens lens = prepared(lenses[i]);
+    pags_camera camera = pinhole_of(&lens);
+    assert_true(camera.fx == lens.fx && camera.fy == lens.fy);
+    int lacking = 0, lacking_around = 0;
+    for (int y = -1; y <= camera.height; y++)
+      for (int x = -1; x <= camera.width; x++) {
+        double u, v;
+        bool inside = x >= 0 && x < camera.width && y >= 0 && y < camera.height;
+        bool seen =
+            pags_lens_project(&lens, (x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, &u, &v);
+        seen = seen && u >= 0 && u <= lens.width && v >= 0 && v <= lens.height;
+        lacking += inside && !seen;
+        lacking_around += !inside && !seen;
+      }
+    assert_int_equal(lacking, 0);
+    assert_true(lacking_around > 0);
+  }
+}
+
+static void test_fox_size(void **state) {
+  (void)state;
+  pags_lens lens = prepared(&fox_lens);
+  pags_camera camera = pinhole_of(&lens);
+  /* COLMAP makes 534 x 948 of it. */
+  assert_in_range(camera.width, 532, 536);
+  assert_in_range(camera.height, 946, 954);
+}
+
+static void test_pinhole_stays(void **state) {
+  (void)state;
+  pags_lens lens = {.width = 30, .height = 20, .fx = 25, .fy = 26, .cx = 15.5, .cy = 9};
+  scratch_ok(pags_lens_prepare(&lens, "lens"));
+  assert_true(pags_lens_is_pinhole(&lens));
+  pags_camera camera = pinhole_of(&lens);
+  assert_true(camera.width == 30 && camera.height == 20 && camera.fx == 25 && camera.fy == 26);
+  assert_true(camera.cx == 15.5 && camera.cy == 9);
+}
+
+/* A picture of rays: red and green are smooth functions of the ray (x, y, 1), which the distorted photograph shows where the
+ * model puts that ray. Undistorted, every pixel must show its own ray's colour; straight lines are straight with it. */
+static double red(double x, double y) {
+  return 128 + 60 * sin(7 * x + 2 * y) + 60 * cos(5 * y);
+}
+
+static double green(double x, double y) {
+  return 128 + 110 * x / (1 + fabs(x)) - 20 * sin(9 * y);
+}
+
+static pags_image photograph(const pags_lens *lens) {
+  pags_image image;
+  scratch_ok(pags_image_create(&image, lens->width, lens->height, 3, PAGS_U8));
+  uint8_t *out = image.data;
+  for (int y = 0; y < lens->height; y++)
+    for (int x = 0; x < lens->width; x++, out += 3) {
+      double rx, ry;
+      if (!pags_lens_unproject(lens, x + 0.5, y + 0.5, &rx, &ry))
+        continue;
+      out[0] = (uint8_t)(red(rx, ry) + 0.5);
+      out[1] = (uint8_t)(green(rx, ry) + 0.5);
+      out[2] = 200;
+    }
+  return image;
+}
+
+static void test_analytic_picture(void **state) {
+  (void)state;
+  for (int i = 0; i < LENSES; i++) {
+    pags_lens lens = prepared(lenses[i]);
+    pags_camera camera = pinhole_of(&lens);
+    pags_image from = photograph(&lens), to, mask;
+    scratch_ok(pags_undistort(&lens, &camera, &from, NULL, &to, &mask));
+    assert_true(to.width == camera.width && to.height == camera.height);
+    if (i < 2)
+      assert_null(mask.data);
+    double square = 0, largest = 0;
+    for (int y = 1; y < to.height - 1; y++)
+      for (int x = 1; x < to.width - 1; x++) {
+        if (mask.data && !((uint8_t *)mask.data)[y * to.width + x])
+          continue;
+        const uint8_t *p = (const uint8_t *)to.data + 3 * (y * to.width + x);
+        double rx = (x + 0.5 - camera.cx) / camera.fx, ry = (y + 0.5 - camera.cy) / camera.fy;
+        double off = fmax(fabs(p[0] - red(rx, ry)), fabs(p[1] - green(rx, ry)));
+        square += off * off / (to.width * to.height);
+        largest = fmax(largest, off);
+        assert_in_range(p[2], 199, 200);
+      }
+    /* Rounding twice gives 0.4 RMS; half a pixel's error in the position would give 2 and more. */
+    assert_true(sqrt(square) < 0.7);
+    assert_true(largest < 4);
+    pags_image_destroy(&from);
+    pags_image_destroy(&to);
+    pags_image_destroy(&mask);
+  }
+}
+
+static void test_masks(void **state) {
+  (void)state;
+  pags_lens lens = prepared(&barrel_lens);
+  pags_camera camera = pinhole_of(&lens);
+  pags_image from = photograph(&lens), from_mask, to, mask;
+  scratch_ok(pags_image_create(&from_mask, lens.width, lens.height, 1, PAGS_U8));
+  for (int i = 0; i < lens.width * lens.height; i++) /* the left half is not to be used */
+    ((uint8_t *)from_mask.data)[i] = i % lens.width < 160 ? 127 : 128;
+  scratch_ok(pags_undistort(&lens, &camera, &from, &from_mask, &to, &mask));
+  assert_non_null(mask.data);
+  for (int y = 0; y < mask.height; y++)
+    for (int x = 0; x < mask.width; x++) {
+      double u, v;
+      pags_lens_project(&lens, (x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, &u, &v);
+      int used = ((uint8_t *)mask.data)[y * mask.width + x];
+      assert_true(used == 0 || used == 255);
+      if (u < 160.49)
+        assert_int_equal(used, 0);
+      if (u > 160.51)
+        assert_int_equal(used, 255);
+    }
+  pags_image_destroy(&to);
+  pags_image_destroy(&mask);
+
+  /* A larger frame than the lens fills: what has no source is masked and black. */
+  camera.width += 100;
+  camera.cx += 50;
+  scratch_ok(pags_undistort(&lens, &camera, &from, NULL, &to, &mask));
+  assert_non_null(mask.data);
+  assert_int_equal(((uint8_t *)mask.data)[0], 0);
+  assert_int_equal(((uint8_t *)to.data)[2], 0);
+  assert_int_equal(((uint8_t *)mask.data)[mask.height / 2 * mask.width + mask.width / 2], 255);
+  pags_image_destroy(&to);
+  pags_image_destroy(&mask);
+  pags_image_destroy(&from);
+  pags_image_destroy(&from_mask);
+}
+
+static void test_bad_numbers(void **state) {
+  (void)state;
+  pags_lens lens = fox_lens;
+  lens.k[1] = NAN;
+  scratch_expect(pags_lens_prepare(&lens, "a.json:7"), PAGS_ERROR_FORMAT, "a.json:7: expected finite");
+  lens = fox_lens;
+  lens.fy = 0;
+  scratch_expect(pags_lens_prepare(&lens, "a.json:7"), PAGS_ERROR_FORMAT, "focal");
+  lens = fox_lens;
+  lens.width = 0;
+  scratch_expect(pags_lens_prepare(&lens, "a.json:7"), PAGS_ERROR_FORMAT, "0 x 960");
+  lens = fox_lens;
+  lens.cx = 5000; /* the whole picture lies to the left of the axis */
+  scratch_ok(pags_lens_prepare(&lens, "a.json:7"));
+  pags_camera camera = {0};
+  pags_result result = pags_lens_pinhole(&lens, "a.json:7", &camera);
+  assert_true(result == PAGS_OK || result == PAGS_ERROR_FORMAT);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_models),
+      cmocka_unit_test(test_inverse),
+      cmocka_unit_test(test_row_equals_points),
+      cmocka_unit_test(test_limit),
+      cmocka_unit_test(test_pinhole_is_filled),
+      cmocka_unit_test(test_fox_size),
+      cmocka_unit_test(test_pinhole_stays),
+      cmocka_unit_test(test_analytic_picture),
+      cmocka_unit_test(test_masks),
+      cmocka_unit_test(test_bad_numbers),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
