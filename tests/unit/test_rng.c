@@ -59,11 +59,14 @@ static void below_stays_below_and_reaches_all(void **state) {
     assert_in_range(seen[k], 850, 1150);
   for (uint64_t i = 0; i < 1000; ++i)
     assert_true(pags_rng_below(3, 1, i, UINT64_C(0xC000000000000001)) < UINT64_C(0xC000000000000001));
-  /* floor(x n / 2^64) against the words themselves, for an n that fits in 32 bits and a product that needs 96. */
-  uint32_t words[4];
-  pags_rng_u32x4(3, 2, 1, words);
-  uint64_t n = 0x89ABCDEF, high = words[0] * n, low = words[1] * n;
-  assert_true(pags_rng_below(3, 2, 1, n) == (high + (low >> 32)) >> 32);
+  /* floor(x n / 2^64) against a wide product. */
+  __extension__ typedef unsigned __int128 wide;
+  for (uint64_t i = 0; i < 1000; ++i) {
+    uint32_t words[4];
+    pags_rng_u32x4(3, 2, i, words);
+    uint64_t n = UINT64_C(0x89ABCDEF01234567) >> i % 64 | 1, x = (uint64_t)words[0] << 32 | words[1];
+    assert_true(pags_rng_below(3, 2, i, n) == (uint64_t)((wide)x * n >> 64));
+  }
 }
 
 static void a_permutation_has_each_once(void **state) {
