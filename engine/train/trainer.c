@@ -47,6 +47,7 @@ static pags_frame_options frame_options(const pags_trainer *t, int64_t step) {
   o.antialiased = c->antialiased;
   o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
   o.keep_for_backward = 1;
+  o.absolute_gradient = c->absgrad;
   return o;
 }
 
