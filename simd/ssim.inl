@@ -2,15 +2,15 @@
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
- * with mx = G*x, my = G*y, s_xy = G*(xy) - mx my, s_xx + s_yy = G*(xx + yy) - mx^2 - my^2; G* is the 11x11 Gaussian of sigma 1.5
- * with zeros outside. S never needs s_xx and s_yy apart, so four blurs do. G being symmetric,
+ * with mx = G*x, my = G*y, s_xy = G*(xy) - mx my, s_xx + s_yy = G*(xx + yy) - mx^2 - my^2; G* is the 11x11 Gaussian of
+ * sigma 1.5 with zeros outside. S never needs s_xx and s_yy apart, so four blurs do. G being symmetric,
  *
  *   d(sum S)/dx = G*(dS/dmx) + 2 x G*(dS/dq) + y G*(dS/dp),  q = G*(xx + yy), p = G*(xy)
  *   dS/dp = 2 A1 / (B1 B2),  dS/dq = -S / B2,  dS/dmx = 2 (my (A2 - A1) - mx S (B2 - B1)) / (B1 B2)
  *
- * Rows stream through rings that stay in the cache: loaded (x, y) > blurred down the columns, two rows at a time so that
- * each load serves both > along the row > the three derivatives > down the columns > along the row > gradient. A band computes
- * 5 rows of derivatives more than it owns on either side and loads 10. */
+ * Rows stream through rings that stay in the cache: loaded (x, y) > blurred down the columns, two rows at a time so
+ * that each load serves both > along the row > the three derivatives > down the columns > along the row > gradient. A
+ * band computes 5 rows of derivatives more than it owns on either side and loads 10. */
 
 enum {
   LOSS_RADIUS = 5,
@@ -21,15 +21,15 @@ enum {
 };
 
 /* exp(-d^2 / 4.5) / sum, d = 0..5 */
-static const float loss_weight[LOSS_RADIUS + 1] = {0.266011725f, 0.213005538f, 0.10936069f,
+static const float loss_weight[LOSS_RADIUS + 1] = {0.266011725f,  0.213005538f,   0.10936069f,
                                                    0.0360007721f, 0.00759875814f, 0.00102838008f};
 
 typedef struct loss_state {
   const pags_loss_rows *io;
-  int64_t pitch;         /* floats from row to row of the scratch */
-  float *x, *y;          /* rings of LOSS_RING rows, times the mask */
-  float *derivative[3];  /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale and the mask */
-  float *sums[2][4];     /* what the pass down the columns leaves for the one along the row */
+  int64_t pitch;        /* floats from row to row of the scratch */
+  float *x, *y;         /* rings of LOSS_RING rows, times the mask */
+  float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale and the mask */
+  float *sums[2][4];    /* what the pass down the columns leaves for the one along the row */
   double l1, squared, ssim;
 } loss_state;
 

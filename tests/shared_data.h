@@ -1,4 +1,5 @@
-/* Test data that is not part of the repository: the folder named by PAGS_SHARED_DATA, else ../shared/data beside the sources. */
+/* Test data that is not part of the repository: the folder named by PAGS_SHARED_DATA, else ../shared/data beside the
+ * sources. */
 #ifndef PAGS_TESTS_SHARED_DATA_H
 #define PAGS_TESTS_SHARED_DATA_H
 

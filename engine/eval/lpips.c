@@ -1,7 +1,8 @@
 /* LPIPS v0.1 (Zhang et al. 2018, arXiv:1801.03924) over SqueezeNet 1.1.
  *
  *   x = (2 rgb - 1 - shift) / scale
- *   distance = sum over taps of mean over pixels of sum over channels of lin_c (a_c/(|a| + 1e-10) - b_c/(|b| + 1e-10))^2
+ *   distance = sum over taps of mean over pixels of sum over channels of lin_c (a_c/(|a| + 1e-10) - b_c/(|b| +
+ * 1e-10))^2
  *
  * Both pictures go through the network layer by layer side by side, so that only two layers of each are held. */
 #include "eval/metric.h"
@@ -38,8 +39,9 @@ static pags_result get(const loader *l, const char *name, int rank, const int64_
   if (!array)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a member '%s'", l->path, name);
   if (array->rank != rank || memcmp(array->shape, shape, (size_t)rank * sizeof *shape) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s' has not the shape of SqueezeNet 1.1, expected rank %d, first extent %lld",
-                     l->path, name, rank, (long long)shape[0]);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: '%s' has not the shape of SqueezeNet 1.1, expected rank %d, first extent %lld", l->path, name,
+                     rank, (long long)shape[0]);
   for (int64_t i = 0; i < array->count; i++)
     if (!isfinite(array->data[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': value %lld is not finite", l->path, name, (long long)i);
@@ -125,7 +127,7 @@ void pags_lpips_destroy(pags_lpips *lpips) {
 typedef struct tap_job {
   const pags_map *a, *b;
   const float *lin;
-  float *scratch;   /* three rows per worker */
+  float *scratch; /* three rows per worker */
   double *row_sum;
 } tap_job;
 
@@ -202,15 +204,15 @@ typedef struct stage {
   int fire, tap;
 } stage;
 
-static const stage stages[] = {{'c', 0, 0},  {'p', 0, -1}, {'f', 0, -1}, {'f', 1, 1}, {'p', 0, -1}, {'f', 2, -1},
-                               {'f', 3, 2},  {'p', 0, -1}, {'f', 4, 3},  {'f', 5, 4}, {'f', 6, 5},  {'f', 7, 6}};
+static const stage stages[] = {{'c', 0, 0}, {'p', 0, -1}, {'f', 0, -1}, {'f', 1, 1}, {'p', 0, -1}, {'f', 2, -1},
+                               {'f', 3, 2}, {'p', 0, -1}, {'f', 4, 3},  {'f', 5, 4}, {'f', 6, 5},  {'f', 7, 6}};
 
 static pags_result run_stage(const pags_lpips *lpips, const stage *s, int width, const pags_map *in, pags_tasks *tasks,
                              pags_map *out) {
   switch (s->kind) {
-  case 'c': return pags_layer_first(in, width, &lpips->first, tasks, out);
-  case 'p': return pags_layer_pool(in, tasks, out);
-  default: return pags_layer_fire(in, &lpips->fire[s->fire], tasks, out);
+    case 'c': return pags_layer_first(in, width, &lpips->first, tasks, out);
+    case 'p': return pags_layer_pool(in, tasks, out);
+    default: return pags_layer_fire(in, &lpips->fire[s->fire], tasks, out);
   }
 }
 

@@ -8,6 +8,8 @@
 pags_result pags_metric_check(const pags_image *a, const pags_image *b, const char *metric);
 
 /* NaN becomes 0: a broken pixel counts as black, not as equal to everything. */
-static inline float pags_metric_clamp(float v) { return v > 0.0f ? (v < 1.0f ? v : 1.0f) : 0.0f; }
+static inline float pags_metric_clamp(float v) {
+  return v > 0.0f ? (v < 1.0f ? v : 1.0f) : 0.0f;
+}
 
 #endif

@@ -8,7 +8,7 @@
 #include <zlib.h>
 
 enum {
-  END_RECORD = 22,    /* end of central directory, without its comment */
+  END_RECORD = 22,     /* end of central directory, without its comment */
   CENTRAL_RECORD = 46, /* entry of the central directory, without name, extra field and comment */
   LOCAL_RECORD = 30,
   MAX_COMMENT = 65535
@@ -28,8 +28,12 @@ typedef struct member {
   uint32_t crc;
 } member;
 
-static uint32_t get16(const uint8_t *p) { return (uint32_t)p[0] | (uint32_t)p[1] << 8; }
-static uint32_t get32(const uint8_t *p) { return get16(p) | get16(p + 2) << 16; }
+static uint32_t get16(const uint8_t *p) {
+  return (uint32_t)p[0] | (uint32_t)p[1] << 8;
+}
+static uint32_t get32(const uint8_t *p) {
+  return get16(p) | get16(p + 2) << 16;
+}
 
 /* The last end record whose comment reaches exactly to the end of the file. */
 static pags_result find_end(const archive *zip, size_t *end) {
@@ -50,8 +54,8 @@ static pags_result find_end(const archive *zip, size_t *end) {
  * the central one. */
 static pags_result locate(const archive *zip, size_t local, member *m) {
   if (local > zip->size || zip->size - local < LOCAL_RECORD || get32(zip->bytes + local) != 0x04034b50)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path, (int)m->name_length,
-                     m->name, local);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path,
+                     (int)m->name_length, m->name, local);
   size_t skip = (size_t)LOCAL_RECORD + get16(zip->bytes + local + 26) + get16(zip->bytes + local + 28);
   if (zip->size - local < skip || zip->size - local - skip < m->size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': %zu bytes at byte %zu reach beyond the end of the file", zip->path,
@@ -75,8 +79,8 @@ static pags_result read_entry(const archive *zip, size_t *at, member *m) {
   m->crc = get32(p + 16);
   m->size = get32(p + 24);
   if (get16(p + 10) != 0 || (get16(p + 8) & 1) || get32(p + 20) != m->size)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' is compressed or encrypted, expected a stored member", zip->path,
-                     (int)m->name_length, m->name);
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' is compressed or encrypted, expected a stored member",
+                     zip->path, (int)m->name_length, m->name);
   if (m->size == UINT32_MAX || get32(p + 42) == UINT32_MAX)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' needs zip64", zip->path, (int)m->name_length, m->name);
   *at += length;

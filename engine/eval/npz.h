@@ -20,8 +20,8 @@ typedef struct pags_npz {
   pags_npz_array *arrays;
 } pags_npz;
 
-/* Errors: PAGS_ERROR_IO, _FORMAT, _UNSUPPORTED (compressed, encrypted, zip64, other element types), _MEMORY. `out` is zeroed
- * on failure. */
+/* Errors: PAGS_ERROR_IO, _FORMAT, _UNSUPPORTED (compressed, encrypted, zip64, other element types), _MEMORY. `out` is
+ * zeroed on failure. */
 pags_result pags_npz_load(const char *path, pags_npz *out);
 /* The same from memory; `path` is for messages. */
 pags_result pags_npz_parse(const uint8_t *bytes, size_t size, const char *path, pags_npz *out);

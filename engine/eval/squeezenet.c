@@ -1,5 +1,5 @@
-/* See squeezenet.h. Blocks of the parallel loops are rows of the output: a row of all its channels needs three rows of the
- * input, which stay in the cache while the channels go by. */
+/* See squeezenet.h. Blocks of the parallel loops are rows of the output: a row of all its channels needs three rows of
+ * the input, which stay in the cache while the channels go by. */
 #include "eval/squeezenet.h"
 
 #include <stdlib.h>
@@ -105,7 +105,8 @@ static void conv1_rows(void *context, int64_t begin, int64_t end, int worker) {
       float *row = pags_map_row(job->out, job->first_channel + o, y);
       fill(row, job->out->width, conv->bias[o]);
       for (int i = 0; i < conv->inputs; i += 8)
-        add_eight(row, job->out->width, pags_map_row(job->in, i, y), job->in->plane, conv->weight + o * conv->inputs + i);
+        add_eight(row, job->out->width, pags_map_row(job->in, i, y), job->in->plane,
+                  conv->weight + o * conv->inputs + i);
       rectify(row, job->out->width);
     }
 }
@@ -180,7 +181,9 @@ pags_result pags_layer_fire(const pags_map *in, const pags_fire *fire, pags_task
   return result;
 }
 
-static int pooled(int extent) { return (extent - 3 + 1) / 2 + 1; }
+static int pooled(int extent) {
+  return (extent - 3 + 1) / 2 + 1;
+}
 
 pags_result pags_layer_pool(const pags_map *in, pags_tasks *tasks, pags_map *out) {
   PAGS_TRY(pags_map_create(out, in->channels, pooled(in->width), pooled(in->height)));

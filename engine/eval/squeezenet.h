@@ -8,8 +8,8 @@
 #include <pags/base.h>
 #include <pags/tasks.h>
 
-/* Feature map: row y of channel c begins at pags_map_row(map, c, y), for y in [-1, height]; one pixel of zeros lies around
- * each plane. */
+/* Feature map: row y of channel c begins at pags_map_row(map, c, y), for y in [-1, height]; one pixel of zeros lies
+ * around each plane. */
 typedef struct pags_map {
   int channels, width, height;
   int64_t stride, plane; /* floats from row to row, from channel to channel */
@@ -31,8 +31,8 @@ typedef struct pags_conv {
 
 /* The layers below create `out`. Errors: PAGS_ERROR_MEMORY, PAGS_CANCELLED. */
 
-/* 3x3, stride 2, no padding, 3 channels in, ReLU. `in` holds six planes: the even columns of R, G, B, then the odd ones;
- * `width` is that of the picture. */
+/* 3x3, stride 2, no padding, 3 channels in, ReLU. `in` holds six planes: the even columns of R, G, B, then the odd
+ * ones; `width` is that of the picture. */
 pags_result pags_layer_first(const pags_map *in, int width, const pags_conv *conv, pags_tasks *tasks, pags_map *out);
 
 /* Squeeze 1x1 and ReLU, then the concatenation of expand 1x1 and expand 3x3 (padding 1), each with ReLU. */

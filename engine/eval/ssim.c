@@ -2,11 +2,11 @@
  *
  *   SSIM = (2 mu_a mu_b + C1)(2 s_ab + C2) / ((mu_a^2 + mu_b^2 + C1)(s_aa + s_bb + C2))
  *
- * with means and (co)variances under an 11x11 Gaussian window of sigma 1.5 that sums to 1; pixels outside of the picture are
- * zeros. A mask selects which values of the map enter the mean; the windows see the unmasked pictures.
+ * with means and (co)variances under an 11x11 Gaussian window of sigma 1.5 that sums to 1; pixels outside of the
+ * picture are zeros. A mask selects which values of the map enter the mean; the windows see the unmasked pictures.
  *
- * The window is separable: for a row of the map, first the 11 source rows are summed down each column, then the sums along
- * the row. */
+ * The window is separable: for a row of the map, first the 11 source rows are summed down each column, then the sums
+ * along the row. */
 #include "eval/metric.h"
 
 #include <math.h>
@@ -22,9 +22,9 @@ typedef struct ssim_job {
   const uint8_t *mask;
   int width, height;
   double window[TAPS];
-  double *scratch;         /* per worker */
-  int64_t scratch_stride;  /* doubles */
-  double *row_sum;         /* per row, over channels and counted pixels */
+  double *scratch;        /* per worker */
+  int64_t scratch_stride; /* doubles */
+  double *row_sum;        /* per row, over channels and counted pixels */
 } ssim_job;
 
 static void make_window(double window[TAPS]) {
@@ -109,7 +109,8 @@ static int64_t count_mask(const uint8_t *mask, int64_t pixels) {
   return counted;
 }
 
-pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks, double *ssim) {
+pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
+                           double *ssim) {
   PAGS_TRY(pags_metric_check(a, b, "SSIM"));
   ssim_job job = {.a = a->data, .b = b->data, .mask = mask, .width = a->width, .height = a->height};
   make_window(job.window);

@@ -1,7 +1,7 @@
-/* Nearest neighbours by a k-d tree (Bentley 1975): the points themselves, partitioned in place about the median of the widest axis of
- * each range, so that the middle of a range is its node. Unlike a grid it does not care how unevenly points lie, and
- * structure-from-motion points lie very unevenly. On two threads a million points take 2.2 s where Embree's point queries, a
- * callback each, took 6.4 s.
+/* Nearest neighbours by a k-d tree (Bentley 1975): the points themselves, partitioned in place about the median of the
+ * widest axis of each range, so that the middle of a range is its node. Unlike a grid it does not care how unevenly
+ * points lie, and structure-from-motion points lie very unevenly. On two threads a million points take 2.2 s where
+ * Embree's point queries, a callback each, took 6.4 s.
  *
  * Exact: |p - plane| <= |p - q| holds in float for every q beyond the plane, since rounding is monotone. */
 #include "train/knn.h"
@@ -140,7 +140,8 @@ static void search_block(void *context, int64_t begin, int64_t end, int worker) 
 
 pags_result pags_knn_mean_squared(const float *xyz, int64_t count, pags_tasks *tasks, float *out) {
   if (count > INT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "nearest neighbours of %lld points, expected at most 2^31 - 1", (long long)count);
+    return pags_fail(PAGS_ERROR_LIMIT, "nearest neighbours of %lld points, expected at most 2^31 - 1",
+                     (long long)count);
   tree t = {.count = count, .out = out};
   t.points = malloc((size_t)(count ? count : 1) * sizeof *t.points);
   t.axis = malloc((size_t)(count ? count : 1));

@@ -103,14 +103,15 @@ static pags_result evaluate(loss_job *job, double ssim_weight, pags_loss *out) {
   return add_up(job, blocks, ssim_weight, counted, out);
 }
 
-pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double ssim_weight,
-                               float *const gradient[3], pags_loss *out) {
+pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
+                               double ssim_weight, float *const gradient[3], pags_loss *out) {
   assert(ssim_weight >= 0.0 && ssim_weight <= 1.0);
   if (picture->width != photo->width || picture->height != photo->height || picture->stride != photo->stride)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d", picture->width,
-                     picture->height, photo->width, photo->height);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
+                     picture->width, picture->height, photo->width, photo->height);
   const char *why = "no vector kernels";
-  loss_job job = {.kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .gradient = gradient};
+  loss_job job = {
+      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .gradient = gradient};
   if (!job.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   /* Blocks of this very loop stack their scratch on top of what the calling thread, worker 0, allocates here. */

@@ -5,6 +5,7 @@
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
+
 #include <cmocka.h>
 
 /* cmocka's own comparison is in float. */
@@ -164,8 +165,9 @@ static void test_wrong_pairs(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_psnr_closed_form), cmocka_unit_test(test_psnr_mask),   cmocka_unit_test(test_ssim_definition),
-      cmocka_unit_test(test_ssim_threads),     cmocka_unit_test(test_wrong_pairs),
+      cmocka_unit_test(test_psnr_closed_form), cmocka_unit_test(test_psnr_mask),
+      cmocka_unit_test(test_ssim_definition),  cmocka_unit_test(test_ssim_threads),
+      cmocka_unit_test(test_wrong_pairs),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,5 +1,5 @@
-/* The training loss and its gradient: against a plain double evaluation, against finite differences of that evaluation, for every
- * kernel table this machine runs, and for any number of threads. */
+/* The training loss and its gradient: against a plain double evaluation, against finite differences of that
+ * evaluation, for every kernel table this machine runs, and for any number of threads. */
 #include <pags/frame.h>
 
 #include <math.h>
@@ -7,6 +7,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+
 #include <cmocka.h>
 
 #include "base/rng.h"
@@ -31,11 +32,14 @@ static void fill(pair *p, uint64_t seed, float garbage) {
     for (int y = 0; y < p->height; y++)
       for (int x = 0; x < p->stride; x++) {
         const int64_t at = ((int64_t)c * p->height + y) * p->stride + x;
-        const double noise = pags_rng_uniform(seed, 1, (uint64_t)at), wave = 0.5 + 0.4 * sin(0.4 * x + c) * cos(0.3 * y);
+        const double noise = pags_rng_uniform(seed, 1, (uint64_t)at),
+                     wave = 0.5 + 0.4 * sin(0.4 * x + c) * cos(0.3 * y);
         const uint8_t target = (uint8_t)(255.0 * (0.7 * wave + 0.3 * pags_rng_uniform(seed, 2, (uint64_t)at)));
         const int flat = x > 20 && x < 50 && y > 15 && y < 30, same = x < 12 && y < 12;
         p->rgb[at] = x < p->width ? (flat ? 128 : target) : 0;
-        p->planes[at] = flat ? 0.4f : same ? (float)p->rgb[at] * (1.0f / 255.0f) : (float)(1.3 * wave + 0.4 * noise - 0.3);
+        p->planes[at] = flat   ? 0.4f
+                        : same ? (float)p->rgb[at] * (1.0f / 255.0f)
+                               : (float)(1.3 * wave + 0.4 * noise - 0.3);
         if (x >= p->width)
           p->planes[at] = garbage;
         p->gradient[at] = -7.0f;
@@ -99,7 +103,8 @@ static void plain_blur(const double *in, double *out, int width, int height) {
 }
 
 /* Sum over counted pixels of SSIM values; `derivative` receives d/dx of the sum. x and y are masked already. */
-static double plain_ssim(const double *x, const double *y, const uint8_t *use, int width, int height, double *derivative) {
+static double plain_ssim(const double *x, const double *y, const uint8_t *use, int width, int height,
+                         double *derivative) {
   const int n = width * height;
   double *m = calloc((size_t)(9 * n), sizeof *m), total = 0.0;
   double *in = m + 5 * n, *d[3] = {m + 6 * n, m + 7 * n, m + 8 * n};
@@ -160,8 +165,8 @@ static pags_loss plain_loss(const pair *p, double weight, double *gradient) {
 
 /* ------------------------------------------------------------------------------------------------ tests */
 
-/* Largest error of the gradient over its root mean square (of at least 1e-3 of a pixel's L1 gradient, as it may vanish); also
- * sees to it that the padding is zero. */
+/* Largest error of the gradient over its root mean square (of at least 1e-3 of a pixel's L1 gradient, as it may
+ * vanish); also sees to it that the padding is zero. */
 static double gradient_error(const pair *p, const double *expected) {
   double worst = 0.0, power = 0.0;
   const int n = p->width * p->height;
@@ -326,8 +331,9 @@ static void test_sizes_must_agree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_plain),         cmocka_unit_test(test_finite_differences), cmocka_unit_test(test_threads),
-      cmocka_unit_test(test_unseen_pixels), cmocka_unit_test(test_huge_colours),       cmocka_unit_test(test_sizes_must_agree),
+      cmocka_unit_test(test_plain),        cmocka_unit_test(test_finite_differences),
+      cmocka_unit_test(test_threads),      cmocka_unit_test(test_unseen_pixels),
+      cmocka_unit_test(test_huge_colours), cmocka_unit_test(test_sizes_must_agree),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

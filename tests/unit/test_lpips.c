@@ -1,5 +1,5 @@
-/* LPIPS: against a plain double evaluation with generated weights, against the reference distances of the test data, and the
- * reader of its weights file on broken input. */
+/* LPIPS: against a plain double evaluation with generated weights, against the reference distances of the test data,
+ * and the reader of its weights file on broken input. */
 #include <pags/eval.h>
 
 #include <math.h>
@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+
 #include <cmocka.h>
 #include <zlib.h>
 
@@ -68,7 +69,8 @@ static void put_member(npz_writer *w, const char *name, uint32_t method, const b
   w->members++;
 }
 
-static void put_array(npz_writer *w, const char *name, const char *descr, int rank, const int *shape, const float *data) {
+static void put_array(npz_writer *w, const char *name, const char *descr, int rank, const int *shape,
+                      const float *data) {
   char header[128] = "";
   int used = snprintf(header, sizeof header, "{'descr': '%s', 'fortran_order': False, 'shape': (", descr);
   size_t count = 1;
@@ -109,7 +111,8 @@ static float *random_floats(int64_t count, uint64_t stream, double lo, double hi
 }
 
 /* Weights that keep the size of the activations; leaves out the member named `without`. */
-static void put_random(npz_writer *w, const char *name, int rank, const int *shape, double lo, double hi, const char *without) {
+static void put_random(npz_writer *w, const char *name, int rank, const int *shape, double lo, double hi,
+                       const char *without) {
   int64_t count = 1;
   for (int i = 0; i < rank; i++)
     count *= shape[i];
@@ -178,7 +181,9 @@ static map map_make(int channels, int width, int height) {
   return m;
 }
 
-static double *at(const map *m, int c, int y, int x) { return m->v + ((int64_t)c * m->height + y) * m->width + x; }
+static double *at(const map *m, int c, int y, int x) {
+  return m->v + ((int64_t)c * m->height + y) * m->width + x;
+}
 
 static const float *weights_of(const pags_npz *npz, const char *layer, const char *kind) {
   char name[64];
@@ -189,8 +194,8 @@ static const float *weights_of(const pags_npz *npz, const char *layer, const cha
 }
 
 /* Writes channels [first, first + outputs) of `out`. */
-static void convolve(const map *in, const pags_npz *npz, const char *layer, int outputs, int size, int step, int pad, map *out,
-                     int first) {
+static void convolve(const map *in, const pags_npz *npz, const char *layer, int outputs, int size, int step, int pad,
+                     map *out, int first) {
   const float *weight = weights_of(npz, layer, "weight"), *bias = weights_of(npz, layer, "bias");
   for (int o = 0; o < outputs; o++)
     for (int y = 0; y < out->height; y++)
@@ -221,7 +226,8 @@ static map plain_pool(map in) {
 
 static map plain_fire(map in, const pags_npz *npz, int index) {
   char name[32];
-  map squeezed = map_make(squeezes[index], in.width, in.height), out = map_make(2 * expands[index], in.width, in.height);
+  map squeezed = map_make(squeezes[index], in.width, in.height),
+      out = map_make(2 * expands[index], in.width, in.height);
   snprintf(name, sizeof name, "fire%d.squeeze", index + 2);
   convolve(&in, npz, name, squeezes[index], 1, 1, 0, &squeezed, 0);
   snprintf(name, sizeof name, "fire%d.expand1x1", index + 2);
@@ -323,7 +329,8 @@ static void test_generated_weights(void **state) {
   free(file.bytes);
 }
 
-static double distance_of_files(const pags_lpips *lpips, pags_tasks *tasks, const char *folder, const char *a, const char *b) {
+static double distance_of_files(const pags_lpips *lpips, pags_tasks *tasks, const char *folder, const char *a,
+                                const char *b) {
   char path[1024];
   pags_image images[2] = {{0}};
   double distance = -1.0;
@@ -460,9 +467,12 @@ static void test_npz_deflated(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_generated_weights),       cmocka_unit_test(test_reference_distances),
-      cmocka_unit_test(test_small_pictures_are_refused), cmocka_unit_test(test_missing_member_is_named),
-      cmocka_unit_test(test_npz_reads),               cmocka_unit_test(test_npz_broken),
+      cmocka_unit_test(test_generated_weights),
+      cmocka_unit_test(test_reference_distances),
+      cmocka_unit_test(test_small_pictures_are_refused),
+      cmocka_unit_test(test_missing_member_is_named),
+      cmocka_unit_test(test_npz_reads),
+      cmocka_unit_test(test_npz_broken),
       cmocka_unit_test(test_npz_deflated),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
