@@ -90,7 +90,8 @@ static inline vf v_exp(vf x) {
   p = v_fma(p, f, v_set(1.6666665459e-1f));
   p = v_fma(p, f, v_set(5.0000001201e-1f));
   p = v_fma(v_mul(p, f), f, v_add(f, v_set(1.0f)));
-  return v_from_bits(i_add(v_bits(p), i_shl(v_bits(shifted), 23)));
+  const vf scaled = v_from_bits(i_add(v_bits(p), i_shl(v_bits(shifted), 23)));
+  return v_select(v_ge(x, x), scaled, x); /* the addition would make numbers of NaNs whose low bits are set */
 }
 
 /* log2 x for finite normal x > 0; 1.5 ulp or so. Cephes logf's polynomial. */
