@@ -115,7 +115,8 @@ class BadOutput(Case):
         blocker = self.write("file", b"in the way")
         before = files_below(self.folder)
         for out in [blocker, os.path.join(blocker, "below"), "/proc/pags-test"]:
-            self.fails(["train", data, "-o", out, "--iterations", "5", "-q"], blocker if out.startswith(blocker) else out)
+            named = blocker if out.startswith(blocker) else out
+            self.fails(["train", data, "-o", out, "--iterations", "5", "-q"], named)
         self.write("full/something", b"mine")
         self.fails(["train", data, "-o", self.path("full"), "--iterations", "5"], self.path("full"), "--overwrite")
         self.assertEqual(files_below(self.folder), sorted([*before, "full/something"]))

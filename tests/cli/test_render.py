@@ -40,7 +40,8 @@ class Render(Case):
         self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 128, 255))
 
     def test_nearest_in_front(self):
-        rows = [splat(0, 0, 6, (0, 1, 0), 0.8, 12.0), splat(0, 0, 3, (1, 0, 0), 0.8, 12.0), splat(0, 0, -3, (0, 0, 1), 0.8, 12.0)]
+        placed = [(6, (0, 1, 0)), (3, (1, 0, 0)), (-3, (0, 0, 1))]
+        rows = [splat(0, 0, z, colour, sigma=0.8, opacity=12.0) for z, colour in placed]
         scene = self.write("three.ply", ply_bytes(rows))
         channels = "color,alpha,depth,id,object"
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--channel", channels)

@@ -1,11 +1,13 @@
 """Usage: exit codes, messages and help."""
 
+import os
 import re
 
 import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info"]
+OPTIONAL_VERBS = ["synth", "bench"]  # not in every build
 
 
 class Usage(Case):
@@ -92,6 +94,24 @@ class Usage(Case):
         self.assertIn("[steps; default 30000]", shown)
         self.assertIn("[px^2; default 0.3]", shown)
         self.assertIn("[default 0.2]", shown)
+
+    def test_manual_names_every_option(self):
+        manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
+        for verb in [*VERBS, "synth"]:
+            shown = run(verb, "--help").stdout  # nothing where this build lacks it
+            chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
+            for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
+                self.assertTrue(name in chapter or name == "--help", f"{verb} {name} is not in docs/command-line.md")
+
+    def test_verbs_not_in_every_build(self):
+        top = self.succeeds("--help").stdout
+        for verb in OPTIONAL_VERBS:
+            row = next(line for line in top.splitlines() if line.startswith(f"  {verb} "))
+            if "lacks" in row:
+                self.fails([verb], verb, "not in this build")
+            else:
+                self.assertIn(f"usage: pags {verb}", self.succeeds(verb, "--help").stdout)
+                self.refused([verb], f"pags {verb}:")
 
     def test_version(self):
         self.assertRegex(self.succeeds("--version").stdout, r"^pags \d+\.\d+\.\d+\n$")
