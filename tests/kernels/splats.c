@@ -1,0 +1,73 @@
+#include "splats.h"
+
+#include <math.h>
+#include <string.h>
+
+pags_splat splat_make(double x, double y, double a, double b, double c, double alpha) {
+  const double k = 0.5 * log2(exp(1.0)), d = a * c - b * b, reach = (log2(alpha) + log2(255.0)) / k;
+  pags_splat s = {.x = (float)x, .y = (float)y};
+  s.p = (float)sqrt(k * c / d);
+  s.h = (float)(b / c);
+  s.w = (float)sqrt(k / c);
+  s.slope = (float)(b / a);
+  s.log2_opacity = (float)fmin(log2(alpha), 0.0);
+  s.extent_x = (float)sqrt(fmax(reach * a, 0.0));
+  s.extent_y = (float)sqrt(fmax(reach * c, 0.0));
+  s.r = check_uniform(0.0f, 1.0f);
+  s.g = check_uniform(0.0f, 1.0f);
+  s.b = check_uniform(0.0f, 1.0f);
+  s.z = check_uniform(0.5f, 4.0f);
+  s.id = check_below(1 << 20);
+  return s;
+}
+
+static float log_uniform(float lo, float hi) {
+  return lo * powf(hi / lo, check_uniform(0.0f, 1.0f));
+}
+
+/* Axes of `major` and `minor` px (standard deviations) at a random angle; low_pass as projection adds it. */
+static pags_splat from_axes(double x, double y, double minor, double major, double low_pass, double alpha) {
+  const double angle = (double)check_uniform(0.0f, 6.2831853f), co = cos(angle), si = sin(angle);
+  const double l1 = major * major, l2 = minor * minor;
+  return splat_make(x, y, l1 * co * co + l2 * si * si + low_pass, (l1 - l2) * co * si,
+                    l1 * si * si + l2 * co * co + low_pass, alpha);
+}
+
+pags_splat splat_awkward(const splat_mix *mix) {
+  const double x = (double)check_uniform(mix->x0, mix->x1), y = (double)check_uniform(mix->y0, mix->y1);
+  const double at = (double)check_uniform(0.05f, 0.95f), cut = 1.0 / 255.0;
+  switch (check_below(9)) {
+    case 0: return from_axes(x, y, 0.02, 200.0, 0.3, at); /* needle */
+    case 1: return from_axes(x, y, 0.3, 3000.0, 0.0, at); /* needle without the low-pass filter */
+    case 2: return from_axes(floor(x) + 0.5, floor(y) + 0.5, 2.0, 5.0, 0.3, cut * (1.0 + 3e-7 * (check_below(5) - 2)));
+    case 3: return from_axes(x, y, 3.0, 9.0, 0.3, 1.0);       /* capped around its mean */
+    case 4: return from_axes(x, y, 3.0, 3.0, 0.3, 0.9900001); /* capped at the mean alone */
+    case 5: return from_axes(x + 1000.0, y - 1500.0, 400.0, 900.0, 0.3, at);
+    case 6: return from_axes(x, y, 1e8, 1e8, 0.3, at);        /* flat over the whole picture */
+    case 7: return from_axes(x, y, 0.0, 0.0, 0.3, at);        /* the low-pass filter alone */
+    default: return from_axes(x + 1e9, y, 1.0, 1.0, 0.3, at); /* powers of two that no float holds */
+  }
+}
+
+pags_splat splat_random(const splat_mix *mix) {
+  if (mix->awkward && check_below(4) == 0)
+    return splat_awkward(mix);
+  const double minor = (double)log_uniform(mix->sigma_min, mix->sigma_max);
+  return from_axes((double)check_uniform(mix->x0, mix->x1), (double)check_uniform(mix->y0, mix->y1), minor,
+                   minor * (double)log_uniform(1.0f, mix->stretch), 0.3,
+                   (double)check_uniform(mix->alpha_min, mix->alpha_max));
+}
+
+static float fnma(float a, float b, float c, bool fused) {
+  return fused ? fmaf(-a, b, c) : c - a * b;
+}
+
+float splat_exponent(const pags_splat *s, float px, float py, bool fused) {
+  const float dx = px - s->x, dy = py - s->y;
+  const float u = s->p * fnma(s->h, dy, dx, fused), v = s->w * dy;
+  return fnma(u, u, fnma(v, v, s->log2_opacity, fused), fused);
+}
+
+bool splat_fused(const pags_kernels *k) {
+  return !CHECK_EXACT && strcmp(k->name, "scalar") != 0;
+}

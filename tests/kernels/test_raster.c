@@ -1,0 +1,361 @@
+/* Blending a tile: each ISA against the scalar kernel and all of them against a plain loop over pixels and splats; and that a pixel
+ * depends on nothing but the splats that reach it. */
+#include "check.h"
+#include "splats.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { MOST = 700, STRIDE = 19, PLANE = 15 * STRIDE + 16 };
+
+static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 600};
+
+typedef struct scene {
+  pags_splat *splats;
+  pags_entry *entries;
+  int64_t count;
+  int x0, y0, width, height;
+} scene;
+
+/* Output of one call, in buffers of exactly what may be written. */
+typedef struct picture {
+  float *rgb[3], *transmittance, *depth, *depth_sum;
+  int32_t *id;
+  uint16_t *masks;
+  int64_t pairs[2];
+} picture;
+
+static const float background[3] = {0.25f, 0.5f, 0.125f};
+
+/* The list visits the splats in an order of its own. Tiles at the border reach outside of the picture. */
+static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
+  scene s = {.splats = CHECK_NEW(pags_splat, count), .entries = CHECK_NEW(pags_entry, count), .count = count};
+  s.x0 = 32, s.y0 = 48, s.width = border ? 32 + 1 + check_below(15) : 100,
+  s.height = border ? 48 + 1 + check_below(15) : 70;
+  for (int64_t i = 0; i < count; i++) {
+    s.splats[i] = splat_random(mix);
+    s.entries[i] = (pags_entry){(uint32_t)(count - 1 - i), check_u32()};
+  }
+  for (int64_t i = count - 1; i > 0; i--) {
+    const int j = check_below((int)i + 1);
+    const pags_entry e = s.entries[i];
+    s.entries[i] = s.entries[j], s.entries[j] = e;
+  }
+  check_freeze(s.splats);
+  check_freeze(s.entries);
+  return s;
+}
+
+static const splat_mix translucent = {20, 36, 60, 76, 0.3f, 12, 8, 0.004f, 0.08f, false};
+static const splat_mix opaque = {20, 36, 60, 76, 0.3f, 20, 30, 0.1f, 1.0f, false};
+static const splat_mix awkward = {28, 44, 52, 68, 0.3f, 20, 30, 0.004f, 1.0f, true};
+
+static picture blend(const pags_kernels *k, const scene *s, int degree, bool extra, bool counted) {
+  picture p = {.masks = CHECK_NEW(uint16_t, s->count), .pairs = {0, 0}};
+  for (int c = 0; c < 3; c++)
+    p.rgb[c] = CHECK_NEW(float, PLANE);
+  p.transmittance = CHECK_NEW(float, PLANE);
+  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .stride = STRIDE};
+  memcpy(out.background, background, sizeof background);
+  if (extra) {
+    out.depth = p.depth = CHECK_NEW(float, PLANE);
+    out.depth_sum = p.depth_sum = CHECK_NEW(float, PLANE);
+    out.id = p.id = CHECK_NEW(int32_t, PLANE);
+  }
+  const pags_raster_in in = {.splats = s->splats,
+                             .entries = s->entries,
+                             .count = s->count,
+                             .x0 = s->x0,
+                             .y0 = s->y0,
+                             .width = s->width,
+                             .height = s->height,
+                             .exp_degree = degree,
+                             .block_masks = p.masks,
+                             .pairs = counted ? p.pairs : NULL};
+  k->raster(&in, &out);
+  return p;
+}
+
+static bool inside(const scene *s, int i) {
+  return i % STRIDE < 16 && s->x0 + i % STRIDE < s->width && s->y0 + i / STRIDE < s->height;
+}
+
+/* Keeps the picture's own pixels; what lies outside of it nobody reads. Gaps between rows must be as they were. */
+static void crop(const scene *s, float *plane) {
+  static const unsigned char untouched[4] = {0xA5, 0xA5, 0xA5, 0xA5};
+  for (int i = 0; plane && i < PLANE; i++) {
+    if (i % STRIDE >= 16)
+      CHECK(memcmp(plane + i, untouched, sizeof untouched) == 0);
+    else if (!inside(s, i))
+      plane[i] = 0.0f;
+  }
+}
+
+static void crop_all(const scene *s, const picture *p) {
+  for (int c = 0; c < 3; c++)
+    crop(s, p->rgb[c]);
+  crop(s, p->transmittance);
+  crop(s, p->depth);
+  crop(s, p->depth_sum);
+  crop(s, (float *)(void *)p->id);
+}
+
+static int64_t differ_by(int64_t a, int64_t b) {
+  return a < b ? b - a : a - b;
+}
+
+static void compare(const picture *got, const picture *want, int64_t count) {
+  /* At the stop a splat of weight 0.0099 at most comes or goes; at the cut-off one of 1/255. */
+  const double flips = 0.004, size = 0.012;
+  for (int c = 0; c < 3; c++)
+    CHECK_FLOATS("rgb", got->rgb[c], want->rgb[c], PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
+  CHECK_FLOATS("transmittance", got->transmittance, want->transmittance, PLANE, .absolute = 3e-6, .flips = flips,
+               .flip_size = size);
+  int64_t mask_flips = 0;
+  for (int64_t i = 0; i < count; i++)
+    mask_flips += __builtin_popcount((unsigned)got->masks[i] ^ (unsigned)want->masks[i]);
+  CHECK(mask_flips <= (CHECK_EXACT ? 0 : 2 + count * PAGS_TILE_BLOCKS / 100));
+  for (int j = 0; j < 2; j++)
+    CHECK(differ_by(got->pairs[j], want->pairs[j]) <= (CHECK_EXACT ? 0 : 64 + want->pairs[j] / 100));
+  if (!want->depth)
+    return;
+  CHECK_FLOATS("depth", got->depth, want->depth, PLANE, .absolute = 2e-5, .flips = flips, .flip_size = 4.0);
+  CHECK_FLOATS("depth_sum", got->depth_sum, want->depth_sum, PLANE, .absolute = 1e-5, .flips = flips,
+               .flip_size = 4 * size);
+  int id_flips = 0;
+  for (int i = 0; i < PLANE; i++)
+    id_flips += got->id[i] != want->id[i];
+  CHECK(id_flips <= (CHECK_EXACT ? 0 : 2));
+}
+
+static void test_scalar(const pags_kernels *k) {
+  const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int choice = 0; choice < 8; choice++) {
+      const scene s = make_scene(counts[n], mixes[check_below(3)], check_below(2));
+      const int degree = choice & 1 ? 3 : 5;
+      const picture got = blend(k, &s, degree, choice & 2, choice & 4);
+      const picture want = blend(&pags_kernels_scalar, &s, degree, choice & 2, choice & 4);
+      crop_all(&s, &got);
+      crop_all(&s, &want);
+      compare(&got, &want, s.count);
+      check_release();
+    }
+}
+
+/* ---- Against a plain loop ---- */
+
+typedef struct pixel {
+  double rgb[3], t, depth_sum, weight, best;
+  int32_t id;
+} pixel;
+
+/* In double but for the exponent, which decides what is below the cut-off. *evaluated, *blended: as `pairs` would count. */
+static pixel blend_pixel(const scene *s, float px, float py, bool fused, int64_t *blended) {
+  pixel out = {.t = 1.0, .id = -1};
+  for (int64_t i = 0; i < s->count; i++) {
+    const pags_splat *const g = s->splats + s->entries[i].splat;
+    const float exponent = splat_exponent(g, px, py, fused);
+    if (!(exponent >= -PAGS_LOG2_255))
+      continue;
+    const double alpha = fmin((double)PAGS_ALPHA_MAX, exp2((double)exponent)), w = alpha * out.t;
+    if (out.t - w < (double)PAGS_T_STOP)
+      break;
+    const float colour[3] = {g->r, g->g, g->b};
+    for (int c = 0; c < 3; c++)
+      out.rgb[c] += w * (double)colour[c];
+    out.depth_sum += w * (double)g->z;
+    out.weight += w;
+    if (w > out.best)
+      out.best = w, out.id = g->id;
+    out.t -= w;
+    ++*blended;
+  }
+  return out;
+}
+
+static picture blend_plainly(const scene *s, bool fused) {
+  picture p = {.depth = CHECK_NEW(float, PLANE), .depth_sum = CHECK_NEW(float, PLANE), .id = CHECK_NEW(int32_t, PLANE)};
+  for (int c = 0; c < 3; c++)
+    p.rgb[c] = CHECK_NEW(float, PLANE);
+  p.transmittance = CHECK_NEW(float, PLANE);
+  for (int i = 0; i < PLANE; i++) {
+    const float px = (float)(s->x0 + i % STRIDE) + 0.5f, py = (float)(s->y0 + i / STRIDE) + 0.5f;
+    if (!inside(s, i))
+      continue;
+    const pixel v = blend_pixel(s, px, py, fused, &p.pairs[1]);
+    for (int c = 0; c < 3; c++)
+      p.rgb[c][i] = (float)(v.rgb[c] + v.t * (double)background[c]);
+    p.transmittance[i] = (float)v.t;
+    p.depth[i] = v.weight > 0.0 ? (float)(v.depth_sum / v.weight) : 0.0f;
+    p.depth_sum[i] = (float)v.depth_sum;
+    p.id[i] = v.id;
+  }
+  crop_all(s, &p);
+  return p;
+}
+
+static void check_plainly(const pags_kernels *k, const scene *s, int degree) {
+  const double close = degree >= 5 ? 4e-6 : 1.5e-4, flips = 0.004, size = 0.012;
+  const picture got = blend(k, s, degree, true, true), want = blend_plainly(s, splat_fused(k));
+  crop_all(s, &got);
+  for (int c = 0; c < 3; c++)
+    CHECK_NEAR("rgb", got.rgb[c], want.rgb[c], PLANE, .absolute = close, .flips = flips, .flip_size = size);
+  CHECK_NEAR("transmittance", got.transmittance, want.transmittance, PLANE, .absolute = close, .flips = flips,
+             .flip_size = size);
+  CHECK_NEAR("depth", got.depth, want.depth, PLANE, .absolute = 4 * close, .flips = flips, .flip_size = 4.0);
+  CHECK_NEAR("depth_sum", got.depth_sum, want.depth_sum, PLANE, .absolute = 4 * close, .flips = flips,
+             .flip_size = 4 * size);
+  int id_flips = 0;
+  for (int i = 0; i < PLANE; i++)
+    id_flips += got.id[i] != want.id[i];
+  CHECK(id_flips <= 2);
+  CHECK(differ_by(got.pairs[1], want.pairs[1]) <= 3);
+  CHECK(got.pairs[0] >= got.pairs[1] && got.pairs[0] <= s->count * PAGS_TILE_PIXELS);
+}
+
+static void test_plainly(const pags_kernels *k) {
+  const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int choice = 0; choice < 6; choice++) {
+      const scene s = make_scene(counts[n], mixes[choice / 2], check_below(2));
+      check_plainly(k, &s, choice % 2 ? 3 : 5);
+      check_release();
+    }
+}
+
+/* ---- What must not change a bit ---- */
+
+static void check_same_picture(const picture *a, const picture *b, const scene *s) {
+  crop_all(s, a);
+  crop_all(s, b);
+  for (int c = 0; c < 3; c++)
+    CHECK_SAME("rgb", a->rgb[c], b->rgb[c], PLANE);
+  CHECK_SAME("transmittance", a->transmittance, b->transmittance, PLANE);
+  if (a->depth && b->depth) {
+    CHECK_SAME("depth", a->depth, b->depth, PLANE);
+    CHECK_SAME("depth_sum", a->depth_sum, b->depth_sum, PLANE);
+    CHECK(memcmp(a->id, b->id, PLANE * sizeof *a->id) == 0);
+  }
+}
+
+/* Extra channels and counting. */
+static void test_variants(const pags_kernels *k) {
+  for (int round = 0; round < 12; round++) {
+    const scene s = make_scene(300, round % 2 ? &opaque : &awkward, round & 2);
+    const int degree = round & 4 ? 3 : 5;
+    const picture plain = blend(k, &s, degree, false, false);
+    for (int choice = 1; choice < 4; choice++) {
+      const picture other = blend(k, &s, degree, choice & 1, choice & 2);
+      check_same_picture(&plain, &other, &s);
+      CHECK(memcmp(plain.masks, other.masks, (size_t)s.count * sizeof *plain.masks) == 0);
+    }
+    check_release();
+  }
+}
+
+/* Splats that reach no pixel, put in between: they move every other one to another place in another chunk. */
+static void test_strangers(const pags_kernels *k) {
+  for (int round = 0; round < 12; round++) {
+    const scene s = make_scene(150 + check_below(200), round % 2 ? &opaque : &translucent, round & 2);
+    scene longer = {.splats = CHECK_NEW(pags_splat, s.count + 1),
+                    .entries = CHECK_NEW(pags_entry, 4 * s.count),
+                    .x0 = s.x0,
+                    .y0 = s.y0,
+                    .width = s.width,
+                    .height = s.height};
+    memcpy(longer.splats, s.splats, (size_t)s.count * sizeof *s.splats);
+    longer.splats[s.count] = splat_make(500.0, 500.0, 2.0, 0.0, 2.0, 0.5);
+    for (int64_t i = 0; i < s.count; i++) {
+      for (int strangers = check_below(4); strangers > 0; strangers--)
+        longer.entries[longer.count++] = (pags_entry){(uint32_t)s.count, 0};
+      longer.entries[longer.count++] = s.entries[i];
+    }
+    const picture a = blend(k, &s, 5, true, false), b = blend(k, &longer, 5, true, false);
+    check_same_picture(&a, &b, &s);
+    for (int64_t i = 0; i < longer.count; i++)
+      CHECK(longer.entries[i].splat != s.count || b.masks[i] == 0);
+    check_release();
+  }
+}
+
+/* A pixel's own list: only those splats that are above the cut-off there. */
+static void test_own_list(const pags_kernels *k) {
+  for (int round = 0; round < 4; round++) {
+    const scene s = make_scene(400, round % 2 ? &opaque : &awkward, false);
+    const picture whole = blend(k, &s, 5, true, false);
+    for (int i = 0; i < 16; i++) {
+      const int x = check_below(16), y = check_below(16), at = y * STRIDE + x;
+      scene own = s;
+      own.entries = CHECK_NEW(pags_entry, s.count);
+      own.count = 0;
+      for (int64_t j = 0; j < s.count; j++)
+        if (splat_exponent(s.splats + s.entries[j].splat, (float)(s.x0 + x) + 0.5f, (float)(s.y0 + y) + 0.5f,
+                           splat_fused(k)) >= -PAGS_LOG2_255)
+          own.entries[own.count++] = s.entries[j];
+      const picture p = blend(k, &own, 5, true, false);
+      for (int c = 0; c < 3; c++)
+        CHECK_SAME("rgb", p.rgb[c] + at, whole.rgb[c] + at, 1);
+      CHECK_SAME("transmittance", p.transmittance + at, whole.transmittance + at, 1);
+      CHECK_SAME("depth", p.depth + at, whole.depth + at, 1);
+      CHECK(p.id[at] == whole.id[at]);
+    }
+    check_release();
+  }
+}
+
+/* Masks hold every block that a splat changed, and nothing behind the place where the block stopped. */
+static void test_masks(const pags_kernels *k) {
+  static const splat_mix wall = {39, 55, 41, 57, 40, 60, 1, 0.6f, 0.9f, false};
+  const scene s = make_scene(600, &wall, false);
+  const picture p = blend(k, &s, 5, false, false);
+  int64_t after = s.count;
+  while (after > 0 && p.masks[after - 1] == 0)
+    after--;
+  CHECK(after > 4 && after < 64); /* 0.4^11 is below the stop; stopping is looked for every 8 splats */
+  scene head = s;
+  head.count = after;
+  const picture q = blend(k, &head, 5, false, false);
+  check_same_picture(&p, &q, &s);
+}
+
+static void test_bench(const pags_kernels *k) {
+  static const splat_mix usual = {24, 40, 56, 72, 1.0f, 10, 4, 0.02f, 0.5f, false};
+  const scene s = make_scene(256, &usual, false);
+  for (int degree = 3; degree <= 5; degree += 2) {
+    const picture p = blend(k, &s, degree, false, true);
+    pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .stride = STRIDE};
+    const pags_raster_in in = {.splats = s.splats,
+                               .entries = s.entries,
+                               .count = s.count,
+                               .x0 = s.x0,
+                               .y0 = s.y0,
+                               .width = s.width,
+                               .height = s.height,
+                               .exp_degree = degree,
+                               .block_masks = p.masks};
+    CHECK(p.pairs[0] > 0);
+    CHECK_BENCH(degree == 3 ? "raster, degree 3" : "raster, degree 5", p.pairs[0], "lane") k->raster(&in, &out);
+    float kept = 0.0f;
+    CHECK_BENCH(degree == 3 ? "roofline, degree 3" : "roofline, degree 5", 16 * 1000, "lane")
+    kept += k->roofline(s.splats, 1000, degree);
+    CHECK(isfinite(kept));
+  }
+}
+
+static void test_roofline(const pags_kernels *k) {
+  const pags_splat s = splat_make(2.0, 2.0, 9.0, 1.0, 9.0, 0.01);
+  for (int degree = 3; degree <= 5; degree += 2) {
+    const float got = k->roofline(&s, 100, degree), want = pags_kernels_scalar.roofline(&s, 100, degree);
+    CHECK_FLOATS("roofline", &got, &want, 1, .relative = 1e-5);
+  }
+}
+
+int main(int argc, char **argv) {
+  static const check_case cases[] = {
+      {"raster scalar", test_scalar},       {"raster plainly", test_plainly},   {"raster variants", test_variants},
+      {"raster strangers", test_strangers}, {"raster own list", test_own_list}, {"raster masks", test_masks},
+      {"raster bench", test_bench},         {"roofline", test_roofline},
+  };
+  return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
+}
