@@ -22,7 +22,7 @@ static pags_result take(cursor *c, void *out, size_t size) {
 }
 
 static pags_result take_u32(cursor *c, int64_t *out) {
-  uint32_t value;
+  uint32_t value = 0;
   PAGS_TRY(take(c, &value, sizeof value));
   *out = value;
   return PAGS_OK;
@@ -30,7 +30,7 @@ static pags_result take_u32(cursor *c, int64_t *out) {
 
 /* A count of records that take at least `record` bytes each. */
 static pags_result take_count(cursor *c, size_t record, const char *what, int64_t *out) {
-  uint64_t value;
+  uint64_t value = 0;
   size_t at = c->at;
   PAGS_TRY(take(c, &value, sizeof value));
   if (value > (c->bytes->size - c->at) / record)
@@ -64,7 +64,7 @@ static pags_result take_camera(cursor *c, pags_colmap *model) {
 
 pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
-  int64_t count;
+  int64_t count = 0;
   PAGS_TRY(take_count(&c, 24 + 3 * sizeof(double), "cameras", &count));
   for (int64_t i = 0; i < count; i++)
     PAGS_TRY(take_camera(&c, model));
@@ -82,7 +82,7 @@ static pags_result take_image(cursor *c, pags_colmap *model) {
     return ends(c);
   image.name = (const char *)name;
   c->at += (size_t)(stop - name) + 1;
-  int64_t observations;
+  int64_t observations = 0;
   const size_t observation = 2 * sizeof(double) + sizeof(uint64_t);
   PAGS_TRY(take_count(c, observation, "observations", &observations));
   c->at += (size_t)observations * observation;
@@ -91,7 +91,7 @@ static pags_result take_image(cursor *c, pags_colmap *model) {
 
 pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
-  int64_t count;
+  int64_t count = 0;
   PAGS_TRY(take_count(&c, 4 + 7 * sizeof(double) + 4 + 1 + 8, "images", &count));
   for (int64_t i = 0; i < count; i++)
     PAGS_TRY(take_image(&c, model));
@@ -99,7 +99,7 @@ pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *
 }
 
 static pags_result take_point(cursor *c, pags_draft_points *points) {
-  uint64_t id;
+  uint64_t id = 0;
   double xyz[3], error;
   uint8_t rgb[3];
   int64_t observers;
@@ -120,7 +120,7 @@ static pags_result take_point(cursor *c, pags_draft_points *points) {
 
 pags_result pags_colmap_points_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
-  int64_t count;
+  int64_t count = 0;
   PAGS_TRY(take_count(&c, 8 + 3 * sizeof(double) + 3 + 8 + 8, "points", &count));
   for (int64_t i = 0; i < count; i++)
     PAGS_TRY(take_point(&c, &model->draft->points));

@@ -60,7 +60,7 @@ static pags_result take_number(lines *l, const char *what, double *out) {
 }
 
 static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t high, int64_t *out) {
-  double value;
+  double value = 0;
   PAGS_TRY(take_number(l, what, &value));
   if (!(value >= (double)low && value <= (double)high) || value != (double)(int64_t)value)
     return expected(l, what);
@@ -89,7 +89,7 @@ static pags_result take_camera(lines *l, pags_colmap *model) {
     result = pags_colmap_kind_by_name(where, kind_name, &kind);
   free(where);
   PAGS_TRY(result);
-  int64_t width, height;
+  int64_t width = 0, height = 0;
   double parameters[12];
   PAGS_TRY(take_integer(l, "a width in pixels, 1..65535", 1, 65535, &width));
   PAGS_TRY(take_integer(l, "a height in pixels, 1..65535", 1, 65535, &height));
@@ -143,7 +143,7 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
 }
 
 static pags_result take_point(lines *l, pags_draft_points *points) {
-  int64_t id, colour, view, observation;
+  int64_t id = 0, colour = 0, view = 0, observation;
   double xyz[3], error;
   uint8_t rgb[3];
   PAGS_TRY(take_integer(l, "a point's number", 0, LARGEST_ID, &id));

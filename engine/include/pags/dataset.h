@@ -56,6 +56,12 @@ PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset); /* views lef
 PAGS_API void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const float **xyz, const uint8_t **rgb,
                                   int *random);
 
+/* Better than random points where the data set has none: `count` points on random pixels of the training photographs, at
+ * the depth where other training photographs agree, with the photographs' colours. Reads every training photograph (of more than
+ * 256 an even choice) at a small size. xyz (relative to the origin) and rgb are freed by the caller. */
+PAGS_API pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *tasks, int64_t count, uint64_t seed,
+                                               float **xyz, uint8_t **rgb);
+
 /* A photograph ready for the loss: three planes of bytes R, G, B and, where the view has a mask or undistortion left
  * pixels without source, a plane of 255 (use) or 0. Row y of plane c begins at rgb + (c * height + y) * stride. */
 typedef struct pags_photo {
