@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { MOST = 700, STRIDE = 19, PLANE = 15 * STRIDE + 16 };
+enum { STRIDE = 19, PLANE = 15 * STRIDE + 16 };
 
 static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 600};
 
