@@ -86,10 +86,10 @@ static inline void camera_backward(const projected *s, const pags_projection *vi
   const vf free_y = v_maskz(m_andnot(all, s->clamped_y), v_mul(g12, v_mul(s->j11, s->inv_z)));
   gcam[0] = v_sub(v_mul(gmx, s->j00), free_x);
   gcam[1] = v_sub(v_mul(gmy, s->j11), free_y);
-  vf gz = v_fma(g00, s->j00, v_fma(g02, s->j02, v_fma(g11, s->j11, v_mul(g12, s->j12))));
+  const vf gj = v_fma(g00, s->j00, v_fma(g02, s->j02, v_fma(g11, s->j11, v_mul(g12, s->j12))));
   const vf dx = v_mul(s->x, s->inv_z), dy = v_mul(s->y, s->inv_z);
-  gz = v_fma(v_mul(gmx, s->j00), dx, v_fma(v_mul(gmy, s->j11), dy, gz));
-  gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gz, s->inv_z, gdepth)));
+  const vf gshift = v_fma(v_mul(gmx, s->j00), dx, v_mul(v_mul(gmy, s->j11), dy)); /* d(fx x/z)/dz = -j00 x/z */
+  gcam[2] = v_fma(free_x, s->tx, v_fma(free_y, s->ty, v_fnma(gj, s->inv_z, v_sub(gdepth, gshift))));
 }
 
 /* Spherical harmonics: coefficients, and the mean through the direction. d(basis)/d(direction) in Cartesian terms. */

@@ -77,7 +77,7 @@ static void shade(const pags_projection *view, const float *data, int64_t stride
     unsigned negative[3];
     for (int c = 0; c < 3; c++) {
       negative[c] = m_bits(v_lt(rgb[c], v_zero()));
-      v_store(colour[c], v_max(rgb[c], v_zero()));
+      v_store(colour[c], v_min(v_max(rgb[c], v_zero()), v_set(1e30f))); /* infinity times a weight of 0 is NaN */
     }
     for (; drawn; drawn &= drawn - 1) {
       const int k = __builtin_ctz(drawn);
