@@ -30,9 +30,9 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
   for (int k = 0; k < 4; k++)
     q[k] = v_load(data + (6 + k) * stride);
   const vf norm2 = v_fma(q[0], q[0], v_dot3(q[1], q[2], q[3], q[1], q[2], q[3]));
-  const vm usable = v_gt(norm2, v_set(1e-30f));
-  s->q_inv_norm = v_maskz(usable, v_div(v_set(1.0f), v_sqrt(v_select(usable, norm2, v_set(1.0f)))));
-  s->q[0] = v_select(usable, v_mul(q[0], s->q_inv_norm), v_set(1.0f));
+  const vm none = v_le(norm2, v_set(1e-30f)); /* false for NaN, which stays one and takes the row out */
+  s->q_inv_norm = v_select(none, v_zero(), v_div(v_set(1.0f), v_sqrt(v_select(none, v_set(1.0f), norm2))));
+  s->q[0] = v_select(none, v_set(1.0f), v_mul(q[0], s->q_inv_norm));
   for (int k = 1; k < 4; k++)
     s->q[k] = v_mul(q[k], s->q_inv_norm);
   const vf w = s->q[0], x = s->q[1], y = s->q[2], z = s->q[3], two = v_set(2.0f), one = v_set(1.0f);
