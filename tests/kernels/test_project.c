@@ -1,0 +1,148 @@
+/* Projection: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
+#include "rows.h"
+
+#include <math.h>
+#include <string.h>
+
+static const int counts[] = {0, 1, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256};
+
+typedef struct projection {
+  pags_splat *splats;
+  uint32_t *keys;
+} projection;
+
+static projection project(const pags_kernels *k, const pags_projection *view, const rows *r) {
+  const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count)};
+  k->project(view, r->data, r->stride, r->count, p.splats, p.keys);
+  return p;
+}
+
+static void check_scalar(const projection *got, const projection *want, int count) {
+  if (!CHECK_EXACT)
+    return; /* held against double instead */
+  for (int i = 0; i < count; i++)
+    if (got->keys[i] != want->keys[i] || memcmp(got->splats + i, want->splats + i, sizeof *got->splats) != 0)
+      CHECK_FAIL("row %d: not the scalar kernel's splat (keys %08x, %08x)", i, got->keys[i], want->keys[i]);
+}
+
+static void check_field(const char *what, int row, float got, double want, double relative, double absolute) {
+  if (!(fabs((double)got - want) <= relative * fabs(want) + absolute))
+    CHECK_FAIL("row %d: %s is %.9g, should be %.9g (to %.3g)", row, what, (double)got, want,
+               relative * fabs(want) + absolute);
+}
+
+/* D is a sum of squares of minors, each rounded to a share of sqrt(A C): the thinner, the fewer digits. */
+static void check_splat(const pags_splat *s, uint32_t key, const plain_row *want, const pags_projection *view,
+                        int row) {
+  const double k = 0.5 * log2(exp(1.0)), thin = sqrt(want->a * want->c / want->d);
+  const double near = 1e-5, shape = near + 1e-6 * thin, far = 1e-6 * (fabs(want->x) + fabs(want->y) + 1000.0);
+  const double dim = view->antialiased ? 1e-6 * want->a * want->c / fmax(want->d0, 2.5e-5 * want->d) : 0.0;
+  check_field("x", row, s->x, want->x, 0.0, far);
+  check_field("y", row, s->y, want->y, 0.0, far);
+  check_field("z", row, s->z, want->z, near, 0.0);
+  check_field("p", row, s->p, sqrt(k * want->c / want->d), shape, 0.0);
+  check_field("h", row, s->h, want->b / want->c, near, near * sqrt(want->a / want->c));
+  check_field("w", row, s->w, sqrt(k / want->c), near, 0.0);
+  check_field("slope", row, s->slope, want->b / want->a, near, near * sqrt(want->c / want->a));
+  check_field("log2_opacity", row, s->log2_opacity, fmin(log2(want->opacity), 0.0), 1e-6, 1e-5 + dim);
+  const double reach = (1e-5 + dim) / log(255.0 * want->opacity);
+  check_field("extent_x", row, s->extent_x, want->extent_x, near + reach, 1e-4);
+  check_field("extent_y", row, s->extent_y, want->extent_y, near + reach, 1e-4);
+  uint32_t bits;
+  memcpy(&bits, &s->z, sizeof bits);
+  CHECK(key == bits && s->tiles == 0);
+}
+
+static void check_plainly(const projection *p, const pags_projection *view, const rows *r, int tally[3]) {
+  for (int i = 0; i < r->count; i++) {
+    static const unsigned char untouched[] = {0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5};
+    const bool drawn = p->keys[i] != UINT32_MAX;
+    double row[ROW_FLOATS];
+    row_read(r, i, row);
+    CHECK(memcmp(&p->splats[i].r, untouched, 12) == 0 && memcmp(&p->splats[i].clamped, untouched, 4) == 0);
+    if (!row_usable(row, ROW_SH)) {
+      if (drawn)
+        CHECK_FAIL("row %d is drawn though a parameter is not a number or infinite", i);
+      tally[2]++;
+      continue;
+    }
+    const plain_row want = row_plainly(view, row);
+    if (want.certain && drawn != want.drawn)
+      CHECK_FAIL("row %d is %sdrawn: z %g at (%g, %g), A %g, C %g, opacity %g", i, drawn ? "" : "not ", want.z, want.x,
+                 want.y, want.a, want.c, want.opacity);
+    if (want.certain && drawn && want.drawn)
+      check_splat(p->splats + i, p->keys[i], &want, view, i);
+    tally[want.certain && want.drawn]++;
+  }
+}
+
+static void check_kind(const pags_kernels *k, row_kind kind) {
+  int tally[3] = {0, 0, 0};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int antialiased = 0; antialiased < 2; antialiased++) {
+      const pags_projection view = view_random(check_below(4), antialiased);
+      const rows r = rows_random(&view, counts[n], kind);
+      const projection got = project(k, &view, &r), want = project(&pags_kernels_scalar, &view, &r);
+      check_scalar(&got, &want, r.count);
+      check_plainly(&got, &view, &r, tally);
+      check_release();
+    }
+  check_note("%d rows drawn, %d not or on a threshold, %d unusable", tally[1], tally[0], tally[2]);
+  CHECK(tally[1] > 300);
+}
+
+static void test_ordinary(const pags_kernels *k) {
+  check_kind(k, ROWS_ORDINARY);
+}
+static void test_needles(const pags_kernels *k) {
+  check_kind(k, ROWS_NEEDLES);
+}
+static void test_awkward(const pags_kernels *k) {
+  check_kind(k, ROWS_AWKWARD);
+}
+
+/* At the near plane to the bit: not drawn; the next float beyond: drawn. NaNs with any payload in any parameter: not drawn. */
+static void test_edges(const pags_kernels *k) {
+  const pags_projection view = view_straight(0);
+  float data[14][16] = {{0.0f}};
+  for (int i = 0; i < 16; i++) {
+    data[2][i] = i == 1 ? nextafterf(view.near_plane, 1.0f) : i == 0 ? view.near_plane : 2.0f;
+    for (int c = 0; c < 3; c++)
+      data[ROW_SCALE + c][i] = -4.0f;
+    data[ROW_QUATERNION][i] = 1.0f;
+    data[ROW_LOGIT][i] = 1.0f;
+  }
+  pags_splat splats[16];
+  uint32_t keys[16];
+  k->project(&view, data[0], 16, 16, splats, keys);
+  for (int i = 0; i < 16; i++)
+    CHECK((keys[i] == UINT32_MAX) == (i == 0));
+  for (int plane = 0; plane < ROW_SH; plane++) {
+    float kept[16];
+    memcpy(kept, data[plane], sizeof kept);
+    for (int i = 0; i < 16; i++) {
+      const uint32_t nan = (i & 1 ? 0x7FC00000u : 0xFFC00000u) | (check_u32() & 0x3FFFFFu);
+      memcpy(&data[plane][i], &nan, sizeof nan);
+    }
+    k->project(&view, data[0], 16, 16, splats, keys);
+    for (int i = 0; i < 16; i++)
+      if (keys[i] != UINT32_MAX)
+        CHECK_FAIL("drawn with NaN in plane %d", plane);
+    memcpy(data[plane], kept, sizeof kept);
+  }
+}
+
+static void test_bench(const pags_kernels *k) {
+  const pags_projection view = view_random(3, false);
+  const rows r = rows_random(&view, 256, ROWS_ORDINARY);
+  const projection p = project(k, &view, &r);
+  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, r.count, p.splats, p.keys);
+}
+
+int main(int argc, char **argv) {
+  static const check_case cases[] = {
+      {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
+      {"project edges", test_edges},       {"project bench", test_bench},
+  };
+  return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
+}
