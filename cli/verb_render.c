@@ -252,13 +252,14 @@ static pags_result draw_all(renderer *self) {
 
 static void report(const renderer *self) {
   pags_frame_stats mean = mean_stats(self->stats, self->done);
+  int threads = pags_tasks_workers(self->arguments->session.tasks);
   pags_say(
       &self->arguments->session,
       "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
-      "%.2f) on %d threads\n",
+      "%.2f) on %d %s\n",
       self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
       (long long)self->view.gaussian_count, total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort,
-      mean.ms_bin, mean.ms_raster, pags_tasks_workers(self->arguments->session.tasks));
+      mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {

@@ -194,10 +194,10 @@ class Case(unittest.TestCase):
         self.assertEqual(done.returncode, 0, f"{arguments}: {done.stderr}")
         return done
 
-    def fails(self, arguments, *words, code=1):
+    def fails(self, arguments, *words, code=1, **more):
         """One line on stderr beginning with "pags" that holds each of `words`; nothing else of ours there. (libpng
         prints a line of its own where a file ends too early.)"""
-        done = run(*arguments)
+        done = run(*arguments, **more)
         self.assertEqual(done.returncode, code, f"{arguments}: {done.stdout}{done.stderr}")
         lines = [line for line in done.stderr.splitlines() if not line.startswith("libpng ")]
         self.assertEqual(len(lines), 1, f"{arguments}: expected one line, got {done.stderr!r}")

@@ -72,6 +72,16 @@ class Train(Case):
         self.assertEqual(ply["gaussians"], result["gaussians"])
         self.succeeds("render", os.path.join(out, "background.ply"), "-n", 1, "-o", self.path("bare"))
 
+    def test_every_field_of_the_configuration_is_an_option(self):
+        self.train(self.path("scene"), iterations=1)
+        config = json.loads(read(self.path("scene", "scene.json")))["config"]
+        shown = fixtures.run("train", "--help").stdout
+        named = {"near_plane": "near", "position_rate_begin": "position-rate"}
+        self.assertGreater(len(config), 40)
+        for field in config:
+            name = "background" if field.startswith("background") else named.get(field, field.replace("_", "-"))
+            self.assertIn(f" --{name}", shown)
+
     def test_eval_of_a_downscaled_scene_finds_its_size(self):
         out = self.path("scene")
         self.train(out, "--downscale", "1.5", "--split-every", "4", iterations=50)
