@@ -1,0 +1,155 @@
+/* pags bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
+ *
+ * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no tiles. It
+ * and the frame are timed in turn, so that a machine that changes its speed changes both. */
+#include "bench.h"
+
+#include <kernels.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { STEPS = 1 << 19, ROUNDS = 5, BANDWIDTH_BYTES = 256 << 20 };
+
+typedef struct peak_context {
+  const pags_kernels *kernels;
+  float *kept; /* per block, so that nothing is optimised away */
+} peak_context;
+
+static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
+  const peak_context *const c = context;
+  (void)worker;
+  const pags_splat faint = {.x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+  for (int64_t i = begin; i < end; i++)
+    c->kept[i] = c->kernels->roofline(&faint, STEPS, 5);
+}
+
+/* Pairs per second of all workers together. */
+static double peak_pairs(pags_tasks *tasks, const pags_kernels *kernels) {
+  const int workers = pags_tasks_workers(tasks);
+  float kept[256] = {0};
+  peak_context c = {kernels, kept};
+  const double t0 = pags_bench_clock_ms();
+  pags_parallel_for(tasks, workers, 1, run_peak, &c);
+  return (double)STEPS * PAGS_LANES * workers / (pags_bench_clock_ms() - t0) * 1e3;
+}
+
+typedef struct read_context {
+  const uint64_t *data;
+  uint64_t *sums;
+} read_context;
+
+static void read_block(void *context, int64_t begin, int64_t end, int worker) {
+  const read_context *const c = context;
+  uint64_t a = 0, b = 0, d = 0, e = 0;
+  for (int64_t i = begin; i + 4 <= end; i += 4)
+    a += c->data[i], b += c->data[i + 1], d += c->data[i + 2], e += c->data[i + 3];
+  c->sums[worker] += a + b + d + e;
+}
+
+/* Bytes per second read by all workers together; 0 when there is no memory for it. */
+static double read_bandwidth(pags_tasks *tasks) {
+  const int64_t count = BANDWIDTH_BYTES / 8;
+  uint64_t *const data = malloc(BANDWIDTH_BYTES);
+  if (!data)
+    return 0;
+  memset(data, 1, BANDWIDTH_BYTES);
+  uint64_t sums[256] = {0};
+  read_context c = {data, sums};
+  double best = 0;
+  for (int i = 0; i < ROUNDS; i++) {
+    const double t0 = pags_bench_clock_ms();
+    pags_parallel_for(tasks, count, 1 << 16, read_block, &c);
+    const double rate = BANDWIDTH_BYTES / (pags_bench_clock_ms() - t0) * 1e3;
+    best = rate > best ? rate : best;
+  }
+  free(data);
+  return best;
+}
+
+typedef struct share {
+  double peak, forward, backward; /* pairs evaluated per second */
+  double blended;                 /* of those evaluated */
+  double ratio;                   /* backward's time over forward's */
+  double raster_ms, backward_ms;
+} share;
+
+static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *kernels, share *out) {
+  memset(out, 0, sizeof *out);
+  setenv("PAGS_CPU", kernels->name, 1); /* what pags_frame_create goes by */
+  pags_bench_view once = *view;
+  once.repetitions = (view->repetitions + ROUNDS - 1) / ROUNDS;
+  for (int round = 0; round < ROUNDS; round++) {
+    const double peak = peak_pairs(view->tasks, kernels);
+    pags_bench_frame frame;
+    PAGS_TRY(pags_bench_measure(&once, 1, &frame));
+    const double pairs = (double)frame.stats.pairs_evaluated;
+    const double forward = pairs / frame.stats.ms_raster * 1e3, backward = pairs / frame.stats.ms_raster_backward * 1e3;
+    out->peak = peak > out->peak ? peak : out->peak;
+    out->forward = forward > out->forward ? forward : out->forward;
+    out->backward = backward > out->backward ? backward : out->backward;
+    out->blended = pairs > 0 ? (double)frame.stats.pairs_blended / pairs : 0;
+    out->raster_ms = pairs / out->forward * 1e3;
+    out->backward_ms = pairs / out->backward * 1e3;
+  }
+  out->ratio = out->forward / out->backward;
+  return PAGS_OK;
+}
+
+static void put_share(const share *s, const char *name, FILE *people, pags_json_writer *json) {
+  pags_json_begin_object(json, name);
+  pags_json_put_number(json, "peak_pairs_per_second", s->peak);
+  pags_json_put_number(json, "raster_pairs_per_second", s->forward);
+  pags_json_put_number(json, "raster_share", s->forward / s->peak);
+  pags_json_put_number(json, "backward_pairs_per_second", s->backward);
+  pags_json_put_number(json, "backward_share", s->backward / s->peak);
+  pags_json_put_number(json, "backward_over_forward", s->ratio);
+  pags_json_put_number(json, "blended_over_evaluated", s->blended);
+  pags_json_put_number(json, "raster_ms", s->raster_ms);
+  pags_json_put_number(json, "raster_backward_ms", s->backward_ms);
+  pags_json_end_object(json);
+  if (people)
+    fprintf(people, "%-8s %9.2f %9.2f %7.0f %% %9.2f %7.0f %% %10.2f %9.0f %%\n", name, s->peak * 1e-9, s->forward * 1e-9,
+            100 * s->forward / s->peak, s->backward * 1e-9, 100 * s->backward / s->peak, s->ratio, 100 * s->blended);
+}
+
+pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
+  static const char *const names[] = {"avx512", "avx2", "neon", "scalar"};
+  const char *const set = getenv("PAGS_CPU");
+  char *const before = set ? strdup(set) : NULL;
+  const double bandwidth = read_bandwidth(view->tasks);
+  pags_json_begin_object(json, "roofline");
+  pags_json_put_integer(json, "threads", pags_tasks_workers(view->tasks));
+  pags_json_put_number(json, "read_bytes_per_second", bandwidth);
+  if (people) {
+    fprintf(people, "%d threads; memory is read at %.1f GB/s. Pixel pairs evaluated, thousand million a second:\n",
+            pags_tasks_workers(view->tasks), bandwidth * 1e-9);
+    fprintf(people, "%-8s %9s %9s %9s %9s %9s %10s %11s\n", "kernels", "bare", "raster", "share", "backward", "share",
+            "back/forth", "blended");
+  }
+  pags_result result = PAGS_OK;
+  double wide = 0, narrow = 0;
+  for (size_t i = 0; i < sizeof names / sizeof *names && result == PAGS_OK; i++) {
+    const pags_kernels *const kernels = pags_kernels_named(names[i]);
+    if (!kernels || (before && strcmp(before, names[i]) != 0))
+      continue;
+    share s;
+    result = measure_isa(view, kernels, &s);
+    if (result != PAGS_OK)
+      break;
+    put_share(&s, names[i], people, json);
+    wide = strcmp(names[i], "avx512") == 0 ? s.forward : wide;
+    narrow = strcmp(names[i], "avx2") == 0 ? s.forward : narrow;
+  }
+  if (wide > 0 && narrow > 0) {
+    pags_json_put_number(json, "avx512_over_avx2", wide / narrow);
+    if (people)
+      fprintf(people, "raster on AVX-512 is %.2f times as fast as on AVX2\n", wide / narrow);
+  }
+  pags_json_end_object(json);
+  if (before)
+    setenv("PAGS_CPU", before, 1);
+  else
+    unsetenv("PAGS_CPU");
+  free(before);
+  return result;
+}

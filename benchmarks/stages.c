@@ -1,0 +1,79 @@
+/* pags bench stages: what each stage costs per thing it works on.
+ *
+ * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine without
+ * caches would move. */
+#include "bench.h"
+
+typedef struct stage_row {
+  const char *name, *unit;
+  double ms, units, bytes; /* of one frame */
+} stage_row;
+
+enum { SPLAT = 64, ENTRY = 8, MASK = 2, SLOT = 48, KEY = 4, ROW = 8 };
+
+static int fill_rows(const pags_bench_view *view, const pags_bench_frame *frame, stage_row *rows) {
+  const pags_frame_stats *const s = &frame->stats;
+  const double loaded = (double)s->loaded, drawn = (double)s->shaded, pairs = (double)s->pairs_binned;
+  int degree = 0;
+  for (int p = 0; p < view->part_count; p++)
+    degree = view->parts[p].gaussians->sh_degree > degree ? view->parts[p].gaussians->sh_degree : degree;
+  degree = view->options.sh_degree < degree ? view->options.sh_degree : degree;
+  const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree), pixels = frame->pixels;
+  int n = 0;
+  rows[n++] = (stage_row){"cull", "cluster", s->ms_cull, frame->clusters, frame->clusters * 29};
+  rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded, loaded * (geometry + KEY) + drawn * SPLAT};
+  rows[n++] = (stage_row){"shade", "Gaussian drawn", s->ms_shade, drawn, loaded * KEY + drawn * (colour + 12 + 16)};
+  /* Two passes to gather, then three of: count digits (read), scatter (read and write). */
+  rows[n++] = (stage_row){"sort", "Gaussian drawn", s->ms_sort, drawn, loaded * 2 * KEY + drawn * (ROW + 3 * 3 * ROW + ROW + 4)};
+  rows[n++] = (stage_row){"bin", "pair of tile", s->ms_bin, pairs, drawn * (2 * SPLAT + 2 * 8 + 2 * 4) + pairs * (ENTRY + 4)};
+  rows[n++] = (stage_row){"raster", "pixel pair evaluated", s->ms_raster, (double)s->pairs_evaluated,
+                          pairs * (ENTRY + SPLAT) + pixels * 16};
+  rows[n++] = (stage_row){"raster backward", "pixel pair evaluated", s->ms_raster_backward, (double)s->pairs_evaluated,
+                          pairs * (ENTRY + SPLAT + MASK + SLOT) + pixels * 28};
+  rows[n++] = (stage_row){"project backward", "Gaussian loaded", s->ms_project_backward, loaded,
+                          pairs * SLOT + loaded * (KEY + SPLAT + 8) + drawn * (geometry + colour)};
+  return n;
+}
+
+static void put_row(pags_json_writer *json, const stage_row *row) {
+  pags_json_begin_object(json, row->name);
+  pags_json_put_number(json, "ms", row->ms);
+  pags_json_put_string(json, "unit", row->unit);
+  pags_json_put_number(json, "units", row->units);
+  pags_json_put_number(json, "ns_per_unit", row->units > 0 ? row->ms * 1e6 / row->units : 0);
+  pags_json_put_number(json, "bytes_per_unit", row->units > 0 ? row->bytes / row->units : 0);
+  pags_json_put_number(json, "gb_per_second", row->ms > 0 ? row->bytes / row->ms * 1e-6 : 0);
+  pags_json_end_object(json);
+}
+
+pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
+  pags_bench_frame frame;
+  PAGS_TRY(pags_bench_measure(view, 1, &frame));
+  stage_row rows[8];
+  const int n = fill_rows(view, &frame, rows);
+  const pags_frame_stats *const s = &frame.stats;
+  pags_json_begin_object(json, "stages");
+  if (people)
+    fprintf(people, "%-17s %9s %12s  %-21s %9s %9s %8s\n", "stage", "ms", "units", "unit", "ns/unit", "B/unit", "GB/s");
+  for (int i = 0; i < n; i++) {
+    put_row(json, rows + i);
+    if (people && rows[i].units > 0)
+      fprintf(people, "%-17s %9.3f %12.0f  %-21s %9.3f %9.2f %8.2f\n", rows[i].name, rows[i].ms, rows[i].units, rows[i].unit,
+              rows[i].ms * 1e6 / rows[i].units, rows[i].bytes / rows[i].units, rows[i].bytes / rows[i].ms * 1e-6);
+  }
+  pags_json_end_object(json);
+  pags_json_put_integer(json, "gaussians", s->gaussians);
+  pags_json_put_integer(json, "pairs_binned", s->pairs_binned);
+  pags_json_put_integer(json, "pairs_evaluated", s->pairs_evaluated);
+  pags_json_put_integer(json, "pairs_blended", s->pairs_blended);
+  pags_json_put_number(json, "pixels", frame.pixels);
+  pags_json_put_integer(json, "frame_bytes", (int64_t)frame.bytes);
+  if (people)
+    fprintf(people,
+            "per frame, mean of %d views, best of %d: %lld Gaussians, %.0f pixels, %.1f million pixel pairs evaluated, "
+            "%.0f %% of them blended; frame memory %.1f MB (%.0f bytes per drawn Gaussian)\n",
+            view->camera_count, view->repetitions, (long long)s->gaussians, frame.pixels, (double)s->pairs_evaluated * 1e-6,
+            s->pairs_evaluated ? 100.0 * (double)s->pairs_blended / (double)s->pairs_evaluated : 0.0, (double)frame.bytes * 1e-6,
+            s->shaded ? (double)frame.bytes / (double)s->shaded : 0.0);
+  return PAGS_OK;
+}

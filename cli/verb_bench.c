@@ -1,0 +1,225 @@
+/* pags bench: what the engine costs and what it gets wrong, on a scene or a data set of the user's. */
+#include "interrupt.h"
+#include "model_view.h"
+#include "path.h"
+#include "session.h"
+#include "verbs.h"
+#include "viewpoints.h"
+
+#include <base/file.h>
+#include <benchmarks/bench.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct bench_arguments {
+  pags_session session;
+  const char *input;
+  const char *camera, *output, *colmap;
+  int views, repetitions, split_every;
+  double downscale;
+  int64_t iterations, snapshot_every, max_gaussians;
+} bench_arguments;
+
+#define AT(member) offsetof(bench_arguments, member)
+
+static const pags_option scene_options[] = {
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views, or an orbit", "measure from this camera"),
+    PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "the best of so many counts"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+    PAGS_SESSION_OPTIONS(bench_arguments),
+    {0}};
+
+static const pags_option train_options[] = {
+    {.name = "output",
+     .short_name = 'o',
+     .required = true,
+     .type = PAGS_OPTION_STRING,
+     .offset = AT(output),
+     .metavar = "SCENE",
+     .help = "folder to train into; written afresh"},
+    PAGS_VALUE("iterations", 'n', INT64, AT(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL, "how long to train"),
+    PAGS_VALUE("snapshot-every", 0, INT64, AT(snapshot_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
+               "measure held-out PSNR every so many steps; its time is not counted"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
+    PAGS_VALUE("split-every", 0, INT, AT(split_every), 2, 1e9, "N", "views", NULL, "hold out every Nth view"),
+    PAGS_TEXT("colmap", 0, AT(colmap), "FOLDER", NULL, "take cameras and points from this COLMAP model"),
+    PAGS_VALUE("max-gaussians", 0, INT64, AT(max_gaussians), 0, 2147483584.0, "N", "0: none", NULL,
+               "never have more Gaussians"),
+    PAGS_SESSION_OPTIONS(bench_arguments),
+    {0}};
+
+static const pags_positional scene_positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
+static const pags_positional train_positionals[] = {{"DATASET", "as for pags train"}, {NULL, NULL}};
+
+#define SCENE_VERB(what, text)                                                                          \
+  {                                                                                                     \
+    .name = "bench " what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, \
+    .options = scene_options                                                                            \
+  }
+
+static const pags_verb stages_verb =
+    SCENE_VERB("stages",
+               "Milliseconds, nanoseconds and bytes per Gaussian, pair and pixel of each stage of a frame, "
+               "forward and backward. Bytes are what the stage's data structures make it move.");
+static const pags_verb roofline_verb =
+    SCENE_VERB("roofline",
+               "The bare blending kernel's peak and the memory's read bandwidth, and what share of the "
+               "peak rasterising this scene reaches, forward and backward, on each instruction set that "
+               "runs here (PAGS_CPU: on that one).");
+static const pags_verb error_verb =
+    SCENE_VERB("error",
+               "Time against error of exp degree, SH degree and antialiasing. Errors are by a renderer in "
+               "double precision, which is slow: pictures are small by default.");
+static const pags_verb train_verb = {
+    .name = "bench train",
+    .usage = "DATASET -o SCENE [options]",
+    .about =
+        "Trains and reports milliseconds by stage, held-out PSNR against seconds, when whole decibels were "
+        "reached, and the roofline of what was trained.",
+    .positionals = train_positionals,
+    .options = train_options};
+
+/* The cameras asked for, shrunk. The caller frees them. */
+static pags_result choose_cameras(const bench_arguments *arguments, const pags_model_view *view, pags_camera **cameras,
+                                  int *count) {
+  pags_path path = {0};
+  const pags_scene *const scene = &view->scene;
+  if (arguments->camera) {
+    PAGS_TRY(pags_path_load(arguments->camera, &path));
+  } else if (scene->view_count > 0) {
+    path.cameras = malloc((size_t)scene->view_count * sizeof *path.cameras);
+    if (!path.cameras)
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
+    for (int64_t i = 0; i < scene->view_count; i++)
+      if (!scene->views[i].test)
+        path.cameras[path.count++] = scene->views[i].camera;
+  } else {
+    PAGS_TRY(pags_path_orbit(scene, arguments->views, &path));
+  }
+  /* Evenly spread over what there is. */
+  const int64_t wanted = path.count < arguments->views ? path.count : arguments->views;
+  for (int64_t i = 0; i < wanted; i++)
+    path.cameras[i] = pags_camera_downscale(&path.cameras[i * path.count / wanted], arguments->downscale);
+  *cameras = path.cameras;
+  *count = (int)wanted;
+  return wanted > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", arguments->input);
+}
+
+typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
+
+static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) {
+  pags_model_view model;
+  pags_camera *cameras = NULL;
+  PAGS_TRY(pags_model_view_load(arguments->input, &model));
+  int count = 0;
+  pags_json_writer json;
+  pags_json_writer_init(&json, 2);
+  pags_json_begin_object(&json, NULL);
+  pags_result result = choose_cameras(arguments, &model, &cameras, &count);
+  if (result == PAGS_OK) {
+    const pags_bench_view view = {.tasks = arguments->session.tasks,
+                                  .parts = model.parts,
+                                  .part_count = model.part_count,
+                                  .cameras = cameras,
+                                  .camera_count = count,
+                                  .options = pags_model_view_options(&model),
+                                  .repetitions = arguments->repetitions};
+    result = bench(&view, arguments->session.people, &json);
+  }
+  pags_json_end_object(&json);
+  if (result == PAGS_OK)
+    result = pags_session_json(&arguments->session, &json);
+  else
+    pags_json_writer_destroy(&json);
+  free(cameras);
+  pags_model_view_destroy(&model);
+  return result;
+}
+
+static pags_result run_training(bench_arguments *arguments) {
+  pags_dataset_options dataset_options = pags_dataset_options_default();
+  dataset_options.downscale = arguments->downscale;
+  dataset_options.split_every = arguments->split_every;
+  dataset_options.colmap = arguments->colmap;
+  pags_dataset *dataset;
+  PAGS_TRY(pags_dataset_open(arguments->input, &dataset_options, &dataset));
+  pags_train_config config = pags_train_config_default();
+  config.iterations = arguments->iterations;
+  config.max_gaussians = arguments->max_gaussians;
+  pags_train_options options = pags_train_options_default();
+  options.dataset = dataset;
+  options.output = arguments->output;
+  options.tasks = arguments->session.tasks;
+  options.overwrite = 1;
+  options.preview_every = 0;
+  pags_json_writer json;
+  pags_json_writer_init(&json, 2);
+  pags_json_begin_object(&json, NULL);
+  pags_result result = pags_bench_train(&config, &options, arguments->snapshot_every, arguments->session.people, &json);
+  pags_json_end_object(&json);
+  if (result == PAGS_OK)
+    result = pags_session_json(&arguments->session, &json);
+  else
+    pags_json_writer_destroy(&json);
+  pags_dataset_close(dataset);
+  return result;
+}
+
+static const struct bench_entry {
+  const char *name;
+  const pags_verb *verb;
+  scene_bench *on_scene; /* NULL: training */
+  double downscale;
+} entries[] = {
+    {"stages", &stages_verb, pags_bench_stages, 1},
+    {"roofline", &roofline_verb, pags_bench_roofline, 1},
+    {"train", &train_verb, NULL, 1},
+#ifdef PAGS_WITH_REFERENCE
+    {"error", &error_verb, pags_bench_error, 4},
+#endif
+};
+enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
+
+static void print_help(void) {
+  printf("usage: pags bench WHAT ...\n\n");
+  for (int i = 0; i < ENTRY_COUNT; i++)
+    printf("  %-9s %s\n", entries[i].name, entries[i].verb->about);
+  printf("\n'pags bench WHAT --help' lists its options with units and defaults.\n");
+#ifndef PAGS_WITH_REFERENCE
+  printf("'error' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS).\n");
+#endif
+}
+
+static int run_entry(const struct bench_entry *entry, int argc, char **argv) {
+  bench_arguments arguments = {.views = 4,
+                               .repetitions = 10,
+                               .split_every = 8,
+                               .downscale = entry->downscale,
+                               .iterations = 7000,
+                               .snapshot_every = 250};
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(entry->verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  arguments.input = parsed.positionals[0];
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK) {
+    pags_interrupt_install(arguments.session.tasks);
+    result = entry->on_scene ? run_on_scene(&arguments, entry->on_scene) : run_training(&arguments);
+  }
+  return pags_session_end(&arguments.session, result);
+}
+
+int pags_verb_bench(int argc, char **argv) {
+  if (argc > 0 && (!strcmp(argv[0], "--help") || !strcmp(argv[0], "-h"))) {
+    print_help();
+    return PAGS_EXIT_OK;
+  }
+  for (int i = 0; argc > 0 && i < ENTRY_COUNT; i++)
+    if (!strcmp(argv[0], entries[i].name))
+      return run_entry(&entries[i], argc - 1, argv + 1);
+  fprintf(stderr,
+          "pags bench: expected stages, roofline, train or error; 'pags bench --help' tells what each measures\n");
+  return PAGS_EXIT_USAGE;
+}
