@@ -65,7 +65,6 @@ pags_result pags_picture_writer_create(const pags_model_view *view, unsigned cha
 void pags_picture_writer_destroy(pags_picture_writer *writer) {
   free(writer->object_of);
   free(writer->priority_of);
-  free(writer->plane);
   memset(writer, 0, sizeof *writer);
 }
 
@@ -109,9 +108,9 @@ static pags_result save_png(const pags_picture *picture, const float *const *pla
 }
 
 /* One value per pixel computed from transmittance or id; depth needs no copy. */
-static const float *channel_plane(pags_picture_writer *writer, const pags_picture *picture, pags_channel channel) {
+static const float *channel_plane(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
+                                  float *plane) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
-  float *plane = writer->plane;
   switch (channel) {
     case PAGS_CHANNEL_ALPHA:
       for (size_t i = 0; i < count; ++i)
@@ -136,35 +135,35 @@ static const float *channel_plane(pags_picture_writer *writer, const pags_pictur
   return NULL;
 }
 
-static pags_result reserve_plane(pags_picture_writer *writer, const pags_picture *picture) {
+static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *picture) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
-  if (count <= writer->plane_capacity)
+  if (count <= scratch->capacity)
     return PAGS_OK;
-  free(writer->plane);
-  writer->plane = malloc(count * sizeof *writer->plane);
-  writer->plane_capacity = writer->plane ? count : 0;
-  if (!writer->plane)
+  free(scratch->data);
+  scratch->data = malloc(count * sizeof *scratch->data);
+  scratch->capacity = scratch->data ? count : 0;
+  if (!scratch->data)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", picture->width, picture->height);
   return PAGS_OK;
 }
 
-static pags_result write_channel(pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
-                                 const char *path, bool png) {
+static pags_result write_channel(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
+                                 float *scratch, const char *path, bool png) {
   static const char *const rgb_names[] = {"R", "G", "B"};
   static const char *const single_names[PAGS_CHANNEL_COUNT] = {NULL, "A", "Z", "id", "object", "priority"};
   if (channel == PAGS_CHANNEL_COLOR)
     return png ? save_png(picture, picture->rgb, 3, writer->bits, path)
                : pags_image_save_exr(path, picture->width, picture->height, 3, rgb_names, picture->rgb,
                                      picture->stride);
-  const float *plane = channel_plane(writer, picture, channel);
+  const float *plane = channel_plane(writer, picture, channel, scratch);
   return png ? save_png(picture, &plane, 1, writer->bits, path)
              : pags_image_save_exr(path, picture->width, picture->height, 1, &single_names[channel], &plane,
                                    picture->stride);
 }
 
-pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *picture, const char *folder,
-                               const char *name) {
-  PAGS_TRY(reserve_plane(writer, picture));
+pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
+                               pags_plane_scratch *scratch, const char *folder, const char *name) {
+  PAGS_TRY(reserve(scratch, picture));
   for (int c = 0; c < PAGS_CHANNEL_COUNT; ++c) {
     pags_channel channel = (pags_channel)c;
     if (!has(writer, channel))
@@ -176,9 +175,13 @@ pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *
     char *path = pags_path_join(folder, file);
     if (!path)
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-    pags_result result = write_channel(writer, picture, channel, path, png);
+    pags_result result = write_channel(writer, picture, channel, scratch->data, path, png);
     free(path);
     PAGS_TRY(result);
   }
   return PAGS_OK;
+}
+
+bool pags_picture_writer_needs_extras(const pags_picture_writer *writer) {
+  return (writer->channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA)) != 0;
 }

@@ -31,8 +31,6 @@ typedef struct pags_picture_writer {
   int bits;           /* of PNG: 8 or 16 */
   int32_t *object_of; /* per id; NULL unless object is written */
   float *priority_of; /* per id; NULL unless priority is written */
-  float *plane;       /* scratch of the largest picture so far */
-  size_t plane_capacity;
 } pags_picture_writer;
 
 /* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly,
@@ -41,9 +39,18 @@ pags_result pags_picture_writer_create(const pags_model_view *view, unsigned cha
                                        int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
-/* Writes every channel of one picture into `folder`. */
-pags_result pags_picture_write(pags_picture_writer *writer, const pags_picture *picture, const char *folder,
-                               const char *name);
+/* Memory for one plane of the largest picture so far. Zero to begin with. */
+typedef struct pags_plane_scratch {
+  float *data; /* freed by the owner */
+  size_t capacity;
+} pags_plane_scratch;
+
+/* Writes every channel of one picture into `folder`. Several threads may do so at once, each with its own scratch. */
+pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
+                               pags_plane_scratch *scratch, const char *folder, const char *name);
+
+/* Whether the channels need a depth and id rendered. */
+bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);
 
 /* Colour as an image: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);

@@ -2,7 +2,7 @@
 #include "interrupt.h"
 #include "model_view.h"
 #include "path.h"
-#include "picture.h"
+#include "picture_queue.h"
 #include "session.h"
 #include "verbs.h"
 #include "viewpoints.h"
@@ -97,6 +97,7 @@ typedef struct renderer {
   pags_frame *frame;
   pags_frame_options options;
   pags_picture_writer writer;
+  pags_picture_queue queue;
   pags_frame_stats *stats; /* per frame done */
   int64_t done;
 } renderer;
@@ -141,7 +142,7 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
     frame->low_pass = arguments->low_pass;
   frame->sh_degree = arguments->sh_degree;
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
-  frame->extra_channels = (self->writer.channels & ~(1u << PAGS_CHANNEL_COLOR | 1u << PAGS_CHANNEL_ALPHA)) != 0;
+  frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
   frame->count_pairs = arguments->session.json != NULL;
 }
 
@@ -225,7 +226,7 @@ static pags_result draw(renderer *self, int64_t index) {
   PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &viewpoint->camera, &self->options,
                              NULL, NULL, &picture));
   self->stats[index] = *pags_frame_stats_get(self->frame);
-  PAGS_TRY(pags_picture_write(&self->writer, &picture, self->arguments->output, viewpoint->name));
+  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, viewpoint->name));
   self->done = index + 1;
   return PAGS_OK;
 }
@@ -243,7 +244,10 @@ static pags_result draw_all(renderer *self) {
       pags_progress_show(&progress, "frame %lld of %lld, %.1f ms each", (long long)i + 1,
                          (long long)self->viewpoints.count, total_ms(&self->stats[i]));
   }
+  pags_result written = pags_picture_queue_finish(&self->queue);
   pags_progress_end(&progress);
+  if (written != PAGS_OK)
+    return written;
   if (pags_interrupted() && self->done < self->viewpoints.count)
     result = pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld frames; those are in %s", (long long)self->done,
                        (long long)self->viewpoints.count, self->arguments->output);
@@ -274,9 +278,10 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   if (!self->stats)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
   PAGS_TRY(pags_prepare_folder(arguments->output, &made));
   pags_result result = draw_all(self);
-  if (result != PAGS_OK && made && !self->done)
+  if (result != PAGS_OK && made)
     rmdir(arguments->output); /* leaves it where something lies in it */
   if (result != PAGS_OK)
     return result;
@@ -287,6 +292,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
 static void destroy(renderer *self) {
   if (self->frame)
     pags_frame_destroy(self->frame);
+  pags_picture_queue_destroy(&self->queue);
   pags_picture_writer_destroy(&self->writer);
   pags_viewpoints_destroy(&self->viewpoints);
   pags_model_view_destroy(&self->view);
