@@ -97,8 +97,9 @@ class Usage(Case):
 
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
-        for verb in [*VERBS, "synth"]:
-            shown = run(verb, "--help").stdout  # nothing where this build lacks it
+        bench = [["bench", what] for what in ["stages", "roofline", "error", "train"]]
+        for verb, *what in [*[[verb] for verb in VERBS], ["synth"], *bench]:
+            shown = run(verb, *what, "--help").stdout  # nothing where this build lacks it
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{verb} {name} is not in docs/command-line.md")
