@@ -97,7 +97,7 @@ typedef struct pags_raster_back {
   const float *rgb_gradient[3];
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
-  int32_t absolute; /* 1: fill the absolute sums too */
+  int32_t absolute; /* 1: fill the absolute sums too (done anyway with depth_gradient) */
   float background[3];
 } pags_raster_back;
 

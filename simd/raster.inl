@@ -124,7 +124,7 @@ V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, in
     }
   }
   *block_state = state;
-  if (counted) {
+  if (counted && pairs) {
     pairs[0] += (int64_t)done * V_LANES;
     pairs[1] += blends;
   }
@@ -138,7 +138,7 @@ V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state
   v_store_4x4(out->rgb[1] + at, out->stride, v_fma(t, v_set(out->background[1]), state->g));
   v_store_4x4(out->rgb[2] + at, out->stride, v_fma(t, v_set(out->background[2]), state->b));
   v_store_4x4(out->transmittance + at, out->stride, t);
-  if (extra) {
+  if (extra && out->depth) {
     const vm any = v_gt(state->weight, v_zero());
     const vf depth = v_maskz(any, v_div(state->depth, v_select(any, state->weight, v_set(1.0f))));
     v_store_4x4(out->depth + at, out->stride, depth);
@@ -193,25 +193,23 @@ V_INLINE void raster_tile(const pags_raster_in *in, const pags_raster_out *out, 
     raster_write(out, state + b, b, extra);
 }
 
-/* Every choice is a function of its own, so that none is left to the inner loop. */
+/* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
+ * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
 #define RASTER_VARIANT(name, degree, extra, counted)                                \
   static void name(const pags_raster_in *in, const pags_raster_out *out) {          \
     raster_tile(in, out, degree, extra, counted);                                   \
   }
 RASTER_VARIANT(raster_5, 5, false, false)
-RASTER_VARIANT(raster_5_extra, 5, true, false)
-RASTER_VARIANT(raster_5_counted, 5, false, true)
-RASTER_VARIANT(raster_5_extra_counted, 5, true, true)
+RASTER_VARIANT(raster_5_extra, 5, true, true)
 RASTER_VARIANT(raster_3, 3, false, false)
-RASTER_VARIANT(raster_3_extra, 3, true, false)
-RASTER_VARIANT(raster_3_counted, 3, false, true)
-RASTER_VARIANT(raster_3_extra_counted, 3, true, true)
+RASTER_VARIANT(raster_3_extra, 3, true, true)
 
 static void raster(const pags_raster_in *in, const pags_raster_out *out) {
-  static void (*const variants[2][2][2])(const pags_raster_in *, const pags_raster_out *) = {
-      {{raster_3, raster_3_counted}, {raster_3_extra, raster_3_extra_counted}},
-      {{raster_5, raster_5_counted}, {raster_5_extra, raster_5_extra_counted}}};
-  variants[in->exp_degree >= 5][out->depth != NULL][in->pairs != NULL](in, out);
+  const bool extra = out->depth || in->pairs;
+  if (in->exp_degree >= 5)
+    (extra ? raster_5_extra : raster_5)(in, out);
+  else
+    (extra ? raster_3_extra : raster_3)(in, out);
 }
 
 /* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */

@@ -37,6 +37,9 @@ static inline float *loss_ring(const loss_state *s, float *ring, int row) {
   return ring + (int64_t)((unsigned)row % LOSS_RING) * s->pitch;
 }
 
+/* The width in whole vectors: what is computed of a row, however long the stride is. */
+static inline int64_t loss_padded(const pags_loss_rows *io) { return ((int64_t)io->width + V_LANES - 1) / V_LANES * V_LANES; }
+
 static inline vm loss_counted(const pags_loss_rows *io, int row, int column) {
   const vm inside = m_first(io->width - column);
   if (!io->mask)
@@ -200,7 +203,8 @@ static void loss_gradient(const loss_state *s, int row, float *const sums[3]) {
   const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
   float *out = io->gradient + row * io->stride;
   const vf l1 = v_set(io->l1_scale), minus_l1 = v_set(-io->l1_scale);
-  for (int i = 0; i < io->stride; i += V_LANES) {
+  memset(out + loss_padded(io), 0, (size_t)(io->stride - loss_padded(io)) * sizeof *out);
+  for (int i = 0; i < io->width; i += V_LANES) {
     const vf a = v_load(x + i), b = v_load(y + i);
     const vf sign = v_select(v_gt(a, b), l1, v_maskz(v_lt(a, b), minus_l1));
     const vf dq = loss_along(sums[1] + i), dp = loss_along(sums[2] + i);
@@ -219,7 +223,7 @@ static loss_state loss_begin(const pags_loss_rows *io) {
   for (int j = 0; j < 8; j++, next += s.pitch) { /* the only rows whose margins are read */
     s.sums[j / 4][j % 4] = next;
     memset(next - LOSS_MARGIN, 0, LOSS_MARGIN * sizeof *next);
-    memset(next + io->stride, 0, LOSS_MARGIN * sizeof *next);
+    memset(next + loss_padded(io), 0, LOSS_MARGIN * sizeof *next);
   }
   return s;
 }
