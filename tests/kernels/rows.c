@@ -63,7 +63,7 @@ static void place(const pags_projection *v, float row[ROW_FLOATS], float x, floa
 
 static void ordinary(const pags_projection *v, float row[ROW_FLOATS], row_kind kind) {
   const float z = check_uniform(0.5f, 12.0f), size = z / v->fx * expf(check_uniform(-1.0f, 4.0f));
-  const float spread = kind == ROWS_NEEDLES ? 9.2f : 1.5f; /* in each logarithm: 1:1e4, 1:20 */
+  const float spread = kind == ROWS_NEEDLES ? 9.2f : 3.0f; /* in each logarithm: 1:1e4, 1:20 */
   place(v, row, check_uniform(-60.0f, v->width + 60.0f), check_uniform(-60.0f, v->height + 60.0f), z);
   for (int k = 0; k < 3; k++)
     row[ROW_SCALE + k] = logf(size) - check_uniform(0.0f, spread);

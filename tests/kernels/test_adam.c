@@ -1,0 +1,177 @@
+/* Adam over planes: each ISA against the scalar kernel, and against the textbook's recurrence in double. Scalar and fused builds
+ * differ by rounding alone: nothing here has a threshold that matters. */
+#include "check.h"
+
+#include <math.h>
+#include <string.h>
+
+static const int counts[] = {0, 1, 7, 8, 9, 15, 16, 17, 48, 49, 63, 64, 65, 255, 256};
+
+enum { STEPS = 40 };
+static const double beta1 = 0.9, beta2 = 0.999;
+
+typedef struct plane {
+  float *p, *m, *v, *gradient;
+  int rows, padded;
+} plane;
+
+/* Parameters about 1, gradients over many orders of magnitude; rows beyond hold zeros, their gradient NaN. */
+static plane make_plane(int rows) {
+  plane a = {.rows = rows, .padded = (rows + 15) / 16 * 16};
+  a.p = CHECK_NEW(float, a.padded);
+  a.m = CHECK_NEW(float, a.padded);
+  a.v = CHECK_NEW(float, a.padded);
+  a.gradient = CHECK_NEW(float, a.padded);
+  for (int i = 0; i < a.padded; i++) {
+    const float size = ldexpf(1.0f, -check_below(24));
+    const bool fresh = check_below(5) == 0; /* no step so far */
+    a.p[i] = i < rows ? check_normal() : 0.0f;
+    a.m[i] = i < rows && !fresh ? 0.3f * size * check_normal() : 0.0f;
+    a.v[i] = i < rows && !fresh ? size * size * check_uniform(0.1f, 2.0f) : 0.0f;
+    a.gradient[i] = i < rows ? size * check_normal() : NAN;
+  }
+  check_freeze(a.gradient);
+  return a;
+}
+
+static plane copy_plane(const plane *from) {
+  plane a = *from;
+  float **const to[3] = {&a.p, &a.m, &a.v};
+  for (int j = 0; j < 3; j++) {
+    float *const fresh = CHECK_NEW(float, a.padded);
+    memcpy(fresh, *to[j], (size_t)a.padded * sizeof *fresh);
+    *to[j] = fresh;
+  }
+  return a;
+}
+
+/* The first moment may cancel, so fused builds hold it against the textbook alone. */
+static void compare(const plane *got, const plane *want, double p_absolute) {
+  CHECK_FLOATS("p", got->p, want->p, got->padded, .ulp = 1, .absolute = p_absolute);
+  CHECK_FLOATS("v", got->v, want->v, got->padded, .ulp = 2, .relative = 1e-6);
+  if (CHECK_EXACT)
+    CHECK_SAME("m", got->m, want->m, got->padded);
+  for (int i = got->rows; i < got->padded; i++)
+    CHECK(got->p[i] == 0.0f && got->m[i] == 0.0f && got->v[i] == 0.0f);
+}
+
+static pags_adam_step step_at(int k, double rate, int since) {
+  const double root = sqrt(1.0 - pow(beta2, k));
+  return (pags_adam_step){.decay1 = (float)pow(beta1, since),
+                          .decay2 = (float)pow(beta2, since),
+                          .blend1 = (float)(1.0 - beta1),
+                          .blend2 = (float)(1.0 - beta2),
+                          .rate = (float)(rate * root / (1.0 - pow(beta1, k))),
+                          .eps = (float)(1e-15 * root)};
+}
+
+static void test_update(const pags_kernels *k) {
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    plane got = make_plane(counts[n]), want = copy_plane(&got);
+    const double rate = 1e-2;
+    for (int t = 1; t <= 5; t++) {
+      const pags_adam_step step = step_at(10 * t, rate, t == 3 ? 10 : 1);
+      const plane before = copy_plane(&got);
+      k->adam_update(got.p, got.m, got.v, got.gradient, got.rows, &step);
+      pags_kernels_scalar.adam_update(want.p, want.m, want.v, want.gradient, want.rows, &step);
+      compare(&got, &want, 1e-5 * rate);
+      for (int i = 0; i < got.rows; i++) { /* the textbook's step */
+        const double g = (double)got.gradient[i];
+        const double m = (double)step.decay1 * (double)before.m[i] + (double)step.blend1 * g;
+        const double v = (double)step.decay2 * (double)before.v[i] + (double)step.blend2 * g * g;
+        const double p = (double)before.p[i] - (double)step.rate * m / (sqrt(v) + (double)step.eps);
+        CHECK(fabs((double)got.m[i] - m) <= 1e-6 * (fabs((double)before.m[i]) + fabs(g)));
+        CHECK(fabs((double)got.v[i] - v) <= 1e-6 * v);
+        CHECK(fabs((double)got.p[i] - p) <= 1e-7 * (fabs(p) + 10.0 * rate));
+      }
+    }
+    check_release();
+  }
+}
+
+/* Moments that are next to nothing become zero, not denormal; a NaN gradient is the caller's affair but stays in its row. */
+static void test_small(const pags_kernels *k) {
+  plane a = make_plane(16);
+  float *const gradient = CHECK_NEW(float, 16);
+  for (int i = 0; i < 16; i++) {
+    gradient[i] = i == 5 ? NAN : 0.0f;
+    a.m[i] = 1e-29f, a.v[i] = 1e-35f;
+  }
+  const pags_adam_step step = step_at(100, 1e-2, 60);
+  k->adam_update(a.p, a.m, a.v, gradient, 16, &step);
+  for (int i = 0; i < 16; i++)
+    if (i != 5)
+      CHECK(a.m[i] == 0.0f && (a.v[i] == 0.0f || a.v[i] >= 1e-36f) && isfinite(a.p[i]));
+}
+
+/* Owed steps one after another, each rounded: in one call, in two, and in plain C. */
+static void test_replay(const pags_kernels *k) {
+  float weights[STEPS];
+  for (int j = 0; j < STEPS; j++)
+    weights[j] = 1e-2f * powf((float)(beta1 / sqrt(beta2)), (float)(j + 1));
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    plane got = make_plane(counts[n]), want = copy_plane(&got), pieces = copy_plane(&got);
+    check_freeze(got.m);
+    check_freeze(got.v);
+    const plane before = copy_plane(&got);
+    k->adam_replay(got.p, got.m, got.v, got.rows, weights, STEPS, 1e-15f);
+    pags_kernels_scalar.adam_replay(want.p, want.m, want.v, want.rows, weights, STEPS, 1e-15f);
+    compare(&got, &want, 1e-6);
+    k->adam_replay(pieces.p, pieces.m, pieces.v, pieces.rows, weights, 0, 1e-15f);
+    k->adam_replay(pieces.p, pieces.m, pieces.v, pieces.rows, weights, 13, 1e-15f);
+    k->adam_replay(pieces.p, pieces.m, pieces.v, pieces.rows, weights + 13, STEPS - 13, 1e-15f);
+    CHECK_SAME("p in pieces", pieces.p, got.p, got.padded);
+    for (int i = 0; i < got.rows; i++) {
+      double p = (double)before.p[i];
+      for (int j = 0; j < STEPS; j++)
+        p -= (double)weights[j] * (double)before.m[i] / (sqrt((double)before.v[i]) + 1e-15);
+      CHECK(fabs((double)got.p[i] - p) <= 1e-7 * STEPS * (fabs(p) + 1.0));
+    }
+    check_release();
+  }
+}
+
+/* Where a row gets lies within the reach, and some row gets there; NaNs are left out; what the range held counts. */
+static void test_reach(const pags_kernels *k) {
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    const plane a = make_plane(counts[n]);
+    if (a.rows > 3)
+      a.p[2] = NAN, a.m[3] = NAN;
+    check_freeze(a.p);
+    check_freeze(a.m);
+    check_freeze(a.v);
+    float got[2] = {0.25f, 0.5f}, want[2] = {0.25f, 0.5f};
+    double plain[2] = {0.25, 0.5};
+    k->adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, got);
+    pags_kernels_scalar.adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, want);
+    CHECK_FLOATS("reach", got, want, 2, .relative = 1e-6);
+    for (int i = 0; i < a.rows; i++) {
+      const double p = (double)a.p[i], end = p - (double)0.05f * (double)a.m[i] / (sqrt((double)a.v[i]) + 1e-15);
+      if (isnan(end))
+        continue;
+      plain[0] = fmin(plain[0], fmin(p, end));
+      plain[1] = fmax(plain[1], fmax(p, end));
+    }
+    for (int j = 0; j < 2; j++)
+      CHECK(fabs((double)got[j] - plain[j]) <= 1e-6 * fabs(plain[j]));
+    check_release();
+  }
+}
+
+static void test_bench(const pags_kernels *k) {
+  const plane a = make_plane(256);
+  float weights[STEPS] = {0.0f}, range[2] = {0.0f, 0.0f};
+  const pags_adam_step step = step_at(100, 0.0, 1);
+  CHECK_BENCH("adam_update", a.rows, "row") k->adam_update(a.p, a.m, a.v, a.gradient, a.rows, &step);
+  CHECK_BENCH("adam_replay, 40 steps", a.rows * STEPS, "row step")
+  k->adam_replay(a.p, a.m, a.v, a.rows, weights, STEPS, 1e-15f);
+  CHECK_BENCH("adam_reach", a.rows, "row") k->adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, range);
+}
+
+int main(int argc, char **argv) {
+  static const check_case cases[] = {
+      {"adam_update", test_update}, {"adam small moments", test_small}, {"adam_replay", test_replay},
+      {"adam_reach", test_reach},   {"adam bench", test_bench},
+  };
+  return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
+}

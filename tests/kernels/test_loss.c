@@ -1,0 +1,249 @@
+/* The training loss: each ISA against the scalar kernel, and against SSIM pixel by pixel in double. */
+#include "check.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct picture {
+  int width, height;
+  int64_t stride;
+  float *prediction;
+  uint8_t *target, *mask; /* mask NULL: every pixel counts */
+} picture;
+
+typedef enum content { NOISE, NEAR, EQUAL, HUGE_VALUES } content;
+
+/* Padding beyond the width holds what must not come in. */
+static picture make_picture(int width, int height, bool masked, content what) {
+  picture p = {.width = width, .height = height, .stride = (width + 15) / 16 * 16 + 16 * check_below(2)};
+  p.prediction = CHECK_NEW(float, p.stride *height);
+  p.target = CHECK_NEW(uint8_t, p.stride * height);
+  p.mask = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
+  for (int64_t i = 0; i < p.stride * height; i++) {
+    const bool inside = i % p.stride < width;
+    p.target[i] = (uint8_t)check_u32();
+    const float near = (float)p.target[i] / 255.0f;
+    p.prediction[i] = !inside         ? NAN
+                      : what == NOISE ? check_uniform(-0.2f, 1.3f)
+                      : what == NEAR  ? near + 0.05f * check_normal()
+                      : what == EQUAL ? (float)p.target[i] * (1.0f / 255.0f)
+                                      : 1e4f * check_normal();
+    if (masked)
+      p.mask[i] = (uint8_t)(!inside || check_below(4) ? 1 + check_below(255) : 0);
+  }
+  check_freeze(p.prediction);
+  check_freeze(p.target);
+  if (masked)
+    check_freeze(p.mask);
+  return p;
+}
+
+typedef struct result {
+  float *gradient;
+  double l1, squared, ssim;
+} result;
+
+static void run(const pags_kernels *k, const picture *p, int begin, int end, result *r) {
+  const size_t bytes = (size_t)pags_loss_scratch(p->stride) * sizeof(float);
+  pags_loss_rows io = {.width = p->width,
+                       .height = p->height,
+                       .begin = begin,
+                       .end = end,
+                       .stride = p->stride,
+                       .prediction = p->prediction,
+                       .target = p->target,
+                       .mask = p->mask,
+                       .gradient = r->gradient,
+                       .l1_scale = 0.8f,
+                       .ssim_scale = -0.1f,
+                       .scratch = check_buffer(bytes)};
+  memset(io.scratch, 0xFF, bytes); /* NaN: left over from another picture */
+  k->loss_rows(&io);
+  r->l1 += io.l1;
+  r->squared += io.squared;
+  r->ssim += io.ssim;
+}
+
+/* In bands of `rows` rows. */
+static result in_bands(const pags_kernels *k, const picture *p, int rows) {
+  result r = {.gradient = CHECK_NEW(float, p->stride * p->height)};
+  for (int begin = 0; begin < p->height; begin += rows)
+    run(k, p, begin, begin + rows < p->height ? begin + rows : p->height, &r);
+  return r;
+}
+
+static void check_sums(const result *got, const result *want, const picture *p, double share) {
+  const double pixels = (double)p->width * p->height;
+  CHECK(fabs(got->l1 - want->l1) <= share * fmax(want->l1, 1e-3 * pixels));
+  CHECK(fabs(got->squared - want->squared) <= share * fmax(want->squared, 1e-3 * pixels));
+  CHECK(fabs(got->ssim - want->ssim) <= share * pixels);
+}
+
+/* ---- In double ---- */
+
+/* The eleven weights exp(-d^2 / 4.5) of sum 1. */
+static void weights(double w[11]) {
+  double sum = 0.0;
+  for (int k = 0; k < 11; k++)
+    sum += w[k] = exp(-(k - 5) * (k - 5) / 4.5);
+  for (int k = 0; k < 11; k++)
+    w[k] /= sum;
+}
+
+static bool counted(const picture *p, int x, int y) {
+  return !p->mask || p->mask[y * p->stride + x] != 0;
+}
+
+static double ssim_at(const picture *p, double *const planes[5], int x, int y) {
+  double s[5] = {0.0}, w[11];
+  weights(w);
+  for (int v = y < 5 ? 0 : y - 5; v <= y + 5 && v < p->height; v++)
+    for (int u = x < 5 ? 0 : x - 5; u <= x + 5 && u < p->width; u++)
+      for (int j = 0; j < 5; j++)
+        s[j] += w[u - x + 5] * w[v - y + 5] * planes[j][v * p->width + u];
+  const double c1 = 1e-4, c2 = 9e-4, cross = s[0] * s[1], power = s[0] * s[0] + s[1] * s[1];
+  return (2 * cross + c1) * (2 * (s[4] - cross) + c2) / ((power + c1) * (s[2] + s[3] - power + c2));
+}
+
+static void fill(const picture *p, double *const planes[5]) {
+  for (int y = 0; y < p->height; y++)
+    for (int x = 0; x < p->width; x++) {
+      const int64_t at = y * p->stride + x;
+      const double a = counted(p, x, y) ? (double)p->prediction[at] : 0.0,
+                   b = counted(p, x, y) ? p->target[at] / 255.0 : 0.0;
+      const double values[5] = {a, b, a * a, b * b, a * b};
+      for (int j = 0; j < 5; j++)
+        planes[j][y * p->width + x] = values[j];
+    }
+}
+
+/* Central differences of the sum of SSIM by the prediction of one pixel, over those windows that hold it. */
+static double ssim_gradient(const picture *p, double *const planes[5], int x, int y) {
+  const int at = y * p->width + x;
+  const double a = planes[0][at], b = planes[1][at], step = 1e-4;
+  double sum[2] = {0.0, 0.0};
+  for (int side = 0; side < 2; side++) {
+    const double moved = a + (side ? step : -step);
+    planes[0][at] = moved, planes[2][at] = moved * moved, planes[4][at] = moved * b;
+    for (int v = y - 5; v <= y + 5; v++)
+      for (int u = x - 5; u <= x + 5; u++)
+        if (u >= 0 && v >= 0 && u < p->width && v < p->height && counted(p, u, v))
+          sum[side] += ssim_at(p, planes, u, v);
+  }
+  planes[0][at] = a, planes[2][at] = a * a, planes[4][at] = a * b;
+  return (sum[1] - sum[0]) / (2.0 * step);
+}
+
+static void check_plainly(const picture *p, const result *got) {
+  double *planes[5];
+  for (int j = 0; j < 5; j++)
+    planes[j] = CHECK_NEW(double, p->width * p->height);
+  fill(p, planes);
+  result want = {.l1 = 0.0};
+  for (int y = 0; y < p->height; y++)
+    for (int x = 0; x < p->width; x++) {
+      const double a = planes[0][y * p->width + x], b = planes[1][y * p->width + x], d = fmin(fmax(a, 0.0), 1.0) - b;
+      want.l1 += fabs(a - b);
+      want.squared += d * d;
+      want.ssim += counted(p, x, y) ? ssim_at(p, planes, x, y) : 0.0;
+    }
+  check_sums(got, &want, p, 2e-5);
+  for (int sample = 0; sample < 6; sample++) {
+    const int x = check_below(p->width), y = check_below(p->height);
+    const double a = planes[0][y * p->width + x], b = planes[1][y * p->width + x];
+    if (fabs(a - b) < 1e-6)
+      continue;
+    const double l1 = a > b ? 0.8 : -0.8, ssim = -0.1 * ssim_gradient(p, planes, x, y);
+    const double should = counted(p, x, y) ? (double)(float)l1 + ssim : 0.0,
+                 is = (double)got->gradient[y * p->stride + x];
+    if (!(fabs(is - should) <= 2e-4 * fmax(fabs(ssim), 0.1) + 1e-6))
+      CHECK_FAIL("gradient at (%d, %d) of %d x %d: %.9g, should be %.9g", x, y, p->width, p->height, is, should);
+  }
+}
+
+/* ---- Cases ---- */
+
+static const int sizes[][2] = {{1, 1},   {1, 40},  {40, 1},  {5, 3},   {7, 8},   {9, 9},   {15, 12}, {16, 16},
+                               {17, 11}, {31, 17}, {33, 24}, {63, 13}, {64, 10}, {65, 33}, {130, 21}};
+
+static void check_padding(const picture *p, const float *gradient) {
+  for (int64_t i = 0; i < p->stride * p->height; i++)
+    if (i % p->stride >= p->width || !counted(p, (int)(i % p->stride), (int)(i / p->stride)))
+      CHECK(gradient[i] == 0.0f);
+}
+
+static void check_all(const pags_kernels *k, content what, bool masked) {
+  for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
+    const picture p = make_picture(sizes[n][0], sizes[n][1], masked, what);
+    const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);
+    CHECK_FLOATS("gradient", got.gradient, want.gradient, p.stride * p.height, .absolute = 2e-5, .relative = 2e-5,
+                 .flips = 1e-3, .flip_size = 1.7); /* the sign of a difference that rounds to 0 or not */
+    check_sums(&got, &want, &p, CHECK_EXACT ? 0.0 : 1e-6);
+    check_padding(&p, got.gradient);
+    static const int bands[] = {1, 2, 3, 5, 8, 16};
+    for (size_t b = 0; b < sizeof bands / sizeof *bands; b++) {
+      const result parts = in_bands(k, &p, bands[b]);
+      CHECK_SAME("gradient in bands", parts.gradient, got.gradient, p.stride * p.height);
+      check_sums(&parts, &got, &p, 1e-12);
+      if (p.height > 24)
+        break;
+    }
+    if (what == NOISE || what == NEAR)
+      check_plainly(&p, &got);
+    check_release();
+  }
+}
+
+static void test_noise(const pags_kernels *k) {
+  check_all(k, NOISE, false);
+}
+static void test_near(const pags_kernels *k) {
+  check_all(k, NEAR, false);
+}
+static void test_masked(const pags_kernels *k) {
+  check_all(k, NEAR, true);
+}
+
+/* A perfect picture: no difference, SSIM 1. */
+static void test_equal(const pags_kernels *k) {
+  const picture p = make_picture(37, 29, false, EQUAL);
+  const result r = in_bands(k, &p, p.height);
+  CHECK(r.l1 <= 1e-7 * 37 * 29 && r.squared <= 1e-12 && fabs(r.ssim - 37 * 29) <= 1e-4);
+  for (int64_t i = 0; i < p.stride * p.height; i++)
+    CHECK(fabsf(r.gradient[i]) <= 0.8f + 1e-3f);
+}
+
+/* What a diverging training may predict: numbers come out. */
+static void test_huge(const pags_kernels *k) {
+  const picture p = make_picture(37, 29, false, HUGE_VALUES);
+  const result got = in_bands(k, &p, p.height), want = in_bands(&pags_kernels_scalar, &p, p.height);
+  for (int64_t i = 0; i < p.stride * p.height; i++)
+    CHECK(isfinite(got.gradient[i]) && fabsf(got.gradient[i]) < 10.0f);
+  if (CHECK_EXACT)
+    CHECK_SAME("gradient", got.gradient, want.gradient, p.stride * p.height);
+  CHECK(isfinite(got.ssim) && isfinite(got.l1) && got.squared <= 37 * 29);
+}
+
+static void test_bench(const pags_kernels *k) {
+  const picture p = make_picture(640, 64, false, NEAR);
+  result r = {.gradient = CHECK_NEW(float, p.stride *p.height)};
+  pags_loss_rows io = {.width = p.width,
+                       .height = p.height,
+                       .end = p.height,
+                       .stride = p.stride,
+                       .prediction = p.prediction,
+                       .target = p.target,
+                       .gradient = r.gradient,
+                       .l1_scale = 0.8f,
+                       .ssim_scale = -0.1f,
+                       .scratch = CHECK_NEW(float, pags_loss_scratch(p.stride))};
+  CHECK_BENCH("loss_rows", p.width * p.height, "pixel") k->loss_rows(&io);
+}
+
+int main(int argc, char **argv) {
+  static const check_case cases[] = {
+      {"loss noise", test_noise}, {"loss near", test_near}, {"loss masked", test_masked},
+      {"loss equal", test_equal}, {"loss huge", test_huge}, {"loss bench", test_bench},
+  };
+  return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
+}
