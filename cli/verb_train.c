@@ -55,7 +55,7 @@ static const pags_option options[] = {
     PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing),
               "leave out views whose photograph is missing; without it they are an error"),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
-               "Gaussians to start from where the data set has no points"),
+               "how many points to start from where the data set has none"),
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
                "1G, at most a quarter of the memory allowed", "memory for decoded photographs"),
 
@@ -125,6 +125,8 @@ static const pags_option options[] = {
                "added to the root of Adam's second moment"),
     PAGS_VALUE("ssim-weight", 0, DOUBLE, CONFIG(ssim_weight), 0, 1, "W", NULL, NULL,
                "the loss is (1 - W) L1 + W (1 - SSIM)"),
+    PAGS_FLAG("random-start", 0, CONFIG(random_start),
+              "where the data set has no points, start from random ones instead of matching the photographs"),
     PAGS_VALUE("init-opacity", 0, DOUBLE, CONFIG(init_opacity), 0, 1, "F", NULL, NULL,
                "opacity of the first Gaussians"),
     PAGS_VALUE("init-scale", 0, DOUBLE, CONFIG(init_scale), 0, PAGS_UNLIMITED, "F",
@@ -256,9 +258,10 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
+  const char *kind = !random ? "points" : arguments->config.random_start ? "random points" : "points to match";
   pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
            pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
-           (long long)held_out, (long long)points, random ? "random points" : "points", pags_dataset_kind(dataset));
+           (long long)held_out, (long long)points, kind, pags_dataset_kind(dataset));
 }
 
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {

@@ -41,6 +41,7 @@ static const field fields[] = {
     FIELD(beta2, FIELD_F64, 0.95, 0.99999),
     FIELD(epsilon, FIELD_F64, 1e-20, 1),
     FIELD(ssim_weight, FIELD_F64, 0, 1),
+    FIELD(random_start, FIELD_INT, 0, 1),
     FIELD(init_opacity, FIELD_F64, 1e-3, 0.999),
     FIELD(init_scale, FIELD_F64, 1e-6, 1e6),
     FIELD(init_scale_max, FIELD_F64, 1e-6, 1e6),

@@ -504,16 +504,33 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
   return config->max_gaussians > 0 && config->max_gaussians < fits ? config->max_gaussians : fits;
 }
 
-static pags_result start(pags_trainer *t, const pags_train_config *config) {
-  int64_t points, cap = choose_cap(t, config);
+/* From the data set's points, or, where those are random, from as many that matching finds. */
+static pags_result first_gaussians(pags_trainer *t, const pags_train_config *config, int64_t most, double extent,
+                                   pags_gaussians *g) {
+  int64_t points;
   const float *xyz;
   const uint8_t *rgb;
+  float *matched_xyz = NULL;
+  uint8_t *matched_rgb = NULL;
   int random;
+  pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
+  if (random && !config->random_start) {
+    PAGS_TRY(pags_dataset_match_points(t->dataset, t->tasks, points, config->seed, &matched_xyz, &matched_rgb));
+    xyz = matched_xyz;
+    rgb = matched_rgb;
+  }
+  pags_result result = pags_init_gaussians(config, points, xyz, rgb, most, extent, t->tasks, g);
+  free(matched_xyz);
+  free(matched_rgb);
+  return result;
+}
+
+static pags_result start(pags_trainer *t, const pags_train_config *config) {
+  int64_t cap = choose_cap(t, config);
   pags_gaussians g;
   double extent = pags_init_extent(t->dataset, t->views, t->view_count);
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
-  pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
-  PAGS_TRY(pags_init_gaussians(config, points, xyz, rgb, cap > 0 ? cap : INT32_MAX - 64, extent, t->tasks, &g));
+  PAGS_TRY(first_gaussians(t, config, cap > 0 ? cap : INT32_MAX - 64, extent, &g));
   PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, &g));
   t->state.cap = cap;
   return PAGS_OK;

@@ -46,7 +46,8 @@ typedef struct pags_train_config {
   /* Loss */
   double ssim_weight; /* w of (1 - w) L1 + w (1 - SSIM), 0..1; default 0.2 */
 
-  /* Start */
+  /* Start: the data set's points; where it has none, points found by matching its photographs */
+  int random_start;          /* 1: random points in the cameras' common view there. Default 0 */
   double init_opacity;       /* 0..1, default 0.1 */
   double init_scale;         /* times the root mean square distance to the 3 nearest neighbours; default 1 */
   double init_scale_max;     /* upper bound of the first sigma, times extent; default 0.1 */
