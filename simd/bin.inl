@@ -92,10 +92,15 @@ V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, tile_box box, bool 
     }
 }
 
-static void bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, uint64_t *touched,
-                      uint32_t *counts) {
+enum { BIN_AHEAD = 12 }; /* splats are met in depth order, which is no order in memory */
+
+static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                         uint64_t *touched, uint32_t *counts) {
+  int64_t binned = 0;
   for (int64_t i = 0; i < count; i++) {
     pags_splat *const s = splats + order[i];
+    if (i + BIN_AHEAD < count)
+      __builtin_prefetch(splats + order[i + BIN_AHEAD], 1);
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);
     bin_sink sink = {.tiles_x = tiles_x, .counts = counts};
     touched[i] = 0;
@@ -104,15 +109,17 @@ static void bin_count(pags_splat *splats, const uint32_t *order, int64_t count, 
     else if (box.nx > 0 && box.ny > 0)
       bin_large(&sink, s, box, false);
     s->tiles = sink.rank;
+    binned += sink.rank > 0;
   }
+  return binned;
 }
 
 static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
                      const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
   for (int64_t i = 0; i < count; i++) {
     const pags_splat *const s = splats + order[i];
-    if (i + 8 < count)
-      __builtin_prefetch(splats + order[i + 8]);
+    if (i + BIN_AHEAD < count)
+      __builtin_prefetch(splats + order[i + BIN_AHEAD]);
     if (s->tiles == 0)
       continue;
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);

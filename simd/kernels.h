@@ -148,9 +148,10 @@ typedef struct pags_kernels {
                 pags_splat *splats);
 
   /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
-   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. */
-  void (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, uint64_t *touched,
-                    uint32_t *counts);
+   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Returns how many splats touch
+   * a tile at all. */
+  int64_t (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                       uint64_t *touched, uint32_t *counts);
   /* Writes each pair to entries[offsets[tile]++]. */
   void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
                    const uint64_t *touched, int64_t *offsets, pags_entry *entries);

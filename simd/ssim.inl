@@ -38,7 +38,9 @@ static inline float *loss_ring(const loss_state *s, float *ring, int row) {
 }
 
 /* The width in whole vectors: what is computed of a row, however long the stride is. */
-static inline int64_t loss_padded(const pags_loss_rows *io) { return ((int64_t)io->width + V_LANES - 1) / V_LANES * V_LANES; }
+static inline int64_t loss_padded(const pags_loss_rows *io) {
+  return ((int64_t)io->width + V_LANES - 1) / V_LANES * V_LANES;
+}
 
 static inline vm loss_counted(const pags_loss_rows *io, int row, int column) {
   const vm inside = m_first(io->width - column);

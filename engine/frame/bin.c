@@ -14,6 +14,7 @@ typedef struct bin_context {
   uint32_t *counts; /* tiles per block */
   int64_t *offsets; /* tiles per block */
   uint64_t *touched; /* per drawn splat */
+  int64_t binned[MOST_BLOCKS];
 } bin_context;
 
 static void count_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -22,7 +23,8 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   uint32_t *const counts = c->counts + begin / c->grain * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
-  f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
+  c->binned[begin / c->grain] =
+      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
                         counts);
 }
 
@@ -80,8 +82,8 @@ pags_result pags_stage_bin(pags_frame *frame) {
   if (!frame->entries)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, fill_block, &c));
-  for (int64_t i = 0; i < frame->drawn_count; i++)
-    frame->stats.binned += frame->splats[frame->order[i]].tiles > 0;
+  for (int64_t b = 0; b < blocks; b++)
+    frame->stats.binned += c.binned[b];
   if (!frame->options.keep_for_backward)
     return PAGS_OK;
   frame->block_masks = pags_frame_alloc(frame, pairs, sizeof *frame->block_masks, "block masks");
