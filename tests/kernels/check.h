@@ -1,6 +1,6 @@
-/* What every kernel test needs, after dav1d's checkasm: a main that runs each case on each table of kernels this machine
- * has (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and writes, float comparison
- * and a benchmark of the very calls that were tested.
+/* What every kernel test needs, after dav1d's checkasm: a main that runs each case on each table of kernels this
+ * machine has (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and writes,
+ * float comparison and a benchmark of the very calls that were tested.
  *
  *   test_x [NAME...] [--cpu NAME] [--seed N] [--bench]     NAME: part of a case's name */
 #ifndef PAGS_TESTS_CHECK_H
@@ -24,8 +24,8 @@ typedef struct check_case {
   void (*run)(const pags_kernels *kernels);
 } check_case;
 
-/* Runs the cases: for each table, once with all buffers ending at a guard page and once with all beginning at one. The return
- * value is main's. */
+/* Runs the cases: for each table, once with all buffers ending at a guard page and once with all beginning at one.
+ * The return value is main's. */
 int check_main(int argc, char **argv, const check_case *cases, int count);
 
 /* Counts and prints a failure. The first few of a case are shown. */
@@ -48,8 +48,8 @@ float check_normal(void);
 
 /* ---- Buffers ---- */
 
-/* `size` bytes between pages that can't be touched; the rest of the first and last page is filled and looked at on release.
- * Filled with 0xA5 bytes (floats: about -2.9e-16). Every buffer of a case is released after it. */
+/* `size` bytes between pages that can't be touched; the rest of the first and last page is filled and looked at on
+ * release. Filled with 0xA5 bytes (floats: about -2.9e-16). Every buffer of a case is released after it. */
 void *check_buffer(size_t size);
 /* From here on `buffer` can't be written. */
 void check_freeze(const void *buffer);
@@ -91,7 +91,8 @@ typedef struct check_timer {
   double began, best; /* s */
 } check_timer;
 
-/* CHECK_BENCH("raster", pairs, "pair") kernels->raster(&in, &out); runs the call only under --bench and prints ns per item. */
+/* CHECK_BENCH("raster", pairs, "pair") kernels->raster(&in, &out); runs the call only under --bench and prints ns
+ * per item. */
 #define CHECK_BENCH(what, items, unit) \
   for (check_timer timer = {.repeats = 0}; check_timed(&timer, what, (double)(items), unit);)
 bool check_timed(check_timer *timer, const char *what, double items, const char *unit);

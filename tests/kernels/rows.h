@@ -26,9 +26,9 @@ pags_projection view_random(int sh_degree, bool antialiased);
 /* z is camera z, x y the model's: for rows at exact depths. */
 pags_projection view_straight(int sh_degree);
 
-/* Ordinary rows lie in and around the picture, axes within 1:20. Awkward: one row in three is behind the camera, at the near plane,
- * of no or infinite size, at the cut-off of opacity, without a rotation or holds a NaN or infinity anywhere. Rows beyond the
- * count hold NaN. */
+/* Ordinary rows lie in and around the picture, axes within 1:20. Awkward: one row in three is behind the camera, at
+ * the near plane, of no or infinite size, at the cut-off of opacity, without a rotation or holds a NaN or infinity
+ * anywhere. Rows beyond the count hold NaN. */
 rows rows_random(const pags_projection *view, int count, row_kind kind);
 
 typedef struct plain_row {

@@ -1,5 +1,5 @@
-/* Adam over planes: each ISA against the scalar kernel, and against the textbook's recurrence in double. Scalar and fused builds
- * differ by rounding alone: nothing here has a threshold that matters. */
+/* Adam over planes: each ISA against the scalar kernel, and against the textbook's recurrence in double. Scalar and
+ * fused builds differ by rounding alone: nothing here has a threshold that matters. */
 #include "check.h"
 
 #include <math.h>
@@ -89,7 +89,8 @@ static void test_update(const pags_kernels *k) {
   }
 }
 
-/* Moments that are next to nothing become zero, not denormal; a NaN gradient is the caller's affair but stays in its row. */
+/* Moments that are next to nothing become zero, not denormal; a NaN gradient is the caller's affair but stays in
+ * its row. */
 static void test_small(const pags_kernels *k) {
   plane a = make_plane(16);
   float *const gradient = CHECK_NEW(float, 16);

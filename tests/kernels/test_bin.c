@@ -1,5 +1,6 @@
-/* Binning: the lists are well formed, the same on every ISA, hold every tile and 4x4 block with a pixel that the splat reaches, and
- * few without. What a pixel sees is worked out one by one, in the rasteriser's own operations, fused and not. */
+/* Binning: the lists are well formed, the same on every ISA, hold every tile and 4x4 block with a pixel that the
+ * splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's own operations,
+ * fused and not. */
 #include "check.h"
 #include "splats.h"
 
@@ -57,7 +58,8 @@ static bins bin(const pags_kernels *k, const bins *in) {
   return b;
 }
 
-/* Each list in `order`'s order; each splat's ranks 0, 1, ... tile after tile; .tiles their number, of those in `order` alone. */
+/* Each list in `order`'s order; each splat's ranks 0, 1, ... tile after tile; .tiles their number, of those in
+ * `order` alone. */
 static void check_lists(const bins *b, const bins *before) {
   int64_t *const position = CHECK_NEW(int64_t, b->splat_count);
   uint32_t *const next_rank = CHECK_NEW(uint32_t, b->splat_count);
@@ -105,7 +107,8 @@ static bool reaches(const pags_splat *s, float px, float py) {
          (exponent >= -PAGS_LOG2_255 - 1.0f && splat_exponent(s, px, py, true) >= -PAGS_LOG2_255);
 }
 
-/* Blocks of the tile at (x0, y0) px with a pixel that the splat reaches. Tiles well beyond its box are not looked into. */
+/* Blocks of the tile at (x0, y0) px with a pixel that the splat reaches. Tiles well beyond its box are not looked
+ * into. */
 static unsigned blocks_reached(const pags_splat *s, int x0, int y0) {
   unsigned blocks = 0;
   const float half = 0.5f * PAGS_TILE, margin = half + 16.0f;

@@ -101,7 +101,8 @@ static void test_awkward(const pags_kernels *k) {
   check_kind(k, ROWS_AWKWARD);
 }
 
-/* At the near plane to the bit: not drawn; the next float beyond: drawn. NaNs with any payload in any parameter: not drawn. */
+/* At the near plane to the bit: not drawn; the next float beyond: drawn. NaNs with any payload in any parameter:
+ * not drawn. */
 static void test_edges(const pags_kernels *k) {
   const pags_projection view = view_straight(0);
   float data[14][16] = {{0.0f}};

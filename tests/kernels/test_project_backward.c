@@ -1,5 +1,5 @@
-/* From slots to parameters: each ISA against the scalar kernel to the bit where builds allow that, and all against central
- * differences of projection and colour in double. */
+/* From slots to parameters: each ISA against the scalar kernel to the bit where builds allow that, and all against
+ * central differences of projection and colour in double. */
 #include "rows.h"
 
 #include <math.h>
@@ -72,7 +72,8 @@ static bool has_gradient(const frame *f, int i) {
   return i < f->rows.count && f->keys[i] != UINT32_MAX && f->splats[i].tiles > 0;
 }
 
-/* Zeros where nothing was drawn, up to the next multiple of 16; numbers everywhere; the gap between planes as it was. */
+/* Zeros where nothing was drawn, up to the next multiple of 16; numbers everywhere; the gap between planes as it
+ * was. */
 static void check_form(const frame *f, const gradient *g) {
   static const unsigned char untouched[4] = {0xA5, 0xA5, 0xA5, 0xA5};
   const int64_t padded = round_up_16(f->rows.count);
@@ -173,7 +174,8 @@ static void check_row(const frame *f, const gradient *g, int i, const double row
       CHECK_FAIL("row %d, statistic %d: %.9g, should be %.9g", i, j, (double)got[j], others[j]);
 }
 
-/* Differences say nothing across the clamp of the Jacobian, the floor of the compensation or where a parameter is out of reach. */
+/* Differences say nothing across the clamp of the Jacobian, the floor of the compensation or where a parameter is
+ * out of reach. */
 static bool differentiable(const pags_projection *v, const double row[ROW_FLOATS], int planes) {
   if (!row_usable(row, planes))
     return false;

@@ -1,5 +1,5 @@
-/* Blending a tile: each ISA against the scalar kernel and all of them against a plain loop over pixels and splats; and that a pixel
- * depends on nothing but the splats that reach it. */
+/* Blending a tile: each ISA against the scalar kernel and all of them against a plain loop over pixels and splats;
+ * and that a pixel depends on nothing but the splats that reach it. */
 #include "check.h"
 #include "splats.h"
 
@@ -150,7 +150,8 @@ typedef struct pixel {
   int32_t id;
 } pixel;
 
-/* In double but for the exponent, which decides what is below the cut-off. *evaluated, *blended: as `pairs` would count. */
+/* In double but for the exponent, which decides what is below the cut-off. *evaluated, *blended: as `pairs` would
+ * count. */
 static pixel blend_pixel(const scene *s, float px, float py, bool fused, int64_t *blended) {
   pixel out = {.t = 1.0, .id = -1};
   for (int64_t i = 0; i < s->count; i++) {

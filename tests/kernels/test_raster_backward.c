@@ -1,5 +1,6 @@
-/* Gradient of blending: each ISA against the scalar kernel, and all against a plain loop in double that goes back to front and
- * keeps, beside each sum, how large the terms were that it came from: rounding may cost a share of those. */
+/* Gradient of blending: each ISA against the scalar kernel, and all against a plain loop in double that goes back
+ * to front and keeps, beside each sum, how large the terms were that it came from: rounding may cost a share of
+ * those. */
 #include "check.h"
 #include "splats.h"
 
@@ -150,7 +151,7 @@ static void add_step(sums *s, const tile *t, choice c, const pags_splat *g, cons
   const double moment[6] = {1.0, u, v, u * u, u * v, v * v};
   for (int m = 0; m < 6; m++)
     add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
-  if (c.absolute) {
+  if (c.absolute || c.depth) {
     const double along_y = (double)g->w * v * ds - (double)g->p * (double)g->h * u * ds;
     add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
     add(s, PAGS_SLOT_ABS_Y, fabs(along_y), size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));

@@ -1,5 +1,5 @@
-/* Every operation of vec.h on every ISA against plain C, to the bit (any NaN being the same as any other), and the bounds
- * that vec.h states for exp2, exp and log2. */
+/* Every operation of vec.h on every ISA against plain C, to the bit (any NaN being the same as any other), and the
+ * bounds that vec.h states for exp2, exp and log2. */
 #include "check.h"
 #include "vec_ops.h"
 
@@ -195,7 +195,8 @@ static void test_sums(const pags_kernels *k) {
   }
 }
 
-/* Largest relative error (absolute for log2, whose result passes through 0) over a fine grid, in steps that hit no lattice. */
+/* Largest relative error (absolute for log2, whose result passes through 0) over a fine grid, in steps that hit no
+ * lattice. */
 static double worst_error(const vec_ops *ops, vec_math math, double (*exact)(double), double lo, double hi) {
   enum { POINTS = 1 << 17 };
   float in[VEC_LANES], out[VEC_LANES];

@@ -5,8 +5,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Lane by lane: name, kind of result (f, i or m), the expression over vectors and the same over a lane. Floats x, y, z, ints i, j
- * (the bits of x and y), m a truth value (the lowest bit of z). */
+/* Lane by lane: name, kind of result (f, i or m), the expression over vectors and the same over a lane. Floats x,
+ * y, z, ints i, j (the bits of x and y), m a truth value (the lowest bit of z). */
 #define VEC_LANE_OPS(X)                                                                             \
   X(v_set, f, v_set(1.5f), 1.5f)                                                                    \
   X(v_zero, f, v_zero(), 0.0f)                                                                      \
