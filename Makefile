@@ -3,7 +3,7 @@
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
 #   make demo    set up, build, and train and render a small scene of our own making
 #   make check   set up, build, run all tests
-#   make bench   build, run the benchmarks of the bare kernels and of each stage
+#   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make clean   remove build/
 
 JOBS ?= $(shell nproc)
@@ -23,9 +23,13 @@ check: setup
 	$(MAKE) all
 	ctest --preset release
 
-bench: all
-	build/pags bench roofline
-	build/pags bench stages
+bench: build/demo/scene/scene.json
+	build/pags bench roofline build/demo/scene
+	build/pags bench stages build/demo/scene
+	build/pags bench error build/demo/scene --downscale 2
+
+build/demo/scene/scene.json:
+	$(MAKE) demo
 
 clean:
 	rm -rf build

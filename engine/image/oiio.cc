@@ -119,6 +119,8 @@ pags_result write_picture(const char *path, const char *format, const pags_oiio_
     spec.attribute("oiio:UnassociatedAlpha", 1);
     if (std::string(format) == "exr") {
       spec.attribute("Compression", "zip");
+      // Without one the time of writing goes in, and two files of the same picture differ.
+      spec.attribute("DateTime", "1970:01:01 00:00:00");
     } else {
       spec.attribute("oiio:ColorSpace", "sRGB");
       spec.attribute("CompressionQuality", 95);
