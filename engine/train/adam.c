@@ -1,10 +1,11 @@
-/* Deferred Adam: which clusters owe which steps, and the bounds that hold meanwhile. The arithmetic of a step is in simd/adam.inl.
+/* Deferred Adam: which clusters owe which steps, and the bounds that hold meanwhile. The arithmetic of a step is in
+ * simd/adam.inl.
  *
- * Bounds. Without further gradients step s + j moves a parameter by rate c_(s+j) q^j u with one sign of u, so it stays between
- * p and p - W u, W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c <= 1 gives W <= rate q / (1 - q) = 9.045
- * rate for the usual betas; the sum itself is tighter while c is small and holds for rates that rise.) A cluster's box is
- * the hull of both ends over its members, its sigma e to the largest end of ln sigma. Replaying rounds `reach` times, by half an ulp
- * each: the allowance is (reach + 8) 2^-24 of the largest coordinate. */
+ * Bounds. Without further gradients step s + j moves a parameter by rate c_(s+j) q^j u with one sign of u, so it
+ * stays between p and p - W u, W = sum over all j >= 1 of rate c_(s+j) q^j. (With a constant rate, c <= 1 gives W <=
+ * rate q / (1 - q) = 9.045 rate for the usual betas; the sum itself is tighter while c is small and holds for rates
+ * that rise.) A cluster's box is the hull of both ends over its members, its sigma e to the largest end of ln sigma.
+ * Replaying rounds `reach` times, by half an ulp each: the allowance is (reach + 8) 2^-24 of the largest coordinate. */
 #include "train/adam.h"
 
 #include <assert.h>
@@ -16,10 +17,12 @@
 
 enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS };
 
-static const int group_first[GROUPS + 1] = {PAGS_MEAN, PAGS_SCALE, PAGS_ROTATION, PAGS_OPACITY, PAGS_SH, PAGS_SH + 3,
-                                            PAGS_MAX_PLANES};
+static const int group_first[GROUPS + 1] = {PAGS_MEAN, PAGS_SCALE,  PAGS_ROTATION,  PAGS_OPACITY,
+                                            PAGS_SH,   PAGS_SH + 3, PAGS_MAX_PLANES};
 
-static const pags_train_config *config_of(const pags_adam *adam) { return &adam->schedule->config; }
+static const pags_train_config *config_of(const pags_adam *adam) {
+  return &adam->schedule->config;
+}
 
 /* Rows of a cluster. */
 static int cluster_rows(const pags_adam *adam, int64_t cluster, int64_t *first) {
@@ -49,7 +52,8 @@ static void fill_tables(pags_adam *adam) {
     pags_schedule_rates(adam->schedule, k, rates);
     adam->position_rate[k] = rates[PAGS_RATE_POSITION];
     adam->correction[k] =
-        k == 0 ? 0.0 : sqrt(-expm1((double)k * log(c->beta2))) / (c->beta1 > 0.0 ? -expm1((double)k * log(c->beta1)) : 1.0);
+        k == 0 ? 0.0
+               : sqrt(-expm1((double)k * log(c->beta2))) / (c->beta1 > 0.0 ? -expm1((double)k * log(c->beta1)) : 1.0);
   }
 }
 
@@ -221,8 +225,8 @@ void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_
   pay(adam, g, cluster, step - 1);
 }
 
-void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster, const float *gradient,
-                      int64_t stride, int planes) {
+void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
+                      const float *gradient, int64_t stride, int planes) {
   const pags_train_config *c = config_of(adam);
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first), group = 0;
@@ -257,7 +261,8 @@ static void plane_reach(const pags_adam *adam, const pags_gaussians *g, int plan
   /* Without a gradient so far both moments are 0 and any positive eps will do. */
   int64_t last = adam->moment_step[cluster] > 0 ? adam->moment_step[cluster] : 1;
   adam->kernels->adam_reach(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
-                            pags_plane(&adam->second, plane) + first, rows, (float)weight, epsilon_at(adam, last), range);
+                            pags_plane(&adam->second, plane) + first, rows, (float)weight, epsilon_at(adam, last),
+                            range);
   float largest = fmaxf(fabsf(range[0]), fabsf(range[1]));
   float allowance = largest * (float)(adam->reach + 8) * 0x1p-24f;
   range[0] -= allowance;

@@ -1,8 +1,9 @@
 /* Adam whose cost follows the clusters in view, with the results of Adam over everything at every step.
  *
- * A cluster that no view shows owes updates: its moments still move its parameters. `touch` pays what is owed before the members are
- * read; `update` pays too and adds a step with gradients. Each owed step is rounded by itself from moments that only a gradient changes, so
- * paying early, late or in pieces gives the same bits, and so does a cluster that is touched but shows nothing. */
+ * A cluster that no view shows owes updates: its moments still move its parameters. `touch` pays what is owed before
+ * the members are read; `update` pays too and adds a step with gradients. Each owed step is rounded by itself from
+ * moments that only a gradient changes, so paying early, late or in pieces gives the same bits, and so does a cluster
+ * that is touched but shows nothing. */
 #ifndef PAGS_TRAIN_ADAM_H
 #define PAGS_TRAIN_ADAM_H
 
@@ -25,9 +26,9 @@ typedef struct pags_adam {
   int64_t table_steps;  /* entries of the two tables, by step */
   double *correction;   /* c_k = sqrt(1 - beta2^k) / (1 - beta1^k) */
   double *position_rate;
-  int reach;            /* steps after a gradient until its momentum is spent: q^reach < 1e-9 */
-  double *decay;        /* q^j, j = 0 .. reach, q = beta1 / sqrt(beta2) */
-  int64_t step;         /* of the updates under way */
+  int reach;                         /* steps after a gradient until its momentum is spent: q^reach < 1e-9 */
+  double *decay;                     /* q^j, j = 0 .. reach, q = beta1 / sqrt(beta2) */
+  int64_t step;                      /* of the updates under way */
   double reach_position, reach_unit; /* sums over j >= 1 of rate c_(step+j) q^j: the positions' rate, and rate 1 */
 } pags_adam;
 
@@ -46,16 +47,16 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step);
 void pags_adam_begin(pags_adam *adam, int64_t step);
 /* Brings the parameters of a cluster up to `step` - 1. Safe from several threads for different clusters. */
 void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step);
-/* Step `step` with gradients (`planes` planes, plane p at data + p * stride), then the cluster's bounds, widened so that they hold
- * until its next update. Thread-safe as touch. */
-void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster, const float *gradient,
-                      int64_t stride, int planes);
+/* Step `step` with gradients (`planes` planes, plane p at data + p * stride), then the cluster's bounds, widened so
+ * that they hold until its next update. Thread-safe as touch. */
+void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
+                      const float *gradient, int64_t stride, int planes);
 /* Bounds of a cluster as of its last update; of all, after regroup. */
 void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, int64_t cluster);
 void pags_adam_bound_all(pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, pags_tasks *tasks);
 
-/* Pays everything: parameters and moments of all clusters current as of `step`. Changes what the moments round to, so it belongs to
- * steps that the schedule fixes (densify, reset), not to moments that a user chooses. */
+/* Pays everything: parameters and moments of all clusters current as of `step`. Changes what the moments round to, so
+ * it belongs to steps that the schedule fixes (densify, reset), not to moments that a user chooses. */
 void pags_adam_settle(pags_adam *adam, pags_gaussians *g, int64_t step, pags_tasks *tasks);
 /* Parameters only: brings all of `g` up to `step` and changes no bit of the run. */
 void pags_adam_flush(pags_adam *adam, pags_gaussians *g, int64_t step, pags_tasks *tasks);

@@ -181,7 +181,8 @@ static pags_result check_steps(const char *path, const pags_train_state *s) {
   for (int64_t c = 0; c < s->adam.cluster_count; c++) {
     int32_t moment = s->adam.moment_step[c], param = s->adam.param_step[c];
     if (moment < 0 || param < moment || param > s->step)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", path, (long long)c);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", path,
+                       (long long)c);
   }
   return PAGS_OK;
 }
@@ -204,7 +205,8 @@ static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *
   uint64_t size = 0;
   run_record record;
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN1", r->path);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN1",
+                     r->path);
   r->at += sizeof magic;
   PAGS_TRY(next(r, "CONF", &payload, &size));
   PAGS_TRY(pags_config_read(&config, (const char *)payload, (size_t)size, r->path));
@@ -213,7 +215,8 @@ static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *
   memcpy(&record, payload, sizeof record);
   PAGS_TRY(check_record(r->path, &record, &config));
   /* Before memory is asked for: can the file hold that many? */
-  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config.sh_degree) > (uint64_t)(r->end - r->at))
+  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config.sh_degree) >
+      (uint64_t)(r->end - r->at))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
   pags_gaussians g;
   PAGS_TRY(pags_gaussians_create(&g, record.count, config.sh_degree));

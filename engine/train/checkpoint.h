@@ -1,9 +1,9 @@
 /* A run on disk: one file from which it goes on to the same bits.
  *
- * "PAGSRUN1", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload (u32); all little
- * endian. CONF is the configuration as text, RUN0 the numbers of run_record in checkpoint.c, then planes of count floats: GAUS the
- * parameters, MOM1 and MOM2 the moments; STEP the two steps of each cluster (what rows owe is stored as owed), STAT the
- * densify statistics, END! nothing. Sections come in this order, each once. */
+ * "PAGSRUN1", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload
+ * (u32); all little endian. CONF is the configuration as text, RUN0 the numbers of run_record in checkpoint.c, then
+ * planes of count floats: GAUS the parameters, MOM1 and MOM2 the moments; STEP the two steps of each cluster (what
+ * rows owe is stored as owed), STAT the densify statistics, END! nothing. Sections come in this order, each once. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H
 

@@ -19,9 +19,10 @@ typedef struct field {
   double least, most; /* inclusive */
 } field;
 
-#define FIELD(member, kind, least, most) {#member, kind, offsetof(pags_train_config, member), least, most}
+#define FIELD(member, kind, least, most) \
+  { #member, kind, offsetof(pags_train_config, member), least, most }
 #define COLOUR(suffix, i) \
-  {"background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1}
+  { "background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1 }
 
 static const double max_count = 2147483584.0; /* 2^31 - 64 */
 #define MAX_STEPS 1e9
@@ -124,7 +125,9 @@ pags_train_config pags_train_config_default(void) {
   };
 }
 
-static void *member(pags_train_config *config, const field *f) { return (char *)config + f->offset; }
+static void *member(pags_train_config *config, const field *f) {
+  return (char *)config + f->offset;
+}
 static const void *member_const(const pags_train_config *config, const field *f) {
   return (const char *)config + f->offset;
 }
@@ -231,8 +234,8 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
 }
 
 /* Appends formatted text; the table is far smaller than PAGS_CONFIG_TEXT. */
-static size_t append(char *text, size_t used, const char *before, const char *name, const char *between, const char *value,
-                     const char *after) {
+static size_t append(char *text, size_t used, const char *before, const char *name, const char *between,
+                     const char *value, const char *after) {
   int written = snprintf(text + used, PAGS_CONFIG_TEXT - used, "%s%s%s%s%s", before, name, between, value, after);
   return used + (size_t)written;
 }

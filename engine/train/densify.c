@@ -1,9 +1,10 @@
 /* Adaptive density control of Kerbl et al. (2023), section 5, with the constants and the order of their program.
  *
- * A Gaussian whose projected mean is pulled hard (mean norm of its NDC gradient over the views it was drawn in) covers too much or
- * too little: a large one is split in two samples of itself with sigmas divided, a small one is doubled in place (the
- * optimiser's noise parts the two). What has become transparent goes, and, once opacities were reset, what has become huge. Where
- * the bound on Gaussians leaves no room for all that ask, those with the largest gradient come first, ties by row. */
+ * A Gaussian whose projected mean is pulled hard (mean norm of its NDC gradient over the views it was drawn in)
+ * covers too much or too little: a large one is split in two samples of itself with sigmas divided, a small one is
+ * doubled in place (the optimiser's noise parts the two). What has become transparent goes, and, once opacities were
+ * reset, what has become huge. Where the bound on Gaussians leaves no room for all that ask, those with the largest
+ * gradient come first, ties by row. */
 #include "train/densify.h"
 
 #include <math.h>
@@ -22,7 +23,9 @@ static float largest_sigma(const pags_gaussians *g, int64_t row) {
   return expf(s);
 }
 
-static float logit(double probability) { return (float)log(probability / (1.0 - probability)); }
+static float logit(double probability) {
+  return (float)log(probability / (1.0 - probability));
+}
 
 static int is_finite_row(const pags_gaussians *g, int64_t row) {
   for (int p = 0; p < PAGS_SH + 3; p++)

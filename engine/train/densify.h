@@ -7,8 +7,8 @@
 typedef enum pags_edit { PAGS_EDIT_KEEP, PAGS_EDIT_CLONE, PAGS_EDIT_SPLIT, PAGS_EDIT_PRUNE } pags_edit;
 
 typedef struct pags_edits {
-  uint8_t *kind;  /* pags_edit per row; freed by pags_edits_destroy */
-  int64_t count;  /* rows */
+  uint8_t *kind; /* pags_edit per row; freed by pags_edits_destroy */
+  int64_t count; /* rows */
   int64_t cloned, split, pruned;
   int64_t wanted; /* clones and splits before the bound on Gaussians cut them */
 } pags_edits;

@@ -1,8 +1,9 @@
 /* What a run will take: bytes from counts, seconds from a few passes.
  *
- * Assumed: the count of Gaussians ends at its bound, or at 8 times the start (the usual factor of 3DGS from structure-from-motion
- * points), and grows evenly until densify_until; a pass's cost is a part that follows the count (cull, project, shade, Adam) and a part that
- * follows the pixels, which doubles as a scene fills up (measured between an early and a finished state). */
+ * Assumed: the count of Gaussians ends at its bound, or at 8 times the start (the usual factor of 3DGS from
+ * structure-from-motion points), and grows evenly until densify_until; a pass's cost is a part that follows the count
+ * (cull, project, shade, Adam) and a part that follows the pixels, which doubles as a scene fills up (measured
+ * between an early and a finished state). */
 #include <math.h>
 
 #include "train/trainer.h"
@@ -11,9 +12,10 @@ enum { PROBES = 4 };
 static const double growth = 8.0;
 static const double pixel_growth = 2.0;
 
-/* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room again for growth;
- * statistics 8; scratch of reordering 12; the frame's splat 64, key and order 32, at 12 tiles per Gaussian 12 entries of 8, masks of
- * 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12, loss 80, photo 3. */
+/* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room
+ * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key and order 32, at 12 tiles per
+ * Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12,
+ * loss 80, photo 3. */
 uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height) {
   uint64_t planes = (uint64_t)pags_plane_count(sh_degree);
   uint64_t each = planes * 4 * 3 * 3 / 2 + 8 + 12 + 64 + 32 + 12 * (8 + 2 + 48);
@@ -58,7 +60,8 @@ pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *s
   int64_t count = s->gaussians.count > 0 ? s->gaussians.count : 1;
   double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
   double rows = mean_growth(s, (double)count, final), scale = (double)iterations / (double)s->stop;
-  int64_t quarter = s->schedule.quarter_until, half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
+  int64_t quarter = s->schedule.quarter_until,
+          half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
   int64_t steps[3] = {s->stop - half, half - quarter, quarter};
   double ms = 0.0;
   int width = 1, height = 1;
@@ -76,6 +79,6 @@ pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *s
     }
   }
   *seconds = ms * scale / 1e3;
-  *bytes = pags_train_bytes((int64_t)final, s->gaussians.sh_degree, width, height) + t->options->image_cache;
+  *bytes = pags_train_bytes((int64_t) final, s->gaussians.sh_degree, width, height) + t->options->image_cache;
   return PAGS_OK;
 }

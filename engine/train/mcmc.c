@@ -1,5 +1,5 @@
-/* MCMC density control. Each step moves every row (noise, regularisers), so nothing is deferred under this policy: its cost
- * follows the number of Gaussians, not of those in view. */
+/* MCMC density control. Each step moves every row (noise, regularisers), so nothing is deferred under this policy:
+ * its cost follows the number of Gaussians, not of those in view. */
 #include "train/mcmc.h"
 
 #include <math.h>
@@ -11,10 +11,16 @@ static const double dead_opacity = 0.005; /* a Gaussian at or under it is telepo
 static const double gate_slope = 100.0;   /* of the noise over opacity */
 enum { MOST_COPIES = 51, NOISE_GRAIN = 16 };
 
-static double sigmoid(double x) { return 1.0 / (1.0 + exp(-x)); }
-static double logit(double p) { return log(p / (1.0 - p)); }
+static double sigmoid(double x) {
+  return 1.0 / (1.0 + exp(-x));
+}
+static double logit(double p) {
+  return log(p / (1.0 - p));
+}
 
-static int64_t bound_of(const pags_train_state *state) { return state->cap > 0 ? state->cap : 1000000; }
+static int64_t bound_of(const pags_train_state *state) {
+  return state->cap > 0 ? state->cap : 1000000;
+}
 
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) let through what one of o did. Their sigma keeps the integral along a ray:
  *   factor = o / sum over i = 1 .. n, k = 0 .. i - 1 of C(i - 1, k) (-1)^k o'^(k + 1) / sqrt(k + 1). */
@@ -35,9 +41,9 @@ void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, doubl
 
 /* Draws of rows in proportion to opacity. */
 typedef struct lottery {
-  double *total;   /* total[i]: opacity of rows 0 .. i, dead ones left out */
-  int64_t *dead;   /* rows */
-  int32_t *drawn;  /* per row: how often */
+  double *total;  /* total[i]: opacity of rows 0 .. i, dead ones left out */
+  int64_t *dead;  /* rows */
+  int32_t *drawn; /* per row: how often */
   int64_t dead_count, count;
 } lottery;
 
@@ -141,7 +147,8 @@ static pags_result grow(pags_train_state *state, pags_tasks *tasks) {
   lottery l;
   PAGS_TRY(make_lottery(state, &l));
   int64_t *source = malloc((size_t)target * sizeof *source);
-  pags_result result = source ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)target);
+  pags_result result =
+      source ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)target);
   if (source && l.dead_count < l.count) {
     for (int64_t i = 0; i < count; i++)
       source[i] = i;

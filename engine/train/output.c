@@ -239,6 +239,7 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_number(&w, "loss", r->loss);
   pags_json_put_number(&w, "psnr", r->psnr);
   pags_json_put_integer(&w, "bad_rows", r->bad_rows);
+  pags_json_put_unsigned(&w, "frame_heap_calls_in_last_tenth", r->heap_calls_steady);
   pags_json_begin_object(&w, "ms_per_step");
   pags_json_put_number(&w, "wait", r->ms_wait);
   pags_json_put_number(&w, "forward", r->ms_forward);

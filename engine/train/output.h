@@ -17,11 +17,11 @@ typedef struct pags_output {
   FILE *stream;                    /* of the log; NULL before open */
 } pags_output;
 
-/* Looks, changes nothing: refuses a file, and a non-empty folder without resume or overwrite. `found` receives 1 where there is a
- * checkpoint to resume. */
+/* Looks, changes nothing: refuses a file, and a non-empty folder without resume or overwrite. `found` receives 1
+ * where there is a checkpoint to resume. */
 pags_result pags_output_find(pags_output *output, const pags_train_options *options, int *found);
-/* Makes the folder and opens the log. A fresh run's removes what an earlier one of ours left; a resumed one's keeps the lines up
- * to `step`. */
+/* Makes the folder and opens the log. A fresh run's removes what an earlier one of ours left; a resumed one's keeps
+ * the lines up to `step`. */
 pags_result pags_output_open(pags_output *output, int resumed, int64_t step);
 /* With `failed`, a folder that this run made is removed again unless it holds a checkpoint. */
 void pags_output_close(pags_output *output, int failed);
@@ -30,7 +30,7 @@ void pags_output_close(pags_output *output, int failed);
 typedef struct pags_log_entry {
   int64_t step, gaussians;
   int level, sh_degree;
-  double loss, psnr; /* running */
+  double loss, psnr;                               /* running */
   double step_loss, step_l1, step_ssim, step_psnr; /* of this step's view */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);

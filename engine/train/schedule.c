@@ -1,8 +1,8 @@
 /* The schedule of Kerbl et al. (2023), stretched to any number of iterations.
  *
- * Steps given "of 30 000" become round(step * length / 30 000). Two intervals don't shrink without end: the statistics that densify
- * decides from are means over the views a Gaussian was seen in, which one pass over the training views makes complete, and a reset
- * takes about three passes to recover from. */
+ * Steps given "of 30 000" become round(step * length / 30 000). Two intervals don't shrink without end: the
+ * statistics that densify decides from are means over the views a Gaussian was seen in, which one pass over the
+ * training views makes complete, and a reset takes about three passes to recover from. */
 #include "train/schedule.h"
 
 #include <math.h>
@@ -15,7 +15,9 @@ static int64_t scaled(int64_t step, int64_t length) {
   return llround((double)step * (double)length / reference_iterations);
 }
 
-static int64_t at_least(int64_t value, int64_t least) { return value < least ? least : value; }
+static int64_t at_least(int64_t value, int64_t least) {
+  return value < least ? least : value;
+}
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = *config, .extent = extent, .views = views};
@@ -59,7 +61,9 @@ int pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
   return s->config.strategy == PAGS_STRATEGY_DEFAULT && step < s->densify_until && step % s->reset_every == 0;
 }
 
-int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) { return step > s->reset_every; }
+int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
+  return step > s->reset_every;
+}
 
 int pags_schedule_level(const pags_schedule *s, int64_t step, int width, int height) {
   int level = step <= s->quarter_until ? 4 : step <= s->half_until ? 2 : 1;

@@ -16,17 +16,25 @@ typedef enum pags_rate_group {
 } pags_rate_group;
 
 /* The `a` of a random draw is 16 * step + purpose, so that no two draws of a run share a counter. */
-enum { PAGS_DRAW_ORDER, PAGS_DRAW_SPLIT /* 4 of them */, PAGS_DRAW_RELOCATE = 5, PAGS_DRAW_ADD, PAGS_DRAW_NOISE /* 2 */ };
-static inline uint64_t pags_draw(int64_t step, int purpose) { return 16u * (uint64_t)step + (uint64_t)purpose; }
+enum {
+  PAGS_DRAW_ORDER,
+  PAGS_DRAW_SPLIT /* 4 of them */,
+  PAGS_DRAW_RELOCATE = 5,
+  PAGS_DRAW_ADD,
+  PAGS_DRAW_NOISE /* 2 */
+};
+static inline uint64_t pags_draw(int64_t step, int purpose) {
+  return 16u * (uint64_t)step + (uint64_t)purpose;
+}
 
 /* The configuration's steps of 30 000, resolved. */
 typedef struct pags_schedule {
   pags_train_config config;
-  double extent;        /* metres */
-  int64_t views;        /* training views, >= 1 */
-  int64_t length;       /* steps the schedule is stretched over */
+  double extent;  /* metres */
+  int64_t views;  /* training views, >= 1 */
+  int64_t length; /* steps the schedule is stretched over */
   int64_t densify_from, densify_until, densify_every;
-  int64_t reset_every;  /* a multiple of densify_every, so that a prune precedes each reset and none follows closely */
+  int64_t reset_every; /* a multiple of densify_every, so that a prune precedes each reset and none follows closely */
   int64_t sh_interval;
   int64_t quarter_until, half_until;
 } pags_schedule;
@@ -38,7 +46,8 @@ void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rat
 int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
 int pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
 int pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
-/* Gaussians too large are pruned only once an opacity reset has been: before it, large is what covers the background. */
+/* Gaussians too large are pruned only once an opacity reset has been: before it, large is what covers the background.
+ */
 int pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);
 /* 1, 2 or 4 for a photograph of that size. */
 int pags_schedule_level(const pags_schedule *schedule, int64_t step, int width, int height);

@@ -39,7 +39,8 @@ static pags_result make_clusters(pags_train_state *state, pags_tasks *tasks) {
 }
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, pags_gaussians *g) {
-  *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians, .gaussians = *g};
+  *state =
+      (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians, .gaussians = *g};
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&state->adam, &state->schedule, &state->gaussians, 0, stop);
   if (result == PAGS_OK)
@@ -117,7 +118,8 @@ static void gather_columns(void *context, int64_t begin, int64_t end, int worker
 pags_result pags_state_gather(pags_train_state *state, const int64_t *source, int64_t count, int64_t fresh,
                               pags_tasks *tasks) {
   assert(fresh <= count);
-  if (count > state->gaussians.stride) /* half as much again, so that growth by shares copies each row a few times only */
+  if (count >
+      state->gaussians.stride) /* half as much again, so that growth by shares copies each row a few times only */
     PAGS_TRY(reserve(state, count + count / 2));
   int workers = pags_tasks_workers(tasks);
   gather_job *job = malloc(sizeof *job);

@@ -15,17 +15,17 @@ typedef struct pags_trainer {
   pags_tasks *tasks;
   pags_train_state state;
   pags_output output;
-  uint64_t fingerprint;   /* of the views */
+  uint64_t fingerprint; /* of the views */
   int64_t view_count;
-  int64_t *views;         /* training views: indices of the data set's */
-  int64_t *order;         /* of the pass under way and the next: 2 x view_count */
-  int64_t order_epoch;    /* -1: none yet */
+  int64_t *views;      /* training views: indices of the data set's */
+  int64_t *order;      /* of the pass under way and the next: 2 x view_count */
+  int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
   pags_frame *frame;
-  float *gradient[3];     /* dLoss/d(rgb) */
+  float *gradient[3];      /* dLoss/d(rgb) */
   int64_t gradient_floats; /* room in each plane */
-  int measuring;          /* 1: gradients are thrown away */
-  int64_t bad_rows;       /* in this process */
+  int measuring;           /* 1: gradients are thrown away */
+  int64_t bad_rows;        /* in this process */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;
@@ -44,9 +44,15 @@ typedef struct pags_step_view {
 /* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
 pags_result pags_trainer_pass(pags_trainer *trainer, int64_t step, pags_step_view *v);
 
-/* Seconds and bytes of all of `iterations` steps, from a few passes at each level that change no bit of the run. Makes no assumption
- * about the machine; about growth it assumes what estimate.c says. */
+/* Seconds and bytes of all of `iterations` steps, from a few passes at each level that change no bit of the run.
+ * Makes no assumption about the machine; about growth it assumes what estimate.c says. */
 pags_result pags_trainer_estimate(pags_trainer *trainer, int64_t iterations, double *seconds, uint64_t *bytes);
+
+/* How a run begins (start.c): the training views and their fingerprint, then the state. A resumed run goes on with the
+ * checkpoint's configuration, and what `config` asks for must agree with it. */
+pags_result pags_trainer_list_views(pags_trainer *trainer);
+pags_result pags_trainer_start(pags_trainer *trainer, const pags_train_config *config);
+pags_result pags_trainer_resume(pags_trainer *trainer, const pags_train_config *config);
 
 /* Milliseconds of a clock that only goes forward. */
 double pags_trainer_clock(void);

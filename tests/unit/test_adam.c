@@ -1,9 +1,10 @@
-/* Deferred Adam against dense Adam in double precision, and the promises that let it be deferred: when it is paid changes no bit, and
- * bounds hold until the next update. */
+/* Deferred Adam against dense Adam in double precision, and the promises that let it be deferred: when it is paid
+ * changes no bit, and bounds hold until the next update. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
 #include <cmocka.h>
 
 #include <math.h>
@@ -149,7 +150,8 @@ static void reset(run *r) {
   reference_adam_forget(&r->dense, PAGS_OPACITY);
 }
 
-/* All steps, five densifies and a reset; pays everything every `flush_every` steps, every cluster every step if touch_all. */
+/* All steps, five densifies and a reset; pays everything every `flush_every` steps, every cluster every step if
+ * touch_all. */
 static void train(run *r, int flush_every, int touch_all) {
   for (int64_t step = 1; step <= STEPS; step++) {
     sparse_step(r, step, touch_all);

@@ -1,8 +1,10 @@
-/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and what becomes of the moments. */
+/* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and what becomes of the
+ * moments. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
 #include <cmocka.h>
 
 #include <math.h>
@@ -51,17 +53,19 @@ static void pull(fixture *f, int row, float gradient) {
   f->state.density.gradient[row] = 4.0f * gradient;
   f->state.density.seen[row] = 4;
 }
-static void set_sigma(fixture *f, int row, float sigma) { pags_plane(&f->state.gaussians, PAGS_SCALE + 1)[row] = logf(sigma); }
+static void set_sigma(fixture *f, int row, float sigma) {
+  pags_plane(&f->state.gaussians, PAGS_SCALE + 1)[row] = logf(sigma);
+}
 
 static void each_rule_decides(void **unused) {
   (void)unused;
   fixture f;
   pags_edits e;
   begin(&f, pags_train_config_default());
-  f.state.step = 3100; /* after the first reset: large ones are pruned */
-  pull(&f, 1, 3e-4f);                         /* small and pulled */
-  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f); /* larger than 1 % of the extent and pulled */
-  pull(&f, 3, 1.9e-4f);                       /* pulled too little */
+  f.state.step = 3100;                                     /* after the first reset: large ones are pruned */
+  pull(&f, 1, 3e-4f);                                      /* small and pulled */
+  pull(&f, 2, 3e-4f), set_sigma(&f, 2, 0.2f);              /* larger than 1 % of the extent and pulled */
+  pull(&f, 3, 1.9e-4f);                                    /* pulled too little */
   pags_plane(&f.state.gaussians, PAGS_OPACITY)[4] = -6.0f; /* 0.0025 */
   pull(&f, 5, 3e-4f), pags_plane(&f.state.gaussians, PAGS_OPACITY)[5] = -6.0f;
   set_sigma(&f, 6, 1.1f);                     /* larger than 10 % of the extent */

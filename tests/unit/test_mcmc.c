@@ -1,8 +1,10 @@
-/* The MCMC policy: relocation keeps what a ray sees, regularisers match finite differences, noise is the covariance's. */
+/* The MCMC policy: relocation keeps what a ray sees, regularisers match finite differences, noise is the
+ * covariance's. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
 #include <cmocka.h>
 
 #include <math.h>

@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
 #include <cmocka.h>
 
 #include <math.h>
@@ -127,12 +128,9 @@ static void configuration_is_checked(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rates_are_those_of_3dgs),
-      cmocka_unit_test(events_of_30000_steps),
-      cmocka_unit_test(short_runs_keep_whole_passes),
-      cmocka_unit_test(resolution_rises_and_small_photographs_stay),
-      cmocka_unit_test(every_pass_shows_every_view_once),
-      cmocka_unit_test(configuration_survives_text),
+      cmocka_unit_test(rates_are_those_of_3dgs),          cmocka_unit_test(events_of_30000_steps),
+      cmocka_unit_test(short_runs_keep_whole_passes),     cmocka_unit_test(resolution_rises_and_small_photographs_stay),
+      cmocka_unit_test(every_pass_shows_every_view_once), cmocka_unit_test(configuration_survives_text),
       cmocka_unit_test(configuration_is_checked),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -1,9 +1,10 @@
-/* Whole training runs on a small scene rendered here: what they learn, and that nothing but data, configuration and seed decides
- * their bits. */
+/* Whole training runs on a small scene rendered here: what they learn, and that nothing but data, configuration and
+ * seed decides their bits. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+
 #include <cmocka.h>
 
 #include <math.h>
@@ -36,7 +37,9 @@ static const char *in_root(const char *name) {
   return path[next];
 }
 
-static float uniform(uint64_t purpose, int i) { return (float)pags_rng_uniform(99, purpose, (uint64_t)i); }
+static float uniform(uint64_t purpose, int i) {
+  return (float)pags_rng_uniform(99, purpose, (uint64_t)i);
+}
 
 static void make_truth(pags_gaussians *g) {
   assert_int_equal(pags_gaussians_create(g, TRUTH, 0), PAGS_OK);
@@ -115,7 +118,8 @@ static int make_data(void **unused) {
   assert_int_equal(pags_clusters_create(&clusters, TRUTH, 64), PAGS_OK);
   pags_clusters_update(&clusters, &truth, 0, clusters.count);
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
-  pags_part part = {.gaussians = &truth, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  pags_part part = {
+      .gaussians = &truth, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   for (int v = 0; v < VIEWS; v++) {
     char name[32];
     pags_camera camera = make_camera(v);
@@ -250,7 +254,9 @@ static void mcmc_is_reproducible_too(void **unused) {
   assert_same_folder(in_root("mcmc1"), in_root("mcmc3"));
 }
 
-static int stop_at(void *user, const pags_train_progress *progress) { return progress->step < *(const int64_t *)user; }
+static int stop_at(void *user, const pags_train_progress *progress) {
+  return progress->step < *(const int64_t *)user;
+}
 
 static void stopping_and_resuming_changes_no_bit(void **unused) {
   (void)unused;

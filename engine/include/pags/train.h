@@ -1,9 +1,11 @@
 /* Training: from posed photographs to a scene folder.
  *
- * The run is a pure function of (data set, configuration, seed): not of the number of threads, of the moments at which it was
- * interrupted and resumed, of checkpoint_every, log_every or preview_every. The one exception is time_limit_seconds, which reads a clock once.
+ * The run is a pure function of (data set, configuration, seed): not of the number of threads, of the moments at
+ * which it was interrupted and resumed, of checkpoint_every, log_every or preview_every. The one exception is
+ * time_limit_seconds, which reads a clock once.
  *
- * Steps are counted from 1. A step renders one training view, compares it with its photograph and moves the Gaussians. */
+ * Steps are counted from 1. A step renders one training view, compares it with its photograph and moves the
+ * Gaussians. */
 #ifndef PAGS_TRAIN_H
 #define PAGS_TRAIN_H
 
@@ -21,16 +23,17 @@ typedef enum pags_strategy {
   PAGS_STRATEGY_MCMC     /* relocate, grow and shake (Kheradmand et al. 2024) */
 } pags_strategy;
 
-/* Every constant of the training. Fields said to be "of 30 000" are steps of a run of 30 000 iterations and are multiplied by
- * schedule_iterations / 30 000 (design: one set of constants for any length). `extent` is 1.1 times the largest distance of
- * a training camera from their mean, metres. */
+/* Every constant of the training. Fields said to be "of 30 000" are steps of a run of 30 000 iterations and are
+ * multiplied by schedule_iterations / 30 000 (design: one set of constants for any length). `extent` is 1.1 times the
+ * largest distance of a training camera from their mean, metres. */
 typedef struct pags_train_config {
   uint32_t cookie; /* set by pags_train_config_default; a struct that doesn't come from there is refused */
 
   /* Run */
-  int64_t iterations;          /* steps in all; default 30000, >= 1 */
-  int64_t schedule_iterations; /* steps the schedule is stretched over; 0: iterations. Steps beyond run at its end rates */
-  uint64_t seed;               /* of everything random; default 0 */
+  int64_t iterations; /* steps in all; default 30000, >= 1 */
+  int64_t
+      schedule_iterations; /* steps the schedule is stretched over; 0: iterations. Steps beyond run at its end rates */
+  uint64_t seed;           /* of everything random; default 0 */
 
   /* Optimiser: Adam, one rate per group of planes */
   double position_rate_begin; /* times extent, at step 0; default 1.6e-4 */
@@ -47,14 +50,14 @@ typedef struct pags_train_config {
   double ssim_weight; /* w of (1 - w) L1 + w (1 - SSIM), 0..1; default 0.2 */
 
   /* Start: the data set's points; where it has none, points found by matching its photographs */
-  int random_start;          /* 1: random points in the cameras' common view there. Default 0 */
-  double init_opacity;       /* 0..1, default 0.1 */
-  double init_scale;         /* times the root mean square distance to the 3 nearest neighbours; default 1 */
-  double init_scale_max;     /* upper bound of the first sigma, times extent; default 0.1 */
+  int random_start;      /* 1: random points in the cameras' common view there. Default 0 */
+  double init_opacity;   /* 0..1, default 0.1 */
+  double init_scale;     /* times the root mean square distance to the 3 nearest neighbours; default 1 */
+  double init_scale_max; /* upper bound of the first sigma, times extent; default 0.1 */
 
   /* Colour */
-  int sh_degree;         /* highest degree, 0..3; default 3 */
-  int64_t sh_interval;   /* one degree more every so many steps of 30 000; default 1000 */
+  int sh_degree;       /* highest degree, 0..3; default 3 */
+  int64_t sh_interval; /* one degree more every so many steps of 30 000; default 1000 */
 
   /* Resolution: the first steps see shrunk photographs */
   double quarter_until; /* share of the schedule at 1/4 of the size, 0..1; default 0.05 */
@@ -62,21 +65,22 @@ typedef struct pags_train_config {
   int resolution_floor; /* a level is skipped where the shorter side would fall under so many pixels; default 64 */
 
   /* Density */
-  pags_strategy strategy;      /* default PAGS_STRATEGY_DEFAULT */
-  int64_t densify_from;        /* first step (exclusive) of 30 000; default 500 */
-  int64_t densify_until;       /* last step (exclusive) of 30 000; default 15000 (MCMC's paper: 25000) */
-  int64_t densify_every;       /* steps of 30 000, but at least one pass over the training views; default 100 */
-  double densify_gradient;     /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
-  int absgrad;                 /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
-  double absgrad_gradient;     /* the threshold then; default 8e-4 */
-  double dense_percent;        /* of extent: a larger sigma is split, a smaller cloned; default 0.01 */
-  double split_divisor;        /* children's sigma = parent's over this; default 1.6 */
-  int revised_opacity;         /* 1: split children get 1 - sqrt(1 - o) (Rota Bulo et al. 2024). Default 0 */
-  double prune_opacity;        /* below: removed; default 0.005 */
-  double prune_scale;          /* of extent: a larger sigma is removed once an opacity reset has been; default 0.1 */
-  int64_t reset_every;         /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
-  double reset_opacity;        /* upper bound set then; default 0.01 */
-  int64_t max_gaussians;       /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). Default 0 */
+  pags_strategy strategy;  /* default PAGS_STRATEGY_DEFAULT */
+  int64_t densify_from;    /* first step (exclusive) of 30 000; default 500 */
+  int64_t densify_until;   /* last step (exclusive) of 30 000; default 15000 (MCMC's paper: 25000) */
+  int64_t densify_every;   /* steps of 30 000, but at least one pass over the training views; default 100 */
+  double densify_gradient; /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
+  int absgrad;             /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
+  double absgrad_gradient; /* the threshold then; default 8e-4 */
+  double dense_percent;    /* of extent: a larger sigma is split, a smaller cloned; default 0.01 */
+  double split_divisor;    /* children's sigma = parent's over this; default 1.6 */
+  int revised_opacity;     /* 1: split children get 1 - sqrt(1 - o) (Rota Bulo et al. 2024). Default 0 */
+  double prune_opacity;    /* below: removed; default 0.005 */
+  double prune_scale;      /* of extent: a larger sigma is removed once an opacity reset has been; default 0.1 */
+  int64_t
+      reset_every; /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
+  double reset_opacity;  /* upper bound set then; default 0.01 */
+  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). Default 0 */
 
   /* MCMC strategy */
   double mcmc_growth;      /* share of new Gaussians per densify step; default 0.05 */
@@ -102,18 +106,19 @@ PAGS_API pags_result pags_train_config_check(const pags_train_config *config);
 PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value);
 
 /* The i-th field's name, or NULL beyond the last; its value and default as text go to the buffers (any may be NULL). */
-PAGS_API const char *pags_train_config_field(const pags_train_config *config, int index, char *value, size_t value_size);
+PAGS_API const char *pags_train_config_field(const pags_train_config *config, int index, char *value,
+                                             size_t value_size);
 
 /* What a step tells. Running figures are exponential means over about one pass of the training views. */
 typedef struct pags_train_progress {
   int64_t step, iterations;
   double it_per_second; /* over the last second or so, waiting included */
   int64_t gaussians;
-  double loss;          /* running */
-  double psnr;          /* running, dB, of the training views at the present level */
-  double seconds;       /* of this process's training, time inside of callbacks left out */
+  double loss;    /* running */
+  double psnr;    /* running, dB, of the training views at the present level */
+  double seconds; /* of this process's training, time inside of callbacks left out */
   double eta_seconds;
-  int level;            /* 1, 2 or 4: how much the photographs are shrunk */
+  int level; /* 1, 2 or 4: how much the photographs are shrunk */
 } pags_train_progress;
 
 /* Returning 0 stops as options.cancel does. */
@@ -127,16 +132,16 @@ typedef struct pags_train_options {
   const pags_dataset *dataset; /* must hold at least one training view */
   const char *output;          /* scene folder */
   pags_tasks *tasks;
-  uint64_t image_cache;        /* bytes for decoded photographs; default 1 GiB */
-  uint64_t max_memory;         /* bytes; converted to a bound on Gaussians by pags_train_bytes. 0: none */
-  int64_t checkpoint_every;    /* steps; 0: only when stopped or done. Default 1000 */
-  int64_t log_every;           /* steps per line of log.jsonl; default 100 */
-  int64_t preview_every;       /* steps per preview PNG; 0: none. Default 1000 */
-  int resume;                  /* 1: go on from the folder's checkpoint, or start where there is none */
-  int overwrite;               /* 1: a non-empty folder is trained into afresh */
-  double time_limit_seconds;   /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
-  int estimate;                /* 1: run 50 steps, fill the estimates of the result, write nothing */
-  const volatile int *cancel;  /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
+  uint64_t image_cache;      /* bytes for decoded photographs; default 1 GiB */
+  uint64_t max_memory;       /* bytes; converted to a bound on Gaussians by pags_train_bytes. 0: none */
+  int64_t checkpoint_every;  /* steps; 0: only when stopped or done. Default 1000 */
+  int64_t log_every;         /* steps per line of log.jsonl; default 100 */
+  int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
+  int resume;                /* 1: go on from the folder's checkpoint, or start where there is none */
+  int overwrite;             /* 1: a non-empty folder is trained into afresh */
+  double time_limit_seconds; /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
+  int estimate;              /* 1: run 50 steps, fill the estimates of the result, write nothing */
+  const volatile int *cancel; /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
   pags_train_progress_fn *progress; /* after every step; may be NULL */
   void *progress_user;
   int64_t snapshot_every;           /* steps; 0: never */
@@ -147,31 +152,32 @@ typedef struct pags_train_options {
 PAGS_API pags_train_options pags_train_options_default(void);
 
 typedef struct pags_train_result {
-  int finished;        /* 0: stopped before the last step */
-  int resumed;         /* 1: went on from a checkpoint */
-  int64_t iterations;  /* steps done, those before a resume included */
+  int finished;       /* 0: stopped before the last step */
+  int resumed;        /* 1: went on from a checkpoint */
+  int64_t iterations; /* steps done, those before a resume included */
   int64_t gaussians;
-  double seconds;      /* of training in this process: set-up, decoding and files included, callbacks not */
+  double seconds;               /* of training in this process: set-up, decoding and files included, callbacks not */
   double iterations_per_second; /* over the last tenth of the run; over what this process ran of it */
   uint64_t peak_rss_bytes;      /* of the process */
   double loss, psnr;            /* running figures at the end */
   int64_t bad_rows;             /* gradients that were not finite and were dropped, in this process */
   uint64_t heap_calls_steady;   /* heap calls of the frame in the last tenth of the run */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density; /* mean per step of this process */
-  double estimated_seconds;     /* options.estimate: of the whole run */
-  uint64_t estimated_bytes;     /* options.estimate: of memory at the bound on Gaussians, or at 8 times the start */
+  double estimated_seconds;                                     /* options.estimate: of the whole run */
+  uint64_t estimated_bytes; /* options.estimate: of memory at the bound on Gaussians, or at 8 times the start */
 } pags_train_result;
 
-/* Trains and leaves in options->output: scene.json and background.ply, checkpoint.pags, log.jsonl, report.json, preview PNGs.
- * `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are refused by name, except for iterations,
- * which may be larger (the run goes on at the end-of-schedule rates), and except after a time limit.
- * A non-empty folder is refused, untouched, without resume or overwrite. Stopping early is PAGS_OK with finished = 0.
- * PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and nothing is written. */
+/* Trains and leaves in options->output: scene.json and background.ply, checkpoint.pags, log.jsonl, report.json,
+ * preview PNGs. `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are
+ * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates), and
+ * except after a time limit. A non-empty folder is refused, untouched, without resume or overwrite. Stopping early is
+ * PAGS_OK with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and
+ * nothing is written. */
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
-/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache left out: the statement that
- * max_memory is converted by. */
+/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache left out:
+ * the statement that max_memory is converted by. */
 PAGS_API uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height);
 
 #ifdef __cplusplus
