@@ -53,21 +53,22 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_
 typedef struct raster_pipeline {
   raster_cover now;
   vf next;
+  const pags_splat *splat, *next_splat; /* whose they are */
 } raster_pipeline;
 
 V_INLINE raster_pipeline raster_prime(const pags_splat *first, const pags_splat *second, vf px, vf py, int degree) {
   vf u, v;
   return (raster_pipeline){raster_alpha(raster_exponent(first, px, py, &u, &v), degree),
-                           raster_exponent(second, px, py, &u, &v)};
+                           raster_exponent(second, px, py, &u, &v), first, second};
 }
 
-V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_state *state, const pags_splat *s, const pags_splat *after_next, vf px,
-                              vf py, int degree, bool extra, bool counted) {
+V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_state *state, const pags_splat *after_next, vf px, vf py,
+                              int degree, bool extra, bool counted) {
   vf u, v;
   const vf exponent = raster_exponent(after_next, px, py, &u, &v);
   const raster_cover cover = raster_alpha(pipe->next, degree);
-  const unsigned blends = raster_blend(state, s, pipe->now, extra, counted);
-  *pipe = (raster_pipeline){cover, exponent};
+  const unsigned blends = raster_blend(state, pipe->splat, pipe->now, extra, counted);
+  *pipe = (raster_pipeline){cover, exponent, pipe->next_splat, after_next};
   return blends;
 }
 
@@ -116,7 +117,7 @@ V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, in
   for (int k = 0; k < n;) {
     const int end = k + 8 < n ? k + 8 : n; /* stopping is looked for every 8 splats */
     for (; k < end; k++)
-      blends += raster_step(&pipe, &state, chunk + list[k], chunk + list[k + 2], px, py, degree, extra, counted);
+      blends += raster_step(&pipe, &state, chunk + list[k + 2], px, py, degree, extra, counted);
     if (v_sign_bits(state.t) == 0xFFFFu) {
       stopped_at = list[k - 1] + 1;
       done = k;
@@ -220,7 +221,7 @@ V_INLINE float roofline_steps(const pags_splat *splats, int64_t steps, int degre
   const pags_splat s = *splats;
   raster_pipeline pipe = raster_prime(&s, &s, px, py, degree);
   for (int64_t i = 0; i < steps; i++) {
-    raster_step(&pipe, &state, &s, &s, px, py, degree, false, false);
+    raster_step(&pipe, &state, &s, px, py, degree, false, false);
     px = v_add(px, hair);
     py = v_add(py, hair);
   }
