@@ -21,7 +21,7 @@ demo: setup
 
 check: setup
 	$(MAKE) all
-	ctest --preset release
+	ctest --preset release --parallel $(JOBS)
 
 bench: build/demo/scene/scene.json
 	build/pags bench roofline build/demo/scene
