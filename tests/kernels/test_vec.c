@@ -61,6 +61,7 @@ static const vec_ops *ops_of(const pags_kernels *k) {
   if (strcmp(k->name, "neon") == 0)
     return &vec_ops_neon;
 #endif
+  (void)k;
   return &vec_ops_scalar;
 }
 
