@@ -14,7 +14,7 @@
 #include <string.h>
 
 pags_dataset_options pags_dataset_options_default(void) {
-  return (pags_dataset_options){.downscale = 1, .split_every = 8, .random_points = 10000};
+  return (pags_dataset_options){.downscale = 1, .split_every = -1, .random_points = 10000, .frame_last = -1};
 }
 
 static pags_result check_options(const pags_dataset_options *options) {
@@ -247,6 +247,8 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   assert(path && out);
   *out = NULL;
   pags_dataset_options chosen = options ? *options : pags_dataset_options_default();
+  if (chosen.split_every == -1)
+    chosen.split_every = 8;
   PAGS_TRY(check_options(&chosen));
   pags_dataset *dataset = calloc(1, sizeof *dataset);
   if (!dataset)

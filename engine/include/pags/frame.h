@@ -12,6 +12,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/gaussians.h>
+#include <pags/sky.h>
 #include <pags/tasks.h>
 
 #ifdef __cplusplus
@@ -38,12 +39,16 @@ typedef struct pags_part {
   const pags_clusters *clusters;   /* over those Gaussians */
   const int32_t *id;               /* id of each Gaussian, for output and for ties; NULL: first_id + row */
   int32_t first_id;
-  double world_from_model[12];     /* rigid, 3x4 */
+  double world_from_model[12];     /* rigid, 3x4; relative to the options' origin */
+  const float *dc;                 /* used in place of the Gaussians' constant colour term: 3 planes of gaussians->stride floats,
+                                      64-byte aligned, valid for a cluster once touch has returned for it; NULL: their own */
 } pags_part;
 
 typedef struct pags_frame_options {
   double origin[3];     /* of the float positions, metres */
-  float background[3];  /* display-referred sRGB, 0..1 */
+  float background[3];  /* display-referred sRGB, 0..1; not used where there is a sky */
+  const pags_sky *sky;  /* blended behind everything: rgb = sum of Gaussians + transmittance * sky(direction of the pixel's centre); NULL:
+                           the background colour. Must outlive the frame's use */
   float near_plane;     /* Gaussians with camera z <= this are not drawn; metres, default 0.01 */
   float low_pass;       /* px^2 added to both variances, default 0.3 (0.1 is Mip-Splatting's) */
   int antialiased;      /* 1: opacity is scaled by sqrt(det before / det after the low-pass). Default 0 */
@@ -66,6 +71,7 @@ typedef struct pags_picture {
   const float *transmittance; /* what is left of the background: 1 - alpha */
   const float *depth;         /* sum(w z)/sum(w), camera z in metres, 0 where nothing was blended; NULL without extras */
   const int32_t *id;          /* id of the Gaussian with the largest weight (tie: the nearer), -1 for none; NULL without */
+  const float *depth_sum;     /* sum(w z), what depth is the quotient of; NULL without */
 } pags_picture;
 
 typedef struct pags_frame_stats {
@@ -100,6 +106,8 @@ typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
   const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels */
+  float *sky;             /* out: dLoss/d(texel) is added to it, laid out as the sky's texels; NULL: not wanted. The only plane
+                             written; the same bits for any number of threads */
 } pags_picture_gradient;
 
 /* Gradients of the Gaussians of one cluster, in the worker's scratch: read them before returning. */

@@ -37,7 +37,9 @@ typedef struct pags_gaussians {
   int sh_degree;      /* 0..3 */
   float *data;        /* plane_count * stride floats, zero beyond count; NULL when stride is 0 */
   float *s_sem;       /* semantic priority in [0, 1], `stride` floats; NULL when unknown */
-  int32_t *object_id; /* per Gaussian, -1 for background, `stride` entries; NULL when unknown */
+  int32_t *object_id; /* per Gaussian: index of the scene's object, -1 for none, `stride` entries; NULL when unknown */
+  float *fourier;     /* colour over a track's time: 12 planes of `stride` floats, plane 3 * (k - 1) + channel for k = 1..4; NULL: the
+                         colour doesn't change. See pags_fourier_basis */
 } pags_gaussians;
 
 static inline float *pags_plane(const pags_gaussians *g, int plane) {
@@ -62,6 +64,13 @@ PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
  * must have been created with `count` rows and from's degree and must not be `from`. */
 PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
                                     pags_gaussians *to);
+
+/* Street Gaussians (Yan et al. 2024): constant term at u = dc + sum_k basis[k] fourier_k, u = (t - t0) / (t1 - t0) over the track's
+ * time, 0 where t1 = t0: basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u. */
+PAGS_API void pags_fourier_basis(double u, double basis[5]);
+
+/* Adds the Fourier planes (zeros) where they are missing. */
+PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);
 
 /* The order of the Gaussians along a Morton curve of 21 bits an axis over their bounding box: index[i] is the row that
  * comes i-th; ties by row. Rows with a non-finite mean come last. `index` has g->count entries. */

@@ -8,6 +8,8 @@
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/gaussians.h>
+#include <pags/object.h>
+#include <pags/sky.h>
 
 #ifdef __cplusplus
 extern "C" {
@@ -21,9 +23,20 @@ typedef struct pags_model {
 
 typedef struct pags_scene_view { /* a photograph the scene was trained on or tested with */
   char *name;
-  pags_camera camera;
+  pags_camera camera; /* its time is that of the frame: boxes of the frame fit the photograph as they stand */
   int test;
+  int sensor;       /* which camera of the rig took it; -1: unknown */
+  int frame;        /* time step; -1: unknown */
+  double gain[3];   /* exposure found in training, per channel: photograph = gain * picture + offset; 1 */
+  double offset[3]; /* 0. Held-out views: interpolated in time between training views of the same sensor */
 } pags_scene_view;
+
+typedef struct pags_scene_object {
+  pags_object record; /* box, class, track */
+  int64_t model;      /* index of its own model; -1: its Gaussians lie in the background and carry object_id */
+  int critical;
+  int rigid; /* 0: moves within its frame, too (means over time); 1 else */
+} pags_scene_object;
 
 typedef struct pags_scene {
   double origin[3]; /* metres; added to every float position */
@@ -39,6 +52,11 @@ typedef struct pags_scene {
   pags_model *models;
   int64_t view_count;
   pags_scene_view *views;
+  double fps; /* time steps per second of a driving scene; 0: unknown or static */
+  int64_t object_count;
+  pags_scene_object *objects; /* every labelled box, parked or moving; Gaussians' object_id is the index here */
+  pags_sky sky;               /* size 0: none */
+  char *notes;                /* JSON text: what was modelled and why (see docs/scene.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
 /* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed),

@@ -33,6 +33,32 @@ PAGS_API pags_synth_options pags_synth_options_default(void);
 PAGS_API pags_result pags_synth_room(const char *folder, const pags_synth_options *options, pags_tasks *tasks,
                                      pags_progress_fn *progress, void *user);
 
+typedef struct pags_street_options {
+  int width, height;     /* px, 16..8192; default 480x270 */
+  int frames;            /* time steps, 2..10000; default 40 */
+  double fps;            /* default 10 */
+  int cameras;           /* 1..3: front, front left, front right; default 3 */
+  int samples;           /* rays a pixel, 1..1024; default 8 */
+  int objects;           /* moving cars, pedestrians and cyclists, 0..64; default 8 */
+  int64_t lidar_points;  /* rays a sweep, 0..10^6; default 20000 */
+  double lidar_noise;    /* sigma of the range, metres; default 0.02 */
+  double pose_noise;     /* sigma of the error put on the boxes' translations (x and y), metres; default 0 */
+  double yaw_noise;      /* sigma of the error put on their yaw, degrees; default 0 */
+  int shifts;            /* 1: write truth pictures from cameras 1, 2, 3 m to the right and 1 m up. Default 1 */
+  uint64_t seed;         /* default 0 */
+  int overwrite;         /* 1: write into a folder that is not empty. Default 0 */
+} pags_street_options;
+
+PAGS_API pags_street_options pags_street_options_default(void);
+
+/* A street with buildings, trees, parked and moving cars, pedestrians and a cyclist under sun and sky, seen from a car that drives along
+ * it: a data set in drivestudio's layout (docs/dataset.md) with dataset.json, images, exact ego poses, LiDAR from the same ray tracer,
+ * tracks (with noise if asked for; the exact ones in truth/), semantic, sky and dynamic masks, and, in truth/, depth and object ids
+ * of every image and pictures from shifted cameras. World z up, metres; the street runs along +x. The same bytes for any number of
+ * threads. dataset.json comes last. Errors as pags_synth_room. */
+PAGS_API pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
+                                       pags_progress_fn *progress, void *user);
+
 #ifdef __cplusplus
 }
 #endif
