@@ -163,7 +163,8 @@ static void go_back(pags_frame *frame, run_context *context, const pags_picture 
     planes[channel] = pad_plane(picture, gradient->rgb + channel * pixels);
   planes[3] = pad_plane(picture, gradient->transmittance);
   planes[4] = pad_plane(picture, gradient->depth_sum);
-  const pags_picture_gradient padded = {{planes[0], planes[1], planes[2]}, planes[3], planes[4]};
+  const pags_picture_gradient padded = {
+      .rgb = {planes[0], planes[1], planes[2]}, .transmittance = planes[3], .depth_sum = planes[4]};
   check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
   for (int k = 0; k < 5; k++)
     free(planes[k]);
