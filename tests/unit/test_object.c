@@ -1,0 +1,253 @@
+/* Objects: categories, motion, poses between knots, increments. */
+#include "pags/object.h"
+
+#include "pags/camera.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/rng.h"
+
+#include <cmocka.h>
+
+static void turn_about_z(double angle, double x, double y, double z, double out[12]) {
+  const double m[12] = {cos(angle), -sin(angle), 0, x, sin(angle), cos(angle), 0, y, 0, 0, 1, z};
+  memcpy(out, m, sizeof m);
+}
+
+/* A car on an arc: knots at `count` of the times 1000 + 0.1 i, heading 0.1 i, all trained. */
+static pags_object sample(int count) {
+  pags_object object = {.category = PAGS_CATEGORY_VEHICLE, .size = {4, 2, 1.5}, .knot_count = count};
+  object.knots = calloc((size_t)count, sizeof *object.knots);
+  assert_non_null(object.knots);
+  for (int i = 0; i < count; i++) {
+    object.knots[i].frame = i;
+    object.knots[i].trained = 1;
+    object.knots[i].time = 1000 + 0.1 * i;
+    turn_about_z(0.1 * i, i, 2 * i, 0, object.knots[i].world_from_object);
+  }
+  return object;
+}
+
+static double difference(const double *a, const double *b) {
+  double largest = 0;
+  for (int i = 0; i < 12; i++)
+    largest = fmax(largest, fabs(a[i] - b[i]));
+  return largest;
+}
+
+static void names_become_categories(void **state) {
+  (void)state;
+  static const struct {
+    const char *name;
+    pags_category category;
+  } known[] = {
+      {"Car", PAGS_CATEGORY_VEHICLE},
+      {"REGULAR_VEHICLE", PAGS_CATEGORY_VEHICLE},
+      {"Van", PAGS_CATEGORY_VEHICLE},
+      {"Tram", PAGS_CATEGORY_VEHICLE},
+      {"Medium-sized Truck", PAGS_CATEGORY_VEHICLE},
+      {"Semi-truck", PAGS_CATEGORY_VEHICLE},
+      {"Tram / Subway", PAGS_CATEGORY_VEHICLE},
+      {"Other Vehicle - Construction Vehicle", PAGS_CATEGORY_VEHICLE},
+      {"vehicle.bus.bendy", PAGS_CATEGORY_VEHICLE},
+      {"vehicle", PAGS_CATEGORY_VEHICLE},
+      {"TYPE_VEHICLE", PAGS_CATEGORY_VEHICLE},
+      {"Pedestrian", PAGS_CATEGORY_PEDESTRIAN},
+      {"Pedestrian with Object", PAGS_CATEGORY_PEDESTRIAN},
+      {"Person_sitting", PAGS_CATEGORY_PEDESTRIAN},
+      {"Person (sitting)", PAGS_CATEGORY_PEDESTRIAN},
+      {"human.pedestrian.construction_worker", PAGS_CATEGORY_PEDESTRIAN},
+      {"Cyclist", PAGS_CATEGORY_CYCLIST},
+      {"vehicle.bicycle", PAGS_CATEGORY_CYCLIST},
+      {"vehicle.motorcycle", PAGS_CATEGORY_CYCLIST},
+      {"Motorcycle", PAGS_CATEGORY_CYCLIST},
+      {"BICYCLIST", PAGS_CATEGORY_CYCLIST},
+      {"Sign", PAGS_CATEGORY_OTHER},
+      {"DontCare", PAGS_CATEGORY_OTHER},
+      {"Misc", PAGS_CATEGORY_OTHER},
+      {"Animals - Other", PAGS_CATEGORY_OTHER},
+      {"movable_object.trafficcone", PAGS_CATEGORY_OTHER},
+      {"Carpet", PAGS_CATEGORY_OTHER},
+      {"", PAGS_CATEGORY_OTHER},
+  };
+  for (size_t i = 0; i < sizeof known / sizeof *known; i++)
+    if (pags_category_of(known[i].name) != known[i].category)
+      fail_msg("%s became %s", known[i].name, pags_category_name(pags_category_of(known[i].name)));
+  assert_string_equal(pags_category_name(PAGS_CATEGORY_CYCLIST), "cyclist");
+  assert_false(pags_category_is_critical(PAGS_CATEGORY_OTHER));
+}
+
+static int moves(const double (*positions)[3], int count) {
+  pags_object object = sample(count);
+  for (int i = 0; i < count; i++)
+    turn_about_z(0, 1e6 + positions[i][0], -2e6 + positions[i][1], positions[i][2], object.knots[i].world_from_object);
+  object.moving = -1;
+  pags_object_classify_motion(&object);
+  int moving = object.moving;
+  pags_object_destroy(&object);
+  return moving;
+}
+
+static void motion_is_travel_or_spread(void **state) {
+  (void)state;
+  /* Two positions spread by half their distance. */
+  assert_false(moves((const double[][3]){{0, 0, 0}}, 1));
+  assert_false(moves((const double[][3]){{0, 0, 0}, {0.99, 0, 0}}, 2));
+  assert_true(moves((const double[][3]){{0, 0, 0}, {1.01, 0, 0}}, 2));
+  assert_true(moves((const double[][3]){{0, 0, 0}, {0, 4, 0}, {0, 0, 0}}, 3));
+  /* Ten knots, only the last one off: the spread is 0.3 of the distance, so that the travel decides. */
+  double late[10][3] = {{0}};
+  late[9][0] = 1.25, late[9][1] = 1.25, late[9][2] = 0.9;
+  assert_false(moves((const double(*)[3])late, 10));
+  late[9][2] = 1;
+  assert_true(moves((const double(*)[3])late, 10));
+}
+
+static void a_knot_is_taken_as_it_stands(void **state) {
+  (void)state;
+  pags_object object = sample(5);
+  double pose[12];
+  for (int i = 0; i < 5; i++) {
+    assert_true(pags_object_pose(&object, object.knots[i].time + (i % 2 ? 4e-7 : -4e-7), pose));
+    assert_memory_equal(pose, object.knots[i].world_from_object, sizeof pose);
+  }
+  pags_object_destroy(&object);
+}
+
+static void between_knots_labels_are_interpolated(void **state) {
+  (void)state;
+  pags_object object = sample(5);
+  double pose[12], expected[12];
+  turn_about_z(0.125, 1.25, 2.5, 0, expected);
+  assert_true(pags_object_pose(&object, 1000.125, pose));
+  assert_true(difference(pose, expected) < 1e-9);
+  /* Across half a turn the shorter arc is taken. */
+  turn_about_z(3.0, 0, 0, 0, object.knots[1].world_from_object);
+  turn_about_z(-3.0, 0, 0, 0, object.knots[2].world_from_object);
+  turn_about_z(acos(-1.0), 0, 0, 0, expected);
+  assert_true(pags_object_pose(&object, 1000.15, pose));
+  assert_true(difference(pose, expected) < 1e-6);
+  pags_object_destroy(&object);
+}
+
+static void ends_and_gaps_hold_half_a_spacing(void **state) {
+  (void)state;
+  pags_object object = sample(7);
+  const double untouched[12] = {7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7, 7};
+  double pose[12];
+  for (int i = 4; i < 7; i++)
+    object.knots[i].time += 0.1; /* a gap from 1000.3 to 1000.5: twice the median */
+  memcpy(pose, untouched, sizeof pose);
+  assert_true(pags_object_pose(&object, 999.951, pose));
+  assert_memory_equal(pose, object.knots[0].world_from_object, sizeof pose);
+  assert_true(pags_object_pose(&object, 1000.34, pose));
+  assert_memory_equal(pose, object.knots[3].world_from_object, sizeof pose);
+  assert_true(pags_object_pose(&object, 1000.46, pose));
+  assert_memory_equal(pose, object.knots[4].world_from_object, sizeof pose);
+  memcpy(pose, untouched, sizeof pose);
+  assert_false(pags_object_pose(&object, 999.9, pose));
+  assert_false(pags_object_pose(&object, 1000.76, pose));
+  assert_false(pags_object_pose(&object, (double)NAN, pose));
+  assert_false(pags_object_pose(&object, (double)INFINITY, pose));
+  assert_memory_equal(pose, untouched, sizeof pose);
+  for (int i = 4; i < 7; i++)
+    object.knots[i].time -= 0.06; /* a gap of 1.4 times the median is bridged */
+  assert_true(pags_object_pose(&object, 1000.37, pose));
+  assert_true(fabs(pose[3] - 3.5) < 1e-6);
+  object.knot_count = 1;
+  assert_true(pags_object_pose(&object, 1000, pose));
+  assert_false(pags_object_pose(&object, 1000.001, pose));
+  pags_object_destroy(&object);
+}
+
+static void increments_come_from_trained_knots(void **state) {
+  (void)state;
+  pags_object object = sample(6);
+  double pose[12], label[12], motion[12], expected[12];
+  object.knots[2].trained = 0;
+  object.knots[2].translation[0] = 1e9; /* must not be looked at */
+  object.knots[1].translation[0] = 0.2;
+  object.knots[1].rotation[2] = 0.04;
+  object.knots[3].translation[0] = 0.6;
+  object.knots[0].trained = 0;
+  for (int i = 1; i < 6; i++) {
+    memcpy(label, object.knots[i].world_from_object, sizeof label);
+    const double rotation[3] = {0, 0, i == 1 ? 0.04 : i == 2 ? 0.02 : 0};
+    const double translation[3] = {i == 1 ? 0.2 : i == 2 ? 0.4 : i == 3 ? 0.6 : 0, 0, 0};
+    pags_increment_matrix(rotation, translation, motion);
+    pags_rigid_multiply(label, motion, expected);
+    assert_true(pags_object_pose(&object, object.knots[i].time, pose));
+    assert_true(difference(pose, expected) < 1e-9);
+  }
+  /* Before the first trained knot: its own. */
+  assert_true(pags_object_pose(&object, object.knots[0].time, pose));
+  const double first[12] = {cos(0.04), -sin(0.04), 0, 0.2, sin(0.04), cos(0.04), 0, 0, 0, 0, 1, 0};
+  assert_true(difference(pose, first) < 1e-12);
+  for (int i = 0; i < 6; i++)
+    object.knots[i].trained = 0;
+  assert_true(pags_object_pose(&object, object.knots[1].time, pose));
+  assert_memory_equal(pose, object.knots[1].world_from_object, sizeof pose);
+  pags_object_destroy(&object);
+}
+
+/* exp of the 4x4 twist-free increment by its power series in long double. */
+static void series(const double rotation[3], double out[9]) {
+  const long double w[9] = {0, -rotation[2], rotation[1], rotation[2], 0, -rotation[0], -rotation[1], rotation[0], 0};
+  long double term[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, sum[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1}, next[9];
+  for (int n = 1; n < 60; n++) {
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++)
+        next[3 * i + j] =
+            (term[3 * i] * w[j] + term[3 * i + 1] * w[3 + j] + term[3 * i + 2] * w[6 + j]) / (long double)n;
+    memcpy(term, next, sizeof term);
+    for (int i = 0; i < 9; i++)
+      sum[i] += term[i];
+  }
+  for (int i = 0; i < 9; i++)
+    out[i] = (double)sum[i];
+}
+
+static void the_exponential_is_exact(void **state) {
+  (void)state;
+  const double lengths[] = {0, 1e-12, 1e-5, 0.9e-4, 1.1e-4, 0.01, 1, 3.1, 6};
+  for (uint64_t i = 0; i < 9; i++)
+    for (uint64_t seed = 0; seed < 20; seed++) {
+      double q[4], m[12], expected[9], norm;
+      pags_rng_normal2(seed, 0, i, q);
+      pags_rng_normal2(seed, 1, i, q + 2);
+      norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2]);
+      const double rotation[3] = {q[0] / norm * lengths[i], q[1] / norm * lengths[i], q[2] / norm * lengths[i]};
+      const double translation[3] = {1, -2, q[3]};
+      pags_increment_matrix(rotation, translation, m);
+      series(rotation, expected);
+      for (int r = 0; r < 3; r++) {
+        assert_true(m[4 * r + 3] == translation[r]);
+        for (int c = 0; c < 3; c++)
+          assert_true(fabs(m[4 * r + c] - expected[3 * r + c]) < 1e-14);
+      }
+    }
+}
+
+static void destroying_zeroes(void **state) {
+  (void)state;
+  pags_object object = sample(3), zero;
+  pags_object_destroy(&object);
+  memset(&zero, 0, sizeof zero);
+  assert_memory_equal(&object, &zero, sizeof zero);
+  pags_object_destroy(&object);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(names_become_categories),           cmocka_unit_test(motion_is_travel_or_spread),
+      cmocka_unit_test(a_knot_is_taken_as_it_stands),      cmocka_unit_test(between_knots_labels_are_interpolated),
+      cmocka_unit_test(ends_and_gaps_hold_half_a_spacing), cmocka_unit_test(increments_come_from_trained_knots),
+      cmocka_unit_test(the_exponential_is_exact),          cmocka_unit_test(destroying_zeroes),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
