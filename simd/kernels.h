@@ -143,9 +143,10 @@ typedef struct pags_kernels {
   void (*project)(const pags_projection *view, const float *data, int64_t stride, int count, pags_splat *splats,
                   uint32_t *keys);
 
-  /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). */
-  void (*shade)(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
-                pags_splat *splats);
+  /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of the constant term, as far
+   * apart as the data's, to be used in place of the data's own; NULL: the own. */
+  void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
+                const uint32_t *keys, pags_splat *splats);
 
   /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
    * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Returns how many splats touch

@@ -49,19 +49,21 @@ static inline void sh_direction(const pags_projection *view, const float *data, 
   d[2] = v_select(apart, v_mul(d[2], *inverse_distance), v_set(1.0f));
 }
 
-static inline void sh_colour(int degree, const vf *basis, const float *data, int64_t stride, vf *rgb) {
+static inline void sh_colour(int degree, const vf *basis, const float *data, const float *dc, int64_t stride, vf *rgb) {
   const int coefficients = (degree + 1) * (degree + 1);
   for (int c = 0; c < 3; c++) {
     const float *const plane = data + (11 + c) * stride;
-    vf sum = v_set(0.5f);
-    for (int k = 0; k < coefficients; k++)
+    vf sum = v_fma(basis[0], v_load(dc + c * stride), v_set(0.5f));
+    for (int k = 1; k < coefficients; k++)
       sum = v_fma(basis[k], v_load(plane + 3 * k * stride), sum);
     rgb[c] = sum;
   }
 }
 
-static void shade(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
-                  pags_splat *splats) {
+static void shade(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
+                  const uint32_t *keys, pags_splat *splats) {
+  if (!dc)
+    dc = data + 11 * stride;
   for (int first = 0; first < count; first += V_LANES) {
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
     unsigned drawn = 0;
@@ -72,7 +74,7 @@ static void shade(const pags_projection *view, const float *data, int64_t stride
     vf direction[3], inverse_distance, basis[16], rgb[3];
     sh_direction(view, data + first, stride, direction, &inverse_distance);
     sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
-    sh_colour(view->sh_degree, basis, data + first, stride, rgb);
+    sh_colour(view->sh_degree, basis, data + first, dc + first, stride, rgb);
     float colour[3][V_LANES];
     unsigned negative[3];
     for (int c = 0; c < 3; c++) {

@@ -144,6 +144,7 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
   out->transmittance = frame_plane(frame, PLANE_T);
   if (frame->options.extra_channels) {
     out->depth = frame_plane(frame, PLANE_DEPTH);
+    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
     out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
   }
 }

@@ -36,9 +36,10 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const c = frame->clusters + i;
-    const pags_gaussians *const g = frame->parts[c->part].gaussians;
-    frame->kernels->shade(frame->projections + c->part, g->data + c->first, g->stride, c->count, frame->keys + c->base,
-                          frame->splats + c->base);
+    const pags_part *const part = frame->parts + c->part;
+    const pags_gaussians *const g = part->gaussians;
+    frame->kernels->shade(frame->projections + c->part, g->data + c->first, g->stride, part->dc ? part->dc + c->first : NULL,
+                          c->count, frame->keys + c->base, frame->splats + c->base);
   }
 }
 

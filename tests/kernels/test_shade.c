@@ -17,8 +17,31 @@ static uint32_t *make_keys(int count) {
 
 static pags_splat *shade(const pags_kernels *k, const pags_projection *view, const rows *r, const uint32_t *keys) {
   pags_splat *const splats = CHECK_NEW(pags_splat, r->count);
-  k->shade(view, r->data, r->stride, r->count, keys, splats);
+  k->shade(view, r->data, r->stride, NULL, r->count, keys, splats);
   return splats;
+}
+
+/* With the constant term of other planes: as if it stood in the rows. */
+static void test_other_dc(const pags_kernels *k) {
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int degree = 0; degree <= 3; degree++) {
+      const pags_projection view = view_random(degree, false);
+      rows r = rows_random(&view, counts[n], ROWS_ORDINARY);
+      const uint32_t *const keys = make_keys(r.count);
+      pags_splat *const want = shade(k, &view, &r, keys), *const got = CHECK_NEW(pags_splat, r.count);
+      const int64_t padded = round_up_16(r.count), size = (r.planes - 1) * r.stride + padded;
+      float *const data = CHECK_NEW(float, size), *const dc = CHECK_NEW(float, r.count ? 2 * r.stride + padded : 0);
+      for (int64_t i = 0; i < (r.count ? size : 0); i++)
+        data[i] = r.data[i];
+      for (int c = 0; c < 3 && r.count; c++)
+        for (int64_t i = 0; i < padded; i++) {
+          dc[c * r.stride + i] = data[(ROW_SH + c) * r.stride + i];
+          data[(ROW_SH + c) * r.stride + i] = 7.0f * check_normal();
+        }
+      k->shade(&view, data, r.stride, dc, r.count, keys, got);
+      CHECK(memcmp(got, want, (size_t)r.count * sizeof *got) == 0);
+      check_release();
+    }
 }
 
 /* Nothing else of the splat may change, and nothing of one that isn't drawn. */
@@ -93,12 +116,15 @@ static void test_bench(const pags_kernels *k) {
     memset(keys, 0, (size_t)r.count * sizeof *keys);
     pags_splat *const splats = shade(k, &view, &r, keys);
     CHECK_BENCH(degree ? "shade, degree 3" : "shade, degree 0", r.count, "row")
-    k->shade(&view, r.data, r.stride, r.count, keys, splats);
+    k->shade(&view, r.data, r.stride, NULL, r.count, keys, splats);
   }
 }
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
-      {"shade ordinary", test_ordinary}, {"shade awkward", test_awkward}, {"shade bench", test_bench}};
+      {"shade ordinary", test_ordinary},
+                                     {"shade awkward", test_awkward},
+                                     {"shade other dc", test_other_dc},
+                                     {"shade bench", test_bench}};
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }
