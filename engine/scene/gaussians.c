@@ -7,6 +7,7 @@
 #include <string.h>
 
 enum { LANES = 16, ALIGNMENT = 64 };
+enum { FOURIER_PLANES = 12 }; /* four terms of three channels; the fifth, constant one is the Gaussians' own */
 static const int64_t count_limit =
     INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
 
@@ -49,6 +50,8 @@ pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const p
     result = pags_gaussians_add_s_sem(g);
   if (result == PAGS_OK && like->object_id)
     result = pags_gaussians_add_object_id(g);
+  if (result == PAGS_OK && like->fourier)
+    result = pags_gaussians_add_fourier(g);
   if (result != PAGS_OK)
     pags_gaussians_destroy(g);
   return result;
@@ -58,6 +61,7 @@ void pags_gaussians_destroy(pags_gaussians *g) {
   free(g->data);
   free(g->s_sem);
   free(g->object_id);
+  free(g->fourier);
   *g = (pags_gaussians){0};
 }
 
@@ -86,6 +90,25 @@ pags_result pags_gaussians_add_object_id(pags_gaussians *g) {
   return PAGS_OK;
 }
 
+pags_result pags_gaussians_add_fourier(pags_gaussians *g) {
+  if (g->fourier || g->stride == 0)
+    return PAGS_OK;
+  g->fourier = allocate(g->stride, FOURIER_PLANES);
+  if (!g->fourier)
+    return fail_memory(g->stride, FOURIER_PLANES);
+  memset(g->fourier, 0, (size_t)g->stride * FOURIER_PLANES * sizeof *g->fourier);
+  return PAGS_OK;
+}
+
+void pags_fourier_basis(double u, double basis[5]) {
+  const double turn = 6.283185307179586477;
+  basis[0] = 1;
+  basis[1] = sin(turn * u);
+  basis[2] = cos(turn * u);
+  basis[3] = sin(2 * turn * u);
+  basis[4] = cos(2 * turn * u);
+}
+
 /* Moves planes of `count` used floats to a wider stride, the rest zero. */
 static void widen(const float *from, int64_t from_stride, float *to, int64_t to_stride, int64_t count, int planes) {
   for (int p = 0; p < planes; ++p) {
@@ -105,10 +128,12 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   float *data = allocate(stride, planes);
   float *s_sem = g->s_sem ? allocate(stride, 1) : NULL;
   int32_t *object_id = g->object_id ? allocate(stride, 1) : NULL;
-  if (!data || (g->s_sem && !s_sem) || (g->object_id && !object_id)) {
+  float *fourier = g->fourier ? allocate(stride, FOURIER_PLANES) : NULL;
+  if (!data || (g->s_sem && !s_sem) || (g->object_id && !object_id) || (g->fourier && !fourier)) {
     free(data);
     free(s_sem);
     free(object_id);
+    free(fourier);
     return fail_memory(stride, planes);
   }
   widen(g->data, g->stride, data, stride, g->count, planes);
@@ -118,39 +143,50 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
     memcpy(object_id, g->object_id, (size_t)g->count * sizeof *object_id);
     fill_object_id(object_id, g->count, stride);
   }
+  if (fourier)
+    widen(g->fourier, g->stride, fourier, stride, g->count, FOURIER_PLANES);
   free(g->data);
   free(g->s_sem);
   free(g->object_id);
+  free(g->fourier);
   g->data = data;
   g->s_sem = s_sem;
   g->object_id = object_id;
+  g->fourier = fourier;
   g->stride = stride;
   return PAGS_OK;
 }
 
+static void gather_plane(const float *from, const int64_t *index, int64_t count, float *to) {
+  for (int64_t i = 0; i < count; ++i)
+    to[i] = from[index[i]];
+}
+
 void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count, pags_gaussians *to) {
   assert(from != to && to->count == count && to->sh_degree == from->sh_degree);
-  for (int p = 0; p < pags_plane_count(from->sh_degree) && count; ++p) {
-    const float *source = pags_plane(from, p);
-    float *target = pags_plane(to, p);
-    for (int64_t i = 0; i < count; ++i)
-      target[i] = source[index[i]];
-  }
-  for (int64_t i = 0; i < count && from->s_sem && to->s_sem; ++i)
-    to->s_sem[i] = from->s_sem[index[i]];
+  for (int p = 0; p < pags_plane_count(from->sh_degree) && count; ++p)
+    gather_plane(pags_plane(from, p), index, count, pags_plane(to, p));
+  if (from->s_sem && to->s_sem)
+    gather_plane(from->s_sem, index, count, to->s_sem);
+  for (int p = 0; p < FOURIER_PLANES && from->fourier && to->fourier; ++p)
+    gather_plane(from->fourier + p * from->stride, index, count, to->fourier + p * to->stride);
   for (int64_t i = 0; i < count && from->object_id && to->object_id; ++i)
     to->object_id[i] = from->object_id[index[i]];
 }
 
 enum { BLOCK = 256 };
 
+static void mark_not_finite(const float *plane, int count, uint8_t bad[BLOCK]) {
+  for (int i = 0; i < count; ++i)
+    bad[i] = bad[i] || !isfinite(plane[i]);
+}
+
 static void mark_bad(const pags_gaussians *g, int64_t first, int count, uint8_t bad[BLOCK]) {
   memset(bad, 0, BLOCK);
-  for (int p = 0; p < pags_plane_count(g->sh_degree); ++p) {
-    const float *plane = pags_plane(g, p) + first;
-    for (int i = 0; i < count; ++i)
-      bad[i] = bad[i] || !isfinite(plane[i]);
-  }
+  for (int p = 0; p < pags_plane_count(g->sh_degree); ++p)
+    mark_not_finite(pags_plane(g, p) + first, count, bad);
+  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p)
+    mark_not_finite(g->fourier + p * g->stride + first, count, bad);
   const float *q[4];
   for (int k = 0; k < 4; ++k)
     q[k] = pags_plane(g, PAGS_ROTATION + k) + first;

@@ -14,6 +14,7 @@
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
+enum { FOURIER_TERMS = 4, FOURIER_PLANES = 3 * FOURIER_TERMS };
 
 /* A column of the file: its property's name and the plane it is, -1 for a normal. */
 typedef struct column {
@@ -105,26 +106,62 @@ static pags_result fail_not_finite(const ply_table *table, const ply_element *ve
     }
 }
 
-static pags_result read_extras(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
+static pags_result read_s_sem(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   const ply_property *s_sem = pags_ply_property_find(table, vertex, "s_sem");
+  if (!s_sem)
+    return PAGS_OK;
+  PAGS_TRY(pags_gaussians_add_s_sem(out));
+  pags_ply_column(table, vertex, s_sem, 0, out->count, out->s_sem);
+  for (int64_t i = 0; i < out->count; ++i)
+    if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
+                       (long long)i, (double)out->s_sem[i]);
+  return PAGS_OK;
+}
+
+static pags_result read_object_id(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   const ply_property *object_id = pags_ply_property_find(table, vertex, "object_id");
-  if (s_sem) {
-    PAGS_TRY(pags_gaussians_add_s_sem(out));
-    pags_ply_column(table, vertex, s_sem, 0, out->count, out->s_sem);
-    for (int64_t i = 0; i < out->count; ++i)
-      if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
-                         (long long)i, (double)out->s_sem[i]);
+  if (!object_id)
+    return PAGS_OK;
+  PAGS_TRY(pags_gaussians_add_object_id(out));
+  for (int64_t i = 0; i < out->count; ++i) {
+    double id = pags_ply_value(table, vertex, object_id, i);
+    if (!(id >= -1 && id <= INT32_MAX))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
+                       table->path, (long long)i, id);
+    out->object_id[i] = (int32_t)id;
   }
-  if (object_id) {
-    PAGS_TRY(pags_gaussians_add_object_id(out));
-    for (int64_t i = 0; i < out->count; ++i) {
-      double id = pags_ply_value(table, vertex, object_id, i);
-      if (!(id >= -1 && id <= INT32_MAX))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
-                         table->path, (long long)i, id);
-      out->object_id[i] = (int32_t)id;
-    }
+  return PAGS_OK;
+}
+
+static void name_fourier(int plane, char name[NAME_SIZE]) {
+  snprintf(name, NAME_SIZE, "f_dc_t%d_%d", 1 + plane / 3, plane % 3);
+}
+
+/* All twelve or none. */
+static pags_result read_fourier(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
+  const ply_property *properties[FOURIER_PLANES];
+  char names[FOURIER_PLANES][NAME_SIZE];
+  int found = 0, missing = 0;
+  for (int p = 0; p < FOURIER_PLANES; ++p) {
+    name_fourier(p, names[p]);
+    properties[p] = pags_ply_property_find(table, vertex, names[p]);
+    found += properties[p] != NULL;
+    missing = properties[p] ? missing : p;
+  }
+  if (found == 0)
+    return PAGS_OK;
+  if (found < FOURIER_PLANES)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", table->path,
+                     names[missing]);
+  PAGS_TRY(pags_gaussians_add_fourier(out));
+  for (int p = 0; p < FOURIER_PLANES && out->count; ++p) {
+    float *values = out->fourier + p * out->stride;
+    pags_ply_column(table, vertex, properties[p], 0, out->count, values);
+    for (int64_t i = 0; i < out->count; ++i)
+      if (!isfinite(values[i]))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s", table->path,
+                         (long long)i, names[p], isnan(values[i]) ? "nan" : "inf");
   }
   return PAGS_OK;
 }
@@ -143,7 +180,9 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
     if (!read_block(table, vertex, count, columns, properties, first, rows, out))
       return fail_not_finite(table, vertex, count, columns, properties, first, out);
   }
-  return read_extras(table, vertex, out);
+  PAGS_TRY(read_s_sem(table, vertex, out));
+  PAGS_TRY(read_object_id(table, vertex, out));
+  return read_fourier(table, vertex, out);
 }
 
 pags_result pags_ply_decode(const char *path, const uint8_t *bytes, size_t size, pags_gaussians *out, const char **kind,
@@ -185,37 +224,49 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
 }
 
 static pags_result write_header(pags_file_writer *writer, const pags_gaussians *g, int count, const column columns[]) {
-  char text[MAX_COLUMNS * 32 + 256];
+  char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
   int length =
       snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n", (long long)g->count);
   for (int i = 0; i < count; ++i)
     length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
-  length += snprintf(text + length, sizeof text - (size_t)length, "%s%send_header\n",
-                     g->s_sem ? "property float s_sem\n" : "", g->object_id ? "property int object_id\n" : "");
+  length += snprintf(text + length, sizeof text - (size_t)length, "%s%s", g->s_sem ? "property float s_sem\n" : "",
+                     g->object_id ? "property int object_id\n" : "");
+  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p) {
+    name_fourier(p, name);
+    length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", name);
+  }
+  length += snprintf(text + length, sizeof text - (size_t)length, "end_header\n");
   return pags_file_writer_put(writer, text, (size_t)length);
+}
+
+static void pack_floats(const float *values, int64_t rows, size_t stride, uint8_t *out) {
+  for (int64_t row = 0; row < rows; ++row, out += stride)
+    pags_store_f32(out, values ? values[row] : 0.0f);
 }
 
 /* Rows [first, first + rows) as the file has them; column by column, so that each plane is read in one run. */
 static void pack_rows(const pags_gaussians *g, int count, const column columns[], int64_t first, int64_t rows,
                       size_t stride, uint8_t *out) {
-  for (int i = 0; i < count; ++i) {
-    uint8_t *at = out + 4 * i;
-    const float *values = columns[i].plane < 0 ? NULL : pags_plane(g, columns[i].plane) + first;
-    for (int64_t row = 0; row < rows; ++row, at += stride)
-      pags_store_f32(at, values ? values[row] : 0.0f);
+  for (int i = 0; i < count; ++i, out += 4)
+    pack_floats(columns[i].plane < 0 ? NULL : pags_plane(g, columns[i].plane) + first, rows, stride, out);
+  if (g->s_sem) {
+    pack_floats(g->s_sem + first, rows, stride, out);
+    out += 4;
   }
-  uint8_t *extras = out + 4 * count;
-  for (int64_t row = 0; row < rows && g->s_sem; ++row)
-    pags_store_f32(extras + (size_t)row * stride, g->s_sem[first + row]);
-  extras += g->s_sem ? 4 : 0;
-  for (int64_t row = 0; row < rows && g->object_id; ++row)
-    pags_store_u32(extras + (size_t)row * stride, (uint32_t)g->object_id[first + row]);
+  if (g->object_id) {
+    for (int64_t row = 0; row < rows; ++row)
+      pags_store_u32(out + (size_t)row * stride, (uint32_t)g->object_id[first + row]);
+    out += 4;
+  }
+  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p, out += 4)
+    pack_floats(g->fourier + p * g->stride + first, rows, stride, out);
 }
 
 pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   column columns[MAX_COLUMNS];
   int count = list_columns(gaussians->sh_degree, columns);
-  size_t stride = 4 * ((size_t)count + (gaussians->s_sem != NULL) + (gaussians->object_id != NULL));
+  size_t stride = 4 * ((size_t)count + (gaussians->s_sem != NULL) + (gaussians->object_id != NULL) +
+                       (gaussians->fourier ? FOURIER_PLANES : 0));
   uint8_t *block = malloc(stride * BLOCK_ROWS);
   if (!block)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);

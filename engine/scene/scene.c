@@ -1,11 +1,15 @@
 /* A scene in memory, its folder, and bare splat files as scenes. */
 #include <assert.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/file.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
+
+enum { SAFE_NAME = 100 };
 
 static pags_result load_model(const char *folder, pags_model *model, int64_t expected) {
   int expected_degree = model->gaussians.sh_degree;
@@ -21,17 +25,41 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
   return result;
 }
 
+/* So that whoever has an object_id may use it as an index. Scenes without objects may number theirs as they like. */
+static pags_result check_object_ids(const char *folder, const pags_scene *scene, const pags_model *model) {
+  const int32_t *id = model->gaussians.object_id;
+  for (int64_t i = 0; id && scene->object_count && i < model->gaussians.count; ++i)
+    if (id[i] >= scene->object_count)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s/%s: vertex %lld: expected 'object_id' of one of %lld objects, found %d",
+                       folder, model->file, (long long)i, (long long)scene->object_count, id[i]);
+  return PAGS_OK;
+}
+
+static pags_result load_sky(const char *folder, const char *file, pags_sky *sky) {
+  char *path = pags_path_join(folder, file);
+  pags_result result =
+      path ? pags_sky_load(path, sky) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  free(path);
+  return result;
+}
+
 static pags_result load_folder(const char *folder, pags_scene *scene) {
-  int64_t *counts = NULL;
+  pags_scene_files files = {0};
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
   pags_result result = pags_file_exists(path)
-                           ? pags_scene_json_read(path, scene, &counts)
+                           ? pags_scene_json_read(path, scene, &files)
                            : pags_fail(PAGS_ERROR_IO, "%s: expected a scene, but the folder has no scene.json", folder);
-  for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; ++i)
-    result = load_model(folder, &scene->models[i], counts[i]);
-  free(counts);
+  for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; ++i) {
+    result = load_model(folder, &scene->models[i], files.counts[i]);
+    if (result == PAGS_OK)
+      result = check_object_ids(folder, scene, &scene->models[i]);
+  }
+  if (result == PAGS_OK && files.sky)
+    result = load_sky(folder, files.sky, &scene->sky);
+  free(files.counts);
+  free(files.sky);
   free(path);
   return result;
 }
@@ -83,17 +111,52 @@ static pags_result save_model(const char *folder, const pags_model *model) {
   return result;
 }
 
+static pags_result save_sky(const char *folder, const pags_sky *sky) {
+  char *path = pags_path_join(folder, PAGS_SKY_FILE);
+  pags_result result =
+      path ? pags_sky_save(path, sky) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  free(path);
+  return result;
+}
+
 /* scene.json goes last: where it is new, all that it names is. */
 pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
   PAGS_TRY(pags_make_dirs(folder));
   for (int64_t i = 0; i < scene->model_count; ++i)
     PAGS_TRY(save_model(folder, &scene->models[i]));
+  if (scene->sky.size > 0)
+    PAGS_TRY(save_sky(folder, &scene->sky));
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
   pags_result result = pags_scene_json_write(path, scene);
   free(path);
   return result;
+}
+
+/* `name` with what some file system or shell trips over made '_'. */
+static void make_safe(const char *id, char *name, size_t room) {
+  size_t length = 0;
+  for (const char *c = id; *c && length + 1 < room; ++c) {
+    bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-';
+    name[length++] = plain || (*c == '.' && length) ? *c : '_';
+  }
+  if (length == 0)
+    name[length++] = '_';
+  name[length] = 0;
+}
+
+char *pags_scene_model_file(const pags_scene *scene, const char *id) {
+  char safe[SAFE_NAME], file[SAFE_NAME + 64];
+  make_safe(id, safe, sizeof safe);
+  snprintf(file, sizeof file, "objects/%s.ply", safe);
+  for (int64_t i = 0, number = 2; i < scene->model_count; ++i) {
+    if (scene->models[i].file && strcasecmp(scene->models[i].file, file) == 0) {
+      snprintf(file, sizeof file, "objects/%s-%lld.ply", safe, (long long)number++);
+      i = -1;
+    }
+  }
+  return pags_text_copy(file);
 }
 
 void pags_scene_destroy(pags_scene *scene) {
@@ -104,6 +167,11 @@ void pags_scene_destroy(pags_scene *scene) {
   }
   for (int64_t i = 0; i < scene->view_count; ++i)
     free(scene->views[i].name);
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    pags_object_destroy(&scene->objects[i].record);
+  pags_sky_destroy(&scene->sky);
+  free(scene->objects);
+  free(scene->notes);
   free(scene->models);
   free(scene->views);
   free(scene->dataset);

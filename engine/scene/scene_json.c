@@ -9,6 +9,7 @@
 #include "base/json.h"
 #include "base/text.h"
 #include "scene/camera_json.h"
+#include "scene/object_json.h"
 
 enum { VERSION = 1 };
 
@@ -51,6 +52,17 @@ static pags_result read_model(const pags_json *json, const pags_json_value *valu
   return PAGS_OK;
 }
 
+static pags_result check_names(const pags_json *json, const pags_json_value *models, const pags_scene *scene) {
+  const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
+  if (!names)
+    return fail_memory(json);
+  for (int64_t i = 0; i < scene->model_count; ++i)
+    names[i] = scene->models[i].name;
+  pags_result result = pags_json_names_differ(json, models, "models", names, scene->model_count);
+  free(names);
+  return result;
+}
+
 static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
                                int64_t **counts) {
   const pags_json_value *models;
@@ -63,7 +75,31 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
     int64_t i = scene->model_count++;
     PAGS_TRY(read_model(json, model, &scene->models[i], &(*counts)[i]));
   }
-  return PAGS_OK;
+  return check_names(json, models, scene);
+}
+
+/* Three numbers under a key that may be missing. */
+static pags_result read_three_or(const pags_json *json, const pags_json_value *object, const char *key, double fallback,
+                                 double out[3]) {
+  const pags_json_value *value = pags_json_member(object, key);
+  for (int k = 0; k < 3; ++k)
+    out[k] = fallback;
+  return value && value->type != PAGS_JSON_NULL ? pags_json_numbers(json, object, key, 3, out) : PAGS_OK;
+}
+
+static pags_result read_view(const pags_json *json, const pags_json_value *value, pags_scene_view *view) {
+  bool test;
+  int64_t sensor, frame;
+  PAGS_TRY(copy_string(json, value, "name", &view->name));
+  PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
+  PAGS_TRY(pags_json_integer_or(json, value, "sensor", -1, INT32_MAX, -1, &sensor));
+  PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));
+  PAGS_TRY(read_three_or(json, value, "gain", 1, view->gain));
+  PAGS_TRY(read_three_or(json, value, "offset", 0, view->offset));
+  view->test = test;
+  view->sensor = (int)sensor;
+  view->frame = (int)frame;
+  return pags_camera_from_json(json, value, &view->camera);
 }
 
 static pags_result read_views(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
@@ -72,33 +108,47 @@ static pags_result read_views(const pags_json *json, const pags_json_value *root
   scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
   if (!scene->views)
     return fail_memory(json);
-  for (const pags_json_value *value = views->first; value; value = value->next) {
-    pags_scene_view *view = &scene->views[scene->view_count++];
-    bool test;
-    PAGS_TRY(copy_string(json, value, "name", &view->name));
-    PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
-    view->test = test;
-    PAGS_TRY(pags_camera_from_json(json, value, &view->camera));
-  }
+  for (const pags_json_value *value = views->first; value; value = value->next)
+    PAGS_TRY(read_view(json, value, &scene->views[scene->view_count++]));
   return PAGS_OK;
 }
 
-static pags_result read_dataset_and_config(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
+/* The text of an object as the file has it; NULL where there is none. */
+static pags_result read_raw(const pags_json *json, const pags_json_value *root, const char *key, char **out) {
+  const pags_json_value *value = pags_json_member(root, key);
+  if (!value || value->type == PAGS_JSON_NULL)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_as_object(json, value, key));
+  size_t length = (size_t)(value->source_end - value->source_begin);
+  *out = malloc(length + 1);
+  if (!*out)
+    return fail_memory(json);
+  memcpy(*out, value->source_begin, length);
+  (*out)[length] = 0;
+  return PAGS_OK;
+}
+
+static pags_result read_origins(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
   const char *dataset;
   PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
   if (dataset && !(scene->dataset = pags_text_copy(dataset)))
     return fail_memory(json);
-  const pags_json_value *config = pags_json_member(root, "config");
-  if (!config || config->type == PAGS_JSON_NULL)
+  PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
+  PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
+  PAGS_TRY(read_raw(json, root, "config", &scene->config));
+  return read_raw(json, root, "modelled", &scene->notes);
+}
+
+static pags_result read_sky(const pags_json *json, const pags_json_value *root, char **file) {
+  const char *name;
+  PAGS_TRY(pags_json_string_or(json, root, "sky", NULL, &name));
+  if (!name)
     return PAGS_OK;
-  PAGS_TRY(pags_json_as_object(json, config, "config"));
-  size_t length = (size_t)(config->source_end - config->source_begin);
-  scene->config = malloc(length + 1);
-  if (!scene->config)
-    return fail_memory(json);
-  memcpy(scene->config, config->source_begin, length);
-  scene->config[length] = 0;
-  return PAGS_OK;
+  if (!pags_path_is_inside(name))
+    return pags_json_fail(json, pags_json_member(root, "sky"),
+                          "expected a file inside of the scene's folder for 'sky', found \"%s\"", name);
+  *file = pags_text_copy(name);
+  return *file ? PAGS_OK : fail_memory(json);
 }
 
 static pags_result read_version(const pags_json *json, const pags_json_value *root) {
@@ -115,7 +165,7 @@ static pags_result read_version(const pags_json *json, const pags_json_value *ro
   return PAGS_OK;
 }
 
-static pags_result read_root(const pags_json *json, pags_scene *scene, int64_t **counts) {
+static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scene_files *files) {
   const pags_json_value *root = pags_json_root(json);
   double time[2], background[3];
   bool antialiased;
@@ -131,18 +181,22 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, int64_t *
   PAGS_TRY(pags_json_numbers(json, root, "background", 3, background));
   for (int k = 0; k < 3; ++k)
     scene->background[k] = (float)background[k];
-  PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
-  PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
-  PAGS_TRY(read_dataset_and_config(json, root, scene));
-  PAGS_TRY(read_models(json, root, scene, counts));
+  PAGS_TRY(pags_json_number_or(json, root, "fps", 0, &scene->fps));
+  if (scene->fps < 0)
+    return pags_json_fail(json, pags_json_member(root, "fps"), "expected a number from 0 on for 'fps', found %g",
+                          scene->fps);
+  PAGS_TRY(read_origins(json, root, scene));
+  PAGS_TRY(read_sky(json, root, &files->sky));
+  PAGS_TRY(read_models(json, root, scene, &files->counts));
+  PAGS_TRY(pags_scene_objects_from_json(json, root, scene));
   return read_views(json, root, scene);
 }
 
-pags_result pags_scene_json_read(const char *path, pags_scene *scene, int64_t **counts) {
+pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files) {
   pags_json *json;
-  *counts = NULL;
+  *files = (pags_scene_files){0};
   PAGS_TRY(pags_json_parse_file(path, &json));
-  pags_result result = read_root(json, scene, counts);
+  pags_result result = read_root(json, scene, files);
   pags_json_destroy(json);
   return result;
 }
@@ -161,6 +215,25 @@ static void write_models(pags_json_writer *w, const pags_scene *scene) {
   pags_json_end_array(w);
 }
 
+static bool is_exposed(const pags_scene_view *view) {
+  for (int k = 0; k < 3; ++k)
+    if (view->gain[k] != 1 || view->offset[k] != 0)
+      return true;
+  return false;
+}
+
+/* What a static scene's views don't have is left out. */
+static void write_driving(pags_json_writer *w, const pags_scene_view *view) {
+  if (view->sensor >= 0)
+    pags_json_put_integer(w, "sensor", view->sensor);
+  if (view->frame >= 0)
+    pags_json_put_integer(w, "frame", view->frame);
+  if (is_exposed(view)) {
+    pags_json_put_numbers(w, "gain", view->gain, 3);
+    pags_json_put_numbers(w, "offset", view->offset, 3);
+  }
+}
+
 static void write_views(pags_json_writer *w, const pags_scene *scene) {
   pags_json_begin_array(w, "cameras");
   for (int64_t i = 0; i < scene->view_count; ++i) {
@@ -168,6 +241,7 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
     pags_json_begin_object(w, NULL);
     pags_json_put_string(w, "name", view->name);
     pags_json_put_bool(w, "test", view->test);
+    write_driving(w, view);
     pags_camera_to_json(w, &view->camera);
     pags_json_end_object(w);
   }
@@ -175,21 +249,21 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
 }
 
 /* Without the white space around it, so that reading and writing again gives the same bytes. */
-static pags_result write_config(pags_json_writer *w, const char *config) {
-  if (!config) {
-    pags_json_put_null(w, "config");
+static pags_result write_raw(pags_json_writer *w, const char *key, const char *text) {
+  if (!text) {
+    pags_json_put_null(w, key);
     return PAGS_OK;
   }
-  while (isspace((unsigned char)*config))
-    ++config;
-  size_t length = strlen(config);
-  while (length && isspace((unsigned char)config[length - 1]))
+  while (isspace((unsigned char)*text))
+    ++text;
+  size_t length = strlen(text);
+  while (length && isspace((unsigned char)text[length - 1]))
     --length;
-  char *trimmed = pags_text_copy(config);
+  char *trimmed = pags_text_copy(text);
   if (!trimmed)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the configuration of a scene");
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for '%s' of a scene", key);
   trimmed[length] = 0;
-  pags_json_put_raw(w, "config", trimmed);
+  pags_json_put_raw(w, key, trimmed);
   free(trimmed);
   return PAGS_OK;
 }
@@ -208,7 +282,15 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_string(w, "dataset", scene->dataset);
   pags_json_put_unsigned(w, "seed", scene->seed);
   pags_json_put_integer(w, "iterations", scene->iterations);
-  PAGS_TRY(write_config(w, scene->config));
+  PAGS_TRY(write_raw(w, "config", scene->config));
+  if (scene->fps > 0)
+    pags_json_put_number(w, "fps", scene->fps);
+  if (scene->sky.size > 0)
+    pags_json_put_string(w, "sky", PAGS_SKY_FILE);
+  if (scene->notes)
+    PAGS_TRY(write_raw(w, "modelled", scene->notes));
+  if (scene->object_count)
+    pags_scene_objects_to_json(w, scene);
   write_views(w, scene);
   pags_json_end_object(w);
   return PAGS_OK;

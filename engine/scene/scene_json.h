@@ -4,9 +4,17 @@
 
 #include <pags/scene.h>
 
-/* Fills `scene`, which must be zeroed, with models that have no Gaussians yet; `counts` receives how many each has
- * according to the file (freed by the caller). On failure what was filled stays for pags_scene_destroy. */
-pags_result pags_scene_json_read(const char *path, pags_scene *scene, int64_t **counts);
+#define PAGS_SKY_FILE "sky.npy"
+
+/* What scene.json says of the files beside it. */
+typedef struct pags_scene_files {
+  int64_t *counts; /* Gaussians of each model */
+  char *sky;       /* relative path; NULL: no sky */
+} pags_scene_files;
+
+/* Fills `scene`, which must be zeroed, with models that have no Gaussians yet, and `files`, whose members the caller
+ * frees. On failure what was filled stays for pags_scene_destroy. */
+pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files);
 pags_result pags_scene_json_write(const char *path, const pags_scene *scene);
 
 #endif

@@ -187,7 +187,12 @@ static pags_scene_view *list_views(const pags_dataset *dataset, int64_t count) {
   pags_scene_view *views = calloc((size_t)(count > 0 ? count : 1), sizeof *views);
   for (int64_t i = 0; views && i < count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    views[i] = (pags_scene_view){.name = (char *)(uintptr_t)view->name, .camera = view->camera, .test = view->test};
+    views[i] = (pags_scene_view){.name = (char *)(uintptr_t)view->name,
+                                 .camera = view->camera,
+                                 .test = view->test,
+                                 .sensor = -1,
+                                 .frame = -1,
+                                 .gain = {1, 1, 1}};
   }
   return views;
 }

@@ -51,8 +51,11 @@ static void growing_keeps_everything(void **state) {
   assert_int_equal(pags_gaussians_create(&g, 40, 1), PAGS_OK);
   assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
   assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_fourier(&g), PAGS_OK);
   fill(&g, 1);
   g.s_sem[39] = 0.5f;
+  g.fourier[11 * g.stride + 39] = 3;
+  g.fourier[39] = 4;
   g.object_id[39] = 12;
   assert_int_equal(pags_gaussians_create(&copy, 40, 1), PAGS_OK);
   fill(&copy, 1);
@@ -65,6 +68,7 @@ static void growing_keeps_everything(void **state) {
       assert_true(pags_plane(&g, p)[i] == 0);
   }
   assert_true(g.s_sem[39] == 0.5f && g.s_sem[40] == 0);
+  assert_true(g.fourier[11 * g.stride + 39] == 3 && g.fourier[39] == 4 && g.fourier[40] == 0);
   assert_true(g.object_id[39] == 12 && g.object_id[0] == -1 && g.object_id[1007] == -1);
   const float *before = g.data;
   assert_int_equal(pags_gaussians_reserve(&g, 500), PAGS_OK);

@@ -87,6 +87,56 @@ static void extras_follow_the_standard_properties(void **state) {
   pags_gaussians_destroy(&g);
 }
 
+static void sample_fourier(pags_gaussians *g) {
+  assert_int_equal(pags_gaussians_add_fourier(g), PAGS_OK);
+  for (int p = 0; p < 12; ++p)
+    for (int64_t i = 0; i < g->count; ++i)
+      g->fourier[p * g->stride + i] = (float)p + 0.01f * (float)i;
+}
+
+static void fourier_terms_follow_the_extras(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  uint8_t *bytes;
+  size_t size;
+  sample_gaussians(&g, 300, 0, 3);
+  assert_int_equal(pags_gaussians_add_object_id(&g), PAGS_OK);
+  sample_fourier(&g);
+  assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
+  load(scratch("f.ply"), &back);
+  assert_same(&g, &back);
+  for (int p = 0; p < 12; ++p)
+    assert_memory_equal(g.fourier + p * g.stride, back.fourier + p * back.stride, 300 * sizeof(float));
+  assert_int_equal(pags_ply_save(scratch("f2.ply"), &back), PAGS_OK);
+  assert_int_equal(pags_file_read(scratch("f.ply"), &bytes, &size), PAGS_OK);
+  assert_non_null(
+      strstr((char *)bytes, "property int object_id\nproperty float f_dc_t1_0\nproperty float f_dc_t1_1\n"));
+  assert_file_holds(scratch("f2.ply"), bytes, size);
+  free(bytes);
+  pags_gaussians_destroy(&back);
+  g.fourier[5 * g.stride + 7] = NAN;
+  assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
+  assert_int_equal(pags_ply_load(scratch("f.ply"), &back), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), "f.ply: vertex 7: expected a finite number for 'f_dc_t2_2', found nan"));
+  pags_gaussians_destroy(&g);
+}
+
+static void some_fourier_terms_are_too_few(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  uint8_t *bytes;
+  size_t size;
+  sample_gaussians(&g, 10, 0, 3);
+  sample_fourier(&g);
+  assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
+  pags_gaussians_destroy(&g);
+  assert_int_equal(pags_file_read(scratch("f.ply"), &bytes, &size), PAGS_OK);
+  memcpy(strstr((char *)bytes, "f_dc_t3_1"), "f_dc_x3_1", 9);
+  assert_int_equal(pags_ply_load(scratch_file("g.ply", bytes, size), &back), PAGS_ERROR_FORMAT);
+  assert_non_null(strstr(pags_error_message(), "expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no 'f_dc_t3_1'"));
+  free(bytes);
+}
+
 static void an_empty_file_round_trips(void **state) {
   (void)state;
   pags_gaussians g, back;
@@ -276,6 +326,8 @@ int main(void) {
       cmocka_unit_test(every_degree_round_trips_to_the_byte),
       cmocka_unit_test(any_order_and_encoding_reads_the_same),
       cmocka_unit_test(extras_follow_the_standard_properties),
+      cmocka_unit_test(fourier_terms_follow_the_extras),
+      cmocka_unit_test(some_fourier_terms_are_too_few),
       cmocka_unit_test(an_empty_file_round_trips),
       cmocka_unit_test(bad_headers_are_explained),
       cmocka_unit_test(absurd_counts_are_refused_before_memory_is_asked_for),

@@ -40,6 +40,52 @@ static pags_scene sample(void) {
   return scene;
 }
 
+/* The sample as a driving scene: a sky, a parked and a moving object. */
+static pags_scene driving_sample(void) {
+  pags_scene scene = sample();
+  scene.fps = 10;
+  scene.notes = pags_text_copy("{\"fourier\": []}");
+  scene.object_count = 2;
+  scene.objects = calloc(2, sizeof *scene.objects);
+  for (int i = 0; i < 2; ++i) {
+    pags_scene_object *object = &scene.objects[i];
+    object->record = (pags_object){.id = pags_text_copy(i ? "a/b\"c" : "parked"),
+                                   .class_name = pags_text_copy(i ? "Car" : "Pedestrian with Object"),
+                                   .category = i ? PAGS_CATEGORY_VEHICLE : PAGS_CATEGORY_PEDESTRIAN,
+                                   .size = {4.5, 1.9, 1.0 / 3},
+                                   .moving = i,
+                                   .knot_count = 2,
+                                   .knots = calloc(2, sizeof *object->record.knots)};
+    object->model = i ? 1 : -1;
+    object->critical = i;
+    object->rigid = !i;
+    for (int k = 0; k < 2; ++k)
+      object->record.knots[k] = (pags_knot){.frame = k + 3,
+                                            .trained = k,
+                                            .time = 0.1 + 0.1 * k,
+                                            .world_from_object = {0, -1, 0, 500000.1, 1, 0, 0, 2.0 / 3, 0, 0, 1, k},
+                                            .rotation = {1e-3, 0, -0.1},
+                                            .translation = {0.1 * k, 1.0 / 7, 0}};
+  }
+  for (int i = 0; i < 2; ++i) {
+    scene.views[i].sensor = i ? 2 : -1;
+    scene.views[i].frame = i ? 12 : -1;
+    for (int c = 0; c < 3; ++c) {
+      scene.views[i].gain[c] = i ? 1 + 0.01 * c : 1;
+      scene.views[i].offset[c] = i ? 0.1 : 0;
+    }
+  }
+  pags_gaussians *background = &scene.models[0].gaussians;
+  assert_int_equal(pags_gaussians_add_object_id(background), PAGS_OK);
+  background->object_id[3] = 0;
+  background->object_id[4] = 1;
+  assert_int_equal(pags_gaussians_add_fourier(&scene.models[1].gaussians), PAGS_OK);
+  assert_int_equal(pags_sky_create(&scene.sky, 3), PAGS_OK);
+  for (int i = 0; i < 6 * 9 * 3; ++i)
+    scene.sky.texels[i] = (float)i / 128;
+  return scene;
+}
+
 static void assert_text(const char *a, const char *b) {
   assert_non_null(a);
   assert_string_equal(a, b);
@@ -103,6 +149,64 @@ static void saving_is_the_same_to_the_byte(void **state) {
   pags_scene_destroy(&back);
 }
 
+static void a_driving_scene_comes_back(void **state) {
+  (void)state;
+  pags_scene scene = driving_sample(), back;
+  assert_int_equal(pags_scene_save(scratch("d"), &scene), PAGS_OK);
+  if (pags_scene_load(scratch("d"), &back) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_true(back.fps == 10);
+  assert_text(back.notes, scene.notes);
+  assert_int_equal(back.object_count, 2);
+  for (int i = 0; i < 2; ++i) {
+    const pags_scene_object *a = &scene.objects[i], *b = &back.objects[i];
+    assert_text(b->record.id, a->record.id);
+    assert_text(b->record.class_name, a->record.class_name);
+    assert_int_equal(b->record.category, a->record.category);
+    assert_memory_equal(b->record.size, a->record.size, sizeof a->record.size);
+    assert_int_equal(b->record.moving, a->record.moving);
+    assert_int_equal(b->model, a->model);
+    assert_int_equal(b->critical, a->critical);
+    assert_int_equal(b->rigid, a->rigid);
+    assert_int_equal(b->record.knot_count, 2);
+    assert_memory_equal(b->record.knots, a->record.knots, 2 * sizeof *a->record.knots);
+    assert_int_equal(back.views[i].sensor, scene.views[i].sensor);
+    assert_int_equal(back.views[i].frame, scene.views[i].frame);
+    assert_memory_equal(back.views[i].gain, scene.views[i].gain, 3 * sizeof(double));
+    assert_memory_equal(back.views[i].offset, scene.views[i].offset, 3 * sizeof(double));
+  }
+  assert_int_equal(back.sky.size, 3);
+  assert_memory_equal(back.sky.texels, scene.sky.texels, 6 * 9 * 3 * sizeof(float));
+  assert_int_equal(back.models[0].gaussians.object_id[4], 1);
+  assert_non_null(back.models[1].gaussians.fourier);
+  assert_int_equal(pags_scene_save(scratch("d2"), &back), PAGS_OK);
+  assert_same_file("d/scene.json", "d2/scene.json");
+  assert_same_file("d/sky.npy", "d2/sky.npy");
+  assert_same_file("d/objects/car 1.ply", "d2/objects/car 1.ply");
+  pags_scene_destroy(&scene);
+  pags_scene_destroy(&back);
+}
+
+static void file_names_are_made_safe(void **state) {
+  (void)state;
+  pags_scene scene = sample();
+  static const char *const pairs[][2] = {{"car 1", "objects/car_1.ply"},
+                                         {"../x", "objects/_._x.ply"},
+                                         {"", "objects/_.ply"},
+                                         {"3f-A.b", "objects/3f-A.b.ply"}};
+  for (int i = 0; i < 4; ++i) {
+    char *file = pags_scene_model_file(&scene, pairs[i][0]);
+    assert_text(file, pairs[i][1]);
+    free(file);
+  }
+  free(scene.models[1].file);
+  scene.models[1].file = pags_text_copy("objects/Car_1.ply");
+  char *file = pags_scene_model_file(&scene, "car 1");
+  assert_text(file, "objects/car_1-2.ply");
+  free(file);
+  pags_scene_destroy(&scene);
+}
+
 static void a_bare_file_is_a_scene(void **state) {
   (void)state;
   file_bytes file = make_splat(30, 1);
@@ -122,8 +226,9 @@ static void a_bare_file_is_a_scene(void **state) {
 }
 
 /* Saves the sample, replaces `from` in scene.json by `to` (of the same length or shorter, padded) and loads it. */
-static void assert_edit_fails(const char *from, const char *to, pags_result code, const char *message) {
-  pags_scene scene = sample(), back;
+static void assert_edit_of_fails(pags_scene scene, const char *from, const char *to, pags_result code,
+                                 const char *message) {
+  pags_scene back;
   uint8_t *bytes;
   size_t size;
   assert_int_equal(pags_scene_save(scratch("e"), &scene), PAGS_OK);
@@ -140,6 +245,36 @@ static void assert_edit_fails(const char *from, const char *to, pags_result code
     fail_msg("expected '%s' in '%s'", message, pags_error_message());
   assert_null(back.models);
   pags_scene_destroy(&scene);
+}
+
+static void assert_edit_fails(const char *from, const char *to, pags_result code, const char *message) {
+  assert_edit_of_fails(sample(), from, to, code, message);
+}
+
+static void bad_objects_are_explained(void **state) {
+  (void)state;
+  static const char *const edits[][3] = {
+      {"\"vehicle\"", "\"car\"", "for 'category', found \"car\""},
+      {"4.5, 1.9", "4.5, -.9", "scene.json:"},
+      {"[4.5, 1.9", "[4.5, 0.0", "expected three positive numbers for 'size'"},
+      {"\"time\": 0.2,", "\"time\": 0.1,", "expected a 'time' after the previous one's"},
+      {"\"world_from_object\": [0, -1,", "\"world_from_object\": [0, 1,",
+       "expected a rotation and a translation for 'world_from_object'"},
+      {"\"model\": \"car 1\"", "\"model\": \"car 2\"", "found \"car 2\""},
+      {"\"sky.npy\"", "\"../sky\"", "expected a file inside of the scene's folder for 'sky'"},
+      {"\"fps\": 10", "\"fps\": -1", "for 'fps', found -1"},
+      {"\"sensor\": 2", "\"sensor\": x", "scene.json:"},
+  };
+  for (size_t i = 0; i < sizeof edits / sizeof *edits; ++i)
+    assert_edit_of_fails(driving_sample(), edits[i][0], edits[i][1], PAGS_ERROR_FORMAT, edits[i][2]);
+  pags_scene scene = driving_sample();
+  free(scene.objects[0].record.id);
+  scene.objects[0].record.id = pags_text_copy(scene.objects[1].record.id);
+  assert_edit_of_fails(scene, "metres", "metres", PAGS_ERROR_FORMAT, "two objects are named \"a/b\"c\"");
+  scene = driving_sample();
+  scene.models[0].gaussians.object_id[7] = 2;
+  assert_edit_of_fails(scene, "metres", "metres", PAGS_ERROR_FORMAT,
+                       "background.ply: vertex 7: expected 'object_id' of one of 2 objects, found 2");
 }
 
 static void bad_scenes_are_explained(void **state) {
@@ -194,7 +329,8 @@ int main(void) {
       cmocka_unit_test(a_scene_comes_back),        cmocka_unit_test(saving_is_the_same_to_the_byte),
       cmocka_unit_test(a_bare_file_is_a_scene),    cmocka_unit_test(bad_scenes_are_explained),
       cmocka_unit_test(files_outside_are_refused), cmocka_unit_test(models_must_match_what_is_promised),
-      cmocka_unit_test(other_paths_are_explained),
+      cmocka_unit_test(other_paths_are_explained), cmocka_unit_test(a_driving_scene_comes_back),
+      cmocka_unit_test(file_names_are_made_safe),  cmocka_unit_test(bad_objects_are_explained),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }

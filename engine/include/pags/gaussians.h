@@ -53,14 +53,14 @@ PAGS_API void pags_gaussians_destroy(pags_gaussians *g); /* frees and zeroes; a 
 /* Grows the capacity to at least `capacity`, keeping contents. */
 PAGS_API pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity);
 
-/* Makes room for `count` Gaussians of zeros with the degree, s_sem and object_id (-1) that `like` has. */
+/* Makes room for `count` Gaussians of zeros with the degree, s_sem, object_id (-1) and Fourier planes that `like` has. */
 PAGS_API pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like);
 
 /* Adds s_sem (zeros) or object_id (-1) where they are missing. */
 PAGS_API pags_result pags_gaussians_add_s_sem(pags_gaussians *g);
 PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
 
-/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem and object_id that both have). `to`
+/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem, object_id and fourier that both have). `to`
  * must have been created with `count` rows and from's degree and must not be `from`. */
 PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
                                     pags_gaussians *to);

@@ -69,6 +69,11 @@ PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene
 PAGS_API void pags_scene_destroy(pags_scene *scene);
 PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
 
+/* "objects/NAME.ply" for the model of the object `id`: letters, digits, '-' and '.' stay, the rest becomes '_'; a number is added
+ * where a model of the scene has that file already (case ignored). Models whose file is NULL are passed over. Freed by the
+ * caller; NULL when memory is out. */
+PAGS_API char *pags_scene_model_file(const pags_scene *scene, const char *id);
+
 /* Splat files by themselves. Reading a file that pags_ply_save or INRIA's trainer wrote and writing it again gives the
  * same bytes; normals are kept as zeros. */
 PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);

@@ -1,0 +1,214 @@
+/* Objects to and from scene.json. */
+#include "scene/object_json.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
+
+static pags_result fail_memory(const pags_json *json) {
+  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the objects", pags_json_path(json));
+}
+
+static int compare_names(const void *a, const void *b) {
+  const char *const *x = a;
+  const char *const *y = b;
+  return strcmp(*x, *y);
+}
+
+/* Sorted, so that a file of very many names takes no quadratic time. */
+pags_result pags_json_names_differ(const pags_json *json, const pags_json_value *value, const char *what,
+                                   const char *const *names, int64_t count) {
+  const char **sorted = malloc((size_t)(count + 1) * sizeof *sorted);
+  if (!sorted)
+    return fail_memory(json);
+  for (int64_t i = 0; i < count; ++i)
+    sorted[i] = names[i];
+  qsort(sorted, (size_t)count, sizeof *sorted, compare_names);
+  pags_result result = PAGS_OK;
+  for (int64_t i = 1; i < count && result == PAGS_OK; ++i)
+    if (strcmp(sorted[i - 1], sorted[i]) == 0)
+      result = pags_json_fail(json, value, "two %s are named \"%.80s\"", what, sorted[i]);
+  free(sorted);
+  return result;
+}
+
+static pags_result check_rigid(const pags_json *json, const pags_json_value *value, const double m[12]) {
+  double error = 0;
+  for (int i = 0; i < 3; ++i)
+    for (int j = 0; j < 3; ++j) {
+      double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
+      error = fmax(error, fabs(dot - (i == j)));
+    }
+  double determinant =
+      m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
+  if (!(error <= 2e-3) || determinant < 0)
+    return pags_json_fail(json, value, "expected a rotation and a translation for 'world_from_object' (off by %.3g)",
+                          determinant < 0 ? 2.0 : error);
+  return PAGS_OK;
+}
+
+static pags_result read_knot(const pags_json *json, const pags_json_value *value, pags_knot *knot) {
+  int64_t frame;
+  bool trained;
+  PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
+  PAGS_TRY(pags_json_number(json, value, "time", &knot->time));
+  PAGS_TRY(pags_json_bool_or(json, value, "trained", false, &trained));
+  PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, knot->world_from_object));
+  PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), knot->world_from_object));
+  PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, knot->rotation));
+  PAGS_TRY(pags_json_numbers(json, value, "translation", 3, knot->translation));
+  knot->frame = (int32_t)frame;
+  knot->trained = trained;
+  return PAGS_OK;
+}
+
+static pags_result read_knots(const pags_json *json, const pags_json_value *object, pags_object *record) {
+  const pags_json_value *knots;
+  PAGS_TRY(pags_json_array(json, object, "knots", &knots));
+  if (knots->count == 0)
+    return pags_json_fail(json, knots, "expected at least one pose in 'knots'");
+  record->knots = calloc((size_t)knots->count, sizeof *record->knots);
+  if (!record->knots)
+    return fail_memory(json);
+  for (const pags_json_value *value = knots->first; value; value = value->next) {
+    pags_knot *knot = &record->knots[record->knot_count++];
+    PAGS_TRY(read_knot(json, value, knot));
+    if (knot > record->knots && !(knot->time > knot[-1].time))
+      return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g", knot[-1].time,
+                            knot->time);
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
+  const char *name;
+  PAGS_TRY(pags_json_string(json, object, "category", &name));
+  for (int i = 0; i < CATEGORIES; ++i) {
+    if (strcmp(name, pags_category_name((pags_category)i)) == 0) {
+      *category = (pags_category)i;
+      return PAGS_OK;
+    }
+  }
+  return pags_json_fail(
+      json, pags_json_member(object, "category"),
+      "expected \"vehicle\", \"pedestrian\", \"cyclist\" or \"other\" for 'category', found \"%.40s\"", name);
+}
+
+static pags_result copy_string(const pags_json *json, const pags_json_value *object, const char *key, char **out) {
+  const char *text;
+  PAGS_TRY(pags_json_string(json, object, key, &text));
+  *out = pags_text_copy(text);
+  return *out ? PAGS_OK : fail_memory(json);
+}
+
+static pags_result read_record(const pags_json *json, const pags_json_value *object, pags_object *record) {
+  bool moving;
+  PAGS_TRY(copy_string(json, object, "id", &record->id));
+  PAGS_TRY(copy_string(json, object, "class", &record->class_name));
+  PAGS_TRY(read_category(json, object, &record->category));
+  PAGS_TRY(pags_json_numbers(json, object, "size", 3, record->size));
+  if (!(record->size[0] > 0 && record->size[1] > 0 && record->size[2] > 0))
+    return pags_json_fail(json, pags_json_member(object, "size"), "expected three positive numbers for 'size'");
+  PAGS_TRY(pags_json_bool_or(json, object, "moving", false, &moving));
+  record->moving = moving;
+  return read_knots(json, object, record);
+}
+
+/* Model by name. `taken` says which models belong to an object already; the first one is the background. */
+static pags_result read_model(const pags_json *json, const pags_json_value *object, const pags_scene *scene,
+                              bool *taken, int64_t *model) {
+  const char *name;
+  *model = -1;
+  PAGS_TRY(pags_json_string_or(json, object, "model", NULL, &name));
+  if (!name)
+    return PAGS_OK;
+  for (int64_t i = 1; i < scene->model_count; ++i) {
+    if (!taken[i] && strcmp(scene->models[i].name, name) == 0) {
+      taken[i] = true;
+      *model = i;
+      return PAGS_OK;
+    }
+  }
+  return pags_json_fail(json, pags_json_member(object, "model"),
+                        "expected the name of a model that is no other object's and not the first, found \"%.80s\"",
+                        name);
+}
+
+static pags_result read_objects(const pags_json *json, const pags_json_value *objects, pags_scene *scene, bool *taken) {
+  for (const pags_json_value *value = objects->first; value; value = value->next) {
+    pags_scene_object *object = &scene->objects[scene->object_count++];
+    bool critical, rigid;
+    PAGS_TRY(read_record(json, value, &object->record));
+    PAGS_TRY(pags_json_bool_or(json, value, "critical", pags_category_is_critical(object->record.category), &critical));
+    PAGS_TRY(pags_json_bool_or(json, value, "rigid", true, &rigid));
+    object->critical = critical;
+    object->rigid = rigid;
+    PAGS_TRY(read_model(json, value, scene, taken, &object->model));
+  }
+  return PAGS_OK;
+}
+
+static pags_result check_ids(const pags_json *json, const pags_json_value *objects, const pags_scene *scene) {
+  const char **ids = malloc((size_t)(scene->object_count + 1) * sizeof *ids);
+  if (!ids)
+    return fail_memory(json);
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    ids[i] = scene->objects[i].record.id;
+  pags_result result = pags_json_names_differ(json, objects, "objects", ids, scene->object_count);
+  free(ids);
+  return result;
+}
+
+pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
+  const pags_json_value *objects = pags_json_member(root, "objects");
+  if (!objects || objects->type == PAGS_JSON_NULL)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_array(json, root, "objects", &objects));
+  if (objects->count > INT32_MAX)
+    return pags_json_fail(json, objects, "expected at most 2147483647 objects");
+  bool *taken = calloc((size_t)scene->model_count + 1, sizeof *taken);
+  scene->objects = calloc((size_t)objects->count + 1, sizeof *scene->objects);
+  pags_result result = taken && scene->objects ? read_objects(json, objects, scene, taken) : fail_memory(json);
+  free(taken);
+  return result == PAGS_OK ? check_ids(json, objects, scene) : result;
+}
+
+static void write_knots(pags_json_writer *w, const pags_object *record) {
+  pags_json_begin_array(w, "knots");
+  for (int64_t i = 0; i < record->knot_count; ++i) {
+    const pags_knot *knot = &record->knots[i];
+    pags_json_begin_object(w, NULL);
+    pags_json_put_integer(w, "frame", knot->frame);
+    pags_json_put_number(w, "time", knot->time);
+    pags_json_put_bool(w, "trained", knot->trained);
+    pags_json_put_numbers(w, "world_from_object", knot->world_from_object, 12);
+    pags_json_put_numbers(w, "rotation", knot->rotation, 3);
+    pags_json_put_numbers(w, "translation", knot->translation, 3);
+    pags_json_end_object(w);
+  }
+  pags_json_end_array(w);
+}
+
+void pags_scene_objects_to_json(pags_json_writer *writer, const pags_scene *scene) {
+  pags_json_begin_array(writer, "objects");
+  for (int64_t i = 0; i < scene->object_count; ++i) {
+    const pags_scene_object *object = &scene->objects[i];
+    const pags_object *record = &object->record;
+    pags_json_begin_object(writer, NULL);
+    pags_json_put_string(writer, "id", record->id);
+    pags_json_put_string(writer, "class", record->class_name);
+    pags_json_put_string(writer, "category", pags_category_name(record->category));
+    pags_json_put_bool(writer, "critical", object->critical);
+    pags_json_put_numbers(writer, "size", record->size, 3);
+    pags_json_put_bool(writer, "moving", record->moving);
+    pags_json_put_bool(writer, "rigid", object->rigid);
+    pags_json_put_string(writer, "model", object->model >= 0 ? scene->models[object->model].name : NULL);
+    write_knots(writer, record);
+    pags_json_end_object(writer);
+  }
+  pags_json_end_array(writer);
+}

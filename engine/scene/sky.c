@@ -1,0 +1,193 @@
+/* The sky's cube map: memory, sky.npy (NumPy's format, NEP 1, float16), a colour towards a direction. */
+#include <pags/sky.h>
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/half.h"
+
+enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER_ALIGNMENT = 64, MAX_HEADER = 4096, BLOCK = 4096 };
+
+static const char magic[] = "\x93NUMPY";
+
+static size_t value_count(int size) {
+  return (size_t)FACES * CHANNELS * (size_t)size * (size_t)size;
+}
+
+pags_result pags_sky_create(pags_sky *sky, int size) {
+  assert(size >= 0 && size <= MAX_SIZE);
+  *sky = (pags_sky){0};
+  if (size == 0)
+    return PAGS_OK;
+  sky->texels = calloc(value_count(size), sizeof *sky->texels);
+  if (!sky->texels)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side (%.1f MB)", size,
+                     (double)value_count(size) * 4e-6);
+  sky->size = size;
+  return PAGS_OK;
+}
+
+void pags_sky_destroy(pags_sky *sky) {
+  free(sky->texels);
+  *sky = (pags_sky){0};
+}
+
+/* What follows `'key':` and blanks in a Python dictionary's text; NULL when it isn't there. */
+static const char *find_entry(const char *header, const char *key) {
+  char quoted[32];
+  snprintf(quoted, sizeof quoted, "'%s':", key);
+  const char *at = strstr(header, quoted);
+  return at ? at + strlen(quoted) + strspn(at + strlen(quoted), " ") : NULL;
+}
+
+static pags_result read_shape(const char *path, const char *shape, int *size) {
+  int faces, rows, columns, channels;
+  if (sscanf(shape, "(%4d , %5d , %5d , %4d", &faces, &rows, &columns, &channels) != 4 || faces != FACES ||
+      channels != CHANNELS || rows != columns || rows < 1 || rows > MAX_SIZE)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a 'shape' of (6, N, N, 3), N from 1 to %d, found %.*s", path,
+                     MAX_SIZE, (int)strcspn(shape, ")\n") + (strchr(shape, ')') != NULL), shape);
+  *size = rows;
+  return PAGS_OK;
+}
+
+/* The header's text, which `length` bytes at `bytes` hold. */
+static pags_result read_header(const char *path, const uint8_t *bytes, size_t length, int *size) {
+  char header[MAX_HEADER];
+  if (length >= sizeof header)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a header of less than %d bytes, found %zu", path, MAX_HEADER,
+                     length);
+  memcpy(header, bytes, length);
+  header[length] = 0;
+  const char *type = find_entry(header, "descr"), *order = find_entry(header, "fortran_order");
+  const char *shape = find_entry(header, "shape");
+  if (!type || !order || !shape)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected 'descr', 'fortran_order' and 'shape' in the npy header", path);
+  if (strncmp(type, "'<f2'", 5) != 0 || strncmp(order, "False", 5) != 0)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: expected little-endian float16 ('<f2') in C order, found %.8s", path,
+                     type);
+  return read_shape(path, shape, size);
+}
+
+static pags_result decode(const char *path, const uint8_t *bytes, size_t size, pags_sky *sky) {
+  int texels;
+  if (size < PREFIX + 2 || memcmp(bytes, magic, 6) != 0 || bytes[6] < 1 || bytes[6] > 3)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an npy array of version 1 to 3", path);
+  size_t begin = bytes[6] == 1 ? PREFIX : PREFIX + 2;
+  size_t length = bytes[6] == 1 ? pags_load_u16(bytes + 8) : pags_load_u32(bytes + 8);
+  if (size - begin < length)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the npy header is cut off", path);
+  PAGS_TRY(read_header(path, bytes + begin, length, &texels));
+  begin += length;
+  if (size - begin != 2 * value_count(texels))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes of texels from byte %zu, found %zu", path,
+                     2 * value_count(texels), begin, size - begin);
+  PAGS_TRY(pags_sky_create(sky, texels));
+  for (size_t i = 0; i < value_count(texels); ++i) {
+    sky->texels[i] = pags_float_from_half(pags_load_u16(bytes + begin + 2 * i));
+    if (!isfinite(sky->texels[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite numbers, found %s at byte %zu", path,
+                       isnan(sky->texels[i]) ? "nan" : "inf", begin + 2 * i);
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_sky_load(const char *path, pags_sky *sky) {
+  uint8_t *bytes;
+  size_t size;
+  *sky = (pags_sky){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  pags_result result = decode(path, bytes, size, sky);
+  free(bytes);
+  if (result != PAGS_OK)
+    pags_sky_destroy(sky);
+  return result;
+}
+
+/* NumPy's own: padded with blanks so that the values begin at a multiple of 64 bytes, ended by a line break. */
+static size_t make_header(int size, uint8_t out[2 * HEADER_ALIGNMENT]) {
+  size_t total = 2 * HEADER_ALIGNMENT;
+  memset(out, ' ', total);
+  memcpy(out, magic, 6);
+  out[6] = 1;
+  out[7] = 0;
+  out[8] = (uint8_t)(total - PREFIX);
+  out[9] = 0;
+  int length = snprintf((char *)out + PREFIX, total - PREFIX,
+                        "{'descr': '<f2', 'fortran_order': False, 'shape': (6, %d, %d, 3), }", size, size);
+  out[PREFIX + length] = ' '; /* where snprintf put its zero */
+  out[total - 1] = '\n';
+  return total;
+}
+
+static pags_result put_texels(pags_file_writer *writer, const char *path, const pags_sky *sky) {
+  uint8_t block[2 * BLOCK];
+  size_t count = value_count(sky->size);
+  for (size_t first = 0; first < count; first += BLOCK) {
+    size_t n = count - first < BLOCK ? count - first : BLOCK;
+    for (size_t i = 0; i < n; ++i) {
+      uint16_t half = pags_half_from_float(sky->texels[first + i]);
+      if ((half & 0x7C00) == 0x7C00) {
+        pags_file_writer_abort(writer);
+        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
+                         (first + i) / CHANNELS, (double)sky->texels[first + i]);
+      }
+      block[2 * i] = (uint8_t)half;
+      block[2 * i + 1] = (uint8_t)(half >> 8);
+    }
+    PAGS_TRY(pags_file_writer_put(writer, block, 2 * n));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_sky_save(const char *path, const pags_sky *sky) {
+  assert(sky->size > 0 && sky->texels);
+  uint8_t header[2 * HEADER_ALIGNMENT];
+  size_t length = make_header(sky->size, header);
+  pags_file_writer writer;
+  PAGS_TRY(pags_file_writer_begin(&writer, path));
+  PAGS_TRY(pags_file_writer_put(&writer, header, length));
+  PAGS_TRY(put_texels(&writer, path, sky));
+  return pags_file_writer_commit(&writer);
+}
+
+/* The face that `r` meets and its texture coordinates there, 0..1. */
+static int find_face(const double r[3], double *s, double *t) {
+  double x = fabs(r[0]), y = fabs(r[1]), z = fabs(r[2]);
+  int axis = x >= y && x >= z ? 0 : y >= z ? 1 : 2;
+  double sign = r[axis] < 0 ? -1 : 1, major = fabs(r[axis]);
+  double sc = axis == 0 ? -sign * r[2] : axis == 1 ? r[0] : sign * r[0];
+  double tc = axis == 1 ? sign * r[2] : -r[1];
+  *s = 0.5 * (sc / major + 1);
+  *t = 0.5 * (tc / major + 1);
+  return 2 * axis + (sign < 0);
+}
+
+/* The two texels on either side of a texture coordinate, clamped at the face's border, and the share of the second. */
+static double neighbours(double coordinate, int size, int index[2]) {
+  double at = fmin(fmax(coordinate * size - 0.5, 0), size - 1.0);
+  index[0] = (int)at;
+  index[1] = index[0] + 1 < size ? index[0] + 1 : index[0];
+  return at - index[0];
+}
+
+void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3]) {
+  double s, t;
+  int columns[2], rows[2];
+  assert(sky->size > 0);
+  int face = find_face(direction, &s, &t);
+  double right = neighbours(s, sky->size, columns), below = neighbours(t, sky->size, rows);
+  const float *texels = sky->texels + (size_t)face * CHANNELS * (size_t)sky->size * (size_t)sky->size;
+  for (int c = 0; c < CHANNELS; ++c) {
+    double value[2];
+    for (int i = 0; i < 2; ++i) {
+      const float *row = texels + (size_t)CHANNELS * (size_t)rows[i] * (size_t)sky->size + c;
+      value[i] = (1 - right) * (double)row[CHANNELS * columns[0]] + right * (double)row[CHANNELS * columns[1]];
+    }
+    rgb[c] = (float)((1 - below) * value[0] + below * value[1]);
+  }
+}
