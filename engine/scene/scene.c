@@ -138,8 +138,10 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
 static void make_safe(const char *id, char *name, size_t room) {
   size_t length = 0;
   for (const char *c = id; *c && length + 1 < room; ++c) {
-    bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-';
-    name[length++] = plain || (*c == '.' && length) ? *c : '_';
+    bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-' ||
+                 (*c == '.' && length > 0);
+    name[length] = plain ? *c : '_';
+    ++length;
   }
   if (length == 0)
     name[length++] = '_';
