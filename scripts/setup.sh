@@ -2,14 +2,15 @@
 # Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
 set -u
 
-needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libcmocka-dev python3"
+needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libcmocka-dev python3"
 # The NEON kernels' tests; everything else does without.
 wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user"
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is no Debian; please see to these yourself:"
   echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
-  echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4, cmocka, Python 3;"
+  echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4,"
+  echo "  protobuf-c with protoc-c, cmocka, Python 3;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64"
   exit 0
 fi

@@ -13,13 +13,18 @@
 #include "base/text.h"
 
 static const char *const folders[] = {"images",        "ego_pose",  "extrinsics", "intrinsics", "lidar",
-                                      "dynamic_masks", "sky_masks", "semantic",   "instances"};
+                                      "dynamic_masks", "sky_masks", "semantic",   "panoptic",   "instances"};
 static const char *const files[] = {"dataset.json", "timestamps.json", "import.json"}; /* dataset.json goes first */
 enum { FOLDERS = sizeof folders / sizeof folders[0], FILES = sizeof files / sizeof files[0] };
 
 pags_layout_exposure pags_layout_exposure_unknown(void) {
-  return (pags_layout_exposure){(double)NAN, (double)NAN, (double)NAN, (double)NAN,
-                                {(double)NAN, (double)NAN, (double)NAN, (double)NAN, (double)NAN, (double)NAN}};
+  const double unknown = (double)NAN;
+  pags_layout_exposure e = {.time = unknown, .shutter = unknown, .trigger = unknown, .readout = unknown, .pose_time = unknown};
+  for (int i = 0; i < 6; i++)
+    e.velocity[i] = unknown;
+  for (int i = 0; i < 12; i++)
+    e.pose[i] = unknown;
+  return e;
 }
 
 void pags_layout_track_destroy(pags_layout_track *track) {
@@ -191,6 +196,16 @@ static pags_result put_file(const pags_layout *layout, const char *folder, int64
 pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension, const void *bytes,
                                   size_t size) {
   return put_file(layout, "images", frame, camera, extension, bytes, size);
+}
+
+pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
+                                    const void *bytes, size_t size) {
+  char *path = NULL;
+  PAGS_TRY(join(layout, folder, &path));
+  const pags_result result = pags_make_dirs(path);
+  free(path);
+  PAGS_TRY(result);
+  return put_file(layout, folder, frame, camera, extension, bytes, size);
 }
 
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path) {

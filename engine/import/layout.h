@@ -34,6 +34,8 @@ typedef struct pags_layout_exposure {
   double trigger;     /* the camera was told to */
   double readout;     /* the last row was read */
   double velocity[6]; /* of the recording car at `time`: linear m/s, in the world; angular rad/s, in the ego frame */
+  double pose_time;   /* of `pose` (and, where it is known, of `velocity`) */
+  double pose[12];    /* 3x4 ego-to-world of the recording car near `time`, where it differs from the frame's ego_pose */
 } pags_layout_exposure;
 
 typedef struct pags_layout_info {
@@ -84,7 +86,10 @@ bool pags_layout_is_finished(const pags_layout *layout);
 /* images/TTT_C.extension, the bytes as they are; extension with its dot. */
 pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension, const void *bytes,
                                   size_t size);
-/* The same of a file, whose extension it keeps. */
+/* `folder`/TTT_C.extension, any other picture, the bytes as they are. */
+pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
+                                    const void *bytes, size_t size);
+/* The same as put_image of a file, whose extension it keeps. */
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path);
 /* Poses and extrinsics: 3x4 row-major, written as 4x4. */
 pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, const double world_from_ego[12]);
@@ -99,6 +104,16 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
  * pedestrians and cyclists; all: every class. `camera` has the pose of the photograph; info's camera is found by `number`. */
 pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
                                           const pags_layout_track *tracks, int64_t track_count);
+/* How a photograph with lens distortion sees a pinhole camera: its pixel i, of width x height, shows the pinhole's pixel source[i]
+ * (row-major), -1: none of them. */
+typedef struct pags_layout_lens {
+  int width, height;
+  const int32_t *source;
+} pags_layout_lens;
+/* The same for such a photograph; `camera` is the pinhole. NULL lens: the photograph is the pinhole's. */
+pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
+                                                  const pags_layout_lens *lens, const pags_layout_track *tracks,
+                                                  int64_t track_count);
 /* instances/{instances_info,frame_instances}.json. */
 pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count);
 

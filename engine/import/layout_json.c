@@ -122,7 +122,9 @@ static const struct column {
                {"shutter", offsetof(pags_layout_exposure, shutter), 1},
                {"trigger", offsetof(pags_layout_exposure, trigger), 1},
                {"readout", offsetof(pags_layout_exposure, readout), 1},
-               {"velocity", offsetof(pags_layout_exposure, velocity), 6}};
+               {"velocity", offsetof(pags_layout_exposure, velocity), 6},
+               {"pose_time", offsetof(pags_layout_exposure, pose_time), 1},
+               {"pose", offsetof(pags_layout_exposure, pose), 12}};
 
 static const double *column_value(const pags_layout_exposure *exposure, const struct column *column) {
   return (const double *)(const void *)((const char *)exposure + column->offset);

@@ -57,23 +57,46 @@ static void draw_track(const pags_camera *camera, const pags_layout_track *track
     pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[HUMAN]);
 }
 
-pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
-                                          const pags_layout_track *tracks, int64_t track_count) {
+/* The photograph's picture of a plane drawn for the pinhole. */
+static void see_through(const pags_layout_lens *lens, const uint8_t *plane, uint8_t *out) {
+  const size_t pixels = (size_t)lens->width * (size_t)lens->height;
+  for (size_t i = 0; i < pixels; i++)
+    out[i] = lens->source[i] >= 0 ? plane[lens->source[i]] : 0;
+}
+
+static pags_result put_planes(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
+                              const pags_layout_lens *lens, uint8_t *planes[MASKS], uint8_t *seen) {
+  const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
+  for (int m = 0; m < MASKS; m++) {
+    if (lens)
+      see_through(lens, planes[m], seen);
+    PAGS_TRY(pags_layout_put_mask(layout, mask_folders[m], frame, number, width, height, lens ? seen : planes[m]));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
+                                                  const pags_layout_lens *lens, const pags_layout_track *tracks,
+                                                  int64_t track_count) {
   bool there = true;
   for (int m = 0; m < MASKS; m++)
     there = there && pags_layout_has(layout, mask_folders[m], frame, number, ".png");
   if (there)
     return PAGS_OK;
   const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-  uint8_t *block = calloc(MASKS, pixels);
+  const size_t seen = lens ? (size_t)lens->width * (size_t)lens->height : 0;
+  uint8_t *block = calloc(1, MASKS * pixels + seen);
   if (!block)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for masks of %dx%d", layout->folder, camera->width, camera->height);
   uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
   for (int64_t i = 0; i < track_count; i++)
     draw_track(camera, &tracks[i], frame, planes);
-  pags_result result = PAGS_OK;
-  for (int m = 0; m < MASKS && result == PAGS_OK; m++)
-    result = pags_layout_put_mask(layout, mask_folders[m], frame, number, camera->width, camera->height, planes[m]);
+  const pags_result result = put_planes(layout, frame, number, camera, lens, planes, block + MASKS * pixels);
   free(block);
   return result;
+}
+
+pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
+                                          const pags_layout_track *tracks, int64_t track_count) {
+  return pags_layout_put_dynamic_masks_through(layout, frame, number, camera, NULL, tracks, track_count);
 }

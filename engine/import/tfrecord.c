@@ -1,0 +1,189 @@
+/* TFRecord framing (tfrecord.h). */
+#include "import/tfrecord.h"
+
+#include <assert.h>
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/text.h"
+
+enum { HEADER = 12, FOOTER = 4, SLICES = 8 };
+
+/* Slicing by 8: slice[k][b] is the CRC of byte b followed by k zero bytes, so that eight bytes take eight look-ups that
+ * don't wait for each other. */
+typedef struct crc_table {
+  uint32_t slice[SLICES][256];
+} crc_table;
+
+struct pags_tfrecord {
+  char *path;
+  FILE *stream;
+  uint64_t size, offset; /* of the file; of the next record */
+  int64_t number;        /* of the next record */
+  uint8_t *data;
+  size_t capacity;
+  crc_table crc;
+};
+
+static void crc_table_fill(crc_table *table) {
+  for (uint32_t byte = 0; byte < 256; byte++) {
+    uint32_t crc = byte;
+    for (int bit = 0; bit < 8; bit++)
+      crc = crc >> 1 ^ (crc & 1 ? 0x82f63b78u : 0); /* the polynomial, reflected */
+    table->slice[0][byte] = crc;
+  }
+  for (int k = 1; k < SLICES; k++)
+    for (int byte = 0; byte < 256; byte++) {
+      const uint32_t before = table->slice[k - 1][byte];
+      table->slice[k][byte] = before >> 8 ^ table->slice[0][before & 255];
+    }
+}
+
+static uint32_t crc_of(const crc_table *table, const uint8_t *bytes, size_t size) {
+  const uint32_t(*s)[256] = table->slice;
+  uint32_t crc = 0xffffffffu;
+  for (; size >= 8; size -= 8, bytes += 8) {
+    const uint32_t low = crc ^ pags_load_u32(bytes), high = pags_load_u32(bytes + 4);
+    crc = s[7][low & 255] ^ s[6][low >> 8 & 255] ^ s[5][low >> 16 & 255] ^ s[4][low >> 24] ^ s[3][high & 255] ^
+          s[2][high >> 8 & 255] ^ s[1][high >> 16 & 255] ^ s[0][high >> 24];
+  }
+  for (; size; size--)
+    crc = crc >> 8 ^ s[0][(crc ^ *bytes++) & 255];
+  return ~crc;
+}
+
+uint32_t pags_crc32c(const void *bytes, size_t size) {
+  crc_table table;
+  crc_table_fill(&table);
+  return crc_of(&table, bytes, size);
+}
+
+static uint32_t crc_masked(const crc_table *table, const uint8_t *bytes, size_t size) {
+  const uint32_t crc = crc_of(table, bytes, size);
+  return (crc >> 15 | crc << 17) + 0xa282ead8u;
+}
+
+pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
+  assert(path && out);
+  *out = NULL;
+  uint64_t size;
+  PAGS_TRY(pags_file_size(path, &size));
+  pags_tfrecord *reader = calloc(1, sizeof *reader);
+  if (!reader || !(reader->path = pags_text_copy(path))) {
+    free(reader);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  }
+  reader->stream = fopen(path, "rb");
+  if (!reader->stream) {
+    const pags_result result = pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
+    pags_tfrecord_close(reader);
+    return result;
+  }
+  reader->size = size;
+  crc_table_fill(&reader->crc);
+  *out = reader;
+  return PAGS_OK;
+}
+
+void pags_tfrecord_close(pags_tfrecord *reader) {
+  if (!reader)
+    return;
+  if (reader->stream)
+    fclose(reader->stream);
+  free(reader->path);
+  free(reader->data);
+  free(reader);
+}
+
+static pags_result read_bytes(pags_tfrecord *reader, uint8_t *bytes, size_t size) {
+  if (fread(bytes, 1, size, reader->stream) == size)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_IO, "%s: record %lld at byte %llu: can't be read: %s", reader->path,
+                   (long long)reader->number, (unsigned long long)reader->offset,
+                   ferror(reader->stream) ? strerror(errno) : "the file has become shorter");
+}
+
+static pags_result damaged(const pags_tfrecord *reader, const char *what) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: record %lld at byte %llu: %s", reader->path, (long long)reader->number,
+                   (unsigned long long)reader->offset, what);
+}
+
+/* Length of the record's data, believed only if its CRC says so and the file has room for it. */
+static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
+  uint8_t header[HEADER];
+  const uint64_t left = reader->size - reader->offset;
+  if (left < HEADER)
+    return damaged(reader, "the file ends within its header");
+  PAGS_TRY(read_bytes(reader, header, HEADER));
+  *length = pags_load_u64(header);
+  if (crc_masked(&reader->crc, header, 8) != pags_load_u32(header + 8))
+    return damaged(reader, reader->number ? "the CRC of its length is wrong"
+                                          : "the CRC of its length is wrong: damaged, compressed or no TFRecord file");
+  const uint64_t room = left - HEADER;
+  if (room >= FOOTER && *length <= room - FOOTER && *length <= SIZE_MAX)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_FORMAT,
+                   "%s: record %lld at byte %llu: %llu bytes of data and their CRC are promised, the file has %llu left",
+                   reader->path, (long long)reader->number, (unsigned long long)reader->offset,
+                   (unsigned long long)*length, (unsigned long long)room);
+}
+
+/* `length` has been found to fit the file. */
+static pags_result reserve(pags_tfrecord *reader, size_t length) {
+  if (length <= reader->capacity && reader->data)
+    return PAGS_OK;
+  free(reader->data);
+  reader->capacity = 0;
+  reader->data = malloc(length ? length : 1);
+  if (!reader->data)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for record %lld of %zu bytes", reader->path,
+                     (long long)reader->number, length);
+  reader->capacity = length;
+  return PAGS_OK;
+}
+
+static void advance(pags_tfrecord *reader, uint64_t length) {
+  reader->offset += HEADER + length + FOOTER;
+  reader->number++;
+}
+
+pags_result pags_tfrecord_next(pags_tfrecord *reader, pags_tfrecord_item *item) {
+  assert(reader && item);
+  *item = (pags_tfrecord_item){.number = reader->number, .offset = reader->offset};
+  if (reader->offset == reader->size)
+    return PAGS_OK;
+  uint64_t length;
+  PAGS_TRY(read_header(reader, &length));
+  PAGS_TRY(reserve(reader, (size_t)length));
+  PAGS_TRY(read_bytes(reader, reader->data, (size_t)length));
+  uint8_t footer[FOOTER];
+  PAGS_TRY(read_bytes(reader, footer, FOOTER));
+  if (crc_masked(&reader->crc, reader->data, (size_t)length) != pags_load_u32(footer))
+    return damaged(reader, "the CRC of its data is wrong");
+  item->data = reader->data;
+  item->size = (size_t)length;
+  advance(reader, length);
+  return PAGS_OK;
+}
+
+pags_result pags_tfrecord_skip(pags_tfrecord *reader, int *end) {
+  assert(reader && end);
+  *end = reader->offset == reader->size;
+  if (*end)
+    return PAGS_OK;
+  uint64_t length;
+  PAGS_TRY(read_header(reader, &length));
+  if (fseeko(reader->stream, (off_t)(length + FOOTER), SEEK_CUR) != 0)
+    return pags_fail(PAGS_ERROR_IO, "%s: record %lld at byte %llu: %s", reader->path, (long long)reader->number,
+                     (unsigned long long)reader->offset, strerror(errno));
+  advance(reader, length);
+  return PAGS_OK;
+}
+
+double pags_tfrecord_fraction(const pags_tfrecord *reader) {
+  return reader->size ? (double)reader->offset / (double)reader->size : 1;
+}

@@ -1,0 +1,213 @@
+/* Range images to points (waymo_lidar.h). */
+#include "import/waymo_lidar.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/camera.h>
+
+#define PI 3.14159265358979323846
+
+/* Of a frame's range images together; Waymo's have 0.6 million. */
+enum { RANGE_DEPTH = 4, POSE_DEPTH = 6, MOST_PIXELS = 1 << 24 };
+
+/* One laser as its images are decoded. */
+typedef struct laser {
+  const char *where;
+  char name[32];
+  double vehicle_from_laser[12];
+  double frame_from_world[12];
+  const Pags__Waymo__LaserCalibration *calibration;
+  const pags_waymo_matrix *poses; /* NULL: all pixels are seen from the frame's own vehicle */
+  double *inclination;            /* cosine and sine of each row's */
+  double *azimuth;                /* cosine and sine of each column's */
+  int rows, columns;              /* of the arrays; 0: not made */
+} laser;
+
+void pags_waymo_points_destroy(pags_waymo_points *points) {
+  free(points->rows);
+  memset(points, 0, sizeof *points);
+}
+
+static pags_result points_reserve(pags_waymo_points *points, int64_t more, const char *where) {
+  const int64_t needed = points->count + more; /* a matrix has at most 2^24 values */
+  if (needed <= points->capacity)
+    return PAGS_OK;
+  if (needed > MOST_PIXELS)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: range images of more than %d pixels in all", where, MOST_PIXELS);
+  float *grown = realloc(points->rows, (size_t)needed * PAGS_WAYMO_LIDAR_COLUMNS * sizeof *grown);
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld points", where, (long long)needed);
+  points->rows = grown;
+  points->capacity = needed;
+  return PAGS_OK;
+}
+
+static void laser_forget_angles(laser *l) {
+  free(l->inclination);
+  free(l->azimuth);
+  l->inclination = l->azimuth = NULL;
+  l->rows = l->columns = 0;
+}
+
+/* Inclination of the beam that is number `i` from below. */
+static double beam(const Pags__Waymo__LaserCalibration *c, int i, int rows) {
+  if (c->n_beam_inclinations)
+    return c->beam_inclinations[i];
+  return c->beam_inclination_min + (i + 0.5) / rows * (c->beam_inclination_max - c->beam_inclination_min);
+}
+
+static pags_result check_beams(const laser *l, int rows) {
+  const Pags__Waymo__LaserCalibration *c = l->calibration;
+  if (c->n_beam_inclinations && c->n_beam_inclinations != (size_t)rows)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s has %zu beam inclinations, its range image %d rows", l->where,
+                     l->name, c->n_beam_inclinations, rows);
+  for (int i = 0; i < rows; i++)
+    if (!isfinite(beam(c, i, rows)))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s: beam inclination %d isn't finite", l->where, l->name, i);
+  return PAGS_OK;
+}
+
+static pags_result laser_angles(laser *l, int rows, int columns) {
+  if (l->rows == rows && l->columns == columns)
+    return PAGS_OK;
+  laser_forget_angles(l);
+  PAGS_TRY(check_beams(l, rows));
+  l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
+  l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
+  if (!l->inclination || !l->azimuth)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", l->where);
+  for (int r = 0; r < rows; r++) {
+    const double angle = beam(l->calibration, rows - 1 - r, rows);
+    l->inclination[2 * r] = cos(angle);
+    l->inclination[2 * r + 1] = sin(angle);
+  }
+  const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
+  for (int c = 0; c < columns; c++) {
+    const double angle = (1 - (2.0 * c + 1) / columns) * PI - yaw;
+    l->azimuth[2 * c] = cos(angle);
+    l->azimuth[2 * c + 1] = sin(angle);
+  }
+  l->rows = rows;
+  l->columns = columns;
+  return PAGS_OK;
+}
+
+static void transform_point(const double m[12], const double p[3], double out[3]) {
+  for (int i = 0; i < 3; i++)
+    out[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
+}
+
+/* 3x4 of roll, pitch, yaw, x, y, z. */
+static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
+  const double cr = cos((double)pose[0]), sr = sin((double)pose[0]);
+  const double cp = cos((double)pose[1]), sp = sin((double)pose[1]);
+  const double cy = cos((double)pose[2]), sy = sin((double)pose[2]);
+  const double m[12] = {cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, (double)pose[3],
+                        sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, (double)pose[4],
+                        -sp,     cp * sr,                cp * cr,                (double)pose[5]};
+  memcpy(out, m, sizeof m);
+}
+
+/* One pixel; says 0 where there is no return or its numbers lead nowhere. */
+static int decode_pixel(const laser *l, const float *pixel, int64_t at, int row, int column, float out[4]) {
+  const double range = (double)pixel[0];
+  if (!(range > 0) || !isfinite(range) || !isfinite(pixel[1]))
+    return 0;
+  const double flat = range * l->inclination[2 * row];
+  const double seen[3] = {flat * l->azimuth[2 * column], flat * l->azimuth[2 * column + 1],
+                          range * l->inclination[2 * row + 1]};
+  double p[3];
+  transform_point(l->vehicle_from_laser, seen, p);
+  if (l->poses) {
+    double world_from_pixel[12], world[3];
+    pose_matrix(l->poses->data + POSE_DEPTH * at, world_from_pixel);
+    transform_point(world_from_pixel, p, world);
+    transform_point(l->frame_from_world, world, p);
+  }
+  for (int i = 0; i < 3; i++)
+    out[i] = (float)p[i];
+  out[3] = pixel[1];
+  return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
+}
+
+static pags_result decode_matrix(laser *l, const pags_waymo_matrix *image, pags_waymo_points *points) {
+  const int rows = image->shape->dims[0], columns = image->shape->dims[1];
+  if (l->poses && (l->poses->shape->dims[0] != rows || l->poses->shape->dims[1] != columns))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s: poses of %d x %d pixels for a range image of %d x %d", l->where,
+                     l->name, l->poses->shape->dims[0], l->poses->shape->dims[1], rows, columns);
+  PAGS_TRY(laser_angles(l, rows, columns));
+  PAGS_TRY(points_reserve(points, (int64_t)rows * columns, l->where));
+  for (int r = 0; r < rows; r++)
+    for (int c = 0; c < columns; c++) {
+      const int64_t at = (int64_t)r * columns + c;
+      float *out = points->rows + PAGS_WAYMO_LIDAR_COLUMNS * points->count;
+      points->count += decode_pixel(l, image->data + RANGE_DEPTH * at, at, r, c, out);
+    }
+  return PAGS_OK;
+}
+
+static pags_result decode_return(laser *l, const Pags__Waymo__RangeImage *image, pags_waymo_points *points) {
+  if (!image || !image->range_image_compressed.len)
+    return PAGS_OK;
+  char what[64];
+  pags_waymo_matrix *matrix;
+  snprintf(what, sizeof what, "range image of laser %s", l->name);
+  PAGS_TRY(pags_waymo_unpack_matrix(&image->range_image_compressed, RANGE_DEPTH, l->where, what, &matrix));
+  const pags_result result = decode_matrix(l, matrix, points);
+  pags_waymo_free_matrix(matrix);
+  return result;
+}
+
+static pags_result laser_begin(laser *l, const pags_waymo_frame *frame, int name) {
+  static const char *const names[] = {"TOP", "FRONT", "SIDE_LEFT", "SIDE_RIGHT", "REAR"};
+  double world_from_frame[12];
+  if (name >= 1 && name <= PAGS_WAYMO_LASERS)
+    snprintf(l->name, sizeof l->name, "%s", names[name - 1]);
+  else
+    snprintf(l->name, sizeof l->name, "number %d", name);
+  l->calibration = pags_waymo_laser(frame, name);
+  if (!l->calibration)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: laser %s has a range image and no calibration", l->where, l->name);
+  PAGS_TRY(pags_waymo_transform(l->calibration->extrinsic, l->where, "extrinsic of a laser", l->vehicle_from_laser));
+  PAGS_TRY(pags_waymo_transform(frame->pose, l->where, "pose of the frame", world_from_frame));
+  pags_rigid_inverse(world_from_frame, l->frame_from_world);
+  return PAGS_OK;
+}
+
+static pags_result decode_laser(laser *l, const Pags__Waymo__Laser *message, pags_waymo_points *points) {
+  const Pags__Waymo__RangeImage *first = message->ri_return1;
+  pags_waymo_matrix *poses = NULL;
+  if (first && first->range_image_pose_compressed.len)
+    PAGS_TRY(pags_waymo_unpack_matrix(&first->range_image_pose_compressed, POSE_DEPTH, l->where,
+                                      "poses of a range image", &poses));
+  l->poses = poses;
+  pags_result result = decode_return(l, first, points);
+  if (result == PAGS_OK)
+    result = decode_return(l, message->ri_return2, points);
+  pags_waymo_free_matrix(poses);
+  return result;
+}
+
+static int has_image(const Pags__Waymo__RangeImage *image) {
+  return image && image->range_image_compressed.len;
+}
+
+pags_result pags_waymo_lidar_points(const pags_waymo_frame *frame, const char *where, pags_waymo_points *points) {
+  assert(frame && where && points);
+  for (size_t i = 0; i < frame->n_lasers; i++) {
+    const Pags__Waymo__Laser *message = frame->lasers[i];
+    if (!has_image(message->ri_return1) && !has_image(message->ri_return2))
+      continue;
+    laser l = {.where = where};
+    pags_result result = laser_begin(&l, frame, message->name);
+    if (result == PAGS_OK)
+      result = decode_laser(&l, message, points);
+    laser_forget_angles(&l);
+    PAGS_TRY(result);
+  }
+  return PAGS_OK;
+}

@@ -1,0 +1,198 @@
+/* Unpacking of Waymo's messages (waymo_message.h). */
+#include "import/waymo_message.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+
+#define BUDGET ((size_t)64 << 20)
+#define BUDGET_TIMES 8
+
+/* What protobuf-c may still allocate. What it frees in between isn't given back. */
+typedef struct budget {
+  size_t left;
+  int exceeded;
+} budget;
+
+static void *budget_alloc(void *user, size_t size) {
+  budget *b = user;
+  if (size > b->left) {
+    b->exceeded = 1;
+    return NULL;
+  }
+  void *block = malloc(size ? size : 1);
+  if (block)
+    b->left -= size;
+  return block;
+}
+
+static void budget_free(void *user, void *block) {
+  (void)user;
+  free(block);
+}
+
+/* What budget_alloc handed out is free's, which is also what protobuf-c's own allocator (NULL) calls. */
+static pags_result unpack(const ProtobufCMessageDescriptor *type, const uint8_t *bytes, size_t size, const char *where,
+                          const char *what, ProtobufCMessage **out) {
+  budget b = {.left = size < (SIZE_MAX - BUDGET) / BUDGET_TIMES ? BUDGET + size * BUDGET_TIMES : SIZE_MAX};
+  ProtobufCAllocator allocator = {.alloc = budget_alloc, .free = budget_free, .allocator_data = &b};
+  *out = protobuf_c_message_unpack(type, &allocator, size, bytes);
+  if (*out)
+    return PAGS_OK;
+  if (b.exceeded)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %s of %zu bytes has more parts than 64 MiB and eight times its size hold",
+                     where, what, size);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: %zu bytes are no Waymo Open v1 %s", where, size, what);
+}
+
+pags_result pags_waymo_unpack_frame(const void *bytes, size_t size, const char *where, pags_waymo_frame **out) {
+  assert(where && out);
+  ProtobufCMessage *message;
+  *out = NULL;
+  PAGS_TRY(unpack(&pags__waymo__frame__descriptor, bytes, size, where, "frame", &message));
+  *out = (pags_waymo_frame *)message;
+  return PAGS_OK;
+}
+
+void pags_waymo_free_frame(pags_waymo_frame *frame) {
+  if (frame)
+    pags__waymo__frame__free_unpacked(frame, NULL);
+}
+
+void pags_waymo_free_matrix(pags_waymo_matrix *matrix) {
+  if (matrix)
+    pags__waymo__matrix__free_unpacked(matrix, NULL);
+}
+
+/* Inflates into a block that doubles up to the limit; *out is the caller's also on failure. */
+static pags_result inflate_all(z_stream *z, const char *where, const char *what, uint8_t **out, size_t *size) {
+  size_t capacity = (size_t)1 << 20;
+  *size = 0;
+  for (;;) {
+    uint8_t *grown = realloc(*out, capacity);
+    if (!grown)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
+    *out = grown;
+    z->next_out = grown + *size;
+    z->avail_out = (uInt)(capacity - *size);
+    const int state = inflate(z, Z_NO_FLUSH);
+    *size = capacity - z->avail_out;
+    if (state == Z_STREAM_END)
+      return PAGS_OK;
+    if (state != Z_OK && state != Z_BUF_ERROR)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z->msg ? z->msg : "zlib error");
+    if (z->avail_out)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: its end is missing", where, what);
+    if (capacity >= BUDGET)
+      return pags_fail(PAGS_ERROR_LIMIT, "%s: %s is larger than 64 MiB", where, what);
+    capacity *= 2;
+  }
+}
+
+static pags_result inflate_stream(const ProtobufCBinaryData *stream, const char *where, const char *what, uint8_t **out,
+                                  size_t *size) {
+  z_stream z;
+  memset(&z, 0, sizeof z);
+  if (stream->len > UINT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %s has %zu bytes", where, what, stream->len);
+  if (inflateInit(&z) != Z_OK)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
+  z.next_in = stream->data;
+  z.avail_in = (uInt)stream->len;
+  const pags_result result = inflate_all(&z, where, what, out, size);
+  inflateEnd(&z);
+  return result;
+}
+
+static pags_result check_shape(const pags_waymo_matrix *m, int depth, const char *where, const char *what) {
+  const Pags__Waymo__Shape *s = m->shape;
+  if (!s || s->n_dims != 3 || s->dims[2] != depth || s->dims[0] < 1 || s->dims[1] < 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a shape of rows x columns x %d", where, what, depth);
+  const uint64_t values = (uint64_t)s->dims[0] * (uint64_t)s->dims[1]; /* < 2^62 */
+  if (m->n_data % (size_t)depth || values != m->n_data / (size_t)depth)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %zu values, expected %d x %d x %d", where, what, m->n_data, s->dims[0],
+                     s->dims[1], depth);
+  return PAGS_OK;
+}
+
+pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int depth, const char *where, const char *what,
+                                     pags_waymo_matrix **out) {
+  assert(stream && depth > 0 && where && what && out);
+  uint8_t *bytes = NULL;
+  size_t size = 0;
+  ProtobufCMessage *message = NULL;
+  *out = NULL;
+  pags_result result = inflate_stream(stream, where, what, &bytes, &size);
+  if (result == PAGS_OK)
+    result = unpack(&pags__waymo__matrix__descriptor, bytes, size, where, what, &message);
+  free(bytes);
+  PAGS_TRY(result);
+  pags_waymo_matrix *matrix = (pags_waymo_matrix *)message;
+  result = check_shape(matrix, depth, where, what);
+  if (result == PAGS_OK)
+    *out = matrix;
+  else
+    pags_waymo_free_matrix(matrix);
+  return result;
+}
+
+/* Largest entry of R R^T - 1. */
+static double rotation_error(const double m[12]) {
+  double worst = 0;
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
+      const double *a = m + 4 * i, *b = m + 4 * j;
+      worst = fmax(worst, fabs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] - (i == j)));
+    }
+  return worst;
+}
+
+static double determinant(const double m[12]) {
+  return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) + m[2] * (m[4] * m[9] - m[5] * m[8]);
+}
+
+pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const char *where, const char *what,
+                                 double out[12]) {
+  assert(where && what && out);
+  if (!transform || transform->n_transform != 16)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: %zu numbers, expected the 16 of a 4x4", where, what,
+                     transform ? transform->n_transform : 0);
+  const double *m = transform->transform;
+  for (int i = 0; i < 16; i++)
+    if (!isfinite(m[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: number %d isn't finite", where, what, i);
+  memcpy(out, m, 12 * sizeof *out);
+  if (!(rotation_error(out) <= 1e-3) || determinant(out) < 0 || m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: %s: expected a rotation and a translation", where, what);
+  return PAGS_OK;
+}
+
+const Pags__Waymo__CameraCalibration *pags_waymo_camera(const pags_waymo_frame *frame, int name) {
+  const Pags__Waymo__Context *c = frame->context;
+  for (size_t i = 0; c && i < c->n_camera_calibrations; i++)
+    if (c->camera_calibrations[i]->name == name)
+      return c->camera_calibrations[i];
+  return NULL;
+}
+
+const Pags__Waymo__LaserCalibration *pags_waymo_laser(const pags_waymo_frame *frame, int name) {
+  const Pags__Waymo__Context *c = frame->context;
+  for (size_t i = 0; c && i < c->n_laser_calibrations; i++)
+    if (c->laser_calibrations[i]->name == name)
+      return c->laser_calibrations[i];
+  return NULL;
+}
+
+const Pags__Waymo__CameraImage *pags_waymo_image(const pags_waymo_frame *frame, int name) {
+  for (size_t i = 0; i < frame->n_images; i++)
+    if (frame->images[i]->name == name)
+      return frame->images[i];
+  return NULL;
+}
+
+const char *pags_waymo_camera_name(int name) {
+  static const char *const names[] = {"front", "front_left", "front_right", "side_left", "side_right"};
+  return name >= 1 && name <= PAGS_WAYMO_CAMERAS ? names[name - 1] : NULL;
+}
