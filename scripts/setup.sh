@@ -2,7 +2,7 @@
 # Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
 set -u
 
-needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libcmocka-dev python3"
+needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libcmocka-dev python3"
 # The NEON kernels' tests; everything else does without.
 wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user"
 

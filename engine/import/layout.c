@@ -33,6 +33,13 @@ void pags_layout_track_destroy(pags_layout_track *track) {
   *track = (pags_layout_track){0};
 }
 
+const pags_knot *pags_layout_knot(const pags_object *object, int64_t frame) {
+  for (int64_t i = 0; i < object->knot_count; i++)
+    if (object->knots[i].frame == frame)
+      return &object->knots[i];
+  return NULL;
+}
+
 /* ---- Names ---- */
 
 static pags_result join(const pags_layout *layout, const char *name, char **out) {
@@ -140,22 +147,6 @@ static pags_result claim(const pags_layout *layout, const char *marker, const pa
   return pags_file_write(marker, writer->data, writer->size);
 }
 
-static pags_result make_folders(const pags_layout *layout) {
-  static const char *const wanted[] = {"images",     "ego_pose",          "extrinsics",            "intrinsics",
-                                       "instances",  "dynamic_masks/all", "dynamic_masks/vehicle", "dynamic_masks/human",
-                                       "lidar"};
-  pags_result result = PAGS_OK;
-  const int count = (int)(sizeof wanted / sizeof wanted[0]) - (layout->info->lidar_columns ? 0 : 1);
-  for (int i = 0; i < count && result == PAGS_OK; i++) {
-    char *path = NULL;
-    result = join(layout, wanted[i], &path);
-    if (result == PAGS_OK)
-      result = pags_make_dirs(path);
-    free(path);
-  }
-  return result;
-}
-
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite) {
   pags_json_writer writer;
   char *marker = NULL;
@@ -168,8 +159,6 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
     result = join(layout, "import.json", &marker);
   if (result == PAGS_OK)
     result = claim(layout, marker, &writer, overwrite);
-  if (result == PAGS_OK)
-    result = make_folders(layout);
   free(marker);
   pags_json_writer_destroy(&writer);
   if (result != PAGS_OK)
@@ -184,11 +173,23 @@ void pags_layout_destroy(pags_layout *layout) {
 
 /* ---- Files of a frame ---- */
 
+pags_result pags_layout_make_room(const char *path) {
+  char *parent = pags_path_folder(path);
+  const pags_result result = parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  free(parent);
+  return result;
+}
+
+static pags_result write_file(const char *path, const void *bytes, size_t size) {
+  PAGS_TRY(pags_layout_make_room(path));
+  return pags_file_write(path, bytes, size);
+}
+
 static pags_result put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
                             const void *bytes, size_t size) {
   char *path = NULL;
   PAGS_TRY(file_path(layout, folder, frame, camera, extension, &path));
-  const pags_result result = pags_file_exists(path) ? PAGS_OK : pags_file_write(path, bytes, size);
+  const pags_result result = pags_file_exists(path) ? PAGS_OK : write_file(path, bytes, size);
   free(path);
   return result;
 }
@@ -200,11 +201,6 @@ pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int 
 
 pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
                                     const void *bytes, size_t size) {
-  char *path = NULL;
-  PAGS_TRY(join(layout, folder, &path));
-  const pags_result result = pags_make_dirs(path);
-  free(path);
-  PAGS_TRY(result);
   return put_file(layout, folder, frame, camera, extension, bytes, size);
 }
 

@@ -71,11 +71,16 @@ typedef struct pags_layout {
 
 pags_layout_exposure pags_layout_exposure_unknown(void);
 void pags_layout_track_destroy(pags_layout_track *track);
+/* The object's knot at a frame, NULL where it has none. */
+const pags_knot *pags_layout_knot(const pags_object *object, int64_t frame);
 
-/* Makes the folders. `overwrite`: first removes what the folder has of this layout's names (images, lidar, ... dataset.json), unless it
+/* Makes the folder. `overwrite`: first removes what the folder has of this layout's names (images, lidar, ... dataset.json), unless it
  * is unfinished work begun from this same source. Other files are left alone. */
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite);
 void pags_layout_destroy(pags_layout *layout); /* frees; a zeroed one is allowed */
+
+/* Makes the folder that a file of this path lies in; folders appear with their first file. */
+pags_result pags_layout_make_room(const char *path);
 
 /* Whether `folder`/TTT_C.extension is there: what costs much to make need not be made. camera -1: TTT.extension; frame -1: C.extension.
  * extension NULL: any of .png .jpg .jpeg. `camera` is the number in file names here and below. */

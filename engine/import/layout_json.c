@@ -11,8 +11,9 @@
 /* Saves the writer's document under `name` and destroys it. */
 static pags_result save(const pags_layout *layout, const char *name, pags_json_writer *writer) {
   char *path = pags_path_join(layout->folder, name);
-  const pags_result result =
-      path ? pags_json_writer_save(writer, path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  pags_result result = path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  if (result == PAGS_OK)
+    result = pags_json_writer_save(writer, path);
   free(path);
   pags_json_writer_destroy(writer);
   return result;
@@ -63,13 +64,6 @@ static pags_result put_info(const pags_layout *layout, const pags_layout_track *
   return save(layout, "instances/instances_info.json", &writer);
 }
 
-static bool is_in_frame(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; i++)
-    if (object->knots[i].frame == frame)
-      return true;
-  return false;
-}
-
 static pags_result put_frames(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
   pags_json_writer writer;
   char key[24];
@@ -79,7 +73,7 @@ static pags_result put_frames(const pags_layout *layout, const pags_layout_track
     snprintf(key, sizeof key, "%lld", (long long)frame);
     pags_json_begin_array(&writer, key);
     for (int64_t i = 0; i < count; i++)
-      if (is_in_frame(&tracks[i].object, frame))
+      if (pags_layout_knot(&tracks[i].object, frame))
         pags_json_put_integer(&writer, NULL, i);
     pags_json_end_array(&writer);
   }
@@ -103,8 +97,9 @@ static pags_result put_intrinsics(const pags_layout *layout) {
       at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
     snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
     char *path = pags_path_join(layout->folder, name);
-    const pags_result result = path ? pags_file_write(path, text, (size_t)at)
-                                    : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+    pags_result result = path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+    if (result == PAGS_OK)
+      result = pags_file_write(path, text, (size_t)at);
     free(path);
     PAGS_TRY(result);
   }

@@ -18,9 +18,8 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
     return PAGS_OK;
   snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
   char *path = pags_path_join(layout->folder, name);
-  char *parent = path ? pags_path_folder(path) : NULL;
   pags_image image = {0};
-  pags_result result = parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  pags_result result = path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
   if (result == PAGS_OK)
     result = pags_image_create(&image, width, height, 1, PAGS_U8);
   if (result == PAGS_OK) {
@@ -28,21 +27,13 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
     result = pags_image_save(path, &image);
   }
   pags_image_destroy(&image);
-  free(parent);
   free(path);
   return result;
 }
 
-static const pags_knot *knot_of(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; i++)
-    if (object->knots[i].frame == frame)
-      return &object->knots[i];
-  return NULL;
-}
-
 static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame, uint8_t *planes[MASKS]) {
   const pags_object *object = &track->object;
-  const pags_knot *knot = object->moving ? knot_of(object, frame) : NULL;
+  const pags_knot *knot = object->moving ? pags_layout_knot(object, frame) : NULL;
   double corners[32];
   if (!knot)
     return;

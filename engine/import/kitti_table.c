@@ -1,0 +1,169 @@
+/* KITTI's rows of numbers: oxts, poses, times, points. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "import/kitti_files.h"
+#include "import/kitti_text.h"
+
+void pags_kitti_table_destroy(pags_kitti_table *table) {
+  free(table->values);
+  *table = (pags_kitti_table){0};
+}
+
+/* Room for one more row of `width` doubles; doubles what there is. */
+static bool grow(double **values, int64_t rows, int64_t *capacity, int width) {
+  if (rows < *capacity)
+    return true;
+  const int64_t wanted = *capacity ? 2 * *capacity : 64;
+  if ((uint64_t)wanted > SIZE_MAX / sizeof(double) / (uint64_t)width)
+    return false;
+  double *larger = realloc(*values, (size_t)wanted * (size_t)width * sizeof(double));
+  if (!larger)
+    return false;
+  *values = larger;
+  *capacity = wanted;
+  return true;
+}
+
+static pags_result read_row(const pags_lines *lines, char *line, int columns, double *out) {
+  for (int i = 0; i < columns; i++) {
+    const char *word = pags_take_word(&line);
+    if (!word)
+      return pags_lines_fail(lines, "expected %d numbers, found %d", columns, i);
+    if (!pags_word_number(word, &out[i]))
+      return pags_lines_fail(lines, "expected a number in column %d, found '%.40s'", i + 1, word);
+  }
+  if (pags_take_word(&line))
+    return pags_lines_fail(lines, "expected %d numbers, found more", columns);
+  return PAGS_OK;
+}
+
+static pags_result read_rows(pags_lines *lines, pags_kitti_table *table) {
+  int64_t capacity = 0;
+  bool ended = false;
+  char *line;
+  while ((line = pags_lines_next(lines))) {
+    if (!line[strspn(line, " \t")]) {
+      ended = true;
+      continue;
+    }
+    if (ended)
+      return pags_lines_fail(lines, "expected nothing after an empty line");
+    if (!grow(&table->values, table->rows, &capacity, table->columns))
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its rows", lines->path);
+    PAGS_TRY(read_row(lines, line, table->columns, table->values + table->rows * table->columns));
+    table->rows++;
+  }
+  return table->rows ? PAGS_OK : pags_lines_fail(lines, "expected rows of %d numbers, found none", table->columns);
+}
+
+pags_result pags_kitti_table_read(const char *path, int columns, pags_kitti_table *out) {
+  pags_lines lines;
+  *out = (pags_kitti_table){.columns = columns};
+  PAGS_TRY(pags_lines_open(&lines, path));
+  const pags_result result = read_rows(&lines, out);
+  pags_lines_close(&lines);
+  if (result != PAGS_OK)
+    pags_kitti_table_destroy(out);
+  return result;
+}
+
+/* ---- oxts ---- */
+
+static const double pi = 3.14159265358979323846;
+
+double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]) {
+  return cos(first[PAGS_OXTS_LAT] * pi / 180);
+}
+
+/* x = s R lon, y = s R ln tan(45 deg + lat / 2), z = alt; R_world_imu = Rz(yaw) Ry(pitch) Rx(roll). */
+void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]) {
+  const double radius = 6378137; /* the development kit's: WGS84's at the equator, m */
+  const double cx = cos(oxts[PAGS_OXTS_ROLL]), sx = sin(oxts[PAGS_OXTS_ROLL]);
+  const double cy = cos(oxts[PAGS_OXTS_PITCH]), sy = sin(oxts[PAGS_OXTS_PITCH]);
+  const double cz = cos(oxts[PAGS_OXTS_YAW]), sz = sin(oxts[PAGS_OXTS_YAW]);
+  const double r[9] = {cz * cy,  cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, sz * cy, sz * sy * sx + cz * cx,
+                       sz * sy * cx - cz * sx, -sy, cy * sx, cy * cx};
+  for (int i = 0; i < 9; i++)
+    out[4 * (i / 3) + i % 3] = r[i];
+  out[3] = scale * radius * oxts[PAGS_OXTS_LON] * pi / 180;
+  out[7] = scale * radius * log(tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360));
+  out[11] = oxts[PAGS_OXTS_ALT];
+}
+
+/* ---- Times ---- */
+
+/* Days from 1970-01-01 in the Gregorian calendar, years counted from March so that the leap day comes last. */
+static int64_t days_of(int64_t year, int64_t month, int64_t day) {
+  const int64_t y = month > 2 ? year : year - 1;
+  const int64_t in_year = (153 * (month > 2 ? month - 3 : month + 9) + 2) / 5 + day - 1;
+  return 365 * y + y / 4 - y / 100 + y / 400 + in_year - 719468;
+}
+
+static bool parse_time(const char *line, double *out) {
+  int year, month, day, hour, minute, used = 0;
+  double second;
+  if (sscanf(line, "%4d-%2d-%2d %2d:%2d:%n", &year, &month, &day, &hour, &minute, &used) != 5 || used == 0)
+    return false;
+  if (year < 1970 || month < 1 || month > 12 || day < 1 || day > 31 || hour < 0 || hour > 23 || minute < 0 || minute > 59)
+    return false;
+  if (line[used] < '0' || line[used] > '9' || !pags_word_number(line + used, &second) || second >= 61)
+    return false;
+  *out = (double)(86400 * days_of(year, month, day) + 3600 * hour + 60 * minute) + second;
+  return true;
+}
+
+pags_result pags_kitti_times_read(const char *path, int64_t *count, double **seconds) {
+  pags_lines lines;
+  int64_t capacity = 0;
+  pags_result result = PAGS_OK;
+  char *line;
+  *count = 0;
+  *seconds = NULL;
+  PAGS_TRY(pags_lines_open(&lines, path));
+  while (result == PAGS_OK && (line = pags_lines_next(&lines))) {
+    if (!*line)
+      continue;
+    if (!grow(seconds, *count, &capacity, 1))
+      result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its times", path);
+    else if (!parse_time(line, &(*seconds)[*count]))
+      result = pags_lines_fail(&lines, "expected a time such as 2011-09-26 13:02:25.594360375, found '%.40s'", line);
+    else
+      ++*count;
+  }
+  pags_lines_close(&lines);
+  if (result != PAGS_OK) {
+    free(*seconds);
+    *seconds = NULL;
+  }
+  return result;
+}
+
+/* ---- Points ---- */
+
+pags_result pags_kitti_points_read(const char *path, int64_t *count, float **xyzr) {
+  uint8_t *bytes = NULL;
+  size_t size = 0;
+  *count = 0;
+  *xyzr = NULL;
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  if (size % 16) {
+    free(bytes);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected rows of 4 floats (16 bytes), found %zu bytes", path, size);
+  }
+  float *values = malloc(size ? size : 1);
+  if (!values) {
+    free(bytes);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its points", path);
+  }
+  for (size_t i = 0; i < size / 4; i++)
+    values[i] = pags_load_f32(bytes + 4 * i);
+  free(bytes);
+  *count = (int64_t)(size / 16);
+  *xyzr = values;
+  return PAGS_OK;
+}

@@ -1,0 +1,286 @@
+/* tracklet_labels.xml of KITTI's raw recordings: boost's archive of a vector of tracklets, read with expat.
+ *
+ *   tracklets / item / {objectType, h, w, l, first_frame} and poses / item / {tx, ty, tz, rx, ry, rz}
+ *
+ * Nothing else in it is used. What a file may hold is bounded by its size: entities are refused, depth is limited. */
+#include <expat.h>
+#include <limits.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "import/kitti_files.h"
+#include "import/kitti_text.h"
+
+enum { MAX_DEPTH = 16, TEXT = 64 };
+
+/* Depths of the elements that count: boost_serialization 1, tracklets 2, item 3, its members 4, a pose 5, its members 6. */
+enum { TRACKLETS = 2, TRACKLET, MEMBER, POSE, NUMBER };
+
+typedef struct reader {
+  const char *path;
+  XML_Parser parser;
+  pags_kitti_tracklets *out;
+  int64_t capacity, pose_capacity;
+  int depth;
+  char names[MAX_DEPTH + 1][32];
+  char text[TEXT];
+  size_t length; /* of text; TEXT: too long */
+  unsigned seen; /* members of the tracklet: bit per row of `members` */
+  unsigned seen_pose;
+  pags_result result;
+} reader;
+
+static const char *const members[] = {"objectType", "h", "w", "l", "first_frame", "poses"};
+static const char *const numbers[] = {"tx", "ty", "tz", "rx", "ry", "rz"};
+enum { MEMBERS = 6, ALL_MEMBERS = (1 << MEMBERS) - 1 };
+
+static void fail(reader *r, pags_result code, const char *format, ...) PAGS_PRINTF(3, 4);
+static void fail(reader *r, pags_result code, const char *format, ...) {
+  char text[256];
+  va_list arguments;
+  if (r->result != PAGS_OK)
+    return;
+  va_start(arguments, format);
+  vsnprintf(text, sizeof text, format, arguments);
+  va_end(arguments);
+  r->result = pags_fail(code, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser), text);
+  XML_StopParser(r->parser, XML_FALSE);
+}
+
+static int find(const char *const *names, const char *name) {
+  for (int i = 0; i < 6; i++)
+    if (!strcmp(names[i], name))
+      return i;
+  return -1;
+}
+
+static bool is_at(const reader *r, int depth, const char *name) {
+  return r->depth >= depth && !strcmp(r->names[depth], name);
+}
+
+static bool in_tracklet(const reader *r) {
+  return is_at(r, 1, "boost_serialization") && is_at(r, TRACKLETS, "tracklets") && is_at(r, TRACKLET, "item");
+}
+
+static bool in_pose(const reader *r) {
+  return in_tracklet(r) && is_at(r, MEMBER, "poses") && is_at(r, POSE, "item");
+}
+
+static void begin_tracklet(reader *r) {
+  pags_kitti_tracklets *out = r->out;
+  if (out->count == r->capacity) {
+    r->capacity = r->capacity ? 2 * r->capacity : 16;
+    pags_kitti_tracklet *larger = realloc(out->items, (size_t)r->capacity * sizeof *larger);
+    if (!larger) {
+      fail(r, PAGS_ERROR_MEMORY, "no memory for its tracklets");
+      return;
+    }
+    out->items = larger;
+  }
+  out->items[out->count++] = (pags_kitti_tracklet){0};
+  r->pose_capacity = 0;
+  r->seen = 0;
+}
+
+static void begin_pose(reader *r) {
+  pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
+  if (tracklet->count == r->pose_capacity) {
+    r->pose_capacity = r->pose_capacity ? 2 * r->pose_capacity : 64;
+    double(*larger)[6] = realloc(tracklet->poses, (size_t)r->pose_capacity * sizeof *larger);
+    if (!larger) {
+      fail(r, PAGS_ERROR_MEMORY, "no memory for its poses");
+      return;
+    }
+    tracklet->poses = larger;
+  }
+  tracklet->count++;
+  r->seen_pose = 0;
+}
+
+static void XMLCALL on_begin(void *user, const XML_Char *name, const XML_Char **attributes) {
+  reader *r = user;
+  (void)attributes;
+  if (r->result != PAGS_OK)
+    return;
+  if (r->depth == MAX_DEPTH) {
+    fail(r, PAGS_ERROR_FORMAT, "expected no more than %d elements inside of each other", MAX_DEPTH);
+    return;
+  }
+  /* A name that is too long is none of those that count, whatever its beginning. */
+  snprintf(r->names[++r->depth], sizeof r->names[0], "%s", strlen(name) < sizeof r->names[0] ? name : "?");
+  r->length = 0;
+  if (r->depth == TRACKLET && in_tracklet(r))
+    begin_tracklet(r);
+  else if (r->depth == POSE && in_pose(r))
+    begin_pose(r);
+}
+
+static void XMLCALL on_text(void *user, const XML_Char *text, int length) {
+  reader *r = user;
+  if ((size_t)length >= TEXT - r->length) {
+    r->length = TEXT;
+    return;
+  }
+  memcpy(r->text + r->length, text, (size_t)length);
+  r->length += (size_t)length;
+}
+
+/* The element's text without blanks around it: NULL with an error when it is longer than any that is wanted. */
+static const char *element_text(reader *r) {
+  if (r->length >= TEXT) {
+    fail(r, PAGS_ERROR_FORMAT, "expected a short text in <%s>", r->names[r->depth]);
+    return NULL;
+  }
+  size_t begin = 0;
+  while (r->length && strchr(" \t\r\n", r->text[r->length - 1]))
+    r->length--;
+  r->text[r->length] = 0;
+  begin = strspn(r->text, " \t\r\n");
+  return r->text + begin;
+}
+
+static double element_number(reader *r) {
+  double value = 0;
+  const char *text = element_text(r);
+  if (text && !pags_word_number(text, &value))
+    fail(r, PAGS_ERROR_FORMAT, "expected a number in <%s>, found '%s'", r->names[r->depth], text);
+  return r->result == PAGS_OK ? value : 0;
+}
+
+static double element_size(reader *r) {
+  const double value = element_number(r);
+  if (r->result == PAGS_OK && !(value > 0))
+    fail(r, PAGS_ERROR_FORMAT, "expected a size above 0 in <%s>, found %g", r->names[r->depth], value);
+  return value;
+}
+
+static void read_type(reader *r, char type[32]) {
+  const char *text = element_text(r);
+  if (!text)
+    return;
+  if (!*text || strlen(text) >= 32)
+    fail(r, PAGS_ERROR_FORMAT, "expected a class name shorter than 32 letters in <objectType>, found '%s'", text);
+  else
+    memcpy(type, text, strlen(text) + 1);
+}
+
+static void end_member(reader *r) {
+  pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
+  const int which = find(members, r->names[MEMBER]);
+  int64_t first = 0;
+  if (which < 0)
+    return;
+  if (r->seen & 1U << which)
+    fail(r, PAGS_ERROR_FORMAT, "<%s> stands twice in a tracklet", members[which]);
+  r->seen |= 1U << which;
+  switch (which) {
+    case 0: read_type(r, tracklet->type); break;
+    case 1: tracklet->height = element_size(r); break;
+    case 2: tracklet->width = element_size(r); break;
+    case 3: tracklet->length = element_size(r); break;
+    case 4: {
+      const char *text = element_text(r);
+      if (text && !pags_word_integer(text, 0, 1000000, &first))
+        fail(r, PAGS_ERROR_FORMAT, "expected the number of a frame in <first_frame>, found '%s'", text);
+      tracklet->first_frame = first;
+      break;
+    }
+    default: break;
+  }
+}
+
+static void end_number(reader *r) {
+  pags_kitti_tracklet *tracklet = &r->out->items[r->out->count - 1];
+  const int which = find(numbers, r->names[NUMBER]);
+  if (which < 0)
+    return;
+  tracklet->poses[tracklet->count - 1][which] = element_number(r);
+  r->seen_pose |= 1U << which;
+}
+
+static void XMLCALL on_end(void *user, const XML_Char *name) {
+  reader *r = user;
+  (void)name;
+  if (r->result != PAGS_OK)
+    return;
+  if (r->depth == NUMBER && in_pose(r))
+    end_number(r);
+  else if (r->depth == POSE && in_pose(r)) {
+    if (r->seen_pose != ALL_MEMBERS)
+      fail(r, PAGS_ERROR_FORMAT, "expected tx ty tz rx ry rz in a pose");
+  } else if (r->depth == MEMBER && in_tracklet(r))
+    end_member(r);
+  else if (r->depth == TRACKLET && in_tracklet(r) && r->seen != ALL_MEMBERS)
+    fail(r, PAGS_ERROR_FORMAT, "expected objectType h w l first_frame poses in a tracklet");
+  r->depth--;
+  r->length = 0;
+}
+
+/* Entities can grow without bounds, and no tracklet file has any. */
+static void XMLCALL on_entity(void *user, const XML_Char *name, int is_parameter, const XML_Char *value, int length,
+                              const XML_Char *base, const XML_Char *system, const XML_Char *public_id, const XML_Char *notation) {
+  (void)is_parameter, (void)value, (void)length, (void)base, (void)system, (void)public_id, (void)notation;
+  fail(user, PAGS_ERROR_FORMAT, "expected no entities, found '%.40s'", name);
+}
+
+static void parse(reader *r, const uint8_t *bytes, size_t size) {
+  XML_SetUserData(r->parser, r);
+  XML_SetElementHandler(r->parser, on_begin, on_end);
+  XML_SetCharacterDataHandler(r->parser, on_text);
+  XML_SetEntityDeclHandler(r->parser, on_entity);
+  const size_t step = 1 << 20;
+  for (size_t at = 0;; at += step) {
+    const size_t left = size - at;
+    const bool last = left <= step;
+    if (XML_Parse(r->parser, (const char *)bytes + at, (int)(last ? left : step), last) != XML_STATUS_OK) {
+      if (r->result == PAGS_OK)
+        r->result = pags_fail(PAGS_ERROR_FORMAT, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser),
+                              XML_ErrorString(XML_GetErrorCode(r->parser)));
+      return;
+    }
+    if (last)
+      return;
+  }
+}
+
+pags_result pags_kitti_tracklets_read(const char *path, pags_kitti_tracklets *out) {
+  reader r = {.path = path, .out = out};
+  uint8_t *bytes = NULL;
+  size_t size = 0;
+  *out = (pags_kitti_tracklets){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  r.parser = XML_ParserCreate(NULL);
+  if (r.parser)
+    parse(&r, bytes, size);
+  else
+    r.result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to read it", path);
+  free(bytes);
+  XML_ParserFree(r.parser);
+  if (r.result != PAGS_OK)
+    pags_kitti_tracklets_destroy(out);
+  return r.result;
+}
+
+void pags_kitti_tracklets_destroy(pags_kitti_tracklets *tracklets) {
+  for (int64_t i = 0; i < tracklets->count; i++)
+    free(tracklets->items[i].poses);
+  free(tracklets->items);
+  *tracklets = (pags_kitti_tracklets){0};
+}
+
+/* R = Rz Ry Rx; the pose is that of the middle of the bottom face. */
+void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index, double out[12]) {
+  const double *p = tracklet->poses[index];
+  const double cx = cos(p[3]), sx = sin(p[3]), cy = cos(p[4]), sy = sin(p[4]), cz = cos(p[5]), sz = sin(p[5]);
+  const double r[9] = {cz * cy,  cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, sz * cy, sz * sy * sx + cz * cx,
+                       sz * sy * cx - cz * sx, -sy, cy * sx, cy * cx};
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++)
+      out[4 * i + j] = r[3 * i + j];
+    out[4 * i + 3] = p[i] + r[3 * i + 2] * tracklet->height / 2;
+  }
+}
