@@ -1,0 +1,166 @@
+/* Points to start from: where they lie, what colour they have, whose they are. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "driving_stub.h"
+#include "train/lidar_start.h"
+
+static pags_start make(int lidar, int threads) {
+  pags_dataset *d = stub_open();
+  pags_tasks *tasks = pags_tasks_create(threads);
+  pags_train_config config = pags_train_config_default();
+  pags_start start;
+  assert_int_equal(pags_start_create(d, &config, lidar, tasks, &start), PAGS_OK);
+  pags_tasks_destroy(tasks);
+  stub_close(d);
+  return start;
+}
+
+static int is_colour(const uint8_t *rgb, const uint8_t *wanted) {
+  return abs(rgb[0] - wanted[0]) <= 20 && abs(rgb[1] - wanted[1]) <= 20 && abs(rgb[2] - wanted[2]) <= 20;
+}
+
+/* The colour of the surface that a point of the background lies on, NULL: of none. */
+static const uint8_t *surface(const float *p) {
+  if (fabsf(p[0] - 15) < 1.1f && fabsf(p[1] - 6) < 1.1f && p[2] > 0.09f && p[2] < 2.1f)
+    return stub_colours[STUB_CRATE];
+  if (fabsf(p[2]) < 0.15f)
+    return stub_road;
+  return fabsf(p[0] - 30) < 0.1f ? stub_wall : NULL;
+}
+
+static void background_lies_on_its_surfaces(void **state) {
+  (void)state;
+  pags_start start = make(1, 1);
+  const pags_start_points *b = &start.background;
+  int64_t elsewhere = 0, miscoloured = 0, parked = 0;
+  assert_true(start.lidar_points > 3000);
+  for (int64_t i = 0; i < start.lidar_points; i++) {
+    const uint8_t *wanted = surface(b->xyz + 3 * i);
+    elsewhere += !wanted;
+    miscoloured += wanted && !is_colour(b->rgb + 3 * i, wanted);
+    parked += b->object[i] == STUB_CRATE;
+    assert_true(b->object[i] == STUB_CRATE || b->object[i] == -1);
+    if (b->object[i] == STUB_CRATE)
+      assert_ptr_equal(wanted, stub_colours[STUB_CRATE]);
+  }
+  assert_int_equal(elsewhere, 0);
+  assert_true((double)miscoloured < 0.04 * (double)start.lidar_points);
+  assert_true(parked > 50);
+  pags_start_destroy(&start);
+}
+
+static void moving_things_have_their_own_points(void **state) {
+  (void)state;
+  pags_start start = make(1, 1);
+  const pags_start_points *car = &start.objects[STUB_CAR];
+  int64_t red = 0, left = 0;
+  assert_int_equal(start.object_count, STUB_OBJECTS);
+  assert_true(car->count > 300);
+  assert_null(car->object);
+  for (int64_t i = 0; i < car->count; i++) {
+    const float *p = car->xyz + 3 * i;
+    assert_true(fabsf(p[0]) < 2.11f && fabsf(p[1]) < 1.11f && fabsf(p[2]) < 0.91f);
+    red += is_colour(car->rgb + 3 * i, stub_colours[STUB_CAR]);
+    left += p[1] > 0.5f;
+  }
+  assert_true((double)red > 0.95 * (double)car->count);
+  assert_true(left > 50); /* the laser sees the right side only, the left is its mirror image */
+  assert_true(car->count - left > 50);
+  assert_int_equal(start.objects[STUB_CRATE].count, 0);
+  pags_start_destroy(&start);
+}
+
+static void unmeasured_things_are_filled_if_seen(void **state) {
+  (void)state;
+  pags_start start = make(1, 1);
+  const pags_start_points *walker = &start.objects[STUB_WALKER];
+  int64_t yellow = 0;
+  assert_true(walker->count > 100);
+  for (int64_t i = 0; i < walker->count; i++)
+    yellow += is_colour(walker->rgb + 3 * i, stub_colours[STUB_WALKER]);
+  assert_true((double)yellow > 0.8 * (double)walker->count);
+  assert_int_equal(start.objects[STUB_BEHIND].count, 0);
+  pags_start_destroy(&start);
+}
+
+static void far_points_continue_the_wall(void **state) {
+  (void)state;
+  pags_start start = make(1, 1);
+  const pags_start_points *b = &start.background;
+  int64_t count = b->count - start.lidar_points, near_wall = 0;
+  assert_true(count > 1000);
+  for (int64_t i = start.lidar_points; i < b->count; i++) {
+    near_wall += fabsf(b->xyz[3 * i] - 30) < 1.5f && b->xyz[3 * i + 2] > 3;
+    assert_false(is_colour(b->rgb + 3 * i, stub_sky));
+    assert_int_equal(b->object[i], -1);
+  }
+  assert_true((double)near_wall > 0.4 * (double)count);
+  pags_start_destroy(&start);
+}
+
+static void held_out_data_is_not_used(void **state) {
+  (void)state;
+  pags_start start = make(1, 1);
+  const pags_start_points *b = &start.background;
+  for (int64_t i = 0; i < b->count; i++) {
+    const uint8_t *c = b->rgb + 3 * i;
+    assert_false(c[0] > c[1] + 60 && c[2] > c[1] + 60); /* not even a little magenta */
+  }
+  for (int64_t i = 0; i < start.lidar_points; i++)
+    assert_true(b->xyz[3 * i + 2] < 4.9f || b->xyz[3 * i] > 29);
+  pags_start_destroy(&start);
+}
+
+static void without_lidar_points_are_matched(void **state) {
+  (void)state;
+  pags_start start = make(0, 1);
+  const pags_start_points *b = &start.background;
+  int64_t matched = 0;
+  assert_int_equal(start.lidar_points, 0);
+  for (int64_t i = 0; i < b->count; i++) {
+    assert_false(is_colour(b->rgb + 3 * i, stub_magenta)); /* matched in a moving car's way */
+    matched += is_colour(b->rgb + 3 * i, stub_wall);
+  }
+  assert_true(matched > 1000);
+  assert_true(start.objects[STUB_CAR].count > 100);
+  pags_start_destroy(&start);
+}
+
+static void same(const pags_start_points *a, const pags_start_points *b) {
+  assert_int_equal(a->count, b->count);
+  if (!a->count)
+    return;
+  assert_memory_equal(a->xyz, b->xyz, (size_t)a->count * 3 * sizeof *a->xyz);
+  assert_memory_equal(a->rgb, b->rgb, (size_t)a->count * 3);
+}
+
+static void threads_change_nothing(void **state) {
+  (void)state;
+  pags_start one = make(1, 1), three = make(1, 3);
+  same(&one.background, &three.background);
+  for (int i = 0; i < STUB_OBJECTS; i++)
+    same(&one.objects[i], &three.objects[i]);
+  pags_start_destroy(&one);
+  pags_start_destroy(&three);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(background_lies_on_its_surfaces),
+      cmocka_unit_test(moving_things_have_their_own_points),
+      cmocka_unit_test(unmeasured_things_are_filled_if_seen),
+      cmocka_unit_test(far_points_continue_the_wall),
+      cmocka_unit_test(held_out_data_is_not_used),
+      cmocka_unit_test(without_lidar_points_are_matched),
+      cmocka_unit_test(threads_change_nothing),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
