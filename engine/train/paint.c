@@ -79,9 +79,20 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
   }
 }
 
+/* Does a pixel of these labels show something else? Boxes of several kinds may overlap there: then nobody knows. */
+static int is_doubtful(const painter *p, const pags_candidate *row, int labels) {
+  static const int bits[] = {[PAGS_CATEGORY_VEHICLE] = PAGS_LABEL_VEHICLE,
+                             [PAGS_CATEGORY_PEDESTRIAN] = PAGS_LABEL_PEDESTRIAN,
+                             [PAGS_CATEGORY_CYCLIST] = PAGS_LABEL_CYCLIST};
+  const int boxes = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
+  if (row->owner < 0)
+    return (labels & (boxes | PAGS_LABEL_MOVING | PAGS_LABEL_SKY)) != 0;
+  int own = bits[pags_dataset_object(p->dataset, row->owner)->category];
+  return (labels & (boxes | PAGS_LABEL_SKY)) != own && p->photo.labels;
+}
+
 /* 0: the pixel can't be used. */
 static float weight_of(const painter *p, const pags_candidate *row, const pags_seen_point *at, int64_t pixel) {
-  const int boxes = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
   int visible = pags_occlusion_visible(&p->occlusion, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
   if (p->photo.mask && !p->photo.mask[pixel])
     return 0;
@@ -91,7 +102,7 @@ static float weight_of(const painter *p, const pags_candidate *row, const pags_s
   float weight = 1 / (at->z * at->z);
   if (isfinite(apart))
     weight /= 1 + apart * apart;
-  if (!visible || labels & PAGS_LABEL_SKY || (row->owner < 0 && labels & (boxes | PAGS_LABEL_MOVING)))
+  if (!visible || is_doubtful(p, row, labels))
     weight *= doubtful;
   return weight;
 }

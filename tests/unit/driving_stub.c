@@ -114,7 +114,8 @@ double stub_trace(const pags_dataset *d, int step, const double from[3], const d
   return nearest;
 }
 
-static double trace_pixel(const pags_dataset *d, int step, double u, double v, int *object, const uint8_t **colour) {
+static double trace_pixel(const pags_dataset *d, int step, double u, double v, int skip, int *object,
+                          const uint8_t **colour) {
   const pags_camera *c = &d->views[step].camera;
   const double *m = c->world_from_camera;
   double x = (u - c->cx) / c->fx, y = (v - c->cy) / c->fy, from[3], direction[3];
@@ -122,13 +123,13 @@ static double trace_pixel(const pags_dataset *d, int step, double u, double v, i
     from[k] = m[4 * k + 3];
     direction[k] = m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2]; /* 1 of camera z */
   }
-  return stub_trace(d, step, from, direction, 0, object, colour);
+  return stub_trace(d, step, from, direction, skip, object, colour);
 }
 
-double stub_depth(const pags_dataset *d, int step, double u, double v) {
+double stub_depth(const pags_dataset *d, int step, double u, double v, int skip) {
   int object;
   const uint8_t *colour;
-  return trace_pixel(d, step, u, v, &object, &colour);
+  return trace_pixel(d, step, u, v, skip, &object, &colour);
 }
 
 /* pags/dataset.h */
@@ -229,7 +230,7 @@ pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shri
   for (int i = 0; i < STUB_WIDTH * STUB_HEIGHT; i++) {
     int object;
     const uint8_t *colour;
-    trace_pixel(cache->dataset, (int)view, i % STUB_WIDTH + 0.5, i / STUB_WIDTH + 0.5, &object, &colour);
+    trace_pixel(cache->dataset, (int)view, i % STUB_WIDTH + 0.5, i / STUB_WIDTH + 0.5, 0, &object, &colour);
     cache->labels[i] = object >= 0 ? bits[object] : colour == stub_sky ? PAGS_LABEL_SKY : 0;
     for (int c = 0; c < 3; c++)
       cache->rgb[c * STUB_WIDTH * STUB_HEIGHT + i] = view == STUB_HELD_OUT ? stub_magenta[c] : colour[c];

@@ -23,7 +23,7 @@ void stub_close(pags_dataset *dataset);
 double stub_trace(const pags_dataset *dataset, int step, const double from[3], const double direction[3], int skip, int *object,
                   const uint8_t **colour);
 
-/* Distance of the first surface along the ray through a pixel, as camera z. */
-double stub_depth(const pags_dataset *dataset, int step, double u, double v);
+/* Camera z of the first surface behind a pixel. */
+double stub_depth(const pags_dataset *dataset, int step, double u, double v, int skip);
 
 #endif

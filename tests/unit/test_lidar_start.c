@@ -29,7 +29,7 @@ static int is_colour(const uint8_t *rgb, const uint8_t *wanted) {
 
 /* The colour of the surface that a point of the background lies on, NULL: of none. */
 static const uint8_t *surface(const float *p) {
-  if (fabsf(p[0] - 15) < 1.1f && fabsf(p[1] - 6) < 1.1f && p[2] > 0.09f && p[2] < 2.1f)
+  if (fabsf(p[0] - 15) < 1.1f && fabsf(p[1] - 6) < 1.1f && p[2] > 0.07f && p[2] < 2.1f)
     return stub_colours[STUB_CRATE];
   if (fabsf(p[2]) < 0.15f)
     return stub_road;
