@@ -1,0 +1,434 @@
+/* From a scene to the parts of a frame.
+ *
+ * Each model's rows are brought into Morton order; a model that stands in the world is cut by object, so that a parked car is a run of
+ * its own. Such a run is drawn with world_from_model = P D P^-1, P being its box and D the edit; one that follows a track
+ * with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in double. */
+#include <pags/compose.h>
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json.h"
+
+enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
+
+/* Gaussians that are drawn or not, and moved, together. */
+typedef struct group {
+  pags_gaussians gaussians;
+  pags_clusters clusters;
+  int32_t *id;
+  int64_t object; /* -1: none */
+  bool tracked;   /* in the frame of its object and following it; else in the world */
+  float *dc;      /* constant colour at dc_time; NULL: it doesn't change */
+  double dc_time; /* NaN: not computed yet */
+  bool hidden, moved;
+  double motion[12]; /* where moved */
+} group;
+
+typedef struct addition {
+  int64_t group;
+  double motion[12];
+} addition;
+
+struct pags_composition {
+  pags_scene scene;
+  int64_t gaussian_count, group_count, group_capacity, addition_count;
+  group *groups;
+  addition *additions;
+  pags_part *parts; /* room for every group and addition */
+};
+
+static pags_result out_of_memory(const pags_composition *c) {
+  return pags_fail(PAGS_ERROR_MEMORY, "out of memory preparing %lld Gaussians for rendering",
+                   (long long)c->gaussian_count);
+}
+
+static pags_result next_group(pags_composition *c, group **out) {
+  if (c->group_count == c->group_capacity) {
+    int64_t capacity = 2 * c->group_capacity + 16;
+    group *grown = realloc(c->groups, (size_t)capacity * sizeof *grown);
+    if (!grown)
+      return out_of_memory(c);
+    c->groups = grown;
+    c->group_capacity = capacity;
+  }
+  *out = &c->groups[c->group_count++];
+  **out = (group){.object = -1, .dc_time = (double)NAN};
+  return PAGS_OK;
+}
+
+/* Rows index[0 .. count) of a model, which are first_id + index by number. */
+static pags_result fill_group(const pags_composition *c, const pags_gaussians *model, int32_t first_id,
+                              const int64_t *index, int64_t count, group *out) {
+  PAGS_TRY(pags_gaussians_create_like(&out->gaussians, count, model));
+  pags_gaussians_gather(model, index, count, &out->gaussians);
+  out->id = malloc((size_t)(count + 1) * sizeof *out->id);
+  if (!out->id)
+    return out_of_memory(c);
+  for (int64_t i = 0; i < count; ++i)
+    out->id[i] = first_id + (int32_t)index[i];
+  if (out->gaussians.fourier) {
+    out->dc = aligned_alloc(ALIGNMENT, (size_t)out->gaussians.stride * 3 * sizeof *out->dc);
+    if (!out->dc)
+      return out_of_memory(c);
+    memset(out->dc, 0, (size_t)out->gaussians.stride * 3 * sizeof *out->dc);
+  }
+  PAGS_TRY(pags_clusters_create(&out->clusters, count, CLUSTER_SIZE));
+  pags_clusters_update(&out->clusters, &out->gaussians, 0, out->clusters.count);
+  return PAGS_OK;
+}
+
+static int64_t bucket_of(int32_t object_id, int64_t object_count) {
+  return object_id >= 0 && object_id < object_count ? object_id + 1 : 0;
+}
+
+/* Stable counting sort of `order` by object: bucket o + 1 holds the rows of object o, bucket 0 those of none. On return
+ * `end` (object_count + 2 entries, zeros at first) says where each bucket ends in `sorted`. */
+static void sort_by_object(const int32_t *object_id, const int64_t *order, int64_t count, int64_t object_count,
+                           int64_t *end, int64_t *sorted) {
+  for (int64_t i = 0; i < count; ++i)
+    ++end[bucket_of(object_id[i], object_count) + 1];
+  for (int64_t b = 1; b < object_count + 2; ++b)
+    end[b] += end[b - 1];
+  for (int64_t i = 0; i < count; ++i)
+    sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
+}
+
+static pags_result add_one_group(pags_composition *c, const pags_gaussians *model, int32_t first_id,
+                                 const int64_t *index, int64_t count, int64_t object, bool tracked) {
+  group *added;
+  PAGS_TRY(next_group(c, &added));
+  added->object = object;
+  added->tracked = tracked;
+  return fill_group(c, model, first_id, index, count, added);
+}
+
+static pags_result split_by_object(pags_composition *c, const pags_gaussians *model, int32_t first_id,
+                                   const int64_t *order) {
+  int64_t objects = c->scene.object_count, begin = 0;
+  int64_t *end = calloc((size_t)objects + 2, sizeof *end);
+  int64_t *sorted = malloc((size_t)(model->count + 1) * sizeof *sorted);
+  pags_result result = end && sorted ? PAGS_OK : out_of_memory(c);
+  if (result == PAGS_OK)
+    sort_by_object(model->object_id, order, model->count, objects, end, sorted);
+  for (int64_t b = 0; b <= objects && result == PAGS_OK; ++b) {
+    if (end[b] > begin)
+      result = add_one_group(c, model, first_id, sorted + begin, end[b] - begin, b - 1, false);
+    begin = end[b];
+  }
+  free(end);
+  free(sorted);
+  return result;
+}
+
+static pags_result add_model(pags_composition *c, const pags_model *model, int32_t first_id, int64_t owner) {
+  const pags_gaussians *g = &model->gaussians;
+  int64_t *order = malloc((size_t)(g->count + 1) * sizeof *order);
+  if (!order)
+    return out_of_memory(c);
+  pags_result result = pags_gaussians_morton_order(g, order);
+  if (result == PAGS_OK && owner < 0 && g->object_id && c->scene.object_count)
+    result = split_by_object(c, g, first_id, order);
+  else if (result == PAGS_OK)
+    result = add_one_group(c, g, first_id, order, g->count, owner, owner >= 0);
+  free(order);
+  return result;
+}
+
+static int64_t *list_owners(const pags_scene *scene) {
+  int64_t *owners = malloc((size_t)(scene->model_count + 1) * sizeof *owners);
+  for (int64_t m = 0; owners && m < scene->model_count; ++m)
+    owners[m] = -1;
+  for (int64_t o = 0; owners && o < scene->object_count; ++o)
+    if (scene->objects[o].model >= 0)
+      owners[scene->objects[o].model] = o;
+  return owners;
+}
+
+static pags_result build(pags_composition *c) {
+  c->gaussian_count = pags_scene_gaussian_count(&c->scene);
+  if (c->gaussian_count > INT32_MAX - 64)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians are more than the 2^31 - 64 that can be rendered at once",
+                     (long long)c->gaussian_count);
+  int64_t *owners = list_owners(&c->scene);
+  pags_result result = owners ? PAGS_OK : out_of_memory(c);
+  int32_t first_id = 0;
+  for (int64_t m = 0; m < c->scene.model_count && result == PAGS_OK; ++m) {
+    pags_model *model = &c->scene.models[m];
+    int32_t count = (int32_t)model->gaussians.count;
+    result = add_model(c, model, first_id, owners[m]);
+    pags_gaussians_destroy(&model->gaussians);
+    first_id += count;
+  }
+  free(owners);
+  return result == PAGS_OK ? pags_composition_edit(c, NULL, 0) : result;
+}
+
+pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
+  pags_composition *c = calloc(1, sizeof *c);
+  *out = NULL;
+  if (!c) {
+    pags_scene_destroy(scene);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a scene");
+  }
+  c->scene = *scene;
+  *scene = (pags_scene){0};
+  pags_result result = build(c);
+  if (result == PAGS_OK)
+    *out = c;
+  else
+    pags_composition_destroy(c);
+  return result;
+}
+
+pags_result pags_composition_load(const char *path, pags_composition **out) {
+  pags_scene scene;
+  *out = NULL;
+  PAGS_TRY(pags_scene_load(path, &scene));
+  return pags_composition_create(&scene, out);
+}
+
+void pags_composition_destroy(pags_composition *composition) {
+  if (!composition)
+    return;
+  for (int64_t i = 0; i < composition->group_count; ++i) {
+    pags_gaussians_destroy(&composition->groups[i].gaussians);
+    pags_clusters_destroy(&composition->groups[i].clusters);
+    free(composition->groups[i].id);
+    free(composition->groups[i].dc);
+  }
+  free(composition->groups);
+  free(composition->additions);
+  free(composition->parts);
+  pags_scene_destroy(&composition->scene);
+  free(composition);
+}
+
+const pags_scene *pags_composition_scene(const pags_composition *composition) {
+  return &composition->scene;
+}
+
+int64_t pags_composition_gaussian_count(const pags_composition *composition) {
+  return composition->gaussian_count;
+}
+
+size_t pags_composition_bytes(const pags_composition *composition) {
+  size_t bytes = 0;
+  for (int64_t i = 0; i < composition->group_count; ++i) {
+    const group *g = &composition->groups[i];
+    int planes = pags_plane_count(g->gaussians.sh_degree) + (g->gaussians.s_sem ? 1 : 0) +
+                 (g->gaussians.object_id ? 1 : 0) + (g->gaussians.fourier ? 15 : 0);
+    bytes += (size_t)g->gaussians.stride * (size_t)planes * 4 + (size_t)g->gaussians.count * 4 +
+             (size_t)g->clusters.count * 28;
+  }
+  return bytes;
+}
+
+/* Near plane and low-pass of the training, where the scene's configuration names them: a scene is to be drawn as it was
+ * trained. A configuration of another program's is no error; the defaults stay. */
+static void read_config(const pags_scene *scene, pags_frame_options *options) {
+  pags_json *json;
+  double value;
+  if (!scene->config || pags_json_parse_text("config", scene->config, strlen(scene->config), &json) != PAGS_OK)
+    return;
+  const pags_json_value *root = pags_json_root(json);
+  if (pags_json_number_or(json, root, "near_plane", (double)options->near_plane, &value) == PAGS_OK && value > 0)
+    options->near_plane = (float)value;
+  if (pags_json_number_or(json, root, "low_pass", (double)options->low_pass, &value) == PAGS_OK && value >= 0)
+    options->low_pass = (float)value;
+  pags_json_destroy(json);
+}
+
+pags_frame_options pags_composition_options(const pags_composition *composition) {
+  const pags_scene *scene = &composition->scene;
+  pags_frame_options options = pags_frame_options_default();
+  for (int i = 0; i < 3; ++i) {
+    options.origin[i] = scene->origin[i];
+    options.background[i] = scene->background[i];
+  }
+  options.sky = scene->sky.size > 0 ? &scene->sky : NULL;
+  options.antialiased = scene->antialiased;
+  read_config(scene, &options);
+  return options;
+}
+
+/* Whether an edit of the object moves this group: where an object has a model of its own, that; else what it has in the background. */
+static bool follows_edits(const pags_composition *c, const group *g, int64_t object) {
+  return g->object == object && g->tracked == (c->scene.objects[object].model >= 0);
+}
+
+/* [Rz(yaw) | translation] */
+static void edit_motion(const pags_edit *edit, double out[12]) {
+  double angle = edit->yaw * (3.14159265358979323846 / 180), c = cos(angle), s = sin(angle);
+  const double motion[12] = {c, -s, 0, edit->translation[0], s, c, 0, edit->translation[1],
+                             0, 0,  1, edit->translation[2]};
+  memcpy(out, motion, sizeof motion);
+}
+
+static pags_result check_edits(const pags_composition *c, const pags_edit *edits, int64_t count) {
+  for (int64_t i = 0; i < count; ++i) {
+    const pags_edit *e = &edits[i];
+    if (e->object < 0 || e->object >= c->scene.object_count)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected one of the scene's %lld objects, found number %lld",
+                       (long long)i, (long long)c->scene.object_count, (long long)e->object);
+    if (!isfinite(e->translation[0] + e->translation[1] + e->translation[2] + e->yaw))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected finite metres and degrees", (long long)i);
+  }
+  return PAGS_OK;
+}
+
+/* Makes room for every part that these edits can ask for. */
+static pags_result reserve_parts(pags_composition *c, const pags_edit *edits, int64_t count) {
+  int64_t additions = 0;
+  for (int64_t i = 0; i < count; ++i)
+    for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < c->group_count; ++g)
+      additions += follows_edits(c, &c->groups[g], edits[i].object);
+  addition *list = malloc((size_t)(additions + 1) * sizeof *list);
+  pags_part *parts = calloc((size_t)(c->group_count + additions) + 1, sizeof *parts);
+  if (!list || !parts) {
+    free(list);
+    free(parts);
+    return out_of_memory(c);
+  }
+  free(c->additions);
+  free(c->parts);
+  c->additions = list;
+  c->parts = parts;
+  c->addition_count = 0;
+  return PAGS_OK;
+}
+
+static void apply_edit(pags_composition *c, const pags_edit *edit) {
+  for (int64_t i = 0; i < c->group_count; ++i) {
+    group *g = &c->groups[i];
+    if (edit->kind == PAGS_EDIT_HIDE) {
+      g->hidden = g->hidden || g->object == edit->object;
+    } else if (follows_edits(c, g, edit->object)) {
+      if (edit->kind == PAGS_EDIT_ADD)
+        c->additions[c->addition_count].group = i;
+      edit_motion(edit, edit->kind == PAGS_EDIT_ADD ? c->additions[c->addition_count++].motion : g->motion);
+      g->moved = g->moved || edit->kind == PAGS_EDIT_MOVE;
+    }
+  }
+}
+
+pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count) {
+  PAGS_TRY(check_edits(composition, edits, count));
+  PAGS_TRY(reserve_parts(composition, edits, count));
+  for (int64_t i = 0; i < composition->group_count; ++i)
+    composition->groups[i].hidden = composition->groups[i].moved = false;
+  for (int64_t i = 0; i < count; ++i)
+    apply_edit(composition, &edits[i]);
+  return PAGS_OK;
+}
+
+/* Where a parked object is when its label says nothing of `time`: at its nearest label. */
+static void nearest_pose(const pags_object *object, double time, double out[12]) {
+  double best = object->knots[0].time;
+  for (int64_t i = 1; i < object->knot_count; ++i)
+    if (fabs(object->knots[i].time - time) < fabs(best - time))
+      best = object->knots[i].time;
+  if (!pags_object_pose(object, best, out))
+    memcpy(out, object->knots[0].world_from_object, 12 * sizeof *out);
+}
+
+/* world_from_model relative to the origin; false when there is nothing to draw at `time`. */
+static bool place(const pags_composition *c, const group *g, const double *motion, double time, double out[12]) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  double box[12], back[12];
+  memcpy(out, identity, sizeof identity);
+  if (!g->tracked && !motion)
+    return true;
+  const pags_object *object = &c->scene.objects[g->object].record;
+  if (!pags_object_pose(object, time, box)) {
+    if (g->tracked)
+      return false;
+    nearest_pose(object, time, box);
+  }
+  for (int k = 0; k < 3; ++k)
+    box[4 * k + 3] -= c->scene.origin[k];
+  pags_rigid_multiply(box, motion ? motion : identity, out);
+  if (!g->tracked) {
+    pags_rigid_inverse(box, back);
+    pags_rigid_multiply(out, back, out);
+  }
+  return true;
+}
+
+/* Share of the track's time that has passed; of the scene's for what has no track. */
+static double phase(const pags_scene *scene, const group *g, double time) {
+  double begin = scene->time_begin, end = scene->time_end;
+  if (g->object >= 0) {
+    const pags_object *object = &scene->objects[g->object].record;
+    begin = object->knots[0].time;
+    end = object->knots[object->knot_count - 1].time;
+  }
+  return end > begin ? (time - begin) / (end - begin) : 0;
+}
+
+static void evaluate_dc(const pags_scene *scene, group *g, double time) {
+  const pags_gaussians *gaussians = &g->gaussians;
+  double exact[5];
+  if (g->dc_time == time)
+    return;
+  pags_fourier_basis(phase(scene, g, time), exact);
+  for (int channel = 0; channel < 3; ++channel) {
+    float *dc = g->dc + channel * gaussians->stride;
+    memcpy(dc, pags_plane(gaussians, PAGS_SH + channel), (size_t)gaussians->count * sizeof *dc);
+    for (int k = 1; k < 5; ++k) {
+      const float *term = gaussians->fourier + (3 * (k - 1) + channel) * gaussians->stride;
+      float weight = (float)exact[k];
+      for (int64_t i = 0; i < gaussians->count; ++i)
+        dc[i] += weight * term[i];
+    }
+  }
+  g->dc_time = time;
+}
+
+static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
+  pags_part *part = &c->parts[*count];
+  if (g->gaussians.count == 0 || !place(c, g, motion, time, part->world_from_model))
+    return;
+  if (g->dc)
+    evaluate_dc(&c->scene, g, time);
+  part->gaussians = &g->gaussians;
+  part->clusters = &g->clusters;
+  part->id = g->id;
+  part->first_id = g->id[0];
+  part->dc = g->dc;
+  ++*count;
+}
+
+void pags_compose(pags_composition *composition, double time, const pags_part **parts, int *part_count) {
+  pags_composition *c = composition;
+  double when = isnan(time) ? c->scene.time_begin : time;
+  *part_count = 0;
+  for (int64_t i = 0; i < c->group_count; ++i)
+    if (!c->groups[i].hidden)
+      put_part(c, &c->groups[i], c->groups[i].moved ? c->groups[i].motion : NULL, when, part_count);
+  for (int64_t i = 0; i < c->addition_count; ++i)
+    put_part(c, &c->groups[c->additions[i].group], c->additions[i].motion, when, part_count);
+  *parts = c->parts;
+}
+
+void pags_composition_objects(const pags_composition *composition, int32_t *object_of) {
+  for (int64_t k = 0; k < composition->group_count; ++k) {
+    const group *g = &composition->groups[k];
+    for (int64_t i = 0; i < g->gaussians.count; ++i)
+      object_of[g->id[i]] = g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
+  }
+}
+
+int pags_composition_priorities(const pags_composition *composition, float *priority_of) {
+  bool known = composition->scene.object_count > 0;
+  for (int64_t k = 0; k < composition->group_count; ++k) {
+    const group *g = &composition->groups[k];
+    float rest = g->object >= 0 && composition->scene.objects[g->object].critical ? 1 : 0;
+    known = known || g->gaussians.s_sem;
+    for (int64_t i = 0; i < g->gaussians.count; ++i)
+      priority_of[g->id[i]] = g->gaussians.s_sem ? g->gaussians.s_sem[i] : rest;
+  }
+  return known;
+}

@@ -1,0 +1,341 @@
+/* Scenes at a time: objects where their tracks are, hidden, moved and added; parked ones; colour over time. */
+#include "pags/compose.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+#include "splat_files.h"
+
+#include <cmocka.h>
+
+enum { SIZE = 101 };
+enum { PARKED, CAR }; /* objects */
+
+static const double origin[3] = {500000, 2000, 10};
+static pags_tasks *tasks;
+static pags_frame *frame;
+
+/* A round, almost opaque Gaussian of one pure colour. */
+static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, double z, int channel) {
+  const double mean[3] = {x, y, z};
+  for (int k = 0; k < 3; ++k) {
+    pags_plane(g, PAGS_MEAN + k)[row] = (float)mean[k];
+    pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* 0.1 m */
+    pags_plane(g, PAGS_SH + k)[row] = k == channel ? 1.7f : -1.7f;
+  }
+  pags_plane(g, PAGS_ROTATION)[row] = 1;
+  pags_plane(g, PAGS_OPACITY)[row] = 8;
+}
+
+static pags_object make_track(const char *id, int knots, const double from[3], const double to[3], double yaw) {
+  pags_object object = {.id = pags_text_copy(id),
+                        .class_name = pags_text_copy("Car"),
+                        .category = PAGS_CATEGORY_VEHICLE,
+                        .size = {4, 2, 1.5},
+                        .moving = from != to,
+                        .knot_count = knots,
+                        .knots = calloc((size_t)knots, sizeof(pags_knot))};
+  for (int i = 0; i < knots; ++i) {
+    double c = cos(yaw), s = sin(yaw), pose[12] = {c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, 0};
+    for (int k = 0; k < 3; ++k)
+      pose[4 * k + 3] = origin[k] + from[k] + (to[k] - from[k]) * i / (knots > 1 ? knots - 1 : 1);
+    object.knots[i] = (pags_knot){.frame = i, .trained = 1, .time = 100 + i};
+    memcpy(object.knots[i].world_from_object, pose, sizeof pose);
+  }
+  return object;
+}
+
+/* Ten metres ahead: a parked object's green Gaussian half a metre left of its box's middle, and a red car that drives from
+ * the left to the right between 100 s and 102 s, facing right. A blue Gaussian is nobody's. */
+static pags_scene make_scene(void) {
+  static const double parked[3] = {10, 1, 0}, left[3] = {10, 4, 0}, right[3] = {10, -4, 0};
+  pags_scene scene = {
+      .up = PAGS_UP_Z, .time_begin = 100, .time_end = 102, .fps = 1, .model_count = 2, .object_count = 2};
+  memcpy(scene.origin, origin, sizeof origin);
+  scene.models = calloc(2, sizeof *scene.models);
+  scene.objects = calloc(2, sizeof *scene.objects);
+  scene.objects[PARKED] = (pags_scene_object){.record = make_track("parked", 1, parked, parked, 0), .model = -1};
+  scene.objects[CAR] =
+      (pags_scene_object){.record = make_track("car", 3, left, right, -1.5707963267948966), .model = 1, .critical = 1};
+  for (int m = 0; m < 2; ++m) {
+    scene.models[m].name = pags_text_copy(m ? "car" : "background");
+    scene.models[m].file = pags_text_copy(m ? "objects/car.ply" : "background.ply");
+    assert_int_equal(pags_gaussians_create(&scene.models[m].gaussians, m ? 1 : 2, 0), PAGS_OK);
+  }
+  pags_gaussians *background = &scene.models[0].gaussians;
+  put_gaussian(background, 0, 10, 0, 3, 2);
+  put_gaussian(background, 1, 10, 1.5, 0, 1);
+  assert_int_equal(pags_gaussians_add_object_id(background), PAGS_OK);
+  background->object_id[1] = PARKED;
+  put_gaussian(&scene.models[1].gaussians, 0, 0, 0, 0, 0);
+  return scene;
+}
+
+static pags_composition *compose_scene(pags_scene scene) {
+  pags_composition *c;
+  if (pags_composition_create(&scene, &c) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_null(scene.models);
+  return c;
+}
+
+/* At the scene's origin, looking along x: a point (10, y, 0) falls on column 50.5 - 10 y. */
+static pags_camera ahead(void) {
+  return (pags_camera){.width = SIZE,
+                       .height = SIZE,
+                       .fx = 100,
+                       .fy = 100,
+                       .cx = 50.5,
+                       .cy = 50.5,
+                       .world_from_camera = {0, 0, 1, origin[0], -1, 0, 0, origin[1], 0, -1, 0, origin[2]}};
+}
+
+static pags_picture draw(pags_composition *c, double time) {
+  const pags_part *parts;
+  int count;
+  pags_picture picture;
+  pags_camera camera = ahead();
+  pags_frame_options options = pags_composition_options(c);
+  pags_compose(c, time, &parts, &count);
+  assert_int_equal(pags_frame_render(frame, parts, count, &camera, &options, NULL, NULL, &picture), PAGS_OK);
+  return picture;
+}
+
+/* The columns of the middle row where a channel has its highest values, -1 for none. */
+static void assert_column(pags_composition *c, double time, int channel, int wanted) {
+  pags_picture picture = draw(c, time);
+  int best = -1;
+  float highest = 0.5f;
+  for (int x = 0; x < SIZE; ++x) {
+    float value = picture.rgb[channel][50 * picture.stride + x];
+    if (value > highest) {
+      highest = value;
+      best = x;
+    }
+  }
+  if (best != wanted)
+    fail_msg("at %g: channel %d is highest in column %d, expected %d", time, channel, best, wanted);
+}
+
+static void edit(pags_composition *c, const pags_edit *edits, int64_t count) {
+  if (pags_composition_edit(c, edits, count) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+}
+
+static void objects_are_where_their_tracks_are(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  static const double times[] = {100, 101, 100.5, 101.25, 102, 102.4};
+  static const int columns[] = {10, 50, 30, 60, 90, 90};
+  for (int i = 0; i < 6; ++i) {
+    assert_column(c, times[i], 0, columns[i]);
+    assert_column(c, times[i], 1, 35);
+  }
+  assert_column(c, 103, 0, -1); /* gone */
+  assert_column(c, 99, 0, -1);  /* not there yet */
+  assert_column(c, 103, 1, 35);
+  assert_column(c, (double)NAN, 0, 10); /* the scene's begin */
+  pags_composition_destroy(c);
+}
+
+static void corrections_move_the_track(void **state) {
+  (void)state;
+  pags_scene scene = make_scene();
+  for (int i = 0; i < 3; ++i)
+    scene.objects[CAR].record.knots[i].translation[0] = 0.5; /* forward: to the right */
+  pags_composition *c = compose_scene(scene);
+  assert_column(c, 101, 0, 55);
+  pags_composition_destroy(c);
+}
+
+static void hidden_objects_are_left_out(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_HIDE, .object = CAR}, 1);
+  assert_column(c, 101, 0, -1);
+  assert_column(c, 101, 1, 35);
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_HIDE, .object = PARKED}, 1);
+  assert_column(c, 101, 0, 50);
+  assert_column(c, 101, 1, -1);
+  edit(c, NULL, 0);
+  assert_column(c, 101, 1, 35);
+  pags_composition_destroy(c);
+}
+
+static void moved_objects_move_in_their_own_frame(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = CAR, .translation = {1, 0, 0}}, 1);
+  assert_column(c, 101, 0, 60);
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}}, 1);
+  assert_column(c, 101, 1, 25);
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .yaw = 180}, 1); /* about the box's middle */
+  assert_column(c, 101, 1, 45);
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {0, 1, 0}, .yaw = 180}, 1);
+  assert_column(c, 101, 1, 35); /* turned first, then pushed to the left of where the box faced before */
+  const pags_edit both[] = {{.kind = PAGS_EDIT_HIDE, .object = CAR},
+                            {.kind = PAGS_EDIT_ADD, .object = CAR, .translation = {-2, 0, 0}}};
+  edit(c, both, 2);
+  assert_column(c, 101, 0, 30);
+  pags_composition_destroy(c);
+}
+
+static void added_objects_leave_the_first_ones(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  const pags_edit edits[] = {{.kind = PAGS_EDIT_ADD, .object = PARKED, .translation = {0, -3, 0}},
+                             {.kind = PAGS_EDIT_ADD, .object = CAR, .translation = {3, 0, 0}}};
+  edit(c, edits, 2);
+  pags_picture picture = draw(c, 101);
+  const float *green = picture.rgb[1] + 50 * picture.stride, *red = picture.rgb[0] + 50 * picture.stride;
+  assert_true(green[35] > 0.5f && green[65] > 0.5f);
+  assert_true(red[50] > 0.5f && red[80] > 0.5f);
+  picture = draw(c, 103); /* the car's copy goes with it, the parked one's stays */
+  green = picture.rgb[1] + 50 * picture.stride, red = picture.rgb[0] + 50 * picture.stride;
+  assert_true(green[65] > 0.5f && red[80] < 0.1f);
+  pags_composition_destroy(c);
+}
+
+static void bad_edits_change_nothing(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  edit(c, &(pags_edit){.kind = PAGS_EDIT_HIDE, .object = CAR}, 1);
+  assert_int_equal(pags_composition_edit(c, &(pags_edit){.object = 2}, 1), PAGS_ERROR_ARGUMENT);
+  assert_int_equal(pags_composition_edit(c, &(pags_edit){.object = -1}, 1), PAGS_ERROR_ARGUMENT);
+  assert_int_equal(pags_composition_edit(c, &(pags_edit){.yaw = (double)NAN}, 1), PAGS_ERROR_ARGUMENT);
+  assert_column(c, 101, 0, -1);
+  pags_composition_destroy(c);
+}
+
+static void colour_follows_the_track(void **state) {
+  (void)state;
+  pags_scene scene = make_scene();
+  pags_gaussians *car = &scene.models[1].gaussians;
+  assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
+  const double terms[4] = {0.3, -0.2, 0.1, 0.05};
+  for (int k = 0; k < 4; ++k)
+    car->fourier[(3 * k + 1) * car->stride] = (float)terms[k]; /* green */
+  pags_composition *c = compose_scene(scene);
+  static const double times[] = {100, 100.3, 101.9, 100.3};
+  for (int i = 0; i < 4; ++i) {
+    const pags_part *parts;
+    int count;
+    pags_compose(c, times[i], &parts, &count);
+    const pags_part *part = &parts[count - 1];
+    double u = (times[i] - 100) / 2, a = 6.283185307179586 * u;
+    double green = -1.7 + 0.3 * sin(a) - 0.2 * cos(a) + 0.1 * sin(2 * a) + 0.05 * cos(2 * a);
+    assert_non_null(part->dc);
+    assert_float_equal(part->dc[0], 1.7, 1e-6);
+    assert_float_equal(part->dc[part->gaussians->stride], green, 1e-5);
+    assert_null(parts[0].dc);
+  }
+  pags_composition_destroy(c);
+}
+
+static void ids_and_objects_are_those_of_the_files(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  int32_t object_of[3];
+  float priority_of[3];
+  assert_int_equal(pags_composition_gaussian_count(c), 3);
+  pags_composition_objects(c, object_of);
+  assert_memory_equal(object_of, ((int32_t[]){-1, PARKED, CAR}), sizeof object_of);
+  assert_int_equal(pags_composition_priorities(c, priority_of), 1);
+  assert_memory_equal(priority_of, ((float[]){0, 0, 1}), sizeof priority_of);
+  pags_frame_options options = pags_composition_options(c);
+  options.extra_channels = 1;
+  pags_camera camera = ahead();
+  const pags_part *parts;
+  int count;
+  pags_picture picture;
+  pags_compose(c, 101, &parts, &count);
+  assert_int_equal(pags_frame_render(frame, parts, count, &camera, &options, NULL, NULL, &picture), PAGS_OK);
+  assert_int_equal(picture.id[50 * picture.stride + 50], 2);
+  assert_int_equal(picture.id[50 * picture.stride + 35], 1);
+  assert_int_equal(picture.id[20 * picture.stride + 50], 0);
+  pags_composition_destroy(c);
+}
+
+/* 600 Gaussians before the camera, cut into the runs of two objects and the rest, against the same in one part. */
+static void cutting_changes_no_bit(void **state) {
+  (void)state;
+  pags_composition *c[2];
+  float *kept = malloc(3 * SIZE * SIZE * sizeof *kept);
+  for (int cut = 0; cut < 2; ++cut) {
+    pags_scene scene = make_scene();
+    pags_gaussians *g = &scene.models[0].gaussians;
+    pags_gaussians_destroy(g);
+    sample_gaussians(g, 600, 2, 5);
+    for (int64_t i = 0; i < g->count; ++i) {
+      pags_plane(g, PAGS_MEAN)[i] += 10;
+      pags_plane(g, PAGS_SCALE)[i] += 2.5f;
+    }
+    if (cut)
+      assert_int_equal(pags_gaussians_add_object_id(g), PAGS_OK);
+    for (int64_t i = 0; cut && i < g->count; ++i)
+      g->object_id[i] = (int32_t)(i % 3) - 1;
+    c[cut] = compose_scene(scene);
+    pags_picture picture = draw(c[cut], 101);
+    for (int k = 0; k < 3; ++k)
+      for (int y = 0; y < SIZE; ++y) {
+        float *row = kept + (k * SIZE + y) * SIZE;
+        if (cut)
+          assert_memory_equal(row, picture.rgb[k] + y * picture.stride, SIZE * sizeof *row);
+        else
+          memcpy(row, picture.rgb[k] + y * picture.stride, SIZE * sizeof *row);
+      }
+    pags_composition_destroy(c[cut]);
+  }
+  free(kept);
+}
+
+static void steady_composition_keeps_its_memory(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  const pags_part *first, *parts;
+  int count;
+  pags_compose(c, 100, &first, &count);
+  assert_int_equal(count, 3);
+  pags_compose(c, 103, &parts, &count);
+  assert_int_equal(count, 2);
+  assert_ptr_equal(parts, first);
+  draw(c, 100);
+  draw(c, 101);
+  uint64_t calls = pags_frame_heap_calls(frame);
+  draw(c, 101.5);
+  assert_true(pags_frame_heap_calls(frame) == calls);
+  pags_composition_destroy(c);
+}
+
+static int setup(void **state) {
+  (void)state;
+  tasks = pags_tasks_create(2);
+  return tasks && pags_frame_create(tasks, &frame) == PAGS_OK ? 0 : -1;
+}
+
+static int teardown(void **state) {
+  (void)state;
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(objects_are_where_their_tracks_are),
+      cmocka_unit_test(corrections_move_the_track),
+      cmocka_unit_test(hidden_objects_are_left_out),
+      cmocka_unit_test(moved_objects_move_in_their_own_frame),
+      cmocka_unit_test(added_objects_leave_the_first_ones),
+      cmocka_unit_test(bad_edits_change_nothing),
+      cmocka_unit_test(colour_follows_the_track),
+      cmocka_unit_test(ids_and_objects_are_those_of_the_files),
+      cmocka_unit_test(cutting_changes_no_bit),
+      cmocka_unit_test(steady_composition_keeps_its_memory),
+  };
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
