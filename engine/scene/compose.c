@@ -45,18 +45,19 @@ static pags_result out_of_memory(const pags_composition *c) {
                    (long long)c->gaussian_count);
 }
 
-static pags_result next_group(pags_composition *c, group **out) {
+/* NULL when memory is out. */
+static group *next_group(pags_composition *c) {
   if (c->group_count == c->group_capacity) {
     int64_t capacity = 2 * c->group_capacity + 16;
     group *grown = realloc(c->groups, (size_t)capacity * sizeof *grown);
     if (!grown)
-      return out_of_memory(c);
+      return NULL;
     c->groups = grown;
     c->group_capacity = capacity;
   }
-  *out = &c->groups[c->group_count++];
-  **out = (group){.object = -1, .dc_time = (double)NAN};
-  return PAGS_OK;
+  group *next = &c->groups[c->group_count++];
+  *next = (group){.object = -1, .dc_time = (double)NAN};
+  return next;
 }
 
 /* Rows index[0 .. count) of a model, which are first_id + index by number. */
@@ -98,8 +99,9 @@ static void sort_by_object(const int32_t *object_id, const int64_t *order, int64
 
 static pags_result add_one_group(pags_composition *c, const pags_gaussians *model, int32_t first_id,
                                  const int64_t *index, int64_t count, int64_t object, bool tracked) {
-  group *added;
-  PAGS_TRY(next_group(c, &added));
+  group *added = next_group(c);
+  if (!added)
+    return out_of_memory(c);
   added->object = object;
   added->tracked = tracked;
   return fill_group(c, model, first_id, index, count, added);
