@@ -7,6 +7,9 @@
 /* Both F32 with three channels and of one size, else PAGS_ERROR_ARGUMENT. `metric` begins the message. */
 pags_result pags_metric_check(const pags_image *a, const pags_image *b, const char *metric);
 
+/* PSNR of each of at most 16 regions; the images have been checked. */
+void pags_metric_psnr(const pags_image *a, const pags_image *b, const uint16_t *regions, int count, double *psnr);
+
 /* NaN becomes 0: a broken pixel counts as black, not as equal to everything. */
 static inline float pags_metric_clamp(float v) {
   return v > 0.0f ? (v < 1.0f ? v : 1.0f) : 0.0f;

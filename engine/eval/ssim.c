@@ -9,22 +9,25 @@
  * along the row. */
 #include "eval/metric.h"
 
+#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */ };
+enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, MOST_REGIONS = 16 };
 
 static const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03;
 
 typedef struct ssim_job {
   const float *a, *b; /* interleaved */
-  const uint8_t *mask;
+  const uint8_t *mask;     /* with one region only; NULL: every pixel counts */
+  const uint16_t *regions; /* NULL: one region */
+  int region_count;
   int width, height;
   double window[TAPS];
   double *scratch;        /* per worker */
   int64_t scratch_stride; /* doubles */
-  double *row_sum;        /* per row, over channels and counted pixels */
+  double *row_sum;        /* per row and region, over channels and counted pixels */
 } ssim_job;
 
 static void make_window(double window[TAPS]) {
@@ -74,62 +77,91 @@ static double map_value(double mu_a, double mu_b, double aa, double bb, double a
   return (2.0 * mu_a * mu_b + C1) * (2.0 * s_ab + C2) / ((mu_a * mu_a + mu_b * mu_b + C1) * (s_aa + s_bb + C2));
 }
 
-static double row_of_map(const ssim_job *job, int row, int channel, double *scratch, int64_t stride) {
+/* Bits of the regions that pixel `at` counts in. */
+static unsigned regions_of(const ssim_job *job, int64_t at) {
+  if (job->regions)
+    return job->regions[at];
+  return !job->mask || job->mask[at];
+}
+
+/* Adds one channel of a row of the map to the row's sums. */
+static void row_of_map(const ssim_job *job, int row, int channel, double *scratch, int64_t stride, double *sums) {
   double *blurred = scratch + MOMENTS * stride;
-  const uint8_t *mask = job->mask ? job->mask + (int64_t)row * job->width : NULL;
+  double own[MOST_REGIONS] = {0};
   sum_columns(job, row, channel, scratch, stride);
   for (int m = 0; m < MOMENTS; m++)
     sum_along(job->window, scratch + m * stride, blurred + m * stride, job->width);
-  double sum = 0.0;
   for (int x = 0; x < job->width; x++) {
-    if (mask && !mask[x])
-      continue;
     const double *v = blurred + x;
-    sum += map_value(v[0], v[stride], v[2 * stride], v[3 * stride], v[4 * stride]);
+    unsigned bits = regions_of(job, (int64_t)row * job->width + x);
+    double value = bits ? map_value(v[0], v[stride], v[2 * stride], v[3 * stride], v[4 * stride]) : 0.0;
+    for (int r = 0; bits; r++, bits >>= 1)
+      if (bits & 1)
+        own[r] += value;
   }
-  return sum;
+  for (int r = 0; r < job->region_count; r++)
+    sums[r] += own[r];
 }
 
 static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
   const ssim_job *job = context;
   double *scratch = job->scratch + worker * job->scratch_stride;
-  for (int64_t y = begin; y < end; y++) {
-    job->row_sum[y] = 0.0;
+  for (int64_t y = begin; y < end; y++)
     for (int c = 0; c < 3; c++)
-      job->row_sum[y] += row_of_map(job, (int)y, c, scratch, job->width + 2 * RADIUS);
+      row_of_map(job, (int)y, c, scratch, job->width + 2 * RADIUS, job->row_sum + y * job->region_count);
+}
+
+/* Mean of the map over each region. */
+static void take_means(const ssim_job *job, double *ssim) {
+  int64_t counted[MOST_REGIONS] = {0}, pixels = (int64_t)job->width * job->height;
+  for (int64_t i = 0; i < pixels; i++) {
+    unsigned bits = regions_of(job, i);
+    for (int r = 0; bits; r++, bits >>= 1)
+      counted[r] += bits & 1;
+  }
+  for (int r = 0; r < job->region_count; r++) {
+    double sum = 0.0;
+    for (int y = 0; y < job->height; y++)
+      sum += job->row_sum[(int64_t)y * job->region_count + r];
+    ssim[r] = counted[r] ? sum / (3.0 * (double)counted[r]) : NAN;
   }
 }
 
-static int64_t count_mask(const uint8_t *mask, int64_t pixels) {
-  if (!mask)
-    return pixels;
-  int64_t counted = 0;
-  for (int64_t i = 0; i < pixels; i++)
-    counted += mask[i] != 0;
-  return counted;
+static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
+  make_window(job->window);
+  job->scratch_stride = 2 * MOMENTS * ((int64_t)job->width + 2 * RADIUS);
+  job->scratch = calloc((size_t)(job->scratch_stride * pags_tasks_workers(tasks)), sizeof *job->scratch);
+  job->row_sum = calloc((size_t)job->height * (size_t)job->region_count, sizeof *job->row_sum);
+  pags_result result = PAGS_OK;
+  if (!job->scratch || !job->row_sum)
+    result = pags_fail(PAGS_ERROR_MEMORY, "SSIM: out of memory for a picture of %dx%d", job->width, job->height);
+  else if (!pags_parallel_for(tasks, job->height, 8, ssim_rows, job))
+    result = pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
+  if (result == PAGS_OK)
+    take_means(job, ssim);
+  free(job->scratch);
+  free(job->row_sum);
+  return result;
 }
 
 pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
                            double *ssim) {
   PAGS_TRY(pags_metric_check(a, b, "SSIM"));
-  ssim_job job = {.a = a->data, .b = b->data, .mask = mask, .width = a->width, .height = a->height};
-  make_window(job.window);
-  job.scratch_stride = 2 * MOMENTS * ((int64_t)a->width + 2 * RADIUS);
-  job.scratch = calloc((size_t)(job.scratch_stride * pags_tasks_workers(tasks)), sizeof *job.scratch);
-  job.row_sum = calloc((size_t)a->height, sizeof *job.row_sum);
-  pags_result result = PAGS_OK;
-  if (!job.scratch || !job.row_sum)
-    result = pags_fail(PAGS_ERROR_MEMORY, "SSIM: out of memory for a picture of %dx%d", a->width, a->height);
-  else if (!pags_parallel_for(tasks, a->height, 8, ssim_rows, &job))
-    result = pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
-  if (result == PAGS_OK) {
-    int64_t counted = count_mask(mask, (int64_t)a->width * a->height);
-    double sum = 0.0;
-    for (int y = 0; y < a->height; y++)
-      sum += job.row_sum[y];
-    *ssim = counted ? sum / (3.0 * (double)counted) : NAN;
-  }
-  free(job.scratch);
-  free(job.row_sum);
-  return result;
+  ssim_job job = {
+      .a = a->data, .b = b->data, .mask = mask, .region_count = 1, .width = a->width, .height = a->height};
+  return run(&job, tasks, ssim);
+}
+
+pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const uint16_t *regions, int count,
+                              pags_tasks *tasks, double *psnr, double *ssim) {
+  assert(count >= 1 && count <= MOST_REGIONS);
+  PAGS_TRY(pags_metric_check(a, b, "PSNR and SSIM"));
+  pags_metric_psnr(a, b, regions, count, psnr);
+  ssim_job job = {.a = a->data,
+                  .b = b->data,
+                  .regions = regions,
+                  .region_count = count,
+                  .width = a->width,
+                  .height = a->height};
+  return run(&job, tasks, ssim);
 }

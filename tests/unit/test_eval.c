@@ -148,6 +148,34 @@ static void test_ssim_threads(void **state) {
   pags_image_destroy(&b);
 }
 
+/* Each region gives what a mask of the same pixels gives. */
+static void test_regions(void **state) {
+  (void)state;
+  enum { WIDTH = 37, HEIGHT = 29, COUNT = 4 };
+  pags_image a = make_image(WIDTH, HEIGHT), b = make_image(WIDTH, HEIGHT);
+  pags_tasks *tasks = pags_tasks_create(2);
+  uint16_t regions[WIDTH * HEIGHT];
+  double psnr[COUNT], ssim[COUNT], one;
+  paint(&a, 1, 0.1f);
+  paint(&b, 2, 0.4f);
+  for (int i = 0; i < WIDTH * HEIGHT; i++) /* all, a third, the lower half; none */
+    regions[i] = (uint16_t)(1 | (i % 3 == 0) << 1 | (i > WIDTH * HEIGHT / 2) << 2);
+  assert_int_equal(pags_eval_regions(&a, &b, regions, COUNT, tasks, psnr, ssim), PAGS_OK);
+  for (int r = 0; r < COUNT - 1; r++) {
+    uint8_t mask[WIDTH * HEIGHT];
+    for (int i = 0; i < WIDTH * HEIGHT; i++)
+      mask[i] = regions[i] >> r & 1;
+    assert_int_equal(pags_eval_psnr(&a, &b, mask, &one), PAGS_OK);
+    assert_near(psnr[r], one, 1e-12);
+    assert_int_equal(pags_eval_ssim(&a, &b, mask, tasks, &one), PAGS_OK);
+    assert_near(ssim[r], one, 1e-12);
+  }
+  assert_true(isnan(psnr[COUNT - 1]) && isnan(ssim[COUNT - 1]));
+  pags_tasks_destroy(tasks);
+  pags_image_destroy(&a);
+  pags_image_destroy(&b);
+}
+
 static void test_wrong_pairs(void **state) {
   (void)state;
   pags_image a = make_image(8, 8), b = make_image(8, 9), bytes = {0};
@@ -167,7 +195,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_psnr_closed_form), cmocka_unit_test(test_psnr_mask),
       cmocka_unit_test(test_ssim_definition),  cmocka_unit_test(test_ssim_threads),
-      cmocka_unit_test(test_wrong_pairs),
+      cmocka_unit_test(test_regions),          cmocka_unit_test(test_wrong_pairs),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -19,6 +19,11 @@ PAGS_API pags_result pags_eval_psnr(const pags_image *a, const pags_image *b, co
 PAGS_API pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
                                     double *ssim);
 
+/* Both of several regions at once, at the price of one: bit r of a pixel's word says that it counts in region r, r < count <= 16.
+ * SSIM's map is that of the whole pictures. Results as above, one per region. */
+PAGS_API pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const uint16_t *regions, int count,
+                                       pags_tasks *tasks, double *psnr, double *ssim);
+
 /* LPIPS v0.1 with SqueezeNet 1.1 (Zhang et al. 2018); weights in the layout of docs/lpips.md (.npz of stored float32
  * members). Not comparable with figures from AlexNet or VGG. */
 typedef struct pags_lpips pags_lpips;
