@@ -1,0 +1,448 @@
+/* Imports Waymo Open Dataset v1 segments: TFRecord files of frames.
+ *
+ * The file is gone through twice: once from length to length, which finds how many frames there are and any cut or damage of the
+ * framing, then record by record. Boxes become tracks, and tracks masks, when all frames have been read.
+ *
+ * Axes. Waymo's cameras look along x, with y to the left and z up; extrinsics are written for OpenCV's (x right, y down, z forward):
+ * E * [0 0 1; -1 0 0; 0 -1 0], which only moves columns. The vehicle, LiDAR and boxes have x forward, y left, z up, as ours.
+ *
+ * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's turn; each
+ * photograph has a pose of its own, up to 30 ms off, and its columns are read one after another over some 45 ms. What that takes to
+ * undo is kept in timestamps.json: pose, pose_time, velocity, trigger, readout and shutter of each photograph.
+ *
+ * LiDAR rows are x y z intensity, 16 bytes, of both returns: drivestudio's 14 columns (56 bytes) add origin, flow, ground,
+ * elongation and laser, of which we read nothing. */
+#include <assert.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/import.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#include "import/layout.h"
+#include "import/options.h"
+#include "import/tfrecord.h"
+#include "import/waymo_lidar.h"
+#include "import/waymo_masks.h"
+#include "import/waymo_message.h"
+#include "import/waymo_semantic.h"
+#include "import/waymo_tracks.h"
+
+enum { WHERE = 1024, MOST_PHOTO_PIXELS = 1 << 26 };
+
+static const char *const lidar_columns[] = {"x", "y", "z", "intensity", NULL};
+
+typedef struct importer {
+  const char *source;
+  pags_tasks *tasks;
+  pags_progress_fn *progress;
+  void *user;
+  int numbers[16]; /* of the cameras, drivestudio's; Waymo's names less one */
+  char context[256]; /* name of the segment */
+  pags_layout_camera cameras[PAGS_WAYMO_CAMERAS];
+  double ego_from_camera[PAGS_WAYMO_CAMERAS][12];
+  pags_layout_info info;
+  pags_layout layout;
+  pags_waymo_boxes boxes;
+  pags_layout_track *tracks;
+  int64_t track_count;
+  double *times;                   /* of each frame */
+  double *ego_poses;               /* 12 of each frame */
+  pags_layout_exposure *exposures; /* [frame * cameras + camera] */
+  int64_t labelled;                /* photographs with panoptic labels */
+  int64_t sweeps;                  /* frames with LiDAR */
+} importer;
+
+static pags_result report(const importer *im, double fraction, const char *what) {
+  if (im->progress && !im->progress(im->user, fraction, what))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  return PAGS_OK;
+}
+
+static void describe_place(const importer *im, const pags_tfrecord_item *item, char where[WHERE]) {
+  snprintf(where, WHERE, "%s: record %lld at byte %llu", im->source, (long long)item->number,
+           (unsigned long long)item->offset);
+}
+
+/* ---- Calibration ---- */
+
+static const char *shutter_words(int direction) {
+  static const char *const words[] = {NULL,           "top_to_bottom", "left_to_right",
+                                      "bottom_to_top", "right_to_left", "none"};
+  return direction > 0 && direction < (int)(sizeof words / sizeof *words) ? words[direction] : NULL;
+}
+
+static void to_opencv_axes(const double waymo[12], double opencv[12]) {
+  for (int row = 0; row < 3; row++) {
+    const double *m = waymo + 4 * row;
+    const double columns[4] = {-m[1], -m[2], m[0], m[3]};
+    memcpy(opencv + 4 * row, columns, sizeof columns);
+  }
+}
+
+static pags_result read_camera(importer *im, const pags_waymo_frame *frame, int index, const char *where) {
+  const int number = im->numbers[index], name = number + 1;
+  const Pags__Waymo__CameraCalibration *c = pags_waymo_camera(frame, name);
+  if (!c)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no calibration of camera %d (%s)", where, number,
+                     pags_waymo_camera_name(name));
+  if (c->n_intrinsic != 9)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %d has %zu intrinsics, expected 9", where, number, c->n_intrinsic);
+  if (c->width < 1 || c->height < 1 || (int64_t)c->width * c->height > MOST_PHOTO_PIXELS)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %d has %d x %d pixels, expected at most %d in all", where, number,
+                     c->width, c->height, MOST_PHOTO_PIXELS);
+  pags_layout_camera *camera = &im->cameras[index];
+  *camera = (pags_layout_camera){.number = number,
+                                 .name = pags_waymo_camera_name(name),
+                                 .rolling_shutter = shutter_words(c->rolling_shutter_direction),
+                                 .width = c->width,
+                                 .height = c->height};
+  for (int i = 0; i < 9; i++) {
+    camera->intrinsics[i] = c->intrinsic[i];
+    if (!isfinite(c->intrinsic[i]) || (i < 2 && !(c->intrinsic[i] > 0)))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: intrinsic %d of camera %d is %g", where, i, number, c->intrinsic[i]);
+  }
+  double ego_from_waymo[12];
+  PAGS_TRY(pags_waymo_transform(c->extrinsic, where, "extrinsic of a camera", ego_from_waymo));
+  to_opencv_axes(ego_from_waymo, im->ego_from_camera[index]);
+  return PAGS_OK;
+}
+
+/* ---- One frame ---- */
+
+/* Angular velocity is given along the world's axes, wanted along the car's. */
+static void turn_back(const double m[12], const double w[3], double out[3]) {
+  for (int i = 0; i < 3; i++)
+    out[i] = m[i] * w[0] + m[4 + i] * w[1] + m[8 + i] * w[2];
+}
+
+static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const char *where, pags_layout_exposure *out) {
+  *out = pags_layout_exposure_unknown();
+  if (image->has_shutter && isfinite(image->shutter))
+    out->shutter = image->shutter;
+  if (image->has_camera_trigger_time && isfinite(image->camera_trigger_time))
+    out->trigger = image->camera_trigger_time;
+  if (image->has_camera_readout_done_time && isfinite(image->camera_readout_done_time))
+    out->readout = image->camera_readout_done_time;
+  if (image->has_pose_timestamp && isfinite(image->pose_timestamp))
+    out->pose_time = image->pose_timestamp;
+  out->time = out->readout >= out->trigger ? 0.5 * (out->trigger + out->readout) : out->pose_time;
+  if (!image->pose)
+    return PAGS_OK;
+  PAGS_TRY(pags_waymo_transform(image->pose, where, "pose of a photograph", out->pose));
+  const Pags__Waymo__Velocity *v = image->velocity;
+  if (v && isfinite(v->v_x) && isfinite(v->v_y) && isfinite(v->v_z) && isfinite(v->w_x) && isfinite(v->w_y) &&
+      isfinite(v->w_z)) {
+    const double turning[3] = {v->w_x, v->w_y, v->w_z};
+    out->velocity[0] = (double)v->v_x;
+    out->velocity[1] = (double)v->v_y;
+    out->velocity[2] = (double)v->v_z;
+    turn_back(out->pose, turning, out->velocity + 3);
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_image(importer *im, const pags_waymo_frame *message, int64_t frame, int index,
+                              const char *where) {
+  const pags_layout_camera *camera = &im->cameras[index];
+  const Pags__Waymo__CameraImage *image = pags_waymo_image(message, camera->number + 1);
+  int labelled;
+  if (!image || image->image.len < 4)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no photograph of camera %d (%s)", where, camera->number, camera->name);
+  if (image->image.data[0] != 0xff || image->image.data[1] != 0xd8)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph of camera %d is no JPEG", where, camera->number);
+  PAGS_TRY(read_exposure(image, where, &im->exposures[frame * im->info.camera_count + index]));
+  PAGS_TRY(pags_layout_put_image(&im->layout, frame, camera->number, ".jpg", image->image.data, image->image.len));
+  PAGS_TRY(pags_waymo_put_semantic(&im->layout, image, frame, camera->number, camera->width, camera->height, where,
+                                   &labelled));
+  im->labelled += labelled;
+  return PAGS_OK;
+}
+
+static pags_result read_lidar(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
+  if (pags_layout_has(&im->layout, "lidar", frame, -1, ".bin")) {
+    im->sweeps++;
+    return PAGS_OK;
+  }
+  pags_waymo_points points = {0};
+  pags_result result = pags_waymo_lidar_points(message, where, &points);
+  if (result == PAGS_OK && points.count) {
+    result = pags_layout_put_lidar(&im->layout, frame, points.count, points.rows);
+    im->sweeps++;
+  }
+  pags_waymo_points_destroy(&points);
+  return result;
+}
+
+/* The frame is one of the segment's, later than the one before. */
+static pags_result check_order(const importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
+  const char *name = message->context && message->context->name ? message->context->name : "";
+  if (strncmp(name, im->context, sizeof im->context - 1) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: belongs to segment '%.200s', the file begins with '%s'", where, name,
+                     im->context);
+  if (frame && !(im->times[frame] > im->times[frame - 1]))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: its time is %.6f s, not after the %.6f s of the frame before", where,
+                     im->times[frame], im->times[frame - 1]);
+  return PAGS_OK;
+}
+
+static pags_result read_frame(importer *im, const pags_waymo_frame *message, int64_t frame, const char *where) {
+  double *pose = im->ego_poses + 12 * frame;
+  im->times[frame] = (double)message->timestamp_micros * 1e-6;
+  PAGS_TRY(check_order(im, message, frame, where));
+  PAGS_TRY(pags_waymo_transform(message->pose, where, "pose of the frame", pose));
+  PAGS_TRY(pags_layout_put_ego_pose(&im->layout, frame, pose));
+  for (int c = 0; c < im->info.camera_count; c++)
+    PAGS_TRY(read_image(im, message, frame, c, where));
+  PAGS_TRY(read_lidar(im, message, frame, where));
+  return pags_waymo_boxes_add(&im->boxes, message, frame, im->times[frame], pose, where);
+}
+
+/* ---- The whole ---- */
+
+static pags_result count_records(const char *source, int64_t *count) {
+  pags_tfrecord *reader;
+  int end = 0;
+  *count = -1;
+  PAGS_TRY(pags_tfrecord_open(source, &reader));
+  pags_result result = PAGS_OK;
+  while (!end && result == PAGS_OK) {
+    result = pags_tfrecord_skip(reader, &end);
+    ++*count;
+  }
+  pags_tfrecord_close(reader);
+  if (result == PAGS_OK && *count == 0)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a TFRecord file of Waymo frames, found no record", source);
+  return result;
+}
+
+static pags_result allocate_frames(importer *im) {
+  const size_t frames = (size_t)im->info.frame_count; /* each took 16 bytes of the file at least */
+  im->times = calloc(frames, sizeof *im->times);
+  im->ego_poses = calloc(frames, 12 * sizeof *im->ego_poses);
+  im->exposures = calloc(frames, (size_t)im->info.camera_count * sizeof *im->exposures);
+  if (!im->times || !im->ego_poses || !im->exposures)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %zu frames", im->source, frames);
+  return PAGS_OK;
+}
+
+/* The first frame's calibration is the segment's. */
+static pags_result begin(importer *im, const pags_waymo_frame *first, const char *where, const char *folder,
+                         bool overwrite) {
+  if (first->context && first->context->name)
+    snprintf(im->context, sizeof im->context, "%s", first->context->name);
+  for (int c = 0; c < im->info.camera_count; c++)
+    PAGS_TRY(read_camera(im, first, c, where));
+  PAGS_TRY(allocate_frames(im));
+  PAGS_TRY(pags_layout_begin(&im->layout, folder, &im->info, overwrite));
+  for (int c = 0; c < im->info.camera_count; c++)
+    PAGS_TRY(pags_layout_put_extrinsics(&im->layout, -1, im->cameras[c].number, im->ego_from_camera[c]));
+  return PAGS_OK;
+}
+
+static pags_result read_record(importer *im, const pags_tfrecord_item *item, int64_t frame, const char *folder,
+                               bool overwrite) {
+  char where[WHERE];
+  pags_waymo_frame *message;
+  describe_place(im, item, where);
+  PAGS_TRY(pags_waymo_unpack_frame(item->data, item->size, where, &message));
+  pags_result result = frame ? PAGS_OK : begin(im, message, where, folder, overwrite);
+  if (result == PAGS_OK && !pags_layout_is_finished(&im->layout))
+    result = read_frame(im, message, frame, where);
+  pags_waymo_free_frame(message);
+  return result;
+}
+
+static pags_result read_records(importer *im, pags_tfrecord *reader, const char *folder, bool overwrite) {
+  pags_tfrecord_item item;
+  int end;
+  for (int64_t i = 0; i < im->info.first_frame; i++)
+    PAGS_TRY(pags_tfrecord_skip(reader, &end));
+  for (int64_t frame = 0; frame < im->info.frame_count; frame++) {
+    PAGS_TRY(report(im, 0.7 * pags_tfrecord_fraction(reader), "frames"));
+    PAGS_TRY(pags_tfrecord_next(reader, &item));
+    if (!item.data)
+      return pags_fail(PAGS_ERROR_IO, "%s: has become shorter", im->source);
+    PAGS_TRY(read_record(im, &item, frame, folder, overwrite));
+    if (pags_layout_is_finished(&im->layout))
+      return PAGS_OK;
+  }
+  return PAGS_OK;
+}
+
+/* Folders that the layout makes for what this segment turned out not to have. */
+static pags_result drop_folder(const importer *im, const char *name) {
+  char *path = pags_path_join(im->layout.folder, name);
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", im->source);
+  const pags_result result = pags_remove_tree(path);
+  free(path);
+  return result;
+}
+
+/* ---- Masks ---- */
+
+/* The first failure of a worker; messages live in their threads. */
+typedef struct failure {
+  pags_result result;
+  int64_t at;
+  char message[WHERE];
+} failure;
+
+typedef struct mask_job {
+  const importer *im;
+  const pags_waymo_lens *lenses;
+  int64_t first; /* photograph that index 0 of the loop is */
+  failure *failures;
+} mask_job;
+
+static pags_result put_mask(const mask_job *job, int64_t photo) {
+  const importer *im = job->im;
+  const int64_t frame = photo / im->info.camera_count;
+  const int index = (int)(photo % im->info.camera_count);
+  const pags_waymo_lens *lens = &job->lenses[index];
+  pags_camera camera = lens->pinhole;
+  pags_rigid_multiply(im->ego_poses + 12 * frame, im->ego_from_camera[index], camera.world_from_camera);
+  return pags_layout_put_dynamic_masks_through(&im->layout, frame, im->cameras[index].number, &camera,
+                                               lens->source ? &lens->lens : NULL, im->tracks, im->track_count);
+}
+
+static void put_mask_block(void *context, int64_t begin_at, int64_t end_at, int worker) {
+  const mask_job *job = context;
+  failure *f = &job->failures[worker];
+  for (int64_t i = begin_at; i < end_at && f->result == PAGS_OK; i++) {
+    f->result = put_mask(job, job->first + i);
+    if (f->result != PAGS_OK) {
+      f->at = i;
+      snprintf(f->message, sizeof f->message, "%s", pags_error_message());
+    }
+  }
+}
+
+static pags_result first_failure(const failure *failures, int count) {
+  const failure *first = NULL;
+  for (int i = 0; i < count; i++)
+    if (failures[i].result != PAGS_OK && (!first || failures[i].at < first->at))
+      first = &failures[i];
+  return first ? pags_fail(first->result, "%s", first->message) : PAGS_OK;
+}
+
+static pags_result put_masks_with(const importer *im, const pags_waymo_lens *lenses) {
+  const int workers = pags_tasks_workers(im->tasks);
+  const int64_t photos = im->info.frame_count * im->info.camera_count, step = 4 * (int64_t)workers;
+  failure *failures = calloc((size_t)workers, sizeof *failures);
+  if (!failures)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", im->source);
+  mask_job job = {.im = im, .lenses = lenses, .failures = failures};
+  pags_result result = PAGS_OK;
+  for (; job.first < photos && result == PAGS_OK; job.first += step) {
+    result = report(im, 0.7 + 0.3 * (double)job.first / (double)photos, "masks");
+    const int64_t count = photos - job.first < step ? photos - job.first : step;
+    if (result == PAGS_OK && !pags_parallel_for(im->tasks, count, 1, put_mask_block, &job))
+      result = pags_fail(PAGS_CANCELLED, "cancelled");
+    if (result == PAGS_OK)
+      result = first_failure(failures, workers);
+  }
+  free(failures);
+  return result;
+}
+
+static pags_result put_masks(const importer *im) {
+  pags_waymo_lens lenses[PAGS_WAYMO_CAMERAS] = {0};
+  pags_result result = PAGS_OK;
+  for (int c = 0; c < im->info.camera_count && result == PAGS_OK; c++)
+    result = pags_waymo_lens_make(&im->cameras[c], im->source, im->tasks, &lenses[c]);
+  if (result == PAGS_OK)
+    result = put_masks_with(im, lenses);
+  for (int c = 0; c < im->info.camera_count; c++)
+    pags_waymo_lens_destroy(&lenses[c]);
+  return result;
+}
+
+/* ---- The end ---- */
+
+static double frame_rate(const importer *im) {
+  const int64_t n = im->info.frame_count;
+  const double usual = 10; /* Hz, Waymo's laser */
+  if (n < 2)
+    return usual;
+  return round(100 * (double)(n - 1) / (im->times[n - 1] - im->times[0])) / 100;
+}
+
+static void log_findings(const importer *im) {
+  const long long frames = im->info.frame_count;
+  if (im->sweeps < frames)
+    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld frames have no LiDAR", im->source, frames - (long long)im->sweeps,
+             frames);
+  if (!im->boxes.count)
+    pags_log(PAGS_LOG_WARNING, "%s: no boxes: no instances and no dynamic masks are written", im->source);
+  if (im->boxes.unusable)
+    pags_log(PAGS_LOG_WARNING, "%s: %lld boxes without id, size or finite numbers were left out", im->source,
+             (long long)im->boxes.unusable);
+  pags_log(PAGS_LOG_INFO, "%s: %lld of %lld photographs have panoptic labels", im->source, (long long)im->labelled,
+           frames * im->info.camera_count);
+}
+
+static pags_result put_boxes(importer *im) {
+  if (!im->boxes.count) {
+    PAGS_TRY(drop_folder(im, "instances"));
+    return drop_folder(im, "dynamic_masks");
+  }
+  PAGS_TRY(pags_waymo_boxes_tracks(&im->boxes, im->source, &im->tracks, &im->track_count));
+  PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks, im->track_count));
+  return put_masks(im);
+}
+
+static pags_result finish(importer *im) {
+  if (pags_layout_is_finished(&im->layout))
+    return report(im, 1, "done");
+  PAGS_TRY(put_boxes(im));
+  if (!im->sweeps) {
+    im->info.lidar_columns = NULL;
+    PAGS_TRY(drop_folder(im, "lidar"));
+  }
+  im->info.fps = frame_rate(im);
+  log_findings(im);
+  const pags_layout_times times = {.frames = im->times, .exposures = im->exposures};
+  PAGS_TRY(pags_layout_finish(&im->layout, &times));
+  return report(im, 1, "done");
+}
+
+static void importer_free(importer *im) {
+  for (int64_t i = 0; i < im->track_count; i++)
+    pags_layout_track_destroy(&im->tracks[i]);
+  free(im->tracks);
+  pags_waymo_boxes_destroy(&im->boxes);
+  pags_layout_destroy(&im->layout);
+  free(im->times);
+  free(im->ego_poses);
+  free(im->exposures);
+}
+
+static pags_result import(importer *im, const char *folder, const pags_import_options *options) {
+  int64_t records, last;
+  PAGS_TRY(pags_import_cameras(options->cameras, PAGS_WAYMO_CAMERAS, 3, im->numbers, &im->info.camera_count));
+  PAGS_TRY(count_records(im->source, &records));
+  PAGS_TRY(pags_import_frames(options, records, &im->info.first_frame, &last));
+  im->info.frame_count = last - im->info.first_frame + 1;
+  pags_tfrecord *reader;
+  PAGS_TRY(pags_tfrecord_open(im->source, &reader));
+  pags_result result = read_records(im, reader, folder, options->overwrite);
+  pags_tfrecord_close(reader);
+  return result == PAGS_OK ? finish(im) : result;
+}
+
+pags_result pags_import_waymo(const char *source, const char *folder, const pags_import_options *options,
+                              pags_tasks *tasks, pags_progress_fn *progress, void *user) {
+  assert(source && folder && tasks);
+  const pags_import_options usual = pags_import_options_default();
+  importer im = {.source = source, .tasks = tasks, .progress = progress, .user = user};
+  im.info = (pags_layout_info){
+      .kind = "waymo", .source = source, .fps = 10, .cameras = im.cameras, .lidar_columns = lidar_columns};
+  const pags_result result = import(&im, folder, options ? options : &usual);
+  importer_free(&im);
+  return result;
+}

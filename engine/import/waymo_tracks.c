@@ -1,0 +1,189 @@
+/* Boxes to tracks (waymo_tracks.h): all labels are sorted by id, frame by frame, so that nothing grows with the square of their
+ * number. */
+#include "import/waymo_tracks.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+struct pags_waymo_box {
+  char *id;
+  int64_t frame, order; /* order: of the label among all */
+  int64_t track;        /* order of the first label of its id */
+  int type;
+  double time, speed;
+  double world_from_object[12];
+  double size[3];
+};
+
+static const char *class_name(int type) {
+  static const char *const names[] = {"Unknown", "Vehicle", "Pedestrian", "Sign", "Cyclist"};
+  return type >= 0 && type < (int)(sizeof names / sizeof *names) ? names[type] : names[0];
+}
+
+/* Ids go into JSON as they are. */
+static int is_usable_id(const char *id) {
+  size_t length = 0;
+  for (; id && id[length]; length++)
+    if (id[length] < ' ' || id[length] > '~')
+      return 0;
+  return length > 0 && length < 256;
+}
+
+static int is_usable(const Pags__Waymo__Label *label) {
+  const Pags__Waymo__Box *b = label->box;
+  return b && is_usable_id(label->id) && isfinite(b->center_x) && isfinite(b->center_y) && isfinite(b->center_z) &&
+         isfinite(b->heading) && b->length > 0 && b->width > 0 && b->height > 0 && b->length < 1e4 && b->width < 1e4 &&
+         b->height < 1e4;
+}
+
+static double speed_of(const Pags__Waymo__Label *label) {
+  const Pags__Waymo__Metadata *m = label->metadata;
+  return m ? sqrt(m->speed_x * m->speed_x + m->speed_y * m->speed_y) : 0;
+}
+
+/* The box's frame in the vehicle's: turned about z, its origin at the middle. */
+static void vehicle_from_box(const Pags__Waymo__Box *b, double m[12]) {
+  const double c = cos(b->heading), s = sin(b->heading);
+  const double pose[12] = {c, -s, 0, b->center_x, s, c, 0, b->center_y, 0, 0, 1, b->center_z};
+  memcpy(m, pose, sizeof pose);
+}
+
+static pags_result reserve(pags_waymo_boxes *boxes, size_t more, const char *where) {
+  if ((uint64_t)boxes->count + more <= (uint64_t)boxes->capacity)
+    return PAGS_OK;
+  const size_t capacity = 2 * ((size_t)boxes->count + more);
+  pags_waymo_box *grown = capacity <= SIZE_MAX / sizeof *grown ? realloc(boxes->boxes, capacity * sizeof *grown) : NULL;
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %zu boxes", where, capacity);
+  boxes->boxes = grown;
+  boxes->capacity = (int64_t)capacity;
+  return PAGS_OK;
+}
+
+pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame *message, int64_t frame, double time,
+                                 const double world_from_vehicle[12], const char *where) {
+  assert(boxes && message && where);
+  PAGS_TRY(reserve(boxes, message->n_laser_labels, where));
+  for (size_t i = 0; i < message->n_laser_labels; i++) {
+    const Pags__Waymo__Label *label = message->laser_labels[i];
+    if (!is_usable(label)) {
+      boxes->unusable++;
+      continue;
+    }
+    pags_waymo_box *box = &boxes->boxes[boxes->count];
+    *box = (pags_waymo_box){.id = pags_text_copy(label->id),
+                            .frame = frame,
+                            .order = boxes->count,
+                            .type = label->type,
+                            .time = time,
+                            .speed = speed_of(label),
+                            .size = {label->box->length, label->box->width, label->box->height}};
+    if (!box->id)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+    double local[12];
+    vehicle_from_box(label->box, local);
+    pags_rigid_multiply(world_from_vehicle, local, box->world_from_object);
+    boxes->count++;
+  }
+  return PAGS_OK;
+}
+
+static int by_id(const void *left, const void *right) {
+  const pags_waymo_box *a = left, *b = right;
+  const int order = strcmp(a->id, b->id);
+  return order ? order : (a->order > b->order) - (a->order < b->order);
+}
+
+static int by_track(const void *left, const void *right) {
+  const pags_waymo_box *a = left, *b = right;
+  if (a->track != b->track)
+    return a->track < b->track ? -1 : 1;
+  return (a->order > b->order) - (a->order < b->order);
+}
+
+/* Gives each box the number of its track and returns how many tracks there are. */
+static int64_t group(pags_waymo_boxes *boxes) {
+  int64_t tracks = 0;
+  qsort(boxes->boxes, (size_t)boxes->count, sizeof *boxes->boxes, by_id);
+  for (int64_t i = 0; i < boxes->count; i++) {
+    pags_waymo_box *box = &boxes->boxes[i];
+    const pags_waymo_box *before = i ? box - 1 : NULL;
+    const int same = before && strcmp(before->id, box->id) == 0;
+    box->track = same ? before->track : box->order;
+    tracks += !same;
+  }
+  qsort(boxes->boxes, (size_t)boxes->count, sizeof *boxes->boxes, by_track);
+  return tracks;
+}
+
+static void fill_track(const pags_waymo_box *boxes, int64_t count, pags_layout_track *track) {
+  pags_object *object = &track->object;
+  for (int64_t i = 0; i < count; i++) {
+    pags_knot *knot = &object->knots[i];
+    *knot = (pags_knot){.frame = (int32_t)boxes[i].frame, .trained = 1, .time = boxes[i].time};
+    memcpy(knot->world_from_object, boxes[i].world_from_object, sizeof knot->world_from_object);
+    for (int k = 0; k < 3; k++) {
+      track->sizes[3 * i + k] = boxes[i].size[k];
+      object->size[k] += boxes[i].size[k] / (double)count;
+    }
+  }
+  if (count > 1)
+    pags_object_classify_motion(object);
+  else
+    object->moving = boxes->speed > 1;
+}
+
+static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const char *where, pags_layout_track *track) {
+  for (int64_t i = 1; i < count; i++)
+    if (boxes[i].frame == boxes[i - 1].frame)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: frame %lld has two boxes of id '%s'", where, (long long)boxes[i].frame,
+                       boxes[i].id);
+  pags_object *object = &track->object;
+  object->id = pags_text_copy(boxes->id);
+  object->class_name = pags_text_copy(class_name(boxes->type));
+  object->category = pags_category_of(class_name(boxes->type));
+  object->knots = calloc((size_t)count, sizeof *object->knots);
+  track->sizes = calloc((size_t)count, 3 * sizeof *track->sizes);
+  if (!object->id || !object->class_name || !object->knots || !track->sizes)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+  object->knot_count = count;
+  fill_track(boxes, count, track);
+  return PAGS_OK;
+}
+
+pags_result pags_waymo_boxes_tracks(pags_waymo_boxes *boxes, const char *where, pags_layout_track **tracks,
+                                    int64_t *count) {
+  assert(boxes && where && tracks && count);
+  *count = boxes->count ? group(boxes) : 0;
+  *tracks = calloc((size_t)(*count ? *count : 1), sizeof **tracks);
+  if (!*tracks)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+  int64_t begin = 0;
+  for (int64_t t = 0; t < *count; t++) {
+    int64_t end = begin + 1;
+    while (end < boxes->count && boxes->boxes[end].track == boxes->boxes[begin].track)
+      end++;
+    const pags_result result = make_track(boxes->boxes + begin, end - begin, where, &(*tracks)[t]);
+    if (result != PAGS_OK) {
+      for (int64_t i = 0; i <= t; i++)
+        pags_layout_track_destroy(&(*tracks)[i]);
+      free(*tracks);
+      *tracks = NULL;
+      *count = 0;
+      return result;
+    }
+    begin = end;
+  }
+  return PAGS_OK;
+}
+
+void pags_waymo_boxes_destroy(pags_waymo_boxes *boxes) {
+  for (int64_t i = 0; i < boxes->count; i++)
+    free(boxes->boxes[i].id);
+  free(boxes->boxes);
+  *boxes = (pags_waymo_boxes){0};
+}
