@@ -9,6 +9,7 @@
 #include "raster_backward.inl"
 #include "project_backward.inl"
 #include "ssim.inl"
+#include "sky.inl"
 #include "adam.inl"
 
 #if defined(PAGS_ISA_AVX512)
@@ -30,6 +31,8 @@ const pags_kernels pags_kernels_scalar = {
     .bin_fill = bin_fill,
     .raster = raster,
     .raster_backward = raster_backward,
+    .sky_blend = sky_blend,
+    .sky_cells = sky_cells,
     .project_backward = project_backward,
     .adam_replay = adam_replay,
     .adam_update = adam_update,

@@ -101,6 +101,13 @@ typedef struct pags_raster_back {
   float background[3];
 } pags_raster_back;
 
+/* Directions of a picture's points (px, py), world axes, not of unit length: forward + (px - cx) across + (py - cy) downwards. */
+typedef struct pags_sky_rays {
+  float forward[3], across[3], downwards[3];
+  float cx, cy; /* px */
+  int32_t size; /* of the cube map, texels a side, >= 1 */
+} pags_sky_rays;
+
 /* dL/d(raw parameters) of up to 16 neighbouring rows and what densification asks for. */
 typedef struct pags_row_gradient {
   float *data;       /* plane p at data + p * stride */
@@ -159,6 +166,13 @@ typedef struct pags_kernels {
 
   void (*raster)(const pags_raster_in *in, const pags_raster_out *out);
   void (*raster_backward)(const pags_raster_back *in);
+
+  /* rgb += transmittance * sky over a whole tile with its top left pixel at (x0, y0), to which the planes point; sky.inl. */
+  void (*sky_blend)(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,
+                    const float *transmittance, float *const rgb[3]);
+  /* What sky_blend takes for the tile's pixels, 256 of each, row after row: top left texel of four (the others: + 1, + size,
+   * + size + 1; at size 1 none), shares of the right and of the lower ones in [0, 1]. */
+  void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int32_t *texel, float *along, float *down);
 
   /* Sums `slots` of each drawn row and goes on to the raw parameters (shade's and project's backward). Rows whose key is
    * UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not finite (and set to zero). */

@@ -67,6 +67,7 @@ static inline void i_store(int32_t *p, vi x) {
 }
 static inline vi i_add(vi x, vi y) { return I_EACH2(_mm256_add_epi32, x, y); }
 static inline vi i_sub(vi x, vi y) { return I_EACH2(_mm256_sub_epi32, x, y); }
+static inline vi i_mul(vi x, vi y) { return I_EACH2(_mm256_mullo_epi32, x, y); }
 static inline vi i_and(vi x, vi y) { return I_EACH2(_mm256_and_si256, x, y); }
 static inline vi i_or(vi x, vi y) { return I_EACH2(_mm256_or_si256, x, y); }
 static inline vi v_bits(vf x) { return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)}; }

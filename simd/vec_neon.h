@@ -76,6 +76,7 @@ static inline void i_store(int32_t *p, vi x) {
 }
 static inline vi i_add(vi x, vi y) { V_DO(vi, vaddq_s32(x.r[k], y.r[k])); }
 static inline vi i_sub(vi x, vi y) { V_DO(vi, vsubq_s32(x.r[k], y.r[k])); }
+static inline vi i_mul(vi x, vi y) { V_DO(vi, vmulq_s32(x.r[k], y.r[k])); }
 static inline vi i_and(vi x, vi y) { V_DO(vi, vandq_s32(x.r[k], y.r[k])); }
 static inline vi i_or(vi x, vi y) { V_DO(vi, vorrq_s32(x.r[k], y.r[k])); }
 static inline vi i_select(vm m, vi yes, vi no) { V_DO(vi, vbslq_s32(m.r[k], yes.r[k], no.r[k])); }

@@ -63,6 +63,7 @@ static inline void i_store(int32_t *p, vi x) { memcpy(p, x.l, sizeof x.l); }
 /* Unsigned inside, so that wrapping is defined as it is in a register. */
 static inline vi i_add(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k])); }
 static inline vi i_sub(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] - (uint32_t)y.l[k])); }
+static inline vi i_mul(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] * (uint32_t)y.l[k])); }
 static inline vi i_and(vi x, vi y) { V_DO(vi, x.l[k] & y.l[k]); }
 static inline vi i_or(vi x, vi y) { V_DO(vi, x.l[k] | y.l[k]); }
 static inline vi i_select(vm m, vi yes, vi no) {

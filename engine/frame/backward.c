@@ -1,5 +1,8 @@
 /* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade and project
- * and hands the rows to the receiver while they are in cache. No array of all gradients exists. */
+ * and hands the rows to the receiver while they are in cache. No array of all gradients exists.
+ *
+ * A sky needs nothing of the tiles: its share of the picture, T sky, depends on the transmittance as a background's does, and both lie in
+ * what remains of the picture's colours once the Gaussians' have been taken off. Only its texels have a gradient of their own. */
 #include <assert.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -100,6 +103,8 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
     return PAGS_ERROR_MEMORY;
   const double t0 = pags_frame_clock_ms();
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_backward, &c));
+  if (frame->has_sky && gradient->sky)
+    PAGS_TRY(pags_frame_sky_backward(frame, gradient));
   const double t1 = pags_frame_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_raster_backward = t1 - t0;

@@ -131,6 +131,7 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
     const bool follows = p == 0 || parts[p].first_id >= parts[p - 1].first_id + parts[p - 1].gaussians->count;
     frame->ids_ascend &= !parts[p].id && follows;
   }
+  pags_frame_prepare_sky(frame);
   return prepare_planes(frame);
 }
 

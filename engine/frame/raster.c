@@ -10,7 +10,7 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   pags_raster_out out = {.transmittance = frame_plane(frame, PLANE_T) + at, .stride = frame->stride};
   for (int c = 0; c < 3; c++) {
     out.rgb[c] = frame_plane(frame, PLANE_R + c) + at;
-    out.background[c] = frame->options.background[c];
+    out.background[c] = frame->has_sky ? 0.0f : frame->options.background[c];
   }
   if (frame->options.extra_channels) {
     out.depth = frame_plane(frame, PLANE_DEPTH) + at;
@@ -38,6 +38,8 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
                                .pairs = c->pairs ? c->pairs[worker] : NULL};
     const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
     f->kernels->raster(&in, &out);
+    if (f->has_sky) /* while the tile is in the cache */
+      pags_frame_blend_sky(f, tile);
   }
 }
 

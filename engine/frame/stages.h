@@ -24,6 +24,8 @@ struct pags_frame {
   pags_camera camera;
   pags_frame_options options;
   bool rendered, ids_ascend;
+  bool has_sky;
+  pags_sky_rays rays; /* where there is a sky */
 
   view_cluster *clusters;
   int64_t cluster_count, dense_count;
@@ -55,6 +57,12 @@ pags_result pags_stage_shade(pags_frame *frame);                                
 pags_result pags_stage_sort(pags_frame *frame);                                   /* -> order */
 pags_result pags_stage_bin(pags_frame *frame);                                    /* -> tile lists */
 pags_result pags_stage_raster(pags_frame *frame);                                 /* -> planes */
+
+/* Of the sky (sky.c): directions, before anything is drawn; a tile that has just been blended over zeros; the way back, which adds to the
+ * gradient's texels. */
+void pags_frame_prepare_sky(pags_frame *frame);
+void pags_frame_blend_sky(const pags_frame *frame, int64_t tile);
+pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
 /* count * size bytes of this frame, or NULL after pags_fail. */
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);

@@ -23,7 +23,7 @@ typedef struct parameter_group {
   int first, planes; /* past the last plane: dL/dmean2D statistics */
 } parameter_group;
 
-enum { GROUPS = 8, MEAN2D = 6, MEAN2D_ABS = 7 };
+enum { GROUPS = 8, SH_REST = 5, MEAN2D = 6, MEAN2D_ABS = 7 };
 static const parameter_group groups[GROUPS] = {
     {"mean", PAGS_MEAN, 3},
     {"scale", PAGS_SCALE, 3},
@@ -49,6 +49,7 @@ typedef struct gradient_case {
   double limit; /* of the 99.9th percentile */
   int behind;   /* 1: two of three rows are mirrored behind the camera, first rows included (facts 6 #22) */
   int plain;    /* 1: no loss on depth, no absolute gradient: what a trainer asks for by default */
+  int street;   /* 1: three parts of which one shows another constant term, and a sky */
 } gradient_case;
 
 static pags_tasks *tasks;
@@ -94,15 +95,16 @@ static double exact_mean2d(const double *pixels, const pags_camera *camera, int6
 }
 
 static void find_group_errors(const reference_part_gradient *exact, const frame_part_result *drawn,
-                              const reference_splat *splats, const pags_camera *camera, int group, error_list *errors) {
+                              const reference_splat *splats, const pags_camera *camera, int group,
+                              const parameter_group *planes, error_list *errors) {
   double *norm = reference_alloc(2 * exact->count, sizeof(double)), *difference = norm + exact->count, square = 0;
   int64_t count = 0;
   for (int64_t i = 0; i < exact->count; i++) {
     if (!splats[i].drawn)
       continue;
     if (group < MEAN2D) {
-      norm[i] = exact_norm(exact, &groups[group], i);
-      difference[i] = difference_norm(exact, drawn, &groups[group], i);
+      norm[i] = exact_norm(exact, planes, i);
+      difference[i] = difference_norm(exact, drawn, planes, i);
     } else {
       norm[i] = exact_mean2d(group == MEAN2D ? exact->mean2d : exact->mean2d_abs, camera, i);
       difference[i] = fabs((double)(group == MEAN2D ? drawn->mean2d : drawn->mean2d_abs)[i] - norm[i]);
@@ -143,43 +145,88 @@ static void mirror_rows(reference_part *part, const pags_camera *camera, const p
   }
 }
 
+/* A camera that sees three faces or so of a sky, and `parts` parts. */
+static reference_picture make_scene(const gradient_case *c, reference_random *random, pags_camera *camera,
+                                    pags_frame_options *options, pags_sky *sky, reference_part *parts, int part_count) {
+  *camera = reference_random_camera(random, 160, 120);
+  *options = c->options;
+  options->absolute_gradient = !c->plain;
+  for (int k = 0; k < 3; k++)
+    options->background[k] = (float)reference_uniform(random, 0, 1);
+  if (c->street) {
+    *sky = reference_random_sky(random, 40);
+    options->sky = sky;
+    camera->fx *= 0.5, camera->fy *= 0.5;
+  }
+  for (int p = 0; p < part_count; p++) {
+    parts[p] = reference_part_create(c->count / part_count, p == 2 ? 1 : 3);
+    parts[p].first_id = p * (c->count / part_count);
+    reference_random_pose(random, 4, parts[p].world_from_model);
+    for (int64_t i = 0; i < parts[p].count; i++)
+      reference_random_gaussian(random, &c->recipe, camera, options, &parts[p], i);
+    if (p == 1)
+      reference_random_dc(random, &parts[p]);
+    if (c->behind)
+      mirror_rows(&parts[p], camera, options);
+    frame_scene_round(&parts[p]);
+  }
+  return reference_render(parts, part_count, camera, options);
+}
+
+/* Rounding only: a texel's gradient is a sum of thousands of terms. */
+static void check_sky(const frame_result *drawn, const double *exact) {
+  double square = 0, worst = 0;
+  for (int64_t k = 0; k < drawn->sky_floats; k++)
+    square += exact[k] * exact[k];
+  const double floor = 1e-1 * sqrt(square / (double)drawn->sky_floats);
+  for (int64_t k = 0; k < drawn->sky_floats; k++)
+    worst = fmax(worst, fabs((double)drawn->sky[k] - exact[k]) / fmax(fabs(exact[k]), floor));
+  print_message("    sky        %6d, largest %.1e\n", (int)drawn->sky_floats, worst);
+  assert_true(square > 0 && worst < 1e-3);
+}
+
 static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors, double *left_out) {
   reference_random random = {seed};
-  pags_camera camera = reference_random_camera(&random, 160, 120);
-  pags_frame_options options = c->options;
-  options.absolute_gradient = !c->plain;
-  for (int k = 0; k < 3; k++)
-    options.background[k] = (float)reference_uniform(&random, 0, 1);
-  reference_part part = reference_part_create(c->count, 3);
-  reference_random_pose(&random, 4, part.world_from_model);
-  for (int64_t i = 0; i < c->count; i++)
-    reference_random_gaussian(&random, &c->recipe, &camera, &options, &part, i);
-  if (c->behind)
-    mirror_rows(&part, &camera, &options);
-  frame_scene_round(&part);
-
-  reference_picture picture = reference_render(&part, 1, &camera, &options);
+  pags_camera camera;
+  pags_frame_options options;
+  pags_sky sky = {0};
+  reference_part parts[3];
+  const int part_count = c->street ? 3 : 1;
+  reference_picture picture = make_scene(c, &random, &camera, &options, &sky, parts, part_count);
   int64_t pixels = (int64_t)camera.width * camera.height;
   double *weights = reference_alloc(5 * pixels, sizeof(double));
   *left_out += make_weights(&random, &picture, weights) / c->scenes;
-  reference_picture_gradient gradient = {weights, weights + 3 * pixels, c->plain ? NULL : weights + 4 * pixels};
-  reference_part_gradient exact;
-  reference_backward(&part, 1, &camera, &options, &picture, &gradient, &exact);
-  frame_scene scene = frame_scene_create(&part, 1, 64, 0);
+  double *sky_gradient = reference_alloc(18 * (int64_t)sky.size * sky.size, sizeof(double));
+  reference_picture_gradient gradient = {weights, weights + 3 * pixels, c->plain ? NULL : weights + 4 * pixels, sky_gradient};
+  reference_part_gradient exact[3];
+  reference_backward(parts, part_count, &camera, &options, &picture, &gradient, exact);
+  frame_scene scene = frame_scene_create(parts, part_count, 64, 0);
   frame_result drawn = frame_run(frame, &scene, &camera, &options, &gradient);
   assert_int_equal(drawn.bad_rows, 0);
   assert_true(frame_result_finite(&drawn));
-  for (int group = 0; group < GROUPS - c->plain; group++)
-    find_group_errors(&exact, &drawn.parts[0], picture.splats, &camera, group, errors);
-  for (int64_t i = 0; i < part.count; i++) /* facts 6 #29 */
-    assert_true(drawn.parts[0].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[0].mean2d[i] * 0.9999f));
+  int64_t first = 0;
+  for (int p = 0; p < part_count; first += parts[p++].count) {
+    for (int group = 0; group < GROUPS - c->plain; group++) {
+      parameter_group planes = groups[group];
+      if (group == SH_REST)
+        planes.planes = pags_plane_count(parts[p].sh_degree) - planes.first;
+      find_group_errors(&exact[p], &drawn.parts[p], picture.splats + first, &camera, group, &planes, errors);
+    }
+    for (int64_t i = 0; i < parts[p].count; i++) /* facts 6 #29 */
+      assert_true(drawn.parts[p].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[p].mean2d[i] * 0.9999f));
+  }
+  if (c->street)
+    check_sky(&drawn, sky_gradient);
 
   frame_result_destroy(&drawn);
   frame_scene_destroy(&scene);
-  reference_gradient_destroy(&exact, 1);
+  reference_gradient_destroy(exact, part_count);
   free(weights);
+  free(sky_gradient);
+  free(sky.texels);
   reference_picture_destroy(&picture);
-  reference_part_destroy(&part);
+  for (int p = 0; p < part_count; p++)
+    reference_part_destroy(&parts[p]);
 }
 
 static int compare_doubles(const void *a, const void *b) {
@@ -239,11 +286,11 @@ static void test_random_gaussians(void **state) {
   const reference_recipe recipe = reference_recipe_default();
   const pags_frame_options options = reference_options();
   gradient_case kinds[KINDS] = {
-      {"plain", 100, 1500, 4, recipe, options, 5e-3, 0, 0},
-      {"antialiased", 200, 2500, 2, recipe, options, 5e-3, 0, 0},
-      {"beside the picture", 300, 400, 4, recipe, options, 5e-3, 0, 0},
-      {"opaque", 400, 1000, 2, recipe, options, 5e-3, 0, 0},
-      {"culled in between", 600, 1800, 2, recipe, options, 5e-3, 1, 0},
+      {"plain", 100, 1500, 4, recipe, options, 5e-3, 0, 0, 0},
+      {"antialiased", 200, 2500, 2, recipe, options, 5e-3, 0, 0, 0},
+      {"beside the picture", 300, 400, 4, recipe, options, 5e-3, 0, 0, 0},
+      {"opaque", 400, 1000, 2, recipe, options, 5e-3, 0, 0, 0},
+      {"culled in between", 600, 1800, 2, recipe, options, 5e-3, 1, 0, 0},
   };
   kinds[1].recipe.sigma[0] = 0.2, kinds[1].recipe.sigma[1] = 3;
   kinds[1].options.antialiased = 1;
@@ -274,8 +321,17 @@ static void test_options(void **state) {
 
 static void test_needles(void **state) {
   (void)state;
-  gradient_case c = {"needles", 500, 300, 2, reference_recipe_default(), reference_options(), 1e-2, 0, 0};
+  gradient_case c = {"needles", 500, 300, 2, reference_recipe_default(), reference_options(), 1e-2, 0, 0, 0};
   c.recipe.sigma[0] = 5, c.recipe.sigma[1] = 30, c.recipe.anisotropy = 1e4;
+  run_case(&c, NULL);
+}
+
+static void test_street(void **state) {
+  (void)state;
+  gradient_case c = {"sky, parts and another constant term", 800, 1500, 3, reference_recipe_default(), reference_options(),
+                     5e-3, .street = 1};
+  run_case(&c, NULL);
+  c.plain = 1, c.scenes = 1;
   run_case(&c, NULL);
 }
 
@@ -284,6 +340,7 @@ int main(void) {
       cmocka_unit_test(test_random_gaussians),
       cmocka_unit_test(test_options),
       cmocka_unit_test(test_needles),
+      cmocka_unit_test(test_street),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

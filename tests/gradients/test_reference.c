@@ -24,6 +24,7 @@ typedef struct test_scene {
   pags_frame_options options;
   reference_part parts[MAX_PARTS];
   int part_count;
+  pags_sky sky;    /* size 0: none */
   double step;     /* of the differences: pixels for means, else as the parameter */
   double *weights; /* rgb, transmittance, depth_sum: five planes */
 } test_scene;
@@ -43,6 +44,7 @@ static test_scene scene_create(uint64_t seed, int64_t count, int sh_degree) {
 static void scene_destroy(test_scene *scene) {
   for (int p = 0; p < scene->part_count; p++)
     reference_part_destroy(&scene->parts[p]);
+  free(scene->sky.texels);
   free(scene->weights);
 }
 
@@ -54,7 +56,9 @@ static void scene_fill(test_scene *scene, const reference_recipe *recipe) {
 }
 
 static reference_picture scene_render(const test_scene *scene) {
-  return reference_render(scene->parts, scene->part_count, &scene->camera, &scene->options);
+  pags_frame_options options = scene->options;
+  options.sky = scene->sky.size ? &scene->sky : NULL;
+  return reference_render(scene->parts, scene->part_count, &scene->camera, &options);
 }
 
 static double loss_difference(const test_scene *scene, const reference_picture *a, const reference_picture *b) {
@@ -88,17 +92,20 @@ static double finite_difference(const test_scene *scene, double *value, double s
   return (8 * difference[0] - difference[1]) / (12 * step);
 }
 
-static void scene_backward(const test_scene *scene, const reference_picture *picture, reference_part_gradient *out) {
+static void scene_backward(const test_scene *scene, const reference_picture *picture, reference_part_gradient *out,
+                           double *sky) {
   const int64_t pixels = WIDTH * HEIGHT;
-  reference_picture_gradient gradient = {scene->weights, scene->weights + 3 * pixels, scene->weights + 4 * pixels};
-  reference_backward(scene->parts, scene->part_count, &scene->camera, &scene->options, picture, &gradient, out);
+  reference_picture_gradient gradient = {scene->weights, scene->weights + 3 * pixels, scene->weights + 4 * pixels, sky};
+  pags_frame_options options = scene->options;
+  options.sky = scene->sky.size ? &scene->sky : NULL;
+  reference_backward(scene->parts, scene->part_count, &scene->camera, &options, picture, &gradient, out);
 }
 
 /* Compares every parameter; at most `skip_share` of those of drawn Gaussians may sit on a kink. */
 static void check_gradient(test_scene *scene, double skip_share) {
   reference_picture picture = scene_render(scene);
   reference_part_gradient gradient[MAX_PARTS];
-  scene_backward(scene, &picture, gradient);
+  scene_backward(scene, &picture, gradient, NULL);
   int64_t compared = 0, skipped = 0, splat = 0;
   double worst = 0;
   for (int p = 0; p < scene->part_count; p++) {
@@ -113,8 +120,10 @@ static void check_gradient(test_scene *scene, double skip_share) {
         double pixel = picture.splats[splat].camera[2] / scene->camera.fx; /* metres that make a pixel */
         double step = scene->step * (plane < PAGS_SCALE ? pixel : 1);
         int smooth;
-        double numeric =
-            finite_difference(scene, &part->planes[plane * part->count + i], step, picture.decisions, &smooth);
+        double *at = &part->planes[plane * part->count + i];
+        if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3) /* what the part shows in place of it */
+          at = &part->dc[(plane - PAGS_SH) * part->count + i];
+        double numeric = finite_difference(scene, at, step, picture.decisions, &smooth);
         compared += smooth;
         skipped += !smooth;
         /* The floor is the rounding of the difference itself, far below any gradient that matters. */
@@ -258,6 +267,52 @@ static void test_two_parts(void **state) {
   scene_destroy(&scene);
 }
 
+/* The loss is linear in a texel: the difference over any step is the derivative. */
+static void check_texels(test_scene *scene) {
+  const int64_t floats = 18 * (int64_t)scene->sky.size * scene->sky.size;
+  double *gradient = reference_alloc(floats, sizeof(double));
+  reference_part_gradient parts[MAX_PARTS];
+  reference_picture base = scene_render(scene);
+  scene_backward(scene, &base, parts, gradient);
+  int64_t seen = 0;
+  for (int64_t k = 0; k < floats; k++) {
+    const float texel = scene->sky.texels[k];
+    scene->sky.texels[k] = texel + 1.0f; /* which rounds */
+    const double step = (double)scene->sky.texels[k] - (double)texel;
+    reference_picture moved = scene_render(scene);
+    assert_true(fabs(loss_difference(scene, &moved, &base) / step - gradient[k]) < 1e-10);
+    seen += gradient[k] != 0;
+    scene->sky.texels[k] = texel;
+    reference_picture_destroy(&moved);
+  }
+  assert_true(seen >= 3);
+  reference_gradient_destroy(parts, scene->part_count);
+  reference_picture_destroy(&base);
+  free(gradient);
+}
+
+/* Behind two parts, one of which shows a constant term of its own. The parameters' differences see the sky through alpha. */
+static void test_sky_and_other_dc(void **state) {
+  (void)state;
+  const int sizes[] = {1, 2, 7};
+  for (int k = 0; k < 3; k++) {
+    test_scene scene = scene_create(45 + (uint64_t)k, 6, 2);
+    scene.part_count = 2;
+    scene.parts[1] = reference_part_create(6, 1);
+    scene.parts[1].first_id = 6;
+    for (int p = 0; p < 2; p++)
+      reference_random_pose(&scene.random, 5, scene.parts[p].world_from_model);
+    scene.camera.fx *= 0.4, scene.camera.fy *= 0.4; /* several faces at once */
+    scene.sky = reference_random_sky(&scene.random, sizes[k]);
+    reference_recipe recipe = reference_recipe_default();
+    scene_fill(&scene, &recipe);
+    reference_random_dc(&scene.random, &scene.parts[1]);
+    check_gradient(&scene, 0.05);
+    check_texels(&scene);
+    scene_destroy(&scene);
+  }
+}
+
 /* Facts 6 #7: 1:1e4 at 45 degrees on the picture. */
 static void test_needles(void **state) {
   (void)state;
@@ -355,7 +410,7 @@ static void test_zero_quaternion_is_identity(void **state) {
   assert_memory_equal(identity.rgb, zero.rgb, 3 * WIDTH * HEIGHT * sizeof(double));
   assert_true(identity.splats[2].drawn);
   reference_part_gradient gradient;
-  scene_backward(&scene, &zero, &gradient);
+  scene_backward(&scene, &zero, &gradient, NULL);
   for (int k = 0; k < 4; k++)
     assert_true(gradient.planes[(PAGS_ROTATION + k) * n + 2] == 0);
   assert_true(gradient.planes[PAGS_SCALE * n + 2] != 0);
@@ -387,7 +442,7 @@ static void test_mean2d_is_in_pixels(void **state) {
   scene_fill(&scene, &recipe);
   reference_picture picture = scene_render(&scene);
   reference_part_gradient gradient;
-  scene_backward(&scene, &picture, &gradient);
+  scene_backward(&scene, &picture, &gradient, NULL);
   for (int axis = 0; axis < 2; axis++) {
     int smooth;
     double numeric =
@@ -411,6 +466,7 @@ int main(void) {
       cmocka_unit_test(test_antialiased),
       cmocka_unit_test(test_compensation_floor),
       cmocka_unit_test(test_two_parts),
+      cmocka_unit_test(test_sky_and_other_dc),
       cmocka_unit_test(test_needles),
       cmocka_unit_test(test_capped_alpha),
       cmocka_unit_test(test_stacks_that_stop),

@@ -29,6 +29,20 @@ static int64_t *row_order(int64_t count, uint64_t shuffle_seed) {
   return order;
 }
 
+static void create_dc(frame_scene *scene, int p, const reference_part *from) {
+  const int64_t stride = scene->gaussians[p].stride;
+  scene->dc[p] = aligned_alloc(64, (size_t)(3 * stride) * sizeof(float));
+  scene->dc_values[p] = reference_alloc(3 * stride, sizeof(float));
+  assert_non_null(scene->dc[p]);
+  scene->parts[p].dc = scene->dc[p];
+  for (int64_t k = 0; k < 3 * stride; k++)
+    scene->dc[p][k] = NAN;
+  for (int channel = 0; channel < 3; channel++) {
+    for (int64_t i = 0; i < from->count; i++)
+      scene->dc_values[p][channel * stride + i] = (float)from->dc[channel * from->count + scene->source[p][i]];
+  }
+}
+
 static void create_part(frame_scene *scene, int p, const reference_part *from, int cluster_size,
                         uint64_t shuffle_seed) {
   pags_gaussians *g = &scene->gaussians[p];
@@ -48,6 +62,8 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
   scene->parts[p] =
       (pags_part){.gaussians = g, .clusters = &scene->clusters[p], .id = scene->id[p], .first_id = from->first_id};
   memcpy(scene->parts[p].world_from_model, from->world_from_model, sizeof from->world_from_model);
+  if (from->dc)
+    create_dc(scene, p, from);
 }
 
 static void point_parts(frame_scene *scene) { /* the struct is returned by value */
@@ -71,6 +87,8 @@ void frame_scene_destroy(frame_scene *scene) {
     pags_gaussians_destroy(&scene->gaussians[p]);
     free(scene->id[p]);
     free(scene->source[p]);
+    free(scene->dc[p]);
+    free(scene->dc_values[p]);
   }
   *scene = (frame_scene){0};
 }
@@ -78,6 +96,8 @@ void frame_scene_destroy(frame_scene *scene) {
 void frame_scene_round(reference_part *part) {
   for (int64_t k = 0; k < part->count * pags_plane_count(part->sh_degree); k++)
     part->planes[k] = (double)(float)part->planes[k];
+  for (int64_t k = 0; part->dc && k < 3 * part->count; k++)
+    part->dc[k] = (double)(float)part->dc[k];
 }
 
 /* Runs */
@@ -89,8 +109,15 @@ typedef struct run_context {
 
 static void touch(void *user, int part, int64_t cluster, int worker) {
   (void)worker;
-  frame_part_result *to = &((run_context *)user)->result->parts[part];
-  to->touched[cluster]++;
+  const run_context *context = user;
+  context->result->parts[part].touched[cluster]++;
+  if (!context->scene->dc[part])
+    return;
+  const int64_t stride = context->scene->gaussians[part].stride, size = context->scene->clusters[part].size;
+  for (int channel = 0; channel < 3; channel++) {
+    for (int64_t i = cluster * size; i < stride && i < (cluster + 1) * size; i++)
+      context->scene->dc[part][channel * stride + i] = context->scene->dc_values[part][channel * stride + i];
+  }
 }
 
 static void receive(void *user, const pags_cluster_gradient *from, int worker) {
@@ -110,13 +137,16 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
   }
 }
 
-static void create_result(frame_result *result, const frame_scene *scene, const pags_camera *camera) {
+static void create_result(frame_result *result, const frame_scene *scene, const pags_camera *camera, const pags_sky *sky) {
   int64_t pixels = (int64_t)camera->width * camera->height;
   *result = (frame_result){.width = camera->width, .height = camera->height, .part_count = scene->part_count};
   result->rgb = reference_alloc(3 * pixels, sizeof(float));
   result->transmittance = reference_alloc(pixels, sizeof(float));
   result->depth = reference_alloc(pixels, sizeof(float));
+  result->depth_sum = reference_alloc(pixels, sizeof(float));
   result->id = reference_alloc(pixels, sizeof(int32_t));
+  result->sky_floats = sky ? 18 * (int64_t)sky->size * sky->size : 0;
+  result->sky = reference_alloc(result->sky_floats, sizeof(float));
   for (int p = 0; p < scene->part_count; p++) {
     frame_part_result *part = &result->parts[p];
     part->count = scene->gaussians[p].count;
@@ -163,8 +193,10 @@ static void go_back(pags_frame *frame, run_context *context, const pags_picture 
     planes[channel] = pad_plane(picture, gradient->rgb + channel * pixels);
   planes[3] = pad_plane(picture, gradient->transmittance);
   planes[4] = pad_plane(picture, gradient->depth_sum);
-  const pags_picture_gradient padded = {
-      .rgb = {planes[0], planes[1], planes[2]}, .transmittance = planes[3], .depth_sum = planes[4]};
+  const pags_picture_gradient padded = {.rgb = {planes[0], planes[1], planes[2]},
+                                        .transmittance = planes[3],
+                                        .depth_sum = planes[4],
+                                        .sky = context->result->sky_floats ? context->result->sky : NULL};
   check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
   for (int k = 0; k < 5; k++)
     free(planes[k]);
@@ -175,7 +207,7 @@ frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_c
   frame_result result;
   frame_scene here = *scene;
   point_parts(&here);
-  create_result(&result, scene, camera);
+  create_result(&result, scene, camera, options->sky);
   run_context context = {scene, &result};
   pags_frame_options kept = *options;
   kept.keep_for_backward = gradient != NULL;
@@ -189,7 +221,9 @@ frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_c
     copy_plane(&picture, picture.rgb[channel], result.rgb + (int64_t)channel * camera->width * camera->height);
   copy_plane(&picture, picture.transmittance, result.transmittance);
   assert_true((picture.depth != NULL) == (kept.extra_channels != 0));
+  assert_true((picture.depth_sum != NULL) == (kept.extra_channels != 0));
   copy_plane(&picture, picture.depth, result.depth);
+  copy_plane(&picture, picture.depth_sum, result.depth_sum);
   copy_plane(&picture, picture.id, result.id);
   if (gradient) {
     go_back(frame, &context, &picture, gradient);
@@ -207,6 +241,8 @@ void frame_result_destroy(frame_result *result) {
   free(result->rgb);
   free(result->transmittance);
   free(result->depth);
+  free(result->depth_sum);
+  free(result->sky);
   free(result->id);
   for (int p = 0; p < result->part_count; p++) {
     frame_part_result *part = &result->parts[p];
@@ -232,7 +268,8 @@ static int all_finite(const float *values, int64_t count) {
 int frame_result_finite(const frame_result *result) {
   int64_t pixels = (int64_t)result->width * result->height;
   int finite = all_finite(result->rgb, 3 * pixels) && all_finite(result->transmittance, pixels) &&
-               all_finite(result->depth, pixels);
+               all_finite(result->depth, pixels) && all_finite(result->depth_sum, pixels) &&
+               all_finite(result->sky, result->sky_floats);
   for (int p = 0; p < result->part_count; p++) {
     const frame_part_result *part = &result->parts[p];
     finite = finite && all_finite(part->planes, part->count * part->plane_count) &&
@@ -254,7 +291,9 @@ uint64_t frame_result_hash(const frame_result *result) {
   hash_bytes(&hash, result->rgb, 12 * pixels);
   hash_bytes(&hash, result->transmittance, 4 * pixels);
   hash_bytes(&hash, result->depth, 4 * pixels);
+  hash_bytes(&hash, result->depth_sum, 4 * pixels);
   hash_bytes(&hash, result->id, 4 * pixels);
+  hash_bytes(&hash, result->sky, 4 * result->sky_floats);
   for (int p = 0; p < result->part_count; p++) {
     const frame_part_result *part = &result->parts[p];
     hash_bytes(&hash, part->planes, 4 * part->count * part->plane_count);

@@ -14,6 +14,8 @@ typedef struct frame_scene {
   pags_clusters clusters[FRAME_SCENE_PARTS];
   int32_t *id[FRAME_SCENE_PARTS];     /* NULL: in order */
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
+  float *dc[FRAME_SCENE_PARTS];       /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
+  float *dc_values[FRAME_SCENE_PARTS];
 } frame_scene;
 
 /* Rounds the parts' values to float. `shuffle_seed` != 0: rows in a random order, their ids given explicitly. */
@@ -36,8 +38,10 @@ typedef struct frame_part_result { /* by row of the reference part, whatever the
 typedef struct frame_result {
   int width, height, part_count;
   float *rgb;                   /* three planes */
-  float *transmittance, *depth; /* depth and id only with extra_channels */
+  float *transmittance, *depth, *depth_sum; /* depths and id only with extra_channels */
   int32_t *id;
+  int64_t sky_floats;
+  float *sky; /* gradient of the texels, where there is a sky and a way back */
   frame_part_result parts[FRAME_SCENE_PARTS];
   int64_t bad_rows;
 } frame_result;

@@ -39,6 +39,7 @@ reference_part reference_part_from(const pags_part *from) {
 
 void reference_part_destroy(reference_part *part) {
   free(part->planes);
+  free(part->dc);
   *part = (reference_part){0};
 }
 
@@ -397,6 +398,18 @@ static void blend_all(reference_picture *picture) {
   free(order);
 }
 
+void reference_behind(const pags_camera *camera, const pags_frame_options *options, int64_t pixel, double rgb[3],
+                      double *margin) {
+  for (int channel = 0; channel < 3; channel++)
+    rgb[channel] = (double)options->background[channel];
+  if (!options->sky || options->sky->size == 0)
+    return;
+  const reference_sky_taps taps =
+      reference_sky_look(options->sky, camera, (int)(pixel % camera->width), (int)(pixel / camera->width));
+  reference_sky_colour(options->sky, &taps, rgb);
+  keep_smaller(margin, taps.margin);
+}
+
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
                                    const pags_frame_options *options) {
   int64_t pixels = (int64_t)camera->width * camera->height;
@@ -425,9 +438,11 @@ reference_picture reference_render(const reference_part *parts, int part_count, 
   }
 
   blend_all(&picture);
-  for (int channel = 0; channel < 3; channel++) {
-    for (int64_t pixel = 0; pixel < pixels; pixel++)
-      picture.rgb[channel * pixels + pixel] += picture.transmittance[pixel] * (double)options->background[channel];
+  for (int64_t pixel = 0; pixel < pixels; pixel++) {
+    double behind[3];
+    reference_behind(camera, options, pixel, behind, &picture.margin[pixel]);
+    for (int channel = 0; channel < 3; channel++)
+      picture.rgb[channel * pixels + pixel] += picture.transmittance[pixel] * behind[channel];
   }
   return picture;
 }

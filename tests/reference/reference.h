@@ -13,7 +13,7 @@
  *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)); not drawn below 1/255
  *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
  *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
- *            stops before T (1 - alpha) < 1e-4 */
+ *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the background */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
@@ -28,6 +28,7 @@ typedef struct reference_part {
   const int32_t *id; /* NULL: first_id + i */
   int32_t first_id;
   double world_from_model[12];
+  double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes' own */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
@@ -92,11 +93,12 @@ typedef struct reference_picture_gradient {
   const double *rgb; /* three planes */
   const double *transmittance;
   const double *depth_sum;
+  double *sky; /* out: dL/d(texel) is added; NULL: not wanted */
 } reference_picture_gradient;
 
 typedef struct reference_part_gradient {
   int64_t count;
-  double *planes;     /* as reference_part.planes */
+  double *planes;     /* as reference_part.planes; those of the constant SH term are by `dc` where the part has one */
   double *mean2d;     /* dL/d mean2D in px, x and y of Gaussian i at 2 i */
   double *mean2d_abs; /* sums over pixels of the absolute values */
 } reference_part_gradient;
@@ -144,7 +146,22 @@ double reference_direction(const reference_part *part, int64_t i, const referenc
 void reference_sh(const double direction[3], double basis[16], double derivative[16][3]);
 int reference_sh_degree(const reference_part *part, const pags_frame_options *options);
 
+/* The four texels that a pixel sees. */
+typedef struct reference_sky_taps {
+  int64_t texel[4]; /* (face * size + row) * size + column */
+  double weight[4];
+  double margin; /* relative distance to another face */
+} reference_sky_taps;
+
+reference_sky_taps reference_sky_look(const pags_sky *sky, const pags_camera *camera, int x, int y);
+/* What lies behind all Gaussians of a pixel; *margin falls to that of its choice. */
+void reference_behind(const pags_camera *camera, const pags_frame_options *options, int64_t pixel, double rgb[3],
+                      double *margin);
+void reference_sky_colour(const pags_sky *sky, const reference_sky_taps *taps, double rgb[3]);
+
 static inline double reference_value(const reference_part *part, int plane, int64_t i) {
+  if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)
+    return part->dc[(plane - PAGS_SH) * part->count + i];
   return part->planes[(int64_t)plane * part->count + i];
 }
 

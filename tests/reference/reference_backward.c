@@ -14,7 +14,7 @@ typedef struct splat_gradient {
 
 /* Pixels, back to front.
  *
- * rgb = sum_k w_k c_k + T background, w_k = alpha_k T_k, T_{k+1} = (1 - alpha_k) T_k. With the value of a Gaussian at a
+ * rgb = sum_k w_k c_k + T background (or sky), w_k = alpha_k T_k, T_{k+1} = (1 - alpha_k) T_k. With the value of a Gaussian at a
  * pixel v_k = c_k . dL/drgb + z_k dL/ddepth_sum, and B_k what lies behind it, background included:
  *   dL/dalpha_k = T_k v_k - B_k / (1 - alpha_k). */
 static void contribution_backward(const reference_contribution *c, const reference_splat *splat,
@@ -47,14 +47,16 @@ static void contribution_backward(const reference_contribution *c, const referen
   g->conic[2] -= 0.5 * by_power * dy * dy;
 }
 
-static void pixels_backward(const reference_picture *picture, const pags_frame_options *options,
+static void pixels_backward(const reference_picture *picture, const pags_camera *camera, const pags_frame_options *options,
                             const reference_picture_gradient *gradient, splat_gradient *out) {
   int64_t pixels = (int64_t)picture->width * picture->height;
   double *behind = reference_alloc(pixels, sizeof(double));
   for (int64_t pixel = 0; pixel < pixels; pixel++) {
     double by_transmittance = gradient->transmittance ? gradient->transmittance[pixel] : 0;
+    double colour[3], margin = INFINITY;
+    reference_behind(camera, options, pixel, colour, &margin);
     for (int channel = 0; gradient->rgb && channel < 3; channel++)
-      by_transmittance += gradient->rgb[channel * pixels + pixel] * (double)options->background[channel];
+      by_transmittance += gradient->rgb[channel * pixels + pixel] * colour[channel];
     behind[pixel] = picture->transmittance[pixel] * by_transmittance;
   }
   for (int64_t k = picture->contribution_count - 1; k >= 0; k--) {
@@ -67,6 +69,20 @@ static void pixels_backward(const reference_picture *picture, const pags_frame_o
                           &out[c->gaussian]);
   }
   free(behind);
+}
+
+static void sky_backward(const reference_picture *picture, const pags_camera *camera, const pags_sky *sky,
+                         const reference_picture_gradient *gradient) {
+  const int64_t pixels = (int64_t)picture->width * picture->height;
+  for (int64_t pixel = 0; pixel < pixels; pixel++) {
+    const reference_sky_taps taps =
+        reference_sky_look(sky, camera, (int)(pixel % picture->width), (int)(pixel / picture->width));
+    for (int channel = 0; channel < 3; channel++) {
+      const double by_colour = picture->transmittance[pixel] * gradient->rgb[channel * pixels + pixel];
+      for (int k = 0; k < 4; k++)
+        gradient->sky[3 * taps.texel[k] + channel] += taps.weight[k] * by_colour;
+    }
+  }
 }
 
 /* d(A^-1) = -A^-1 dA A^-1, hence dL/dcov = -conic dL/dconic conic. */
@@ -217,7 +233,9 @@ void reference_backward(const reference_part *parts, int part_count, const pags_
                         const pags_frame_options *options, const reference_picture *picture,
                         const reference_picture_gradient *gradient, reference_part_gradient *out) {
   splat_gradient *splats = reference_alloc(picture->splat_count, sizeof *splats);
-  pixels_backward(picture, options, gradient, splats);
+  pixels_backward(picture, camera, options, gradient, splats);
+  if (gradient->sky && gradient->rgb && options->sky)
+    sky_backward(picture, camera, options->sky, gradient);
   int64_t next = 0;
   for (int p = 0; p < part_count; p++) {
     const reference_part *part = &parts[p];

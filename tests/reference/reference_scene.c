@@ -87,6 +87,19 @@ void reference_random_gaussian(reference_random *random, const reference_recipe 
     part->planes[plane * n + i] = (plane < PAGS_SH + 3 ? 3 : 1) * recipe->colour * reference_normal(random);
 }
 
+void reference_random_dc(reference_random *random, reference_part *part) {
+  part->dc = reference_alloc(3 * part->count, sizeof(double));
+  for (int64_t k = 0; k < 3 * part->count; k++)
+    part->dc[k] = 0.75 * reference_normal(random);
+}
+
+pags_sky reference_random_sky(reference_random *random, int size) {
+  pags_sky sky = {.size = size, .texels = reference_alloc(18 * (int64_t)size * size, sizeof(float))};
+  for (int64_t k = 0; k < 18 * (int64_t)size * size; k++)
+    sky.texels[k] = (float)reference_uniform(random, 0, 1);
+  return sky;
+}
+
 pags_frame_options reference_options(void) {
   return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5};
 }

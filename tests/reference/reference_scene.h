@@ -33,6 +33,12 @@ reference_recipe reference_recipe_default(void);
 void reference_random_gaussian(reference_random *random, const reference_recipe *recipe, const pags_camera *camera,
                                const pags_frame_options *options, reference_part *part, int64_t i);
 
+/* Gives the part a constant SH term of its own. */
+void reference_random_dc(reference_random *random, reference_part *part);
+
+/* A cube map of noise in [0, 1]; free its texels. */
+pags_sky reference_random_sky(reference_random *random, int size);
+
 /* pags_frame_options_default without linking the engine. */
 pags_frame_options reference_options(void);
 

@@ -82,7 +82,7 @@ static void engine_destroy(engine *e) {
 
 static frame_result run_with(engine *e, const fixture *f, int cluster_size, uint64_t shuffle_seed) {
   frame_scene scene = frame_scene_create(&f->part, 1, cluster_size, shuffle_seed);
-  const reference_picture_gradient gradient = {f->weights, f->weights + 3 * PIXELS, f->weights + 4 * PIXELS};
+  const reference_picture_gradient gradient = {f->weights, f->weights + 3 * PIXELS, f->weights + 4 * PIXELS, NULL};
   frame_result result = frame_run(e->frame, &scene, &f->camera, &f->options, &gradient);
   frame_scene_destroy(&scene);
   return result;
@@ -144,6 +144,70 @@ static void test_threads_change_nothing(void **state) {
     assert_true(hash_of(&f, threads, 64, 0) == expected);
   *at(&f, PAGS_OPACITY, 1000) += 0.01; /* the hash sees a change */
   assert_true(hash_of(&f, 1, 64, 0) != expected);
+  fixture_destroy(&f);
+}
+
+/* A run of texels is one task, whoever takes it: sizes of few and of many runs. */
+static void test_threads_change_no_sky(void **state) {
+  (void)state;
+  const int sizes[] = {1, 30, 250};
+  for (int k = 0; k < 3; k++) {
+    fixture f = fixture_create(11, 300);
+    pags_sky sky = reference_random_sky(&f.random, sizes[k]);
+    f.options.sky = &sky;
+    f.camera.fx *= 0.3, f.camera.fy *= 0.3;
+    reference_random_dc(&f.random, &f.part);
+    uint64_t expected = hash_of(&f, 1, 64, 0);
+    for (int threads = 2; threads <= 7; threads++)
+      assert_true(hash_of(&f, threads, 64, 99) == expected);
+    for (int i = 0; i < 18 * sizes[k] * sizes[k]; i++)
+      sky.texels[i] += 0.001f;
+    assert_true(hash_of(&f, 1, 64, 0) != expected);
+    free(sky.texels);
+    fixture_destroy(&f);
+  }
+}
+
+/* Nothing before it: the sky as it is, no background. A map without texels is none. */
+static void test_bare_sky(void **state) {
+  (void)state;
+  fixture f = fixture_create(12, 0);
+  pags_sky sky = reference_random_sky(&f.random, 6);
+  for (int i = 0; i < 18 * 36; i++)
+    sky.texels[i] = i % 3 == 0 ? 0.3f : i % 3 == 1 ? 1.7f : -0.2f; /* not clamped */
+  f.options.sky = &sky;
+  frame_result result = run_finite(&f);
+  for (int k = 0; k < PIXELS; k++) {
+    assert_true(fabsf(result.rgb[k] - 0.3f) < 1e-6f);
+    assert_true(fabsf(result.rgb[PIXELS + k] - 1.7f) < 1e-6f);
+    assert_true(fabsf(result.rgb[2 * PIXELS + k] + 0.2f) < 1e-6f);
+    assert_true(result.transmittance[k] == 1);
+  }
+  frame_result_destroy(&result);
+  const pags_sky none = {0};
+  f.options.sky = &none;
+  result = run_finite(&f);
+  assert_true(is_background(&f, &result));
+  frame_result_destroy(&result);
+  free(sky.texels);
+  fixture_destroy(&f);
+}
+
+/* Pixels whose gradient isn't finite leave no mark on the texels. */
+static void test_sky_without_nan(void **state) {
+  (void)state;
+  fixture f = fixture_create(13, 0);
+  pags_sky sky = reference_random_sky(&f.random, 6);
+  f.options.sky = &sky;
+  for (int k = 0; k < PIXELS; k += 7)
+    f.weights[k] = k % 2 ? (double)NAN : (double)INFINITY;
+  frame_result result = run_finite(&f);
+  double sum = 0;
+  for (int64_t k = 0; k < result.sky_floats; k++)
+    sum += fabs((double)result.sky[k]);
+  assert_true(sum > 1);
+  frame_result_destroy(&result);
+  free(sky.texels);
   fixture_destroy(&f);
 }
 
@@ -243,7 +307,7 @@ static void test_no_parts(void **state) {
   fixture f = fixture_create(8, 0);
   engine e = engine_create(2);
   const frame_scene nothing = {0};
-  const reference_picture_gradient gradient = {f.weights, NULL, NULL};
+  const reference_picture_gradient gradient = {f.weights, NULL, NULL, NULL};
   frame_result result = frame_run(e.frame, &nothing, &f.camera, &f.options, &gradient);
   assert_true(is_background(&f, &result));
   frame_result_destroy(&result);
@@ -536,7 +600,7 @@ static void test_odd_sizes(void **state) {
     f.camera.width = sizes[k][0], f.camera.height = sizes[k][1];
     engine e = engine_create(2);
     frame_scene scene = frame_scene_create(&f.part, 1, 64, 0);
-    const reference_picture_gradient gradient = {f.weights, NULL, NULL};
+    const reference_picture_gradient gradient = {f.weights, NULL, NULL, NULL};
     frame_result result = frame_run(e.frame, &scene, &f.camera, &f.options, &gradient);
     assert_true(frame_result_finite(&result));
     frame_result_destroy(&result);
@@ -548,6 +612,9 @@ static void test_odd_sizes(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_threads_change_no_sky),
+      cmocka_unit_test(test_bare_sky),
+      cmocka_unit_test(test_sky_without_nan),
       cmocka_unit_test(test_threads_change_nothing),
       cmocka_unit_test(test_clusters_and_order_change_nothing),
       cmocka_unit_test(test_a_used_frame_is_as_good_as_new),

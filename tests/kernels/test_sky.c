@@ -1,0 +1,195 @@
+/* The sky's cells and colours: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
+#include "check.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { STRIDE = 48, X0 = 32, Y0 = 160, PIXELS = PAGS_TILE_PIXELS, PLANE = 15 * STRIDE + 16 };
+
+static const int sizes[] = {1, 2, 3, 4, 17, 64, 256};
+
+typedef struct sky_case {
+  pags_sky_rays rays;
+  float *texels;
+} sky_case;
+
+/* A camera of about 60 degrees or, `wide`, one that sees four faces at once. */
+static sky_case make_case(int size, bool wide) {
+  sky_case s = {.rays = {.size = size}};
+  double q[4], norm = 0.0;
+  for (int k = 0; k < 4; k++)
+    q[k] = (double)check_normal(), norm += q[k] * q[k];
+  for (int k = 0; k < 4; k++)
+    q[k] /= sqrt(norm);
+  const double w = q[0], x = q[1], y = q[2], z = q[3], focal = wide ? 3.0 : 300.0, cx = X0 + 7.3, cy = Y0 + 9.1;
+  const double r[9] = {1 - 2 * (y * y + z * z), 2 * (x * y - w * z),     2 * (x * z + w * y),
+                       2 * (x * y + w * z),     1 - 2 * (x * x + z * z), 2 * (y * z - w * x),
+                       2 * (x * z - w * y),     2 * (y * z + w * x),     1 - 2 * (x * x + y * y)};
+  for (int k = 0; k < 3; k++) {
+    s.rays.across[k] = (float)(r[3 * k] / focal), s.rays.downwards[k] = (float)(r[3 * k + 1] / focal);
+    s.rays.forward[k] = (float)r[3 * k + 2];
+  }
+  s.rays.cx = (float)cx, s.rays.cy = (float)cy;
+  const int64_t count = 18 * (int64_t)size * size;
+  s.texels = CHECK_NEW(float, count);
+  for (int64_t i = 0; i < count; i++)
+    s.texels[i] = check_uniform(-0.2f, 1.2f);
+  check_freeze(s.texels);
+  return s;
+}
+
+/* pags/sky.h by the letter. Returns how near the direction is to another face, relative. */
+static double sample(const sky_case *s, int i, double rgb[3]) {
+  const double px = X0 + i % 16 + 0.5 - (double)s->rays.cx, py = Y0 + i / 16 + 0.5 - (double)s->rays.cy;
+  double d[3], a[3];
+  for (int k = 0; k < 3; k++) {
+    d[k] = (double)s->rays.forward[k] + px * (double)s->rays.across[k] + py * (double)s->rays.downwards[k];
+    a[k] = fabs(d[k]);
+  }
+  const int axis = a[0] >= a[1] && a[0] >= a[2] ? 0 : a[1] >= a[2] ? 1 : 2, face = 2 * axis + (d[axis] < 0.0);
+  const double sc[6] = {-d[2], d[2], d[0], d[0], d[0], -d[0]}, tc[6] = {-d[1], -d[1], d[2], -d[2], -d[1], -d[1]};
+  const int n = s->rays.size;
+  double at[2] = {(sc[face] / a[axis] + 1) / 2 * n - 0.5, (tc[face] / a[axis] + 1) / 2 * n - 0.5};
+  int first[2];
+  for (int k = 0; k < 2; k++) {
+    at[k] = fmin(fmax(at[k], 0.0), n - 1.0);
+    first[k] = (int)at[k];
+    at[k] -= first[k];
+  }
+  for (int c = 0; c < 3; c++) {
+    rgb[c] = 0.0;
+    for (int tap = 0; tap < 4; tap++) {
+      const int column = first[0] + (tap & 1) < n ? first[0] + (tap & 1) : n - 1;
+      const int row = first[1] + (tap >> 1) < n ? first[1] + (tap >> 1) : n - 1;
+      const double weight = (tap & 1 ? at[0] : 1 - at[0]) * (tap >> 1 ? at[1] : 1 - at[1]);
+      rgb[c] += weight * (double)s->texels[3 * ((face * n + row) * n + column) + c];
+    }
+  }
+  return (a[axis] - fmax(a[(axis + 1) % 3], a[(axis + 2) % 3])) / a[axis];
+}
+
+typedef struct tile {
+  float *plane[4]; /* rgb, transmittance */
+} tile;
+
+static tile make_tile(void) {
+  tile t;
+  for (int c = 0; c < 4; c++) {
+    t.plane[c] = CHECK_NEW(float, PLANE);
+    for (int i = 0; i < PLANE; i++)
+      t.plane[c][i] = check_uniform(c == 3 ? 1e-4f : 0.0f, 1.0f);
+  }
+  return t;
+}
+
+static void blend(const pags_kernels *k, const sky_case *s, const tile *t) {
+  k->sky_blend(&s->rays, s->texels, X0, Y0, STRIDE, t->plane[3], t->plane);
+}
+
+static void check_colours(const sky_case *s, const tile *before, const tile *after, int *checked) {
+  for (int i = 0; i < PIXELS; i++) {
+    double rgb[3];
+    if (sample(s, i, rgb) < 1e-5)
+      continue;
+    ++*checked;
+    for (int c = 0; c < 3; c++) {
+      const int64_t at = i / 16 * STRIDE + i % 16;
+      const double want = (double)before->plane[c][at] + (double)before->plane[3][at] * rgb[c];
+      if (!(fabs((double)after->plane[c][at] - want) <= 1e-6 * (2 + s->rays.size))) /* of a texel's place */
+        CHECK_FAIL("size %d, pixel %d, channel %d: %.9g, should be %.9g", s->rays.size, i, c,
+                   (double)after->plane[c][at], want);
+    }
+  }
+}
+
+static void test_blend(const pags_kernels *k) {
+  int checked = 0;
+  for (int round = 0; round < 40; round++)
+    for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
+      const sky_case s = make_case(sizes[n], round & 1);
+      const tile before = make_tile();
+      tile got = {{NULL}}, want = {{NULL}};
+      for (int c = 0; c < 4; c++) {
+        memcpy(got.plane[c] = CHECK_NEW(float, PLANE), before.plane[c], PLANE * sizeof(float));
+        memcpy(want.plane[c] = CHECK_NEW(float, PLANE), before.plane[c], PLANE * sizeof(float));
+      }
+      check_freeze(got.plane[3]);
+      blend(k, &s, &got);
+      check_colours(&s, &before, &got, &checked);
+      blend(&pags_kernels_scalar, &s, &want);
+      for (int c = 0; c < 3; c++) {
+        if (CHECK_EXACT)
+          CHECK_SAME("blended", got.plane[c], want.plane[c], PLANE);
+        for (int i = 0; i < PLANE; i++) /* between the tile's rows */
+          CHECK(i % STRIDE < 16 || got.plane[c][i] == before.plane[c][i]);
+      }
+      check_release();
+    }
+  CHECK(checked > 40 * 7 * 250);
+}
+
+/* Cells lie within their face, and say what blending takes. */
+static void test_cells(const pags_kernels *k) {
+  for (int round = 0; round < 40; round++)
+    for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
+      const sky_case s = make_case(sizes[n], round & 1);
+      const int size = sizes[n], step = size > 1;
+      int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
+      float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
+      tile t = make_tile();
+      for (int c = 0; c < 4; c++)
+        for (int i = 0; i < PLANE; i++)
+          t.plane[c][i] = c == 3 ? 1.0f : 0.0f;
+      k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+      blend(k, &s, &t);
+      for (int i = 0; i < PIXELS; i++) {
+        CHECK(along[i] >= 0.0f && along[i] <= 1.0f && down[i] >= 0.0f && down[i] <= 1.0f);
+        CHECK(texel[i] >= 0 && texel[i] < 6 * size * size);
+        CHECK(texel[i] % size + step < size && texel[i] / size % size + step < size);
+        for (int c = 0; c < 3; c++) {
+          const float *const at = s.texels + 3 * texel[i] + c;
+          const double a = (double)along[i], d = (double)down[i];
+          const double top = (1 - a) * (double)at[0] + a * (double)at[3 * step];
+          const double bottom = (1 - a) * (double)at[3 * step * size] + a * (double)at[3 * step * (size + 1)];
+          CHECK(fabs((double)t.plane[c][i / 16 * STRIDE + i % 16] - (1 - d) * top - d * bottom) <= 1e-6);
+        }
+      }
+      check_release();
+    }
+}
+
+/* A camera of nonsense must not lead out of the map. */
+static void test_nonsense(const pags_kernels *k) {
+  static const float values[] = {0.0f, NAN, INFINITY, -INFINITY, 3e38f, -3e38f, 1e-40f};
+  for (int round = 0; round < 500; round++) {
+    sky_case s = make_case(sizes[check_below(5)], false);
+    for (int v = 0; v < 9; v++)
+      (v < 3 ? s.rays.forward : v < 6 ? s.rays.across : s.rays.downwards)[v % 3] = values[check_below(7)];
+    int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
+    float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
+    const tile t = make_tile();
+    k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+    blend(k, &s, &t);
+    const int size = s.rays.size, step = size > 1;
+    for (int i = 0; i < PIXELS; i++) {
+      CHECK(texel[i] >= 0 && texel[i] + step * (size + 1) < 6 * size * size);
+      CHECK(along[i] >= 0.0f && along[i] <= 1.0f && down[i] >= 0.0f && down[i] <= 1.0f);
+    }
+    check_release();
+  }
+}
+
+static void test_bench(const pags_kernels *k) {
+  const sky_case s = make_case(256, false);
+  const tile t = make_tile();
+  int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
+  float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
+  CHECK_BENCH("sky_blend", PIXELS, "pixel") blend(k, &s, &t);
+  CHECK_BENCH("sky_cells", PIXELS, "pixel") k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+}
+
+int main(int argc, char **argv) {
+  static const check_case cases[] = {
+      {"sky blend", test_blend}, {"sky cells", test_cells}, {"sky nonsense", test_nonsense}, {"sky bench", test_bench}};
+  return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
+}
