@@ -2,6 +2,8 @@
  * upright pinhole. */
 #include "dataset/internal.h"
 
+#include "dataset/driving.h"
+
 #include "base/file.h"
 #include "base/log.h"
 #include "base/text.h"
@@ -20,7 +22,7 @@ pags_dataset_options pags_dataset_options_default(void) {
 static pags_result check_options(const pags_dataset_options *options) {
   if (!(options->downscale >= 1) || !isfinite(options->downscale))
     return pags_fail(PAGS_ERROR_ARGUMENT, "downscale %g: expected 1 or more", options->downscale);
-  if (options->split_every < 0 || options->split_every == 1)
+  if (options->split_every < -1 || options->split_every == 1)
     return pags_fail(PAGS_ERROR_ARGUMENT, "split %d: expected 0 (hold nothing out) or at least 2",
                      options->split_every);
   if (options->random_points < 1 || options->random_points > 100000000)
@@ -44,18 +46,26 @@ static pags_result read_default_model(const char *root, pags_draft *draft) {
     if (found)
       return result;
   }
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: not a data set: it has no transforms.json, and no COLMAP model (cameras and images, "
-                   ".bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
-                   root);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: not a data set: it has no dataset.json, no images with ego_pose or extrinsics, no transforms.json, and no "
+      "COLMAP model (cameras and images, .bin or .txt) in ., sparse/0, sparse or colmap/sparse/0",
+      root);
 }
 
-static pags_result read_folder(const char *root, pags_draft *draft) {
+static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_draft *draft) {
   char *transforms = pags_path_join(root, "transforms.json");
   if (!transforms)
     return pags_draft_memory(root);
-  bool found = pags_file_exists(transforms);
-  pags_result result = found ? pags_transforms_read(transforms, draft) : read_default_model(root, draft);
+  pags_result result;
+  if (options->kind)
+    result = pags_driving_read(root, options, draft);
+  else if (pags_file_exists(transforms))
+    result = pags_transforms_read(transforms, draft);
+  else if (pags_driving_is_set(root))
+    result = pags_driving_read(root, options, draft);
+  else
+    result = read_default_model(root, draft);
   free(transforms);
   return result;
 }
@@ -85,7 +95,7 @@ static pags_result read_draft(const char *path, const pags_dataset_options *opti
   if (options->colmap)
     return read_named_model(path, options->colmap, draft);
   if (pags_dir_exists(path))
-    return read_folder(path, draft);
+    return read_folder(path, options, draft);
   if (strcmp(pags_path_extension(path), ".json") == 0)
     return pags_transforms_read(path, draft);
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
@@ -102,6 +112,8 @@ static int by_name(const void *a, const void *b) {
 static pags_result sort_views(pags_draft *draft) {
   if (draft->count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", draft->source);
+  if (draft->driving) /* by frame, then by camera, as its reader has left them */
+    return PAGS_OK;
   qsort(draft->views, (size_t)draft->count, sizeof *draft->views, by_name);
   for (int64_t i = 1; i < draft->count; i++) {
     const pags_draft_view *a = &draft->views[i - 1], *b = &draft->views[i];
@@ -180,17 +192,29 @@ static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
   return pags_lens_pinhole(&views[index].lens, views[index].where, &dataset->pinholes[index]);
 }
 
+/* Held out: driving sets by time step or camera, static ones by their order. */
+static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
+  const pags_driving *driving = dataset->draft.driving;
+  const pags_draft_view *from = &dataset->draft.views[index];
+  view->sensor = driving ? from->sensor : -1;
+  view->frame = driving ? from->frame : -1;
+  view->shutter_time = driving ? from->shutter_time : (double)NAN;
+  view->test = every > 0 && index % every == 0;
+  if (driving)
+    view->test = driving->steps[pags_driving_step(driving, from->frame)].test || from->sensor == driving->holdout;
+}
+
 static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_dataset_options *options) {
   const pags_draft_view *from = &dataset->draft.views[index];
   pags_view *view = &dataset->views[index];
   view->name = pags_path_name(from->image_path);
   view->image_path = from->image_path;
   view->mask_path = from->mask_path;
-  view->test = options->split_every > 0 && index % options->split_every == 0;
+  choose_part(dataset, index, options->split_every, view);
   PAGS_TRY(find_pinhole(dataset, index));
   pags_camera camera = dataset->pinholes[index];
   memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
-  camera.time = NAN;
+  camera.time = dataset->draft.driving ? from->time : (double)NAN;
   char *what = pags_draft_text("%s (%s)", from->where, view->name);
   pags_result result = what ? pags_camera_check(&camera, what) : pags_draft_memory(from->where);
   free(what);
@@ -210,7 +234,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     training += !dataset->views[i].test;
   }
   if (training == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: its only view is held out; expected more views, or --split-every 0",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
                      dataset->draft.source);
   return PAGS_OK;
 }
@@ -235,10 +259,13 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   if (!dataset->path)
     return pags_draft_memory(path);
   PAGS_TRY(read_draft(path, options, &dataset->draft));
+  pags_dataset_options resolved = *options;
+  if (resolved.split_every == -1)
+    resolved.split_every = 8; /* of static sets; the driving reader has its own */
   PAGS_TRY(sort_views(&dataset->draft));
   PAGS_TRY(check_sizes(&dataset->draft));
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
-  PAGS_TRY(make_views(dataset, options));
+  PAGS_TRY(make_views(dataset, &resolved));
   choose_origin(dataset);
   return pags_dataset_make_points(dataset, options);
 }
@@ -247,8 +274,6 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   assert(path && out);
   *out = NULL;
   pags_dataset_options chosen = options ? *options : pags_dataset_options_default();
-  if (chosen.split_every == -1)
-    chosen.split_every = 8;
   PAGS_TRY(check_options(&chosen));
   pags_dataset *dataset = calloc(1, sizeof *dataset);
   if (!dataset)
@@ -308,4 +333,51 @@ void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const floa
   *xyz = dataset->xyz;
   *rgb = dataset->rgb;
   *random = dataset->random;
+}
+
+/* Driving sets. */
+
+int pags_dataset_provides(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->provides : 0;
+}
+
+double pags_dataset_fps(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->fps : 0;
+}
+
+int64_t pags_dataset_object_count(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->object_count : 0;
+}
+
+const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index) {
+  assert(index >= 0 && index < pags_dataset_object_count(dataset));
+  return &dataset->draft.driving->objects[index];
+}
+
+int64_t pags_dataset_sweep_count(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->sweep_count : 0;
+}
+
+const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index) {
+  assert(index >= 0 && index < pags_dataset_sweep_count(dataset));
+  return &dataset->draft.driving->sweeps[index];
+}
+
+pags_result pags_dataset_sweep_load(const pags_dataset *dataset, int64_t index, int64_t *count, float **xyz) {
+  assert(index >= 0 && index < pags_dataset_sweep_count(dataset));
+  return pags_sweep_read(dataset->draft.driving, index, count, xyz);
+}
+
+const char *pags_dataset_sensor_name(const pags_dataset *dataset, int sensor) {
+  const pags_sensor *found = dataset->draft.driving ? pags_driving_sensor(dataset->draft.driving, sensor) : NULL;
+  return found ? found->name : NULL;
+}
+
+int64_t pags_dataset_note_count(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->note_count : 0;
+}
+
+const char *pags_dataset_note(const pags_dataset *dataset, int64_t index) {
+  assert(index >= 0 && index < pags_dataset_note_count(dataset));
+  return dataset->draft.driving->notes[index];
 }

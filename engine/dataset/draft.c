@@ -1,5 +1,5 @@
 /* Storage of what readers read. */
-#include "dataset/draft.h"
+#include "dataset/driving.h"
 
 #include <assert.h>
 #include <math.h>
@@ -13,11 +13,15 @@ void pags_draft_destroy(pags_draft *draft) {
     free(draft->views[i].image_path);
     free(draft->views[i].mask_path);
     free(draft->views[i].where);
+    free(draft->views[i].sky_path);
+    free(draft->views[i].semantic_path);
+    free(draft->views[i].dynamic_path);
   }
   free(draft->views);
   free(draft->source);
   free(draft->points.items);
   free(draft->points.track);
+  pags_driving_destroy(draft->driving);
   memset(draft, 0, sizeof *draft);
 }
 

@@ -17,6 +17,10 @@ typedef struct pags_draft_view {
   pags_lens lens;               /* not prepared; not filled in where `missing` and the file gives no size */
   double world_from_camera[12]; /* OpenCV axes */
   int64_t id;                   /* by which tracks name it */
+  /* Driving sets */
+  int sensor, frame;
+  double time, shutter_time;                     /* seconds; shutter_time NaN where unknown */
+  char *sky_path, *semantic_path, *dynamic_path; /* NULL: none */
 } pags_draft_view;
 
 typedef struct pags_draft_point {
@@ -40,7 +44,8 @@ typedef struct pags_draft {
   pags_up up;
   int64_t count, capacity;
   pags_draft_view *views;
-  pags_draft_points points; /* count 0: the data set has none */
+  pags_draft_points points;     /* count 0: the data set has none */
+  struct pags_driving *driving; /* NULL: a static set */
 } pags_draft;
 
 void pags_draft_destroy(pags_draft *draft);

@@ -1,4 +1,5 @@
 /* The points that training starts from: the model's own where it has some, else random ones. */
+#include "dataset/driving.h"
 #include "dataset/internal.h"
 
 #include "base/log.h"
@@ -46,6 +47,8 @@ static int is_used(const pags_draft_points *points, const pags_draft_point *poin
 }
 
 static pags_result allocate(pags_dataset *dataset, int64_t count) {
+  free(dataset->xyz);
+  free(dataset->rgb);
   dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
   dataset->rgb = malloc(((size_t)count + 1) * 3);
   return dataset->xyz && dataset->rgb ? PAGS_OK : pags_draft_memory(dataset->path);
@@ -76,8 +79,6 @@ static pags_result take_model_points(pags_dataset *dataset) {
 }
 
 static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_options *options) {
-  free(dataset->xyz);
-  free(dataset->rgb);
   PAGS_TRY(allocate(dataset, options->random_points));
   const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
   if (!cameras)
@@ -95,7 +96,11 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
 }
 
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
+  if (dataset->draft.driving && options->sfm)
+    PAGS_TRY(pags_sfm_read(options->sfm, &dataset->draft));
   if (dataset->draft.points.count > 0)
     PAGS_TRY(take_model_points(dataset));
-  return dataset->point_count > 0 ? PAGS_OK : make_random_points(dataset, options);
+  if (dataset->point_count > 0)
+    return PAGS_OK;
+  return dataset->draft.driving ? allocate(dataset, 0) : make_random_points(dataset, options);
 }

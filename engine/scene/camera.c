@@ -107,6 +107,19 @@ static void make_orthonormal(double m[12]) {
   }
 }
 
+pags_result pags_rigid_check(double m[12], const char *what) {
+  for (int i = 0; i < 12; ++i)
+    if (!isfinite(m[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
+  double c[9];
+  double error = orthonormal_error(m);
+  if (error > 2e-3 || cofactors(m, c) < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not a rotation and a translation (off by %.3g)", what,
+                     error > 2e-3 ? error : 2.0);
+  make_orthonormal(m);
+  return PAGS_OK;
+}
+
 pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (camera->width < 1 || camera->width > 65535 || camera->height < 1 || camera->height > 65535)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a picture of 1 to 65535 pixels a side, found %d x %d", what,
@@ -117,16 +130,7 @@ pags_result pags_camera_check(pags_camera *camera, const char *what) {
   if (!isfinite(camera->cx) || !isfinite(camera->cy))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a finite principal point, found cx %g, cy %g", what, camera->cx,
                      camera->cy);
-  for (int i = 0; i < 12; ++i)
-    if (!isfinite(camera->world_from_camera[i]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: the camera's pose is not finite", what);
-  double c[9];
-  double error = orthonormal_error(camera->world_from_camera);
-  if (error > 2e-3 || cofactors(camera->world_from_camera, c) < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: the camera's pose is not a rotation and a translation (off by %.3g)", what,
-                     error > 2e-3 ? error : 2.0);
-  make_orthonormal(camera->world_from_camera);
-  return PAGS_OK;
+  return pags_rigid_check(camera->world_from_camera, what);
 }
 
 static int scaled_size(int size, double factor) {

@@ -24,6 +24,8 @@ PAGS_API pags_result pags_camera_check(pags_camera *camera, const char *what);
  * right and at the bottom is cut off. */
 PAGS_API pags_camera pags_camera_downscale(const pags_camera *camera, double factor);
 
+/* The check of the pose alone, for any 3x4 [R|t]. */
+PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
 /* 3x4 [R|t] of the inverse rigid motion. */
 PAGS_API void pags_rigid_inverse(const double m[12], double out[12]);
 /* a * b for 3x4 rigid motions. */

@@ -1,0 +1,143 @@
+/* Boxes in pictures: the outline of a projected box, and the pixels inside of it.
+ *
+ * The box's part nearer than 0.1 m is cut off in space first (a corner behind the camera projects to nonsense): what remains is spanned
+ * by the corners in front and by the edges' crossings with that plane, and its picture is the convex hull of theirs. */
+#include <pags/dataset.h>
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+
+/* Eight corners, or four and the crossings: a plane cuts at most six of the twelve edges and then leaves at most seven corners. */
+enum { MOST_POINTS = 16 };
+
+static const double nearest = 0.1; /* metres */
+
+/* Corner i of the box in the camera's frame: bits of i choose the sides along x, y, z. */
+static void corner_at(const pags_camera *camera, const double box[12], const double size[3], int i, double out[3]) {
+  const double *c = camera->world_from_camera;
+  double local[3], world[3];
+  for (int k = 0; k < 3; k++)
+    local[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
+  for (int k = 0; k < 3; k++)
+    world[k] =
+        box[4 * k] * local[0] + box[4 * k + 1] * local[1] + box[4 * k + 2] * local[2] + box[4 * k + 3] - c[4 * k + 3];
+  for (int k = 0; k < 3; k++)
+    out[k] = c[k] * world[0] + c[4 + k] * world[1] + c[8 + k] * world[2];
+}
+
+static void project(const pags_camera *camera, const double p[3], double out[2]) {
+  out[0] = camera->fx * p[0] / p[2] + camera->cx;
+  out[1] = camera->fy * p[1] / p[2] + camera->cy;
+}
+
+/* Pictures of what spans the part in front of the plane; returns how many. */
+static int clip(const pags_camera *camera, double corners[8][3], double out[MOST_POINTS][2]) {
+  int count = 0;
+  for (int i = 0; i < 8; i++) {
+    if (corners[i][2] >= nearest)
+      project(camera, corners[i], out[count++]);
+    for (int axis = 0; axis < 3; axis++) {
+      int j = i | 1 << axis; /* each edge once, from its lower corner */
+      if (j == i || (corners[i][2] >= nearest) == (corners[j][2] >= nearest))
+        continue;
+      double share = (nearest - corners[i][2]) / (corners[j][2] - corners[i][2]), crossing[3];
+      for (int k = 0; k < 2; k++)
+        crossing[k] = corners[i][k] + share * (corners[j][k] - corners[i][k]);
+      crossing[2] = nearest;
+      project(camera, crossing, out[count++]);
+    }
+  }
+  return count;
+}
+
+static int by_position(const void *a, const void *b) {
+  const double *left = a, *right = b;
+  if (left[0] != right[0])
+    return left[0] < right[0] ? -1 : 1;
+  return left[1] < right[1] ? -1 : left[1] > right[1];
+}
+
+static double turn(const double *a, const double *b, const double *c) {
+  return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+}
+
+/* Andrew's monotone chains: the lower one from left to right, then the upper one back. */
+static int hull(double points[][2], int count, double out[32]) {
+  double chain[2 * MOST_POINTS + 1][2];
+  int length = 0;
+  qsort(points, (size_t)count, sizeof *points, by_position);
+  for (int side = 0; side < 2; side++) {
+    int begin = length;
+    for (int i = 0; i < count; i++) {
+      const double *p = points[side == 0 ? i : count - 1 - i];
+      while (length >= begin + 2 && turn(chain[length - 2], chain[length - 1], p) <= 0)
+        length--;
+      chain[length][0] = p[0];
+      chain[length++][1] = p[1];
+    }
+    length--; /* the other chain begins with this point */
+  }
+  if (length > MOST_POINTS)
+    length = MOST_POINTS;
+  for (int i = 0; i < length; i++) {
+    out[2 * i] = chain[i][0];
+    out[2 * i + 1] = chain[i][1];
+  }
+  return length;
+}
+
+int pags_box_outline(const pags_camera *camera, const double world_from_object[12], const double size[3],
+                     double corners[32]) {
+  double box[8][3], points[MOST_POINTS][2];
+  for (int i = 0; i < 8; i++)
+    corner_at(camera, world_from_object, size, i, box[i]);
+  int count = clip(camera, box, points);
+  if (count < 3)
+    return 0;
+  for (int i = 0; i < count; i++)
+    if (!isfinite(points[i][0]) || !isfinite(points[i][1]))
+      return 0;
+  int length = hull(points, count, corners);
+  return length >= 3 ? length : 0;
+}
+
+/* The stretch of the line y that lies inside of a convex outline; false where there is none. */
+static int crossings(const double *corners, int count, double y, double *left, double *right) {
+  *left = INFINITY;
+  *right = -INFINITY;
+  for (int i = 0; i < count; i++) {
+    const double *a = corners + 2 * i, *b = corners + 2 * ((i + 1) % count);
+    if ((a[1] <= y) == (b[1] <= y))
+      continue;
+    double x = a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
+    *left = fmin(*left, x);
+    *right = fmax(*right, x);
+  }
+  return *left <= *right;
+}
+
+/* The first pixel whose centre lies at or beyond x, within 0 .. size. */
+static int first_centre(double x, int size) {
+  return (int)fmin(fmax(ceil(x - 0.5), 0), size);
+}
+
+void pags_outline_fill(const double *corners, int count, int width, int height, int stride, uint8_t bits,
+                       uint8_t *plane) {
+  assert(width <= stride);
+  double top = INFINITY, bottom = -INFINITY;
+  for (int i = 0; i < count; i++) {
+    top = fmin(top, corners[2 * i + 1]);
+    bottom = fmax(bottom, corners[2 * i + 1]);
+  }
+  if (count < 3)
+    return;
+  for (int y = first_centre(top, height), end = first_centre(bottom, height); y < end; y++) {
+    double left, right;
+    if (!crossings(corners, count, y + 0.5, &left, &right))
+      continue;
+    uint8_t *row = plane + (size_t)y * (size_t)stride;
+    for (int x = first_centre(left, width), last = first_centre(right, width); x < last; x++)
+      row[x] |= bits;
+  }
+}
