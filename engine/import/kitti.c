@@ -1,0 +1,405 @@
+/* Imports KITTI: the tracking benchmark and raw recordings.
+ *
+ * World: east, north, up, metres, origin at the Velodyne's place in frame 0 of the sequence, whichever frames are imported. Ego: the
+ * Velodyne, so that sweeps are copied as they are. Poses are KITTI's own: oxts by its development kit, then Tr_imu_to_velo. */
+#include <assert.h>
+#include <math.h>
+#include <pags/image.h>
+#include <pags/import.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/text.h"
+#include "import/kitti_files.h"
+#include "import/kitti_tracks.h"
+#include "import/kitti_tree.h"
+#include "import/layout.h"
+
+enum { CAMERAS = 2 };
+
+static const char *const lidar_columns[] = {"x", "y", "z", "reflectance", NULL};
+static const char *const camera_names[CAMERAS] = {"left", "right"};
+
+typedef struct importer {
+  pags_kitti_tree tree;
+  pags_kitti_calib calib;
+  int64_t count;                  /* frames used */
+  double *oxts;                   /* PAGS_KITTI_OXTS of each */
+  double (*world_from_velo)[12];  /* of each */
+  double *times;                  /* of each */
+  pags_layout_exposure *exposures;
+  double *sweep_times;            /* NULL: unknown */
+  pags_kitti_tracks tracks;
+  pags_layout_camera cameras[CAMERAS];
+  double velo_from_camera[CAMERAS][12];
+  char *source;
+  pags_layout_info info;
+  pags_layout layout;
+} importer;
+
+static void destroy(importer *im) {
+  pags_kitti_tree_close(&im->tree);
+  free(im->oxts);
+  free(im->world_from_velo);
+  free(im->times);
+  free(im->exposures);
+  free(im->sweep_times);
+  pags_kitti_tracks_destroy(&im->tracks);
+  free(im->source);
+  pags_layout_destroy(&im->layout);
+}
+
+static pags_result no_memory(const importer *im) {
+  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld frames", im->tree.root, (long long)im->count);
+}
+
+/* ---- Poses ---- */
+
+static pags_result read_raw_row(const importer *im, int64_t frame, double out[PAGS_KITTI_OXTS]) {
+  pags_kitti_table table;
+  char *path = pags_kitti_oxts_path(&im->tree, frame);
+  if (!path)
+    return no_memory(im);
+  pags_result result = pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table);
+  if (result == PAGS_OK && table.rows != 1)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected one line, found %lld", path, (long long)table.rows);
+  if (result == PAGS_OK)
+    memcpy(out, table.values, PAGS_KITTI_OXTS * sizeof *out);
+  pags_kitti_table_destroy(&table);
+  free(path);
+  return result;
+}
+
+static pags_result read_rows(const importer *im, double first[PAGS_KITTI_OXTS]) {
+  pags_kitti_table table;
+  char *path = pags_kitti_oxts_path(&im->tree, 0);
+  if (!path)
+    return no_memory(im);
+  pags_result result = pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table);
+  if (result == PAGS_OK && table.rows < im->tree.frames)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path, (long long)im->tree.frames,
+                       (long long)table.rows);
+  if (result == PAGS_OK) {
+    memcpy(first, table.values, PAGS_KITTI_OXTS * sizeof *first);
+    memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS, (size_t)im->count * PAGS_KITTI_OXTS * sizeof *first);
+  }
+  pags_kitti_table_destroy(&table);
+  free(path);
+  return result;
+}
+
+static pags_result read_oxts(importer *im, double first[PAGS_KITTI_OXTS]) {
+  if (!im->tree.raw)
+    return read_rows(im, first);
+  PAGS_TRY(read_raw_row(im, 0, first));
+  for (int64_t t = 0; t < im->count; t++)
+    PAGS_TRY(read_raw_row(im, im->tree.first + t, im->oxts + t * PAGS_KITTI_OXTS));
+  return PAGS_OK;
+}
+
+static pags_result compute_poses(importer *im) {
+  double first[PAGS_KITTI_OXTS], imu_from_velo[12], origin[12];
+  if (!im->calib.has_imu)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the calibration lacks a line 'Tr_imu_to_velo:'", im->tree.root);
+  PAGS_TRY(read_oxts(im, first));
+  const double scale = pags_kitti_oxts_scale(first);
+  pags_rigid_inverse(im->calib.velo_from_imu, imu_from_velo);
+  pags_kitti_oxts_pose(first, scale, origin);
+  pags_rigid_multiply(origin, imu_from_velo, origin);
+  for (int64_t t = 0; t < im->count; t++) {
+    double *pose = im->world_from_velo[t];
+    pags_kitti_oxts_pose(im->oxts + t * PAGS_KITTI_OXTS, scale, pose);
+    pags_rigid_multiply(pose, imu_from_velo, pose);
+    for (int i = 3; i < 12; i += 4) {
+      pose[i] -= origin[i];
+      if (!isfinite(pose[i]))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: the position of frame %lld is not finite (latitude %g)", im->tree.root,
+                         (long long)(im->tree.first + t), im->oxts[t * PAGS_KITTI_OXTS + PAGS_OXTS_LAT]);
+    }
+  }
+  return PAGS_OK;
+}
+
+/* The Velodyne's velocity: the unit's own, and what its turning adds at the lever between them. */
+static void compute_velocity(const importer *im, int64_t t, double out[6]) {
+  const double *row = im->oxts + t * PAGS_KITTI_OXTS, *velo_from_imu = im->calib.velo_from_imu;
+  double imu_from_velo[12], pose[12];
+  pags_rigid_inverse(velo_from_imu, imu_from_velo);
+  pags_kitti_oxts_pose(row, 1, pose);
+  const double w[3] = {row[PAGS_OXTS_WX], row[PAGS_OXTS_WY], row[PAGS_OXTS_WZ]};
+  const double lever[3] = {imu_from_velo[3], imu_from_velo[7], imu_from_velo[11]};
+  const double turn[3] = {w[1] * lever[2] - w[2] * lever[1], w[2] * lever[0] - w[0] * lever[2], w[0] * lever[1] - w[1] * lever[0]};
+  const double v[3] = {row[PAGS_OXTS_VE], row[PAGS_OXTS_VN], row[PAGS_OXTS_VU]};
+  for (int i = 0; i < 3; i++) {
+    out[i] = v[i] + pose[4 * i] * turn[0] + pose[4 * i + 1] * turn[1] + pose[4 * i + 2] * turn[2];
+    out[3 + i] = velo_from_imu[4 * i] * w[0] + velo_from_imu[4 * i + 1] * w[1] + velo_from_imu[4 * i + 2] * w[2];
+  }
+}
+
+/* ---- Times ---- */
+
+/* The used frames of a file of times. */
+static pags_result read_times(const importer *im, const char *name, double *out, int stride) {
+  int64_t count;
+  double *all = NULL;
+  char *path = pags_kitti_times_path(&im->tree, name);
+  if (!path)
+    return no_memory(im);
+  pags_result result = pags_kitti_times_read(path, &count, &all);
+  if (result == PAGS_OK && count < im->tree.frames)
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path, (long long)im->tree.frames,
+                       (long long)count);
+  for (int64_t t = 0; result == PAGS_OK && t < im->count; t++)
+    out[t * stride] = all[im->tree.first + t];
+  free(all);
+  free(path);
+  return result;
+}
+
+static bool has_times(const importer *im, const char *name) {
+  char *path = pags_kitti_times_path(&im->tree, name);
+  const bool there = path && pags_file_exists(path);
+  free(path);
+  return there;
+}
+
+static pags_result read_sweep_times(importer *im) {
+  static const char *const names[2] = {"velodyne_points/timestamps_start.txt", "velodyne_points/timestamps_end.txt"};
+  if (!im->tree.has_points || !has_times(im, names[0]) || !has_times(im, names[1]))
+    return PAGS_OK;
+  im->sweep_times = malloc((size_t)im->count * 2 * sizeof *im->sweep_times);
+  if (!im->sweep_times)
+    return no_memory(im);
+  PAGS_TRY(read_times(im, names[0], im->sweep_times, 2));
+  return read_times(im, names[1], im->sweep_times + 1, 2);
+}
+
+/* A frame's time is its first photograph's; the Velodyne triggers all cameras when it faces forward. */
+static pags_result set_times(importer *im) {
+  const int cameras = im->tree.camera_count;
+  for (int64_t t = 0; t < im->count; t++) {
+    im->times[t] = (double)(im->tree.first + t) / 10; /* the tracking benchmark has no times: 10 Hz */
+    for (int c = 0; c < cameras; c++) {
+      im->exposures[t * cameras + c] = pags_layout_exposure_unknown();
+      compute_velocity(im, t, im->exposures[t * cameras + c].velocity);
+    }
+  }
+  if (!im->tree.raw)
+    return PAGS_OK;
+  for (int c = cameras - 1; c >= 0; c--) {
+    char name[40];
+    snprintf(name, sizeof name, "image_%02d/timestamps.txt", im->tree.cameras[c] + 2);
+    PAGS_TRY(read_times(im, name, im->times, 1));
+    for (int64_t t = 0; t < im->count; t++)
+      im->exposures[t * cameras + c].time = im->times[t];
+  }
+  for (int64_t t = 1; t < im->count; t++)
+    if (!(im->times[t] > im->times[t - 1]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s/image_%02d/timestamps.txt:%lld: expected a time after the line before", im->tree.root,
+                       im->tree.cameras[0] + 2, (long long)(im->tree.first + t + 1));
+  return read_sweep_times(im);
+}
+
+/* ---- Cameras, boxes ---- */
+
+static pags_result set_cameras(importer *im) {
+  double velo_from_cam0[12];
+  pags_rigid_inverse(im->calib.cam0_from_velo, velo_from_cam0);
+  for (int c = 0; c < im->tree.camera_count; c++) {
+    const int number = im->tree.cameras[c];
+    pags_layout_camera *camera = &im->cameras[c];
+    *camera = (pags_layout_camera){.number = number, .name = camera_names[number], .rolling_shutter = "none"};
+    double pose[12];
+    PAGS_TRY(pags_kitti_camera(&im->calib, number + 2, camera->intrinsics, pose));
+    pags_rigid_multiply(velo_from_cam0, pose, im->velo_from_camera[c]);
+    char *path = pags_kitti_image_path(&im->tree, number, im->tree.first);
+    const pags_result result = path ? pags_image_size(path, &camera->width, &camera->height) : no_memory(im);
+    free(path);
+    PAGS_TRY(result);
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_tracks(importer *im) {
+  const pags_kitti_span span = {im->tree.first, im->tree.last, im->tree.frames, im->times, (const double(*)[12])im->world_from_velo};
+  if (!im->tree.has_labels)
+    return PAGS_OK;
+  char *path = pags_kitti_labels_path(&im->tree);
+  pags_result result = path ? PAGS_OK : no_memory(im);
+  if (result == PAGS_OK && im->tree.raw) {
+    pags_kitti_tracklets tracklets;
+    result = pags_kitti_tracklets_read(path, &tracklets);
+    if (result == PAGS_OK)
+      result = pags_kitti_tracks_from_tracklets(path, &tracklets, &span, &im->tracks);
+    pags_kitti_tracklets_destroy(&tracklets);
+  } else if (result == PAGS_OK) {
+    pags_kitti_labels labels;
+    result = pags_kitti_labels_read(path, true, &labels);
+    if (result == PAGS_OK)
+      result = pags_kitti_tracks_from_labels(path, &labels, im->calib.cam0_from_velo, &span, &im->tracks);
+    pags_kitti_labels_destroy(&labels);
+  }
+  free(path);
+  return result;
+}
+
+static pags_result set_info(importer *im) {
+  char *full = realpath(im->tree.root, NULL);
+  const size_t size = full ? strlen(full) + strlen(im->tree.sequence) + 32 : 0;
+  im->source = full ? malloc(size) : NULL;
+  if (im->source)
+    snprintf(im->source, size, im->tree.raw ? "%s" : "%s, sequence %s", full, im->tree.sequence);
+  free(full);
+  if (!im->source)
+    return no_memory(im);
+  const int64_t steps = im->count - 1;
+  im->info = (pags_layout_info){.kind = "kitti",
+                                .source = im->source,
+                                .fps = im->tree.raw && steps ? (double)steps / (im->times[steps] - im->times[0]) : 10,
+                                .frame_count = im->count,
+                                .first_frame = im->tree.first,
+                                .camera_count = im->tree.camera_count,
+                                .cameras = im->cameras,
+                                .lidar_columns = im->tree.has_points ? lidar_columns : NULL};
+  return PAGS_OK;
+}
+
+static pags_result read_calib(importer *im) {
+  char *path = pags_kitti_calib_path(&im->tree);
+  if (!path)
+    return no_memory(im);
+  const pags_result result = im->tree.raw ? pags_kitti_calib_read_raw(path, &im->calib) : pags_kitti_calib_read(path, &im->calib);
+  free(path);
+  return result;
+}
+
+static pags_result prepare(importer *im) {
+  im->count = im->tree.last - im->tree.first + 1;
+  im->oxts = malloc((size_t)im->count * PAGS_KITTI_OXTS * sizeof *im->oxts);
+  im->world_from_velo = malloc((size_t)im->count * sizeof *im->world_from_velo);
+  im->times = malloc((size_t)im->count * sizeof *im->times);
+  im->exposures = malloc((size_t)(im->count * im->tree.camera_count) * sizeof *im->exposures);
+  if (!im->oxts || !im->world_from_velo || !im->times || !im->exposures)
+    return no_memory(im);
+  PAGS_TRY(read_calib(im));
+  PAGS_TRY(compute_poses(im));
+  PAGS_TRY(set_times(im));
+  PAGS_TRY(set_cameras(im));
+  PAGS_TRY(read_tracks(im));
+  return set_info(im);
+}
+
+/* ---- Frames ---- */
+
+static pags_result put_image(const importer *im, int64_t t, int c) {
+  const pags_layout_camera *camera = &im->cameras[c];
+  char *path = pags_kitti_image_path(&im->tree, camera->number, im->tree.first + t);
+  const pags_result result = path ? pags_layout_copy_image(&im->layout, t, camera->number, path) : no_memory(im);
+  free(path);
+  PAGS_TRY(result);
+  if (!im->tree.has_labels)
+    return PAGS_OK;
+  const double *k = camera->intrinsics;
+  pags_camera view = {.width = camera->width, .height = camera->height, .fx = k[0], .fy = k[1], .cx = k[2], .cy = k[3],
+                      .time = im->times[t]};
+  pags_rigid_multiply(im->world_from_velo[t], im->velo_from_camera[c], view.world_from_camera);
+  return pags_layout_put_dynamic_masks(&im->layout, t, camera->number, &view, im->tracks.items, im->tracks.count);
+}
+
+static pags_result put_sweep(const importer *im, int64_t t) {
+  int64_t count;
+  float *points = NULL;
+  if (!im->tree.has_points || pags_layout_has(&im->layout, "lidar", t, -1, ".bin"))
+    return PAGS_OK;
+  char *path = pags_kitti_points_path(&im->tree, im->tree.first + t);
+  pags_result result = path ? PAGS_OK : no_memory(im);
+  if (result == PAGS_OK && pags_file_exists(path)) {
+    result = pags_kitti_points_read(path, &count, &points);
+    if (result == PAGS_OK)
+      result = pags_layout_put_lidar(&im->layout, t, count, points);
+  }
+  free(points);
+  free(path);
+  return result;
+}
+
+static pags_result put_frame(const importer *im, int64_t t) {
+  PAGS_TRY(pags_layout_put_ego_pose(&im->layout, t, im->world_from_velo[t]));
+  for (int c = 0; c < im->tree.camera_count; c++)
+    PAGS_TRY(put_image(im, t, c));
+  return put_sweep(im, t);
+}
+
+enum { BATCH = 8 }; /* frames between two looks at progress, a worker */
+
+typedef struct outcome {
+  pags_result result;
+  char message[1024]; /* of the worker's thread */
+} outcome;
+
+typedef struct batch {
+  const importer *im;
+  int64_t first;
+  outcome *outcomes;
+} batch;
+
+static void run_batch(void *context, int64_t begin, int64_t end, int worker) {
+  const batch *b = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; i++) {
+    outcome *o = &b->outcomes[i];
+    o->result = put_frame(b->im, b->first + i);
+    if (o->result != PAGS_OK)
+      snprintf(o->message, sizeof o->message, "%s", pags_error_message());
+  }
+}
+
+static pags_result put_frames(const importer *im, pags_tasks *tasks, pags_progress_fn *progress, void *user) {
+  const int64_t size = BATCH * (int64_t)pags_tasks_workers(tasks);
+  batch b = {im, 0, calloc((size_t)size, sizeof *b.outcomes)};
+  pags_result result = b.outcomes ? PAGS_OK : no_memory(im);
+  for (; result == PAGS_OK && b.first < im->count; b.first += size) {
+    const int64_t left = im->count - b.first < size ? im->count - b.first : size;
+    if (progress && !progress(user, (double)b.first / (double)im->count, "frames"))
+      result = pags_fail(PAGS_CANCELLED, "import cancelled");
+    else if (!pags_parallel_for(tasks, left, 1, run_batch, &b))
+      result = pags_fail(PAGS_CANCELLED, "import cancelled");
+    for (int64_t i = 0; i < left && result == PAGS_OK; i++)
+      if (b.outcomes[i].result != PAGS_OK)
+        result = pags_fail(b.outcomes[i].result, "%s", b.outcomes[i].message);
+  }
+  free(b.outcomes);
+  return result;
+}
+
+static pags_result run(importer *im, const char *folder, bool overwrite, pags_tasks *tasks, pags_progress_fn *progress, void *user) {
+  const pags_layout_times times = {im->times, im->exposures, im->sweep_times};
+  PAGS_TRY(pags_layout_begin(&im->layout, folder, &im->info, overwrite));
+  if (pags_layout_is_finished(&im->layout))
+    return PAGS_OK;
+  for (int c = 0; c < im->tree.camera_count; c++)
+    PAGS_TRY(pags_layout_put_extrinsics(&im->layout, -1, im->cameras[c].number, im->velo_from_camera[c]));
+  PAGS_TRY(put_frames(im, tasks, progress, user));
+  if (im->tree.has_labels)
+    PAGS_TRY(pags_layout_put_instances(&im->layout, im->tracks.items, im->tracks.count));
+  PAGS_TRY(pags_layout_finish(&im->layout, &times));
+  if (progress)
+    progress(user, 1, "frames");
+  return PAGS_OK;
+}
+
+pags_result pags_import_kitti(const char *source, const char *folder, const pags_import_options *options, pags_tasks *tasks,
+                              pags_progress_fn *progress, void *user) {
+  importer im = {0};
+  const pags_import_options standard = pags_import_options_default();
+  const pags_import_options *chosen = options ? options : &standard;
+  pags_result result = pags_kitti_tree_open(source, chosen, &im.tree);
+  if (result == PAGS_OK)
+    result = prepare(&im);
+  if (result == PAGS_OK)
+    result = run(&im, folder, chosen->overwrite, tasks, progress, user);
+  destroy(&im);
+  return result;
+}

@@ -1,0 +1,381 @@
+/* Finding one's way in KITTI's folders, and what is missing in them. */
+#include "import/kitti_tree.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#include "base/text.h"
+#include "import/options.h"
+
+static char *join_format(const char *folder, const char *format, ...) PAGS_PRINTF(2, 3);
+static char *join_format(const char *folder, const char *format, ...) {
+  char name[512];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(name, sizeof name, format, arguments);
+  va_end(arguments);
+  return pags_path_join(folder, name);
+}
+
+char *pags_kitti_image_path(const pags_kitti_tree *tree, int camera, int64_t frame) {
+  return tree->raw ? join_format(tree->root, "image_%02d/data/%010lld.png", camera + 2, (long long)frame)
+                   : join_format(tree->root, "image_%02d/%s/%06lld.png", camera + 2, tree->sequence, (long long)frame);
+}
+
+char *pags_kitti_points_path(const pags_kitti_tree *tree, int64_t frame) {
+  return tree->raw ? join_format(tree->root, "velodyne_points/data/%010lld.bin", (long long)frame)
+                   : join_format(tree->root, "velodyne/%s/%06lld.bin", tree->sequence, (long long)frame);
+}
+
+char *pags_kitti_oxts_path(const pags_kitti_tree *tree, int64_t frame) {
+  return tree->raw ? join_format(tree->root, "oxts/data/%010lld.txt", (long long)frame)
+                   : join_format(tree->root, "oxts/%s.txt", tree->sequence);
+}
+
+char *pags_kitti_calib_path(const pags_kitti_tree *tree) {
+  return tree->raw ? join_format(tree->root, "..") : join_format(tree->root, "calib/%s.txt", tree->sequence);
+}
+
+char *pags_kitti_labels_path(const pags_kitti_tree *tree) {
+  return tree->raw ? join_format(tree->root, "tracklet_labels.xml") : join_format(tree->root, "label_02/%s.txt", tree->sequence);
+}
+
+char *pags_kitti_times_path(const pags_kitti_tree *tree, const char *name) {
+  return join_format(tree->root, "%s", name);
+}
+
+void pags_kitti_tree_close(pags_kitti_tree *tree) {
+  free(tree->root);
+  free(tree->sequence);
+  *tree = (pags_kitti_tree){0};
+}
+
+/* ---- What is missing ---- */
+
+typedef struct missing {
+  const char *root;
+  char text[640]; /* a message holds 1,023 bytes, with the path before these */
+  size_t length;
+  int64_t count, left_out;
+} missing;
+
+static void add_missing(missing *m, const char *name) {
+  m->count++;
+  const size_t room = sizeof m->text - m->length;
+  const int length = snprintf(m->text + m->length, room, "%s%s", m->length ? ", " : "", name);
+  if (length < 0 || (size_t)length >= room) {
+    m->text[m->length] = 0;
+    m->left_out++;
+  } else
+    m->length += (size_t)length;
+}
+
+typedef bool exists_fn(const char *path);
+
+/* Whether root/name is there; else it is one of those missing. */
+static bool want(missing *m, exists_fn *exists, const char *format, ...) PAGS_PRINTF(3, 4);
+static bool want(missing *m, exists_fn *exists, const char *format, ...) {
+  char name[512];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(name, sizeof name, format, arguments);
+  va_end(arguments);
+  char *path = pags_path_join(m->root, name);
+  const bool there = path && exists(path);
+  free(path);
+  if (!there)
+    add_missing(m, name);
+  return there;
+}
+
+static pags_result report(const missing *m, const missing *optional, const char *what) {
+  char more[64] = "", also[128] = "";
+  if (m->left_out)
+    snprintf(more, sizeof more, " and %lld more", (long long)m->left_out);
+  if (optional->count)
+    snprintf(also, sizeof also, "; also missing, but not needed: %.60s", optional->text);
+  return pags_fail(PAGS_ERROR_IO, "%s: %s lacks %s%s%s", m->root, what, m->text, more, also);
+}
+
+/* ---- Which tree ---- */
+
+static bool has(const char *folder, const char *name) {
+  char *path = pags_path_join(folder, name);
+  const bool there = path && pags_path_exists(path);
+  free(path);
+  return there;
+}
+
+static bool is_drive(const char *path) {
+  static const char *const signs[] = {"image_02/data", "image_03/data", "velodyne_points", "oxts/data", "tracklet_labels.xml"};
+  for (size_t i = 0; i < sizeof signs / sizeof signs[0]; i++)
+    if (has(path, signs[i]))
+      return true;
+  return false;
+}
+
+static bool is_tracking(const char *path) {
+  static const char *const signs[] = {"image_02", "image_03", "velodyne", "oxts", "calib", "label_02"};
+  for (size_t i = 0; i < sizeof signs / sizeof signs[0]; i++)
+    if (has(path, signs[i]))
+      return true;
+  return false;
+}
+
+/* Names found, as a list for a message, and the only one. */
+typedef struct choice {
+  char *first;
+  int64_t count;
+  char names[400];
+  size_t length;
+} choice;
+
+static pags_result add_choice(choice *c, const char *name) {
+  const size_t room = sizeof c->names - c->length;
+  const int length = snprintf(c->names + c->length, room, "%s%s", c->count ? ", " : "", name);
+  if (length >= 0 && (size_t)length < room)
+    c->length += (size_t)length;
+  else
+    memcpy(c->names + sizeof c->names - 4, "...", 4);
+  if (c->count++ == 0)
+    c->first = pags_text_copy(name);
+  return c->first ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+}
+
+/* The part of a drive's name that --sequence may give: all of it, or its number. */
+static bool is_wanted_drive(const char *name, const char *sequence) {
+  const char *number = strstr(name, "_drive_");
+  const size_t length = strlen(name);
+  if (!number || length < 5 || strcmp(name + length - 5, "_sync") != 0)
+    return false;
+  number += strlen("_drive_");
+  const size_t digits = strcspn(number, "_");
+  return !sequence || !strcmp(name, sequence) || (strlen(sequence) == digits && !strncmp(number, sequence, digits));
+}
+
+/* Drives below `path`, and one level deeper with `deeper`. */
+static pags_result find_drives(const char *path, const char *sequence, bool deeper, choice *found) {
+  pags_dir_list list;
+  PAGS_TRY(pags_dir_list_read(path, &list));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+    char *inner = pags_path_join(path, list.names[i]);
+    if (!inner)
+      result = pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    else if (!pags_dir_exists(inner))
+      ;
+    else if (is_wanted_drive(list.names[i], sequence))
+      result = add_choice(found, inner);
+    else if (deeper)
+      result = find_drives(inner, sequence, false, found);
+    free(inner);
+  }
+  pags_dir_list_destroy(&list);
+  return result;
+}
+
+static pags_result set_root(pags_kitti_tree *tree, const char *path) {
+  size_t length = strlen(path);
+  tree->root = pags_text_copy(path);
+  if (!tree->root)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  while (length > 1 && tree->root[length - 1] == '/')
+    tree->root[--length] = 0;
+  return PAGS_OK;
+}
+
+static pags_result set_drive(pags_kitti_tree *tree, const char *path) {
+  PAGS_TRY(set_root(tree, path));
+  tree->raw = true;
+  tree->sequence = pags_text_copy(pags_path_name(tree->root));
+  if (!tree->sequence)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  if (strstr(tree->sequence, "_extract"))
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: is neither synchronised nor rectified; the recording's _sync folder is needed", path);
+  return PAGS_OK;
+}
+
+static pags_result find_root(pags_kitti_tree *tree, const char *path, const char *sequence) {
+  choice drives = {0};
+  if (!pags_dir_exists(path))
+    return pags_fail(PAGS_ERROR_IO, "%s: no such folder", path);
+  if (is_drive(path))
+    return set_drive(tree, path);
+  if (is_tracking(path))
+    return set_root(tree, path);
+  pags_result result = find_drives(path, sequence, true, &drives);
+  if (result == PAGS_OK && drives.count == 1)
+    result = set_drive(tree, drives.first);
+  else if (result == PAGS_OK && drives.count > 1)
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld drives (%s); choose one by --sequence", path, (long long)drives.count,
+                       drives.names);
+  else if (result == PAGS_OK)
+    result = pags_fail(PAGS_ERROR_IO,
+                       "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, velodyne, label_02; "
+                       "of raw recordings it lacks DATE_drive_NNNN_sync with image_02/data, image_03/data, oxts/data, "
+                       "velodyne_points/data, tracklet_labels.xml and calib_cam_to_cam.txt, calib_velo_to_cam.txt, "
+                       "calib_imu_to_velo.txt beside it",
+                       path, sequence ? " with the sequence " : "", sequence ? sequence : "");
+  free(drives.first);
+  return result;
+}
+
+/* ---- Which sequence of the tracking benchmark ---- */
+
+static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
+  pags_dir_list list = {0};
+  char *path = pags_path_join(root, folder);
+  pags_result result = path ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", root);
+  if (result == PAGS_OK && pags_dir_exists(path))
+    result = pags_dir_list_read(path, &list);
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+    char *dot = strrchr(list.names[i], '.');
+    if (strcmp(dot ? dot : "", extension) != 0)
+      continue;
+    if (dot)
+      *dot = 0;
+    result = add_choice(found, list.names[i]);
+  }
+  pags_dir_list_destroy(&list);
+  free(path);
+  return result;
+}
+
+/* The one asked for, else the only one that the first of these folders with any has. */
+static pags_result find_sequence(pags_kitti_tree *tree, const char *wanted, choice *found) {
+  static const struct {
+    const char *folder, *extension;
+  } places[] = {{"image_02", ""}, {"image_03", ""}, {"label_02", ".txt"}, {"oxts", ".txt"}, {"calib", ".txt"}};
+  if (wanted)
+    return pags_path_is_inside(wanted) && !strchr(wanted, '/')
+               ? add_choice(found, wanted)
+               : pags_fail(PAGS_ERROR_ARGUMENT, "sequence: expected a name such as 0000, got '%s'", wanted);
+  for (size_t i = 0; i < sizeof places / sizeof places[0] && found->count == 0; i++)
+    PAGS_TRY(list_sequences(tree->root, places[i].folder, places[i].extension, found));
+  return PAGS_OK;
+}
+
+static pags_result check_tracking(pags_kitti_tree *tree, const choice *found) {
+  missing needed = {.root = tree->root}, optional = {.root = tree->root};
+  const char *s = found->count == 1 ? found->first : NULL;
+  for (int c = 0; c < tree->camera_count; c++)
+    want(&needed, pags_dir_exists, "image_%02d%s%s", tree->cameras[c] + 2, s ? "/" : "", s ? s : "");
+  want(&needed, s ? pags_file_exists : pags_dir_exists, "calib%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
+  want(&needed, s ? pags_file_exists : pags_dir_exists, "oxts%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
+  tree->has_points = want(&optional, pags_dir_exists, "velodyne%s%s", s ? "/" : "", s ? s : "");
+  tree->has_labels =
+      want(&optional, s ? pags_file_exists : pags_dir_exists, "label_02%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
+  if (needed.count)
+    return report(&needed, &optional, "KITTI's tracking tree");
+  if (!s)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld sequences (%s); choose one by --sequence", tree->root,
+                     (long long)found->count, found->names);
+  return PAGS_OK;
+}
+
+static pags_result check_raw(pags_kitti_tree *tree) {
+  missing needed = {.root = tree->root}, optional = {.root = tree->root};
+  for (int c = 0; c < tree->camera_count; c++) {
+    want(&needed, pags_dir_exists, "image_%02d/data", tree->cameras[c] + 2);
+    want(&needed, pags_file_exists, "image_%02d/timestamps.txt", tree->cameras[c] + 2);
+  }
+  want(&needed, pags_dir_exists, "oxts/data");
+  want(&needed, pags_file_exists, "../calib_cam_to_cam.txt");
+  want(&needed, pags_file_exists, "../calib_velo_to_cam.txt");
+  want(&needed, pags_file_exists, "../calib_imu_to_velo.txt");
+  tree->has_points = want(&optional, pags_dir_exists, "velodyne_points/data");
+  tree->has_labels = want(&optional, pags_file_exists, "tracklet_labels.xml");
+  return needed.count ? report(&needed, &optional, "KITTI's raw recording") : PAGS_OK;
+}
+
+/* ---- Which frames ---- */
+
+/* 1 + the highest number of a photograph of the first camera. */
+static pags_result count_frames(pags_kitti_tree *tree) {
+  pags_dir_list list;
+  char *path = pags_kitti_image_path(tree, tree->cameras[0], 0);
+  char *folder = path ? pags_path_folder(path) : NULL;
+  free(path);
+  if (!folder)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", tree->root);
+  pags_result result = pags_dir_list_read(folder, &list);
+  for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
+    char *end = NULL;
+    const char *name = list.names[i];
+    const long long number = *name >= '0' && *name <= '9' ? strtoll(name, &end, 10) : -1;
+    if (number >= 0 && number < 1000000 && !strcmp(end, ".png") && number >= tree->frames)
+      tree->frames = number + 1;
+  }
+  if (result == PAGS_OK && tree->frames == 0)
+    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s", folder, tree->raw ? "0000000000.png ..." : "000000.png ...");
+  if (result == PAGS_OK)
+    pags_dir_list_destroy(&list);
+  free(folder);
+  return result;
+}
+
+static void want_file(missing *m, char *path) {
+  if (path && !pags_file_exists(path))
+    add_missing(m, path + strlen(m->root) + 1);
+  free(path);
+}
+
+static pags_result check_frames(pags_kitti_tree *tree) {
+  missing needed = {.root = tree->root}, sweeps = {.root = tree->root};
+  for (int64_t frame = tree->first; frame <= tree->last; frame++) {
+    for (int c = 0; c < tree->camera_count; c++)
+      want_file(&needed, pags_kitti_image_path(tree, tree->cameras[c], frame));
+    if (tree->raw)
+      want_file(&needed, pags_kitti_oxts_path(tree, frame));
+    if (tree->has_points)
+      want_file(&sweeps, pags_kitti_points_path(tree, frame));
+  }
+  if (tree->raw && tree->first > 0)
+    want_file(&needed, pags_kitti_oxts_path(tree, 0)); /* the origin */
+  if (needed.count) {
+    const missing none = {0};
+    return report(&needed, &none, tree->raw ? "KITTI's raw recording" : "KITTI's tracking tree");
+  }
+  const int64_t count = tree->last - tree->first + 1;
+  if (sweeps.count == count)
+    tree->has_points = false;
+  if (!tree->has_points)
+    pags_log(PAGS_LOG_WARNING, "%s: no LiDAR: velodyne%s is missing or empty", tree->root, tree->raw ? "_points" : "");
+  else if (sweeps.count)
+    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root, (long long)sweeps.count, (long long)count,
+             sweeps.text);
+  if (!tree->has_labels)
+    pags_log(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root, tree->raw ? "tracklet_labels.xml" : "label_02");
+  return PAGS_OK;
+}
+
+static pags_result open_tree(const char *path, const pags_import_options *options, choice *found, pags_kitti_tree *tree) {
+  PAGS_TRY(pags_import_cameras(options->cameras, 2, 2, tree->cameras, &tree->camera_count));
+  PAGS_TRY(find_root(tree, path, options->sequence));
+  if (tree->raw)
+    PAGS_TRY(check_raw(tree));
+  else {
+    PAGS_TRY(find_sequence(tree, options->sequence, found));
+    PAGS_TRY(check_tracking(tree, found));
+    tree->sequence = pags_text_copy(found->first);
+    if (!tree->sequence)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  }
+  PAGS_TRY(count_frames(tree));
+  PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));
+  return check_frames(tree);
+}
+
+pags_result pags_kitti_tree_open(const char *path, const pags_import_options *options, pags_kitti_tree *out) {
+  choice found = {0};
+  *out = (pags_kitti_tree){0};
+  const pags_result result = open_tree(path, options, &found, out);
+  free(found.first);
+  if (result != PAGS_OK)
+    pags_kitti_tree_close(out);
+  return result;
+}
