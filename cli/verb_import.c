@@ -1,0 +1,155 @@
+/* pags import: recordings of driving data sets to drivestudio's layout. */
+#include "interrupt.h"
+#include "session.h"
+#include "verbs.h"
+
+#include <pags/import.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct import_arguments {
+  pags_session session;
+  const char *output;
+  const char *frames;
+  pags_import_options options;
+} import_arguments;
+
+#define AT(member) offsetof(import_arguments, member)
+
+static const pags_option options[] = {
+    {.name = "output",
+     .short_name = 'o',
+     .required = true,
+     .type = PAGS_OPTION_STRING,
+     .offset = AT(output),
+     .metavar = "DATASET",
+     .help = "folder to write the data set to"},
+    PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1",
+              "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 image_02, 1 image_03"),
+    PAGS_TEXT("frames", 0, AT(frames), "A-B", "all", "frames to import, both included; A- to the end; they count from 0 in DATASET"),
+    PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
+              "kitti: the sequence (0000), or of raw recordings the drive (0001)"),
+    PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
+    PAGS_SESSION_OPTIONS(import_arguments),
+    {0}};
+
+typedef pags_result import_fn(const char *source, const char *folder, const pags_import_options *options, pags_tasks *tasks,
+                              pags_progress_fn *progress, void *user);
+
+static const struct kind {
+  const char *name;
+  import_fn *import;
+} kinds[] = {{"kitti", pags_import_kitti}, {"waymo", pags_import_waymo}};
+enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
+
+static const pags_positional positionals[] = {
+    {"KIND", "kitti: the tracking benchmark, or a synchronised raw recording; waymo: a segment of the Open Dataset v1"},
+    {"RAW", "KITTI's folder, or Waymo's .tfrecord file"},
+    {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "import",
+    .usage = "KIND RAW -o DATASET [options]",
+    .about = "Turns a recording into a data set that 'pags train' reads. Photographs are copied byte by byte. What was stopped goes on "
+             "where it was when the same command is given again.",
+    .positionals = positionals,
+    .options = options};
+
+/* "A-B", "A-" or "A": false for anything else. */
+static bool parse_frames(const char *text, int64_t *first, int64_t *last) {
+  char *end = NULL;
+  if (*text < '0' || *text > '9')
+    return false;
+  *first = strtoll(text, &end, 10);
+  *last = *first;
+  if (!*end)
+    return true;
+  if (*end != '-')
+    return false;
+  const char *second = end + 1;
+  *last = -1;
+  if (!*second)
+    return true;
+  if (*second < '0' || *second > '9')
+    return false;
+  *last = strtoll(second, &end, 10);
+  return !*end && *last >= *first;
+}
+
+/* ---- Progress ---- */
+
+typedef struct watch {
+  pags_progress *progress;
+  double begun, from; /* seconds and fraction at the first report of work: what was there already came at once */
+  bool started;
+} watch;
+
+static int show_progress(void *user, double fraction, const char *what) {
+  watch *w = user;
+  const double now = pags_seconds();
+  if (!w->started) {
+    w->started = true;
+    w->begun = now;
+    w->from = fraction;
+  }
+  if (pags_progress_due(w->progress)) {
+    const double done = fraction - w->from, seconds = now - w->begun;
+    char left[32];
+    if (done > 0 && seconds > 1)
+      pags_progress_show(w->progress, "%s: %.0f %%, %s left", what, 100 * fraction,
+                         pags_format_duration(seconds * (1 - fraction) / done, left, sizeof left));
+    else
+      pags_progress_show(w->progress, "%s: %.0f %%", what, 100 * fraction);
+  }
+  return !pags_interrupted();
+}
+
+static pags_result report(import_arguments *arguments, const struct kind *kind, double seconds) {
+  pags_json_writer writer;
+  char text[32];
+  pags_say(&arguments->session, "%s: imported in %s\n", arguments->output, pags_format_duration(seconds, text, sizeof text));
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "kind", kind->name);
+  pags_json_put_string(&writer, "dataset", arguments->output);
+  pags_json_put_number(&writer, "seconds", seconds);
+  pags_json_end_object(&writer);
+  return pags_session_json(&arguments->session, &writer);
+}
+
+static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  watch w = {.progress = &progress};
+  pags_interrupt_install(arguments->session.tasks);
+  const double begun = pags_seconds();
+  const pags_result result =
+      kind->import(source, arguments->output, &arguments->options, arguments->session.tasks, show_progress, &w);
+  pags_progress_end(&progress);
+  if (result == PAGS_CANCELLED)
+    return pags_fail(result, "interrupted; the same command goes on from here");
+  PAGS_TRY(result);
+  return report(arguments, kind, pags_seconds() - begun);
+}
+
+int pags_verb_import(int argc, char **argv) {
+  import_arguments arguments = {.options = pags_import_options_default()};
+  const struct kind *kind = NULL;
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  for (int i = 0; i < KIND_COUNT; ++i)
+    if (!strcmp(kinds[i].name, parsed.positionals[0]))
+      kind = &kinds[i];
+  if (!kind)
+    return pags_usage_error(&verb, "KIND: expected kitti or waymo, got '%s'", parsed.positionals[0]);
+  if (arguments.frames && !parse_frames(arguments.frames, &arguments.options.frame_first, &arguments.options.frame_last))
+    return pags_usage_error(&verb, "--frames: expected A-B with A <= B, or A-, got '%s'", arguments.frames);
+  if (arguments.options.sequence && kind->import == pags_import_waymo)
+    return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = import(&arguments, kind, parsed.positionals[1]);
+  return pags_session_end(&arguments.session, result);
+}
