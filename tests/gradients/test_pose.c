@@ -1,0 +1,169 @@
+/* The gradient by a part's pose, from the engine's rows, against finite differences of the oracle's picture. */
+#include "reference/frame_scene.h"
+#include "reference/reference_scene.h"
+
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <math.h>
+
+enum { WIDTH = 72, HEIGHT = 56, PIXELS = WIDTH * HEIGHT, PARTS = 2, COUNT = 40 };
+
+typedef struct pose_scene {
+  reference_random random;
+  pags_camera camera;
+  pags_frame_options options;
+  pags_sky sky;
+  reference_part parts[PARTS];
+  double *weights;
+} pose_scene;
+
+static pose_scene create(uint64_t seed, int sh_degree) {
+  pose_scene s = {.random = {seed}, .options = reference_options()};
+  s.camera = reference_random_camera(&s.random, WIDTH, HEIGHT);
+  s.sky = reference_random_sky(&s.random, 5);
+  const reference_recipe recipe = reference_recipe_default();
+  for (int p = 0; p < PARTS; p++) {
+    s.parts[p] = reference_part_create(COUNT, sh_degree);
+    s.parts[p].first_id = p * COUNT;
+    reference_random_pose(&s.random, 5, s.parts[p].world_from_model);
+    for (int64_t i = 0; i < COUNT; i++)
+      reference_random_gaussian(&s.random, &recipe, &s.camera, &s.options, &s.parts[p], i);
+    frame_scene_round(&s.parts[p]);
+  }
+  s.weights = reference_alloc(5 * PIXELS, sizeof(double));
+  return s;
+}
+
+static void destroy(pose_scene *s) {
+  for (int p = 0; p < PARTS; p++)
+    reference_part_destroy(&s->parts[p]);
+  free(s->sky.texels);
+  free(s->weights);
+}
+
+/* pose * exp(increment): rotation by Rodrigues' formula, not small. */
+static void moved(const double pose[12], const double increment[6], double out[12]) {
+  const double *w = increment, angle = sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]);
+  const double s = angle > 0 ? sin(angle) / angle : 1, c = angle > 0 ? (1 - cos(angle)) / (angle * angle) : 0.5;
+  const double k[9] = {0, -w[2], w[1], w[2], 0, -w[0], -w[1], w[0], 0};
+  double step[12] = {0};
+  for (int row = 0; row < 3; row++) {
+    for (int column = 0; column < 3; column++) {
+      double square = 0;
+      for (int j = 0; j < 3; j++)
+        square += k[3 * row + j] * k[3 * j + column];
+      step[4 * row + column] = (row == column) + s * k[3 * row + column] + c * square;
+    }
+    step[4 * row + 3] = increment[3 + row];
+  }
+  pags_rigid_multiply(pose, step, out);
+}
+
+static reference_picture render(pose_scene *s) {
+  s->options.sky = &s->sky;
+  return reference_render(s->parts, PARTS, &s->camera, &s->options);
+}
+
+/* Loss weights on all planes, none where a pixel is about to decide otherwise. */
+static void make_weights(pose_scene *s) {
+  reference_picture picture = render(s);
+  for (int k = 0; k < PIXELS; k++) {
+    for (int plane = 0; plane < 5; plane++) {
+      const double value = (double)(float)reference_uniform(&s->random, -1, 1);
+      s->weights[plane * PIXELS + k] = picture.margin[k] < 1e-3 || picture.depth_margin[k] < 1e-4 ? 0 : value;
+    }
+  }
+  reference_picture_destroy(&picture);
+}
+
+static double loss(pose_scene *s) {
+  reference_picture picture = render(s);
+  double sum = 0;
+  for (int k = 0; k < PIXELS; k++) {
+    for (int channel = 0; channel < 3; channel++)
+      sum += s->weights[channel * PIXELS + k] * picture.rgb[channel * PIXELS + k];
+    sum += s->weights[3 * PIXELS + k] * picture.transmittance[k] + s->weights[4 * PIXELS + k] * picture.depth_sum[k];
+  }
+  reference_picture_destroy(&picture);
+  return sum;
+}
+
+static double difference(pose_scene *s, int part, int axis) {
+  const double step = 1e-7; /* moves no exponent by the margin that make_weights leaves */
+  double base[12], central[2];
+  memcpy(base, s->parts[part].world_from_model, sizeof base);
+  for (int k = 0; k < 2; k++) {
+    double increment[6] = {0};
+    increment[axis] = (k + 1) * step;
+    moved(base, increment, s->parts[part].world_from_model);
+    central[k] = loss(s);
+    increment[axis] = -increment[axis];
+    moved(base, increment, s->parts[part].world_from_model);
+    central[k] -= loss(s);
+  }
+  memcpy(s->parts[part].world_from_model, base, sizeof base);
+  return (8 * central[0] - central[1]) / (12 * step);
+}
+
+/* Cluster by cluster, as a trainer adds them. */
+static void engine_gradient(const frame_scene *scene, const frame_result *drawn, int part, double out[6]) {
+  enum { SIZE = 16 };
+  memset(out, 0, 6 * sizeof *out);
+  for (int first = 0; first < COUNT; first += SIZE)
+    pags_pose_gradient(drawn->parts[part].planes + first, COUNT, &scene->gaussians[part], first,
+                       COUNT - first < SIZE ? COUNT - first : SIZE, out);
+}
+
+/* The first axis to be compared: 0, or 3 to leave the rotation out. */
+static void check(uint64_t seed, int sh_degree, int first_axis) {
+  pose_scene s = create(seed, sh_degree);
+  make_weights(&s);
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_frame *frame;
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  frame_scene scene = frame_scene_create(s.parts, PARTS, 16, 0);
+  const reference_picture_gradient gradient = {s.weights, s.weights + 3 * PIXELS, s.weights + 4 * PIXELS, NULL};
+  frame_result drawn = frame_run(frame, &scene, &s.camera, &s.options, &gradient);
+  for (int p = 0; p < PARTS; p++) {
+    double got[6], want[6], norm = 0;
+    engine_gradient(&scene, &drawn, p, got);
+    for (int axis = first_axis; axis < 6; axis++) {
+      want[axis] = difference(&s, p, axis);
+      norm += want[axis] * want[axis] / (6 - first_axis);
+    }
+    for (int axis = first_axis; axis < 6; axis++) {
+      const double error = fabs(got[axis] - want[axis]) / sqrt(norm);
+      if (!(error < 2e-4))
+        fail_msg("seed %d, part %d, axis %d: %.9g, should be %.9g", (int)seed, p, axis, got[axis], want[axis]);
+    }
+  }
+  frame_result_destroy(&drawn);
+  frame_scene_destroy(&scene);
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  destroy(&s);
+}
+
+static void test_degree_0(void **state) {
+  (void)state;
+  for (uint64_t seed = 1; seed <= 5; seed++)
+    check(seed, 0, 0);
+}
+
+static void test_translation_at_any_degree(void **state) {
+  (void)state;
+  for (int degree = 1; degree <= 3; degree++)
+    check(20 + (uint64_t)degree, degree, 3);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_degree_0),
+      cmocka_unit_test(test_translation_at_any_degree),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
