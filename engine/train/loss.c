@@ -24,7 +24,7 @@ typedef struct loss_job {
   band_sums *sums; /* per block */
 } loss_job;
 
-static int64_t count_pixels(const pags_photo *photo) {
+int64_t pags_photo_counted(const pags_photo *photo) {
   if (!photo->mask)
     return (int64_t)photo->width * photo->height;
   int64_t counted = 0;
@@ -88,7 +88,7 @@ static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weigh
 }
 
 static pags_result evaluate(loss_job *job, double ssim_weight, pags_loss *out) {
-  const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND), counted = count_pixels(job->photo);
+  const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND), counted = pags_photo_counted(job->photo);
   if (counted) {
     job->l1_scale = (float)((1.0 - ssim_weight) / (3.0 * (double)counted));
     job->ssim_scale = (float)(-ssim_weight / (3.0 * (double)counted));

@@ -25,4 +25,7 @@ typedef struct pags_loss {
 pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
                                double ssim_weight, float *const gradient[3], pags_loss *out);
 
+/* Pixels that the photograph's mask lets count. */
+int64_t pags_photo_counted(const pags_photo *photo);
+
 #endif
