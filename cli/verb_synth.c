@@ -4,12 +4,17 @@
 #include "verbs.h"
 
 #include <pags/synth.h>
+#include <stdio.h>
 #include <string.h>
 
+/* Values of options that both kinds have lie here and are handed on; -1: the kind's own default. */
 typedef struct synth_arguments {
   pags_session session;
-  const char *output;
-  pags_synth_options options;
+  const char *output, *size;
+  int width, height, samples, overwrite;
+  uint64_t seed;
+  pags_synth_options room;
+  pags_street_options street;
 } synth_arguments;
 
 #define AT(member) offsetof(synth_arguments, member)
@@ -22,35 +27,101 @@ static const pags_option options[] = {
      .offset = AT(output),
      .metavar = "DATASET",
      .help = "folder to write the data set to"},
-    PAGS_FLAG("overwrite", 0, AT(options.overwrite), "write into a folder that is not empty"),
-    PAGS_VALUE("width", 0, INT, AT(options.width), 16, 8192, "N", "pixels", NULL, "of each picture"),
-    PAGS_VALUE("height", 0, INT, AT(options.height), 16, 8192, "N", "pixels", NULL, "of each picture"),
-    PAGS_VALUE("views", 'n', INT, AT(options.views), 3, 10000, "N", "pictures", NULL, "evenly around the scene"),
-    PAGS_VALUE("samples", 0, INT, AT(options.samples), 1, 1024, "N", "rays a pixel", NULL, "more give smoother edges"),
-    PAGS_VALUE("points", 0, INT64, AT(options.points), 0, 1e7, "N", NULL, NULL, "coloured surface points, points.ply"),
-    PAGS_FLAG("depth", 0, AT(options.depth), "write the true depth of each picture too, depth/NAME.exr, in metres"),
-    PAGS_VALUE("seed", 0, UINT64, AT(options.seed), 0, 0, "N", NULL, NULL, "of textures and points"),
+    PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
+    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480", "of each picture"),
+    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270", "of each picture"),
+    PAGS_TEXT("size", 0, AT(size), "WxH", "", "width and height at once, 480x270"),
+    PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8", "more give smoother edges"),
+    PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "of everything that is drawn by chance"),
+    PAGS_GROUP("Of a room"),
+    PAGS_VALUE("views", 'n', INT, AT(room.views), 3, 10000, "N", "pictures", NULL, "evenly around the scene"),
+    PAGS_VALUE("points", 0, INT64, AT(room.points), 0, 1e7, "N", NULL, NULL, "coloured surface points, points.ply"),
+    PAGS_FLAG("depth", 0, AT(room.depth), "write the true depth of each picture too, depth/NAME.exr, in metres"),
+    PAGS_GROUP("Of a street"),
+    PAGS_VALUE("frames", 0, INT, AT(street.frames), 2, 10000, "N", "time steps", NULL,
+               "driven along the street, about a metre each"),
+    PAGS_VALUE("fps", 0, DOUBLE, AT(street.fps), 0.1, 1000, "R", "frames a second", NULL,
+               "rate of recording, at about 10 m/s"),
+    PAGS_VALUE("cameras", 0, INT, AT(street.cameras), 1, 3, "N", NULL, NULL, "front; and front left; and front right"),
+    PAGS_VALUE("objects", 0, INT, AT(street.objects), 0, 64, "N", NULL, NULL,
+               "cars, pedestrians and cyclists that move"),
+    PAGS_VALUE("lidar-points", 0, INT64, AT(street.lidar_points), 0, 1e6, "N", "rays", NULL, "of each sweep"),
+    PAGS_VALUE("lidar-noise", 0, DOUBLE, AT(street.lidar_noise), 0, 10, "M", "metres", NULL, "sigma of each range"),
+    PAGS_VALUE("pose-noise", 0, DOUBLE, AT(street.pose_noise), 0, 10, "M", "metres", NULL,
+               "sigma of the error put on x and y of each box of what moves"),
+    PAGS_VALUE("yaw-noise", 0, DOUBLE, AT(street.yaw_noise), 0, 180, "A", "degrees", NULL,
+               "sigma of the error put on its yaw"),
+    PAGS_FLAG("no-shifts", 0, AT(street.shifts), "leave out the true pictures from 1, 2, 3 m to the right and 1 m up"),
     PAGS_SESSION_OPTIONS(synth_arguments),
     {0}};
 
-typedef pags_result make_fn(const char *folder, const pags_synth_options *options, pags_tasks *tasks,
-                            pags_progress_fn *progress, void *user);
+static pags_result make_room(synth_arguments *a, pags_progress_fn *progress, void *user) {
+  pags_synth_options *o = &a->room;
+  o->width = a->width > 0 ? a->width : o->width;
+  o->height = a->height > 0 ? a->height : o->height;
+  o->samples = a->samples;
+  o->seed = a->seed;
+  o->overwrite = a->overwrite;
+  return pags_synth_room(a->output, o, a->session.tasks, progress, user);
+}
+
+static pags_result make_street(synth_arguments *a, pags_progress_fn *progress, void *user) {
+  pags_street_options *o = &a->street;
+  o->width = a->width > 0 ? a->width : o->width;
+  o->height = a->height > 0 ? a->height : o->height;
+  o->samples = a->samples;
+  o->seed = a->seed;
+  o->overwrite = a->overwrite;
+  return pags_synth_street(a->output, o, a->session.tasks, progress, user);
+}
+
+static void tell_room(const synth_arguments *a, double seconds, pags_json_writer *json) {
+  pags_say(&a->session, "%s: %d pictures of %dx%d in %.1f s\n", a->output, a->room.views, a->room.width, a->room.height,
+           seconds);
+  pags_json_put_integer(json, "views", a->room.views);
+  pags_json_put_integer(json, "width", a->room.width);
+  pags_json_put_integer(json, "height", a->room.height);
+  pags_json_put_integer(json, "points", a->room.points);
+}
+
+static void tell_street(const synth_arguments *a, double seconds, pags_json_writer *json) {
+  const pags_street_options *o = &a->street;
+  pags_say(&a->session, "%s: %d frames of %d cameras, %dx%d, in %.1f s\n", a->output, o->frames, o->cameras, o->width,
+           o->height, seconds);
+  pags_json_put_integer(json, "frames", o->frames);
+  pags_json_put_integer(json, "cameras", o->cameras);
+  pags_json_put_integer(json, "width", o->width);
+  pags_json_put_integer(json, "height", o->height);
+  pags_json_put_integer(json, "objects", o->objects);
+}
 
 static const struct kind {
   const char *name;
-  make_fn *make;
-} kinds[] = {{"room", pags_synth_room}};
+  pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
+  void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
+  const char *foreign[10]; /* options that it has no use for */
+} kinds[] = {
+    {"room",
+     make_room,
+     tell_room,
+     {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts"}},
+    {"street", make_street, tell_street, {"views", "points", "depth"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
-static const pags_positional positionals[] = {
-    {"KIND", "room: a courtyard with boxes and balls, seen from cameras that go around"}, {NULL, NULL}};
+static const pags_positional positionals[] = {{"KIND",
+                                               "room: a courtyard with boxes and balls, seen from cameras that go "
+                                               "around; street: seen from a car that drives along it"},
+                                              {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "synth",
     .usage = "KIND -o DATASET [options]",
     .about =
-        "Writes a data set with known truth: ray-traced pictures, transforms.json, surface points and, if asked for, "
-        "depth. The same bytes for any number of threads.",
+        "Writes a data set with known truth, ray-traced. A room: pictures, transforms.json, surface points and, if "
+        "asked for, depth. A "
+        "street: a driving set in drivestudio's layout with poses, LiDAR, tracks and masks, and in truth/ the exact "
+        "tracks, depth, "
+        "object ids and pictures from shifted cameras. The same bytes for any number of threads.",
     .positionals = positionals,
     .options = options};
 
@@ -65,40 +136,50 @@ static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_json_writer writer;
   pags_interrupt_install(arguments->session.tasks);
-  double begun = pags_seconds();
-  pags_result result =
-      kind->make(arguments->output, &arguments->options, arguments->session.tasks, show_progress, &progress);
+  const double begun = pags_seconds();
+  const pags_result result = kind->make(arguments, show_progress, &progress);
   pags_progress_end(&progress);
   if (result != PAGS_OK)
     return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is no whole data set", arguments->output)
                                     : result;
-  double seconds = pags_seconds() - begun;
-  pags_say(&arguments->session, "%s: %d pictures of %dx%d in %.1f s\n", arguments->output, arguments->options.views,
-           arguments->options.width, arguments->options.height, seconds);
+  const double seconds = pags_seconds() - begun;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "kind", kind->name);
-  pags_json_put_integer(&writer, "views", arguments->options.views);
-  pags_json_put_integer(&writer, "width", arguments->options.width);
-  pags_json_put_integer(&writer, "height", arguments->options.height);
-  pags_json_put_integer(&writer, "points", arguments->options.points);
+  kind->tell(arguments, seconds, &writer);
   pags_json_put_number(&writer, "seconds", seconds);
   pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
 }
 
+/* "480x270" */
+static bool parse_size(synth_arguments *arguments) {
+  char rest;
+  return sscanf(arguments->size, "%5dx%5d%c", &arguments->width, &arguments->height, &rest) == 2 &&
+         arguments->width >= 16 && arguments->width <= 8192 && arguments->height >= 16 && arguments->height <= 8192;
+}
+
 int pags_verb_synth(int argc, char **argv) {
-  synth_arguments arguments = {.options = pags_synth_options_default()};
+  synth_arguments arguments = {.width = -1,
+                               .height = -1,
+                               .samples = 8,
+                               .room = pags_synth_options_default(),
+                               .street = pags_street_options_default()};
   const struct kind *kind = NULL;
   pags_parsed parsed;
-  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   for (int i = 0; i < KIND_COUNT; ++i)
     if (!strcmp(kinds[i].name, parsed.positionals[0]))
       kind = &kinds[i];
   if (!kind)
-    return pags_usage_error(&verb, "KIND: expected room, got '%s'", parsed.positionals[0]);
+    return pags_usage_error(&verb, "KIND: expected room or street, got '%s'", parsed.positionals[0]);
+  for (int i = 0; kind->foreign[i]; i++)
+    if (pags_option_given(&parsed, kind->foreign[i]))
+      return pags_usage_error(&verb, "--%s: a %s has no such option", kind->foreign[i], kind->name);
+  if (arguments.size && !parse_size(&arguments))
+    return pags_usage_error(&verb, "--size: expected WIDTHxHEIGHT, each 16..8192, got '%s'", arguments.size);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = make(&arguments, kind);

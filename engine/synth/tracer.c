@@ -4,11 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#if PAGS_EMBREE >= 4 /* major version, from CMake */
-#include <embree4/rtcore.h>
-#else
-#include <embree3/rtcore.h>
-#endif
+#include "synth/embree.h"
 
 enum { QUADS = 0, BALLS = 1 }; /* geometry ids, in the order of attaching */
 
@@ -17,13 +13,6 @@ struct pags_tracer {
   RTCDevice device;
   RTCScene scene;
 };
-
-static pags_result embree_failed(RTCDevice device) {
-  const enum RTCError code = rtcGetDeviceError(device);
-  if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
-  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
-}
 
 /* Corners (pags_box_corner) of the six faces, going around. */
 static const unsigned faces[6][4] = {{0, 2, 6, 4}, {1, 5, 7, 3}, {0, 4, 5, 1},
@@ -43,7 +32,7 @@ static pags_result add_quads(const pags_tracer *tracer) {
   unsigned *indices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, 16, 6 * count);
   if (!vertices || !indices) {
     rtcReleaseGeometry(geometry);
-    return embree_failed(tracer->device);
+    return pags_embree_failed(tracer->device);
   }
   for (size_t b = 0; b < count; b++) {
     for (int i = 0; i < 8; i++)
@@ -60,7 +49,7 @@ static pags_result add_balls(const pags_tracer *tracer) {
   float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT4, 16, count);
   if (!vertices) {
     rtcReleaseGeometry(geometry);
-    return embree_failed(tracer->device);
+    return pags_embree_failed(tracer->device);
   }
   for (size_t b = 0; b < count; b++) {
     for (int k = 0; k < 3; k++)
@@ -74,15 +63,15 @@ static pags_result build(pags_tracer *tracer) {
   /* One thread: what it builds from a few dozen primitives must not depend on how many there are. */
   tracer->device = rtcNewDevice("threads=1");
   if (!tracer->device)
-    return embree_failed(NULL);
+    return pags_embree_failed(NULL);
   tracer->scene = rtcNewScene(tracer->device);
   if (!tracer->scene)
-    return embree_failed(tracer->device);
+    return pags_embree_failed(tracer->device);
   PAGS_TRY(add_quads(tracer));
   PAGS_TRY(add_balls(tracer));
   rtcSetSceneFlags(tracer->scene, RTC_SCENE_FLAG_ROBUST); /* no ray slips through between two quads */
   rtcCommitScene(tracer->scene);
-  return rtcGetDeviceError(tracer->device) == RTC_ERROR_NONE ? PAGS_OK : embree_failed(tracer->device);
+  return rtcGetDeviceError(tracer->device) == RTC_ERROR_NONE ? PAGS_OK : pags_embree_failed(tracer->device);
 }
 
 pags_result pags_tracer_create(const pags_room *room, pags_tracer **out) {

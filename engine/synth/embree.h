@@ -1,0 +1,20 @@
+/* What tracer.c and stage.c, the only files that see Embree, share: versions 3 and 4, and errors. */
+#ifndef PAGS_SYNTH_EMBREE_H
+#define PAGS_SYNTH_EMBREE_H
+
+#include <pags/base.h>
+
+#if PAGS_EMBREE >= 4 /* major version, from CMake */
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+
+static inline pags_result pags_embree_failed(RTCDevice device) {
+  const enum RTCError code = rtcGetDeviceError(device);
+  if (code == RTC_ERROR_OUT_OF_MEMORY)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
+}
+
+#endif

@@ -1,0 +1,194 @@
+/* Patterns as sums of box-filtered pulses, so that they fade to their mean before samples could miss them. */
+#include "synth/material.h"
+
+#include <math.h>
+
+#include "synth/layout.h"
+#include "synth/texture.h"
+
+static float mix(float a, float b, float t) {
+  return a + (b - a) * t;
+}
+
+static void mix_color(const float a[3], const float b[3], float t, float out[3]) {
+  for (int c = 0; c < 3; c++)
+    out[c] = mix(a[c], b[c], t);
+}
+
+static float clamp01(float v) {
+  return v < 0.0f ? 0.0f : v > 1.0f ? 1.0f : v;
+}
+
+static float fraction(float v) {
+  return v - floorf(v);
+}
+
+/* Smooth noise in the plane, in [-1, 1], gone where `width` reaches the size of its cells. */
+static float noise2(float x, float y, float size, float width, uint64_t seed) {
+  const float keep = clamp01(2.0f - 2.0f * width / size);
+  if (keep <= 0.0f)
+    return 0.0f;
+  const float p[3] = {x / size, y / size, 0.5f};
+  return keep * (2.0f * pags_noise(p, seed) - 1.0f);
+}
+
+/* Random number in [0, 1) of a cell. */
+static float cell_value(float x, float y, uint64_t seed) {
+  uint64_t h =
+      seed + (uint32_t)(int32_t)floorf(x) * 0x9e3779b97f4a7c15u + (uint32_t)(int32_t)floorf(y) * 0xc2b2ae3d27d4eb4fu;
+  h = (h ^ h >> 33) * 0xff51afd7ed558ccdu;
+  h = (h ^ h >> 33) * 0xc4ceb9fe1a85ec53u;
+  return (float)(h >> 40) * 0x1p-24f;
+}
+
+/* How much of [x - width/2, x + width/2] lies within [lo, hi]. */
+static float pulse(float x, float lo, float hi, float width) {
+  const float w = width > 1e-4f ? width : 1e-4f, half = 0.5f * w;
+  const float from = fmaxf(x - half, lo), to = fminf(x + half, hi);
+  return to > from ? (to - from) / w : 0.0f;
+}
+
+/* The integral from 0 to x of pulses that fill the first `duty` of each unit. */
+static float train_integral(float x, float duty) {
+  return floorf(x) * duty + fminf(fraction(x), duty);
+}
+
+/* The same of a train of pulses with period 1. */
+static float pulse_train(float x, float duty, float width) {
+  const float w = width > 1e-4f ? width : 1e-4f;
+  return (train_integral(x + 0.5f * w, duty) - train_integral(x - 0.5f * w, duty)) / w;
+}
+
+/* Share of the paint of lane lines and zebra crossings at (x, y). */
+static float marking_share(const pags_markings *markings, float x, float y, float width) {
+  const float phase = (x - markings->first_crossing) / markings->spacing;
+  const float from_zebra = (phase - floorf(phase + 0.5f)) * markings->spacing;
+  const float zebra = pulse(from_zebra, -0.5f * PAGS_ZEBRA, 0.5f * PAGS_ZEBRA, width);
+  const float inside = pulse(y, PAGS_PARKING_RIGHT + 0.2f, PAGS_PARKING_LEFT - 0.2f, width);
+  float share = zebra * inside * pulse_train(y / 1.1f + 0.2f, 0.5f, width / 1.1f);
+  const float clear = 1.0f - pulse(from_zebra, -0.5f * PAGS_ZEBRA - 2.0f, 0.5f * PAGS_ZEBRA + 2.0f, width);
+  const float dashes = pulse_train(x / 9.0f, 0.4f, width / 9.0f);
+  share += clear * (pulse(y, 0.08f, 0.2f, width) + pulse(y, -0.2f, -0.08f, width)); /* double line in the middle */
+  share += clear * dashes * pulse(y, PAGS_LANE_EDGE - 0.07f, PAGS_LANE_EDGE + 0.07f, width);
+  share += clear * (pulse(y, PAGS_PARKING_LEFT - 0.1f, PAGS_PARKING_LEFT, width) +
+                    pulse(y, PAGS_PARKING_RIGHT, PAGS_PARKING_RIGHT + 0.1f, width));
+  const float stop = pulse(from_zebra, -0.5f * PAGS_ZEBRA - 1.5f, -0.5f * PAGS_ZEBRA - 1.1f, width);
+  share += stop * pulse(y, PAGS_PARKING_RIGHT + 0.2f, -0.25f, width);
+  const float bays = pulse_train(x / PAGS_PARKING_BAY, 0.1f / PAGS_PARKING_BAY, width / PAGS_PARKING_BAY);
+  share += clear * bays *
+           (pulse(y, PAGS_PARKING_LEFT, PAGS_KERB_LEFT, width) + pulse(y, PAGS_KERB_RIGHT, PAGS_PARKING_RIGHT, width));
+  return clamp01(share);
+}
+
+static void asphalt(const pags_material *m, const pags_markings *markings, const pags_touch *touch, float width,
+                    uint64_t seed, float color[3]) {
+  static const float paint[3] = {0.72f, 0.71f, 0.67f};
+  const float x = touch->point[0], y = touch->point[1];
+  const float coarse = noise2(x, y * 3.0f, 5.0f, width, seed), fine = noise2(x, y, 0.07f, width, seed + 1);
+  const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.8f : 1.0f; /* mended here and there */
+  const float tracks = 0.06f * cosf(3.8080f * (y + 1.65f)); /* worn by wheels, a period a half lane */
+  const float light = patch * (1.0f + 0.16f * coarse + 0.14f * fine + tracks);
+  for (int c = 0; c < 3; c++)
+    color[c] = m->color[c] * light;
+  const float worn = clamp01(0.9f + 0.35f * noise2(x, y, 0.35f, width, seed + 3));
+  mix_color(color, paint, worn * marking_share(markings, x, y, width), color);
+}
+
+static void paving(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float row = touch->point[1] / m->size, shift = 0.5f * fmodf(floorf(row), 2.0f);
+  const float column = touch->point[0] / (1.5f * m->size) + shift, w = width / m->size;
+  const float keep = clamp01(1.5f - w);
+  const float joint = fmaxf(pulse_train(row, 0.035f, w), pulse_train(column, 0.025f, w));
+  const float tone = keep * (cell_value(column, row, seed + 4) - 0.5f);
+  const float dirt = noise2(touch->point[0], touch->point[1], 1.7f, width, seed + 5);
+  for (int c = 0; c < 3; c++)
+    color[c] = mix(m->color[c] * (1.0f + 0.22f * tone + 0.14f * dirt), m->second[c], joint);
+}
+
+enum { BRICK_LENGTH_MM = 250, BRICK_HEIGHT_MM = 83 };
+
+static void brick(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float row = touch->uv[1] / (BRICK_HEIGHT_MM * 1e-3f);
+  const float column = touch->uv[0] / (BRICK_LENGTH_MM * 1e-3f) + 0.5f * fmodf(floorf(row), 2.0f);
+  const float w = width / (BRICK_HEIGHT_MM * 1e-3f), wide = width / (BRICK_LENGTH_MM * 1e-3f);
+  const float mortar = 1.0f - (1.0f - pulse_train(row, 0.15f, w)) * (1.0f - pulse_train(column, 0.05f, wide));
+  const float tone = clamp01(1.5f - wide) * (cell_value(column, row, seed + 6) - 0.5f);
+  const float stain = noise2(touch->uv[0], touch->uv[1], 2.3f, width, seed + 7);
+  for (int c = 0; c < 3; c++)
+    color[c] = mix(m->color[c] * (1.0f + 0.55f * tone), m->second[c], mortar) * (1.0f + 0.15f * stain);
+}
+
+static void plaster(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float u = touch->uv[0], v = touch->uv[1];
+  const float streak = noise2(3.0f * u, 0.4f * v, 0.9f, width, seed + 8), blot = noise2(u, v, 2.9f, width, seed + 9);
+  const float grain = noise2(u, v, 0.09f, width, seed + 10);
+  const float light = 1.0f + 0.09f * streak + 0.12f * blot + 0.06f * grain;
+  for (int c = 0; c < 3; c++)
+    color[c] = m->color[c] * light;
+}
+
+static void tiles(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float row = touch->uv[1] / 0.3f, column = touch->uv[0] / 0.22f + 0.5f * fmodf(floorf(row), 2.0f),
+              w = width / 0.25f;
+  const float keep = clamp01(1.5f - w), tone = keep * (cell_value(column, row, seed + 11) - 0.5f);
+  const float light =
+      1.0f + 0.4f * tone - 0.45f * (pulse_train(row, 0.15f, w) - 0.15f) + keep * 0.25f * (fraction(row) - 0.5f);
+  for (int c = 0; c < 3; c++)
+    color[c] = m->color[c] * light;
+}
+
+/* Curtains, lamps and dark rooms behind panes; `second` is the bars' colour. */
+static void window(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float u = touch->uv[0], v = touch->uv[1], w = width / m->size;
+  const float kind = cell_value(u, v, seed + 12), tone = cell_value(u, v, seed + 13);
+  const float x = fraction(u), y = fraction(v);
+  const float bars = fmaxf(1.0f - pulse(x, 0.05f, 0.95f, w) * pulse(y, 0.04f, 0.96f, w),
+                           fmaxf(pulse(x, 0.475f, 0.525f, w), pulse(y, 0.66f, 0.70f, w)));
+  const float open = 0.2f + 0.3f * tone, curtain = kind < 0.55f ? 1.0f - pulse(x, open, 1.0f - open, 0.06f + w) : 0.0f;
+  const float blind = kind > 0.8f ? 1.0f - pulse(y, -1.0f, 0.35f + 0.5f * tone, 0.02f + w) : 0.0f;
+  const float fold = 0.75f + 0.2f * sinf(70.0f * x) * clamp01(1.0f - 12.0f * w);
+  const float cloth[3] = {0.50f * fold, 0.46f * fold, 0.38f * fold};
+  mix_color(m->color, cloth, fmaxf(curtain, blind), color);
+  mix_color(color, m->second, bars, color);
+}
+
+/* Doors and bonnet are cut by thin dark lines along x. */
+static void paint(const pags_material *m, const pags_touch *touch, float width, float color[3]) {
+  static const float seams[4] = {-0.95f, -0.02f, 0.95f, 1.35f}, dark[3] = {0.03f, 0.03f, 0.03f};
+  const float *p = touch->local;
+  float seam = 0.0f;
+  for (int i = 0; i < 3; i++)
+    seam = fmaxf(seam, pulse(p[0], seams[i] - 0.008f, seams[i] + 0.008f, width));
+  seam *= pulse(fabsf(p[1]), 0.6f, 2.0f, width) * pulse(p[2], 0.3f, 0.96f, width);
+  seam = fmaxf(seam, pulse(p[2], 0.30f, 0.36f, width) * pulse(p[0], -9.0f, 9.0f, width));
+  mix_color(m->color, dark, 0.85f * seam, color);
+}
+
+static void mottled(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
+  const float *p = touch->local;
+  const float t = 0.5f + 0.5f * noise2(p[0] + 0.6f * p[2], p[1] + 0.8f * p[2], m->size, width, seed + 14);
+  mix_color(m->color, m->second, t, color);
+}
+
+/* Each leaf has a shade of its own: uv is the leaf's number. */
+static void leaf(const pags_material *m, const pags_touch *touch, uint64_t seed, float color[3]) {
+  mix_color(m->color, m->second, cell_value(touch->uv[0], touch->uv[1], seed + 15), color);
+}
+
+void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
+                         float width, uint64_t seed, float color[3]) {
+  switch (material->finish) {
+    case PAGS_FINISH_ASPHALT: asphalt(material, markings, touch, width, seed, color); break;
+    case PAGS_FINISH_PAVING: paving(material, touch, width, seed, color); break;
+    case PAGS_FINISH_BRICK: brick(material, touch, width, seed, color); break;
+    case PAGS_FINISH_PLASTER: plaster(material, touch, width, seed, color); break;
+    case PAGS_FINISH_TILES: tiles(material, touch, width, seed, color); break;
+    case PAGS_FINISH_WINDOW: window(material, touch, width, seed, color); break;
+    case PAGS_FINISH_PAINT: paint(material, touch, width, color); break;
+    case PAGS_FINISH_MOTTLED: mottled(material, touch, width, seed, color); break;
+    case PAGS_FINISH_LEAF: leaf(material, touch, seed, color); break;
+    case PAGS_FINISH_PLAIN: mix_color(material->color, material->color, 0.0f, color); break;
+  }
+  for (int c = 0; c < 3; c++)
+    color[c] = clamp01(color[c]);
+}

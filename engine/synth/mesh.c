@@ -1,0 +1,238 @@
+/* Growing arrays of vertices and faces, and the bodies made of them. */
+#include "synth/mesh.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define TWO_PI 6.2831853f
+
+void pags_mesh_destroy(pags_mesh *mesh) {
+  free(mesh->vertices);
+  free(mesh->faces);
+  free(mesh->materials);
+  memset(mesh, 0, sizeof *mesh);
+}
+
+static bool grow_vertices(pags_mesh *mesh) {
+  if (mesh->vertex_count < mesh->vertex_capacity)
+    return true;
+  const int64_t capacity = mesh->vertex_capacity ? 2 * mesh->vertex_capacity : 256;
+  pags_vertex *vertices = capacity < INT32_MAX ? realloc(mesh->vertices, (size_t)capacity * sizeof *vertices) : NULL;
+  if (!vertices) {
+    mesh->failed = true;
+    return false;
+  }
+  mesh->vertices = vertices;
+  mesh->vertex_capacity = capacity;
+  return true;
+}
+
+static bool grow_faces(pags_mesh *mesh) {
+  if (mesh->face_count < mesh->face_capacity)
+    return true;
+  const int64_t capacity = mesh->face_capacity ? 2 * mesh->face_capacity : 256;
+  uint32_t *faces = capacity < INT32_MAX ? realloc(mesh->faces, (size_t)capacity * 4 * sizeof *faces) : NULL;
+  if (faces)
+    mesh->faces = faces;
+  uint16_t *materials = faces ? realloc(mesh->materials, (size_t)capacity * sizeof *materials) : NULL;
+  if (!materials) {
+    mesh->failed = true;
+    return false;
+  }
+  mesh->materials = materials;
+  mesh->face_capacity = capacity;
+  return true;
+}
+
+uint32_t pags_mesh_vertex(pags_mesh *mesh, const float position[3], const float normal[3], float u, float v) {
+  static const float none[3] = {0};
+  if (!grow_vertices(mesh))
+    return 0;
+  pags_vertex *out = &mesh->vertices[mesh->vertex_count];
+  memcpy(out->position, position, sizeof out->position);
+  memcpy(out->normal, normal ? normal : none, sizeof out->normal);
+  out->uv[0] = u;
+  out->uv[1] = v;
+  return (uint32_t)mesh->vertex_count++;
+}
+
+void pags_mesh_face(pags_mesh *mesh, uint32_t a, uint32_t b, uint32_t c, uint32_t d, uint16_t material) {
+  if (mesh->failed || !grow_faces(mesh))
+    return;
+  uint32_t *face = mesh->faces + 4 * mesh->face_count;
+  face[0] = a;
+  face[1] = b;
+  face[2] = c;
+  face[3] = d;
+  mesh->materials[mesh->face_count++] = material;
+}
+
+static float length_of(const float v[3]) {
+  return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+static void normalise(float v[3]) {
+  const float length = length_of(v);
+  for (int k = 0; k < 3 && length > 0.0f; k++)
+    v[k] /= length;
+}
+
+static void cross(const float a[3], const float b[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+void pags_mesh_quad(pags_mesh *mesh, const float a[3], const float along[3], const float up[3], const float uv[2],
+                    uint16_t material) {
+  const float u = uv ? uv[0] : 0.0f, v = uv ? uv[1] : 0.0f;
+  uint32_t corner[4];
+  for (int i = 0; i < 4; i++) {
+    const bool far = i == 1 || i == 2, high = i >= 2;
+    float p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = a[k] + (far ? along[k] : 0.0f) + (high ? up[k] : 0.0f);
+    corner[i] = pags_mesh_vertex(mesh, p, NULL, u + (far ? length_of(along) : 0.0f), v + (high ? length_of(up) : 0.0f));
+  }
+  pags_mesh_face(mesh, corner[0], corner[1], corner[2], corner[3], material);
+}
+
+void pags_mesh_box(pags_mesh *mesh, const float center[3], const float half[3], uint16_t material) {
+  for (int axis = 0; axis < 3; axis++)
+    for (int side = -1; side <= 1; side += 2) {
+      const int next = axis == 2 ? 0 : axis == 0 ? 1 : 0, last = 3 - axis - next;
+      float a[3], along[3] = {0}, up[3] = {0};
+      for (int k = 0; k < 3; k++)
+        a[k] = center[k] - half[k];
+      a[axis] = center[axis] + (float)side * half[axis];
+      along[next] = 2.0f * half[next];
+      up[last] = 2.0f * half[last];
+      pags_mesh_quad(mesh, a, along, up, NULL, material);
+    }
+}
+
+/* Two unit vectors square to `axis`, a unit vector. */
+static void frame_about(const float axis[3], float x[3], float y[3]) {
+  const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
+  cross(other, axis, x);
+  normalise(x);
+  cross(axis, x, y);
+}
+
+static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], const float y[3], float radius, int sides,
+                    uint16_t material) {
+  const uint32_t middle = pags_mesh_vertex(mesh, center, NULL, 0.0f, 0.0f);
+  uint32_t first = 0, last = 0;
+  for (int i = 0; i < sides; i++) {
+    const float angle = TWO_PI * (float)i / (float)sides;
+    float p[3];
+    for (int k = 0; k < 3; k++)
+      p[k] = center[k] + radius * (cosf(angle) * x[k] + sinf(angle) * y[k]);
+    const uint32_t at = pags_mesh_vertex(mesh, p, NULL, 0.0f, 0.0f);
+    if (i)
+      pags_mesh_face(mesh, middle, last, at, at, material);
+    else
+      first = at;
+    last = at;
+  }
+  pags_mesh_face(mesh, middle, last, first, first, material);
+}
+
+void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], float radius_from, float radius_to,
+                    int sides, uint16_t material) {
+  float axis[3], x[3], y[3];
+  for (int k = 0; k < 3; k++)
+    axis[k] = to[k] - from[k];
+  const float height = length_of(axis);
+  normalise(axis);
+  frame_about(axis, x, y);
+  const uint32_t base = (uint32_t)mesh->vertex_count;
+  for (int i = 0; i < sides; i++) {
+    const float angle = TWO_PI * (float)i / (float)sides;
+    float n[3], low[3], high[3];
+    for (int k = 0; k < 3; k++) {
+      n[k] = cosf(angle) * x[k] + sinf(angle) * y[k];
+      low[k] = from[k] + radius_from * n[k];
+      high[k] = to[k] + radius_to * n[k];
+    }
+    const float u = TWO_PI * radius_from * (float)i / (float)sides;
+    pags_mesh_vertex(mesh, low, n, u, 0.0f);
+    pags_mesh_vertex(mesh, high, n, u, height);
+  }
+  for (int i = 0; i < sides; i++) {
+    const uint32_t a = base + 2 * (uint32_t)i, b = base + 2 * (uint32_t)((i + 1) % sides);
+    pags_mesh_face(mesh, a, b, b + 1, a + 1, material);
+  }
+  end_cap(mesh, from, x, y, radius_from, sides, material);
+  end_cap(mesh, to, x, y, radius_to, sides, material);
+}
+
+void pags_mesh_ellipsoid(pags_mesh *mesh, const float center[3], const float radii[3], int slices, uint16_t material) {
+  const int stacks = (slices + 1) / 2 + 1;
+  const uint32_t base = (uint32_t)mesh->vertex_count;
+  for (int i = 0; i <= stacks; i++)
+    for (int j = 0; j < slices; j++) {
+      const float polar = 0.5f * TWO_PI * (float)i / (float)stacks, around = TWO_PI * (float)j / (float)slices;
+      const float unit[3] = {sinf(polar) * cosf(around), sinf(polar) * sinf(around), cosf(polar)};
+      float p[3], n[3];
+      for (int k = 0; k < 3; k++) {
+        p[k] = center[k] + radii[k] * unit[k];
+        n[k] = unit[k] / radii[k];
+      }
+      normalise(n);
+      pags_mesh_vertex(mesh, p, n, (float)j, (float)i);
+    }
+  for (int i = 0; i < stacks; i++)
+    for (int j = 0; j < slices; j++) {
+      const uint32_t row = base + (uint32_t)(i * slices), j0 = (uint32_t)j, j1 = (uint32_t)((j + 1) % slices);
+      pags_mesh_face(mesh, row + j0, row + j1, row + (uint32_t)slices + j1, row + (uint32_t)slices + j0, material);
+    }
+}
+
+/* Normal of a loft at a ring's column from its neighbours; it need not point outwards, since shading turns it. */
+static void loft_normal(const float *points, int rings, int columns, int ring, int column, float out[3]) {
+  const int before = ring ? ring - 1 : 0, after = ring + 1 < rings ? ring + 1 : ring;
+  const float *left = points + 3 * (ring * columns + (column + columns - 1) % columns);
+  const float *right = points + 3 * (ring * columns + (column + 1) % columns);
+  const float *low = points + 3 * (before * columns + column), *high = points + 3 * (after * columns + column);
+  float across[3], along[3];
+  for (int k = 0; k < 3; k++) {
+    across[k] = right[k] - left[k];
+    along[k] = high[k] - low[k];
+  }
+  cross(across, along, out);
+  normalise(out);
+}
+
+static void close_ring(pags_mesh *mesh, const float *ring, int columns, uint16_t material) {
+  float middle[3] = {0};
+  for (int i = 0; i < columns; i++)
+    for (int k = 0; k < 3; k++)
+      middle[k] += ring[3 * i + k] / (float)columns;
+  const uint32_t center = pags_mesh_vertex(mesh, middle, NULL, 0.0f, 0.0f), first = center + 1;
+  for (int i = 0; i < columns; i++)
+    pags_mesh_vertex(mesh, ring + 3 * i, NULL, 0.0f, 0.0f);
+  for (int i = 0; i < columns; i++) {
+    const uint32_t next = first + (uint32_t)((i + 1) % columns);
+    pags_mesh_face(mesh, center, first + (uint32_t)i, next, next, material);
+  }
+}
+
+void pags_mesh_loft(pags_mesh *mesh, int rings, int columns, const float *points,
+                    uint16_t (*material_of)(void *user, int ring, int column), void *user) {
+  const uint32_t base = (uint32_t)mesh->vertex_count;
+  for (int i = 0; i < rings; i++)
+    for (int j = 0; j < columns; j++) {
+      float normal[3];
+      loft_normal(points, rings, columns, i, j, normal);
+      pags_mesh_vertex(mesh, points + 3 * (i * columns + j), normal, (float)j, (float)i);
+    }
+  for (int i = 0; i + 1 < rings; i++)
+    for (int j = 0; j < columns; j++) {
+      const uint32_t row = base + (uint32_t)(i * columns), j0 = (uint32_t)j, j1 = (uint32_t)((j + 1) % columns);
+      pags_mesh_face(mesh, row + j0, row + j1, row + (uint32_t)columns + j1, row + (uint32_t)columns + j0,
+                     material_of(user, i, j));
+    }
+  close_ring(mesh, points, columns, material_of(user, -1, 0));
+  close_ring(mesh, points + 3 * (size_t)(rings - 1) * (size_t)columns, columns, material_of(user, rings - 1, 0));
+}

@@ -1,0 +1,226 @@
+/* One Embree scene a mesh, and one of instances of them, whose poses change from frame to frame. */
+#include "synth/stage.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "synth/embree.h"
+
+struct pags_stage {
+  const pags_mesh *meshes;
+  const pags_placement *placements;
+  int mesh_count, placement_count;
+  RTCDevice device;
+  RTCScene *parts; /* one a mesh */
+  RTCGeometry *instances;
+  RTCScene scene;
+};
+
+static pags_result check(const pags_stage *stage) {
+  const enum RTCError code = rtcGetDeviceError(stage->device);
+  if (code == RTC_ERROR_NONE)
+    return PAGS_OK;
+  if (code == RTC_ERROR_OUT_OF_MEMORY)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
+}
+
+static pags_result build_part(pags_stage *stage, int index) {
+  const pags_mesh *mesh = &stage->meshes[index];
+  stage->parts[index] = rtcNewScene(stage->device);
+  RTCGeometry geometry = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_QUAD);
+  if (!stage->parts[index] || !geometry)
+    return pags_embree_failed(stage->device);
+  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh->vertices, 0,
+                             sizeof(pags_vertex), (size_t)mesh->vertex_count);
+  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, mesh->faces, 0, 16,
+                             (size_t)mesh->face_count);
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometryByID(stage->parts[index], geometry, 0);
+  rtcReleaseGeometry(geometry);
+  rtcSetSceneFlags(stage->parts[index], RTC_SCENE_FLAG_ROBUST);
+  rtcCommitScene(stage->parts[index]);
+  return check(stage);
+}
+
+static pags_result place(pags_stage *stage, int index) {
+  RTCGeometry instance = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_INSTANCE);
+  if (!instance)
+    return pags_embree_failed(stage->device);
+  stage->instances[index] = instance;
+  rtcSetGeometryInstancedScene(instance, stage->parts[stage->placements[index].mesh]);
+  rtcSetGeometryTimeStepCount(instance, 1);
+  rtcAttachGeometryByID(stage->scene, instance, (unsigned)index);
+  return PAGS_OK;
+}
+
+static pags_result build(pags_stage *stage) {
+  /* One thread, so that the tree, and with it which of two equally near faces is met, is always the same. */
+  stage->device = rtcNewDevice("threads=1");
+  stage->parts = calloc((size_t)stage->mesh_count + 1, sizeof(RTCScene));
+  stage->instances = calloc((size_t)stage->placement_count + 1, sizeof(RTCGeometry));
+  if (!stage->parts || !stage->instances)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ray tracer");
+  if (!stage->device)
+    return pags_embree_failed(NULL);
+  for (int i = 0; i < stage->mesh_count; i++)
+    PAGS_TRY(build_part(stage, i));
+  stage->scene = rtcNewScene(stage->device);
+  if (!stage->scene)
+    return pags_embree_failed(stage->device);
+  rtcSetSceneFlags(stage->scene, RTC_SCENE_FLAG_ROBUST);
+  for (int i = 0; i < stage->placement_count; i++)
+    PAGS_TRY(place(stage, i));
+  return pags_stage_commit(stage, 0, stage->placement_count);
+}
+
+pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_placement *placements,
+                              int placement_count, pags_stage **out) {
+  *out = NULL;
+  pags_stage *stage = calloc(1, sizeof *stage);
+  if (!stage)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ray tracer");
+  *stage = (pags_stage){
+      .meshes = meshes, .placements = placements, .mesh_count = mesh_count, .placement_count = placement_count};
+  const pags_result result = build(stage);
+  if (result == PAGS_OK)
+    *out = stage;
+  else
+    pags_stage_destroy(stage);
+  return result;
+}
+
+void pags_stage_destroy(pags_stage *stage) {
+  if (!stage)
+    return;
+  for (int i = 0; stage->instances && i < stage->placement_count; i++)
+    if (stage->instances[i])
+      rtcReleaseGeometry(stage->instances[i]);
+  if (stage->scene)
+    rtcReleaseScene(stage->scene);
+  for (int i = 0; stage->parts && i < stage->mesh_count; i++)
+    if (stage->parts[i])
+      rtcReleaseScene(stage->parts[i]);
+  if (stage->device)
+    rtcReleaseDevice(stage->device);
+  free(stage->parts);
+  free(stage->instances);
+  free(stage);
+}
+
+pags_result pags_stage_commit(pags_stage *stage, int first, int count) {
+  for (int i = first; i < first + count; i++) {
+    rtcSetGeometryTransform(stage->instances[i], 0, RTC_FORMAT_FLOAT3X4_ROW_MAJOR, stage->placements[i].pose);
+    rtcCommitGeometry(stage->instances[i]);
+  }
+  rtcCommitScene(stage->scene);
+  return check(stage);
+}
+
+static void load_rays(const pags_rays *rays, float from, float to, struct RTCRay8 *out, int valid[PAGS_PACKET]) {
+  memset(out, 0, sizeof *out);
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    valid[i] = rays->active >> i & 1u ? -1 : 0;
+    out->org_x[i] = rays->origin[i][0];
+    out->org_y[i] = rays->origin[i][1];
+    out->org_z[i] = rays->origin[i][2];
+    out->dir_x[i] = rays->direction[i][0];
+    out->dir_y[i] = rays->direction[i][1];
+    out->dir_z[i] = rays->direction[i][2];
+    out->tnear[i] = from;
+    out->tfar[i] = valid[i] ? to : -INFINITY;
+    out->mask[i] = ~0u;
+  }
+}
+
+static void turn(const float pose[12], const float v[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = pose[4 * k] * v[0] + pose[4 * k + 1] * v[1] + pose[4 * k + 2] * v[2];
+}
+
+/* To unit length, against `direction`. */
+static void face_ray(float n[3], const float direction[3]) {
+  const float length = sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+  const float towards = n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2] > 0.0f ? -1.0f : 1.0f;
+  for (int k = 0; k < 3; k++)
+    n[k] *= towards / (length > 0.0f ? length : 1.0f);
+}
+
+/* Embree cuts a quad into corners 0 1 3 and 2 3 1; the second's u and v run backwards. */
+static void weigh_corners(float u, float v, float weight[4]) {
+  const int second = u + v > 1.0f;
+  weight[0] = second ? 0.0f : 1.0f - u - v;
+  weight[1] = second ? 1.0f - v : u;
+  weight[2] = second ? u + v - 1.0f : 0.0f;
+  weight[3] = second ? 1.0f - u : v;
+}
+
+static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, int i, const float direction[3],
+                       pags_touch *out) {
+  const pags_placement *placement = &stage->placements[ray->hit.instID[0][i]];
+  const pags_mesh *mesh = &stage->meshes[placement->mesh];
+  const uint32_t face = ray->hit.primID[i];
+  const float flat[3] = {ray->hit.Ng_x[i], ray->hit.Ng_y[i], ray->hit.Ng_z[i]};
+  float weight[4], smooth[3] = {0};
+  *out = (pags_touch){
+      .distance = ray->ray.tfar[i], .placement = (int)ray->hit.instID[0][i], .material = mesh->materials[face]};
+  weigh_corners(ray->hit.u[i], ray->hit.v[i], weight);
+  for (int c = 0; c < 4; c++) {
+    const pags_vertex *vertex = &mesh->vertices[mesh->faces[4 * face + (uint32_t)c]];
+    for (int k = 0; k < 3; k++) {
+      out->local[k] += weight[c] * vertex->position[k];
+      smooth[k] += weight[c] * vertex->normal[k];
+    }
+    out->uv[0] += weight[c] * vertex->uv[0];
+    out->uv[1] += weight[c] * vertex->uv[1];
+  }
+  const bool has_smooth = smooth[0] * smooth[0] + smooth[1] * smooth[1] + smooth[2] * smooth[2] > 0.01f;
+  turn(placement->pose, flat, out->flat);
+  turn(placement->pose, has_smooth ? smooth : flat, out->normal);
+  face_ray(out->flat, direction);
+  face_ray(out->normal, direction);
+}
+
+unsigned pags_stage_trace(const pags_stage *stage, const pags_rays *rays, pags_touch touches[PAGS_PACKET]) {
+  struct RTCRayHit8 ray;
+  int valid[PAGS_PACKET] __attribute__((aligned(32)));
+  unsigned met = 0;
+  load_rays(rays, 0.0f, INFINITY, &ray.ray, valid);
+  for (int i = 0; i < PAGS_PACKET; i++)
+    ray.hit.geomID[i] = ray.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+#if PAGS_EMBREE >= 4
+  rtcIntersect8(valid, stage->scene, &ray, NULL);
+#else
+  struct RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+  rtcIntersect8(valid, stage->scene, &context, &ray);
+#endif
+  for (int i = 0; i < PAGS_PACKET; i++)
+    if (valid[i] && ray.hit.geomID[i] != RTC_INVALID_GEOMETRY_ID) {
+      met |= 1u << i;
+      fill_touch(stage, &ray, i, rays->direction[i], &touches[i]);
+      for (int k = 0; k < 3; k++)
+        touches[i].point[k] = rays->origin[i][k] + touches[i].distance * rays->direction[i][k];
+    }
+  return met;
+}
+
+unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, float reach) {
+  struct RTCRay8 ray;
+  int valid[PAGS_PACKET] __attribute__((aligned(32)));
+  unsigned blocked = 0;
+  load_rays(rays, 1e-4f, reach, &ray, valid);
+#if PAGS_EMBREE >= 4
+  rtcOccluded8(valid, stage->scene, &ray, NULL);
+#else
+  struct RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcOccluded8(valid, stage->scene, &context, &ray);
+#endif
+  for (int i = 0; i < PAGS_PACKET; i++)
+    if (valid[i] && ray.tfar[i] < 0.0f) /* -inf marks a hit */
+      blocked |= 1u << i;
+  return blocked;
+}

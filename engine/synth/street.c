@@ -1,0 +1,142 @@
+/* Lists of meshes, placements and actors, and the recording car's own motion and cameras. */
+#include "synth/street.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "synth/layout.h"
+
+#define TWO_PI 6.283185307179586
+
+/* Room for one more in a list of things of `size` bytes. */
+static bool grow(void **list, int count, int *capacity, size_t size) {
+  if (count < *capacity)
+    return true;
+  const int wider = *capacity ? 2 * *capacity : 64;
+  void *bigger = wider < INT32_MAX / 2 ? realloc(*list, (size_t)wider * size) : NULL;
+  if (!bigger)
+    return false;
+  *list = bigger;
+  *capacity = wider;
+  return true;
+}
+
+int pags_street_mesh(pags_street *street) {
+  void *list = street->meshes;
+  if (!grow(&list, street->mesh_count, &street->mesh_capacity, sizeof(pags_mesh)))
+    street->failed = true;
+  street->meshes = list;
+  if (street->failed)
+    return 0;
+  street->meshes[street->mesh_count] = (pags_mesh){0};
+  return street->mesh_count++;
+}
+
+int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale) {
+  void *list = street->placements;
+  if (!grow(&list, street->placement_count, &street->placement_capacity, sizeof(pags_placement)))
+    street->failed = true;
+  street->placements = list;
+  if (street->failed)
+    return 0;
+  const float c = scale * cosf(yaw), s = scale * sinf(yaw);
+  street->placements[street->placement_count] =
+      (pags_placement){.mesh = mesh, .actor = actor, .pose = {c, -s, 0, x, s, c, 0, y, 0, 0, scale, z}};
+  return street->placement_count++;
+}
+
+int pags_street_actor(pags_street *street, const pags_actor *actor) {
+  void *list = street->actors;
+  if (!grow(&list, street->actor_count, &street->actor_capacity, sizeof(pags_actor)))
+    street->failed = true;
+  street->actors = list;
+  if (street->failed)
+    return 0;
+  street->actors[street->actor_count] = *actor;
+  return street->actor_count++;
+}
+
+static bool complete(const pags_street *street) {
+  bool failed = street->failed || street->materials.failed;
+  for (int i = 0; i < street->mesh_count; i++)
+    failed |= street->meshes[i].failed;
+  return !failed;
+}
+
+pags_result pags_street_build(const pags_street_options *options, pags_street *street) {
+  memset(street, 0, sizeof *street);
+  street->options = options;
+  street->duration = (options->frames - 1) / options->fps;
+  street->end = pags_street_ego_x(street->duration);
+  street->begin_x = -45.0f;
+  street->end_x = (float)street->end + 130.0f;
+  street->markings = (pags_markings){.first_crossing = (float)street->end + 22.0f, .spacing = 84.0f};
+  pags_scenery_add(street);
+  pags_actors_add(street);
+  return complete(street) ? PAGS_OK
+                          : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a street of %d frames", options->frames);
+}
+
+void pags_street_destroy(pags_street *street) {
+  for (int i = 0; i < street->mesh_count; i++)
+    pags_mesh_destroy(&street->meshes[i]);
+  free(street->meshes);
+  free(street->placements);
+  free(street->actors);
+  pags_materials_destroy(&street->materials);
+  memset(street, 0, sizeof *street);
+}
+
+/* 10 m/s that vary by a tenth. */
+double pags_street_ego_x(double time) {
+  return 10.0 * time + 0.9 * sin(1.1 * time);
+}
+
+static double ego_y(double time) {
+  return PAGS_EGO_LANE + 0.22 * sin(0.9 * time + 0.4);
+}
+
+void pags_street_ego(double time, double pose[12]) {
+  const double forward = 10.0 + 0.99 * cos(1.1 * time), aside = 0.198 * cos(0.9 * time + 0.4);
+  const double yaw = atan2(aside, forward), pitch = 0.003 * sin(5.0 * time), roll = 0.003 * sin(3.7 * time + 1.0);
+  const double cy = cos(yaw), sy = sin(yaw), cp = cos(pitch), sp = sin(pitch), cr = cos(roll), sr = sin(roll);
+  const double out[12] = {cy * cp,
+                          cy * sp * sr - sy * cr,
+                          cy * sp * cr + sy * sr,
+                          pags_street_ego_x(time),
+                          sy * cp,
+                          sy * sp * sr + cy * cr,
+                          sy * sp * cr - cy * sr,
+                          ego_y(time),
+                          -sp,
+                          cp * sr,
+                          cp * cr,
+                          0.0};
+  memcpy(pose, out, sizeof out);
+}
+
+void pags_street_mount(int camera, double pose[12]) {
+  static const double yaws[3] = {0.0, 50.0, -50.0},
+                      places[3][3] = {{1.6, 0.0, 1.6}, {1.5, 0.25, 1.6}, {1.5, -0.25, 1.6}};
+  const double yaw = yaws[camera] * TWO_PI / 360.0, pitch = 0.02; /* looks down a little */
+  const double c = cos(yaw), s = sin(yaw), cp = cos(pitch), sp = sin(pitch);
+  const double out[12] = {s,   -c * sp, c * cp, places[camera][0], /* columns: right, down, forward */
+                          -c,  -s * sp, s * cp, places[camera][1], /* of a camera at that yaw */
+                          0.0, -cp,     -sp,    places[camera][2]};
+  memcpy(pose, out, sizeof out);
+}
+
+pags_camera pags_street_camera(const pags_street_options *options, double time, int camera, double right, double up) {
+  double ego[12], mount[12];
+  pags_camera out = {.width = options->width, .height = options->height, .time = time};
+  out.fx = out.fy = 0.8 * options->width;
+  out.cx = 0.5 * options->width;
+  out.cy = 0.5 * options->height;
+  pags_street_ego(time, ego);
+  pags_street_mount(camera, mount);
+  pags_rigid_multiply(ego, mount, out.world_from_camera);
+  for (int k = 0; k < 3; k++)
+    out.world_from_camera[4 * k + 3] += right * out.world_from_camera[4 * k] + up * ego[4 * k + 2];
+  return out;
+}

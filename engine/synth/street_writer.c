@@ -1,0 +1,423 @@
+/* Writes a street as a driving set: frame by frame, its pictures drawn together, then its files written together. */
+#include <pags/image.h>
+#include <pags/synth.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "synth/street_labels.h"
+#include "synth/sweep.h"
+#include "synth/view.h"
+
+enum { CAMERAS = 3, SHIFTS = 4, VIEWS = CAMERAS + SHIFTS, SHIFT_EVERY = 4, CAMERA_FILES = 7, MESSAGE = 512 };
+
+static const struct shift {
+  const char *name;
+  double right, up; /* metres */
+} shifts[SHIFTS] = {{"right1", 1, 0}, {"right2", 2, 0}, {"right3", 3, 0}, {"up1", 0, 1}};
+
+pags_street_options pags_street_options_default(void) {
+  return (pags_street_options){.width = 480,
+                               .height = 270,
+                               .frames = 40,
+                               .fps = 10,
+                               .cameras = 3,
+                               .samples = 8,
+                               .objects = 8,
+                               .lidar_points = 20000,
+                               .lidar_noise = 0.02,
+                               .shifts = 1};
+}
+
+typedef struct writer {
+  const char *folder;
+  pags_street *street;
+  pags_stage *stage;
+  pags_tasks *tasks;
+  pags_street_view views[VIEWS];
+  int view_count, frame;
+  float *points;
+  int64_t point_count;
+} writer;
+
+static pags_result check_whole(const char *name, int64_t value, int64_t lo, int64_t hi) {
+  if (value >= lo && value <= hi)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %lld, expected %lld..%lld", name, (long long)value, (long long)lo,
+                   (long long)hi);
+}
+
+static pags_result check_real(const char *name, double value, double lo, double hi) {
+  if (value >= lo && value <= hi)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %g, expected %g..%g", name, value, lo, hi);
+}
+
+static pags_result check_options(const pags_street_options *o) {
+  PAGS_TRY(check_whole("width", o->width, 16, 8192));
+  PAGS_TRY(check_whole("height", o->height, 16, 8192));
+  PAGS_TRY(check_whole("frames", o->frames, 2, 10000));
+  PAGS_TRY(check_real("fps", o->fps, 0.1, 1000.0));
+  PAGS_TRY(
+      check_real("frames / fps", o->frames / o->fps, 0.0, 1000.0)); /* seconds: the street is built as long as driven */
+  PAGS_TRY(check_whole("cameras", o->cameras, 1, CAMERAS));
+  PAGS_TRY(check_whole("samples", o->samples, 1, 1024));
+  PAGS_TRY(check_whole("objects", o->objects, 0, 64));
+  PAGS_TRY(check_whole("lidar_points", o->lidar_points, 0, 1000000));
+  PAGS_TRY(check_real("lidar_noise", o->lidar_noise, 0.0, 10.0));
+  PAGS_TRY(check_real("pose_noise", o->pose_noise, 0.0, 10.0));
+  return check_real("yaw_noise", o->yaw_noise, 0.0, 180.0);
+}
+
+static pags_result join(const writer *w, const char *relative, char **out) {
+  *out = pags_path_join(w->folder, relative);
+  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+}
+
+static pags_result make_folders(const writer *w) {
+  static const char *const names[] = {"images",
+                                      "ego_pose",
+                                      "extrinsics",
+                                      "intrinsics",
+                                      "lidar",
+                                      "instances",
+                                      "semantic",
+                                      "sky_masks",
+                                      "dynamic_masks/all",
+                                      "dynamic_masks/vehicle",
+                                      "dynamic_masks/human",
+                                      "truth/instances",
+                                      "truth/depth",
+                                      "truth/ids",
+                                      "truth/shift/right1",
+                                      "truth/shift/right2",
+                                      "truth/shift/right3",
+                                      "truth/shift/up1"};
+  enum { COUNT = sizeof names / sizeof names[0] };
+  bool empty = true;
+  char *old = NULL;
+  PAGS_TRY(pags_dir_is_empty(w->folder, &empty));
+  if (!empty && !w->street->options->overwrite)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", w->folder);
+  for (int i = 0; i < COUNT - (w->street->options->shifts ? 0 : SHIFTS); i++) {
+    char *path = NULL;
+    PAGS_TRY(join(w, names[i], &path));
+    const pags_result result = pags_make_dirs(path);
+    free(path);
+    PAGS_TRY(result);
+  }
+  /* Without it the folder is no data set: an old one must not stand for a new one that is not finished. */
+  PAGS_TRY(join(w, "dataset.json", &old));
+  const pags_result result = pags_remove_tree(old);
+  free(old);
+  return result;
+}
+
+static pags_result make_views(writer *w) {
+  const pags_street_options *o = w->street->options;
+  const size_t pixels = (size_t)o->width * (size_t)o->height;
+  w->points = malloc(((size_t)o->lidar_points + 1) * 4 * sizeof *w->points);
+  bool complete = w->points != NULL;
+  for (int i = 0; i < VIEWS; i++) {
+    pags_street_view *view = &w->views[i];
+    view->rgb = malloc(3 * pixels);
+    complete &= view->rgb != NULL;
+    if (i >= CAMERAS)
+      continue;
+    view->depth = malloc(pixels * sizeof *view->depth);
+    view->labels = malloc(pixels);
+    view->actors = malloc(pixels * sizeof *view->actors);
+    complete &= view->depth && view->labels && view->actors;
+  }
+  return complete ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for pictures of %dx%d", o->width, o->height);
+}
+
+static void free_views(writer *w) {
+  for (int i = 0; i < VIEWS; i++) {
+    free(w->views[i].rgb);
+    free(w->views[i].depth);
+    free(w->views[i].labels);
+    free(w->views[i].actors);
+  }
+  free(w->points);
+}
+
+/* A plane as a picture of one channel. */
+typedef uint16_t pixel_fn(const writer *w, const pags_street_view *view, size_t at);
+
+static const pags_actor *actor_at(const writer *w, const pags_street_view *view, size_t at) {
+  return view->actors[at] < 0 ? NULL : &w->street->actors[view->actors[at]];
+}
+
+static uint16_t semantic_of(const writer *w, const pags_street_view *view, size_t at) {
+  (void)w;
+  return view->labels[at];
+}
+
+static uint16_t sky_of(const writer *w, const pags_street_view *view, size_t at) {
+  (void)w;
+  return view->labels[at] == PAGS_CLASS_SKY ? 255 : 0;
+}
+
+static uint16_t moving_of(const writer *w, const pags_street_view *view, size_t at) {
+  const pags_actor *actor = actor_at(w, view, at);
+  return actor && actor->moving ? 255 : 0;
+}
+
+static uint16_t vehicle_of(const writer *w, const pags_street_view *view, size_t at) {
+  const pags_actor *actor = actor_at(w, view, at);
+  return actor && actor->moving && actor->role == PAGS_ROLE_CAR ? 255 : 0;
+}
+
+static uint16_t human_of(const writer *w, const pags_street_view *view, size_t at) {
+  const pags_actor *actor = actor_at(w, view, at);
+  return actor && actor->moving && actor->role != PAGS_ROLE_CAR ? 255 : 0;
+}
+
+static uint16_t id_of(const writer *w, const pags_street_view *view, size_t at) {
+  const pags_actor *actor = actor_at(w, view, at);
+  return actor ? (uint16_t)(actor->number + 1) : 0;
+}
+
+static const struct plane {
+  const char *folder;
+  pags_sample sample;
+  pixel_fn *pixel;
+} planes[] = {{"semantic", PAGS_U8, semantic_of},         {"sky_masks", PAGS_U8, sky_of},
+              {"dynamic_masks/all", PAGS_U8, moving_of},  {"dynamic_masks/vehicle", PAGS_U8, vehicle_of},
+              {"dynamic_masks/human", PAGS_U8, human_of}, {"truth/ids", PAGS_U16, id_of}};
+enum { PLANES = sizeof planes / sizeof planes[0] };
+
+static pags_result save_plane(const writer *w, const pags_street_view *view, const struct plane *plane,
+                              const char *path) {
+  const int width = view->camera.width, height = view->camera.height;
+  pags_image image = {0};
+  PAGS_TRY(pags_image_create(&image, width, height, 1, plane->sample));
+  for (size_t i = 0; i < (size_t)width * (size_t)height; i++) {
+    const uint16_t value = plane->pixel(w, view, i);
+    if (plane->sample == PAGS_U16)
+      ((uint16_t *)image.data)[i] = value;
+    else
+      ((uint8_t *)image.data)[i] = (uint8_t)value;
+  }
+  const pags_result result = pags_image_save(path, &image);
+  pags_image_destroy(&image);
+  return result;
+}
+
+static pags_result save_picture(const pags_street_view *view, const char *path) {
+  const pags_image image = {
+      .width = view->camera.width, .height = view->camera.height, .channels = 3, .sample = PAGS_U8, .data = view->rgb};
+  return pags_image_save(path, &image);
+}
+
+static pags_result save_depth(const pags_street_view *view, const char *path) {
+  static const char *const name = "Z";
+  const float *plane = view->depth;
+  return pags_image_save_exr(path, view->camera.width, view->camera.height, 1, &name, &plane, view->camera.width);
+}
+
+/* File `index` of a frame: each camera's plain planes, depth and picture, then the shifted pictures. */
+static pags_result save_file(const writer *w, int index) {
+  enum { EACH = PLANES + 2 };
+  const int cameras = w->street->options->cameras, camera = index / EACH, kind = index % EACH;
+  const bool shifted = index >= EACH * cameras;
+  char relative[64], *path = NULL;
+  if (shifted)
+    snprintf(relative, sizeof relative, "truth/shift/%s/%05d.png", shifts[index - EACH * cameras].name,
+             w->frame / SHIFT_EVERY - 1);
+  else if (kind < PLANES)
+    snprintf(relative, sizeof relative, "%s/%03d_%d.png", planes[kind].folder, w->frame, camera);
+  else
+    snprintf(relative, sizeof relative, kind == PLANES ? "truth/depth/%03d_%d.exr" : "images/%03d_%d.png", w->frame,
+             camera);
+  const pags_street_view *view = &w->views[shifted ? cameras + index - EACH * cameras : camera];
+  PAGS_TRY(join(w, relative, &path));
+  const pags_result result = shifted || kind == EACH - 1 ? save_picture(view, path)
+                             : kind < PLANES             ? save_plane(w, view, &planes[kind], path)
+                                                         : save_depth(view, path);
+  free(path);
+  return result;
+}
+
+typedef struct save_job {
+  const writer *writer;
+  pags_result results[VIEWS * (PLANES + 2)];
+  char messages[VIEWS * (PLANES + 2)][MESSAGE]; /* errors belong to the thread that made them */
+} save_job;
+
+static void save_files(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  save_job *job = context;
+  for (int64_t i = begin; i < end; i++) {
+    job->results[i] = save_file(job->writer, (int)i);
+    if (job->results[i] != PAGS_OK)
+      snprintf(job->messages[i], MESSAGE, "%s", pags_error_message());
+  }
+}
+
+static pags_result save_views(const writer *w) {
+  const int files = (PLANES + 2) * w->street->options->cameras + w->view_count - w->street->options->cameras;
+  save_job *job = calloc(1, sizeof *job);
+  if (!job)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+  job->writer = w;
+  pags_result result =
+      pags_parallel_for(w->tasks, files, 1, save_files, job) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+  for (int i = 0; i < files && result == PAGS_OK; i++)
+    if (job->results[i] != PAGS_OK)
+      result = pags_fail(job->results[i], "%s", job->messages[i]);
+  free(job);
+  return result;
+}
+
+static pags_result save_sweep(const writer *w) {
+  char relative[32], *path = NULL;
+  snprintf(relative, sizeof relative, "lidar/%03d.bin", w->frame);
+  PAGS_TRY(join(w, relative, &path));
+  const pags_result result = pags_file_write(path, w->points, (size_t)w->point_count * 4 * sizeof *w->points);
+  free(path);
+  return result;
+}
+
+static pags_result save_ego(const writer *w, double time) {
+  double ego[12];
+  char relative[32], *path = NULL;
+  pags_street_ego(time, ego);
+  snprintf(relative, sizeof relative, "ego_pose/%03d.txt", w->frame);
+  PAGS_TRY(join(w, relative, &path));
+  const pags_result result = pags_street_write_pose(path, ego);
+  free(path);
+  return result;
+}
+
+static bool is_shift_frame(const pags_street_options *o, int frame) {
+  return o->shifts && frame > 0 && frame % SHIFT_EVERY == 0;
+}
+
+static pags_result write_frame(writer *w, int frame) {
+  const pags_street_options *o = w->street->options;
+  const double time = frame / o->fps;
+  pags_street *street = w->street;
+  w->frame = frame;
+  w->view_count = o->cameras;
+  pags_street_set_time(street, time);
+  PAGS_TRY(pags_stage_commit(w->stage, street->first_moving, street->placement_count - street->first_moving));
+  for (int c = 0; c < o->cameras; c++)
+    w->views[c].camera = pags_street_camera(o, time, c, 0.0, 0.0);
+  /* Shifted views come after those of the cameras there are, and have no truth but their picture. */
+  pags_street_view drawn[VIEWS];
+  memcpy(drawn, w->views, sizeof drawn);
+  for (int i = 0; is_shift_frame(o, frame) && i < SHIFTS; i++) {
+    drawn[w->view_count] = (pags_street_view){.camera = pags_street_camera(o, time, 0, shifts[i].right, shifts[i].up),
+                                              .rgb = w->views[CAMERAS + i].rgb};
+    w->view_count++;
+  }
+  writer shown = *w;
+  memcpy(shown.views, drawn, sizeof drawn);
+  PAGS_TRY(pags_street_draw(street, w->stage, drawn, w->view_count, w->tasks));
+  PAGS_TRY(save_views(&shown));
+  w->point_count = pags_sweep_trace(street, w->stage, frame, w->tasks, w->points);
+  PAGS_TRY(save_sweep(w));
+  return save_ego(w, time);
+}
+
+static pags_result write_mounts(const writer *w) {
+  for (int c = 0; c < w->street->options->cameras; c++) {
+    const pags_camera camera = pags_street_camera(w->street->options, 0.0, c, 0.0, 0.0);
+    double mount[12];
+    char relative[32], *path = NULL;
+    pags_street_mount(c, mount);
+    snprintf(relative, sizeof relative, "extrinsics/%d.txt", c);
+    PAGS_TRY(join(w, relative, &path));
+    pags_result result = pags_street_write_pose(path, mount);
+    free(path);
+    PAGS_TRY(result);
+    snprintf(relative, sizeof relative, "intrinsics/%d.txt", c);
+    PAGS_TRY(join(w, relative, &path));
+    result = pags_street_write_intrinsics(path, &camera);
+    free(path);
+    PAGS_TRY(result);
+  }
+  return PAGS_OK;
+}
+
+static pags_result write_shift_path(const writer *w, const struct shift *shift) {
+  const pags_street_options *o = w->street->options;
+  pags_path cameras = {.fps = o->fps / SHIFT_EVERY};
+  char relative[48], *path = NULL;
+  cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
+  if (!cameras.cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+  for (int f = 0; f < o->frames; f++)
+    if (is_shift_frame(o, f))
+      cameras.cameras[cameras.count++] = pags_street_camera(o, f / o->fps, 0, shift->right, shift->up);
+  snprintf(relative, sizeof relative, "truth/shift/%s/path.json", shift->name);
+  pags_result result = join(w, relative, &path);
+  if (result == PAGS_OK)
+    result = pags_path_save(path, &cameras);
+  free(path);
+  pags_path_destroy(&cameras);
+  return result;
+}
+
+typedef pags_result text_fn(const pags_street *street, const char *path);
+
+static pags_result write_text(const writer *w, const char *relative, text_fn *write) {
+  char *path = NULL;
+  PAGS_TRY(join(w, relative, &path));
+  const pags_result result = write(w->street, path);
+  free(path);
+  return result;
+}
+
+static pags_result labelled_instances(const pags_street *street, const char *path) {
+  return pags_street_write_instances(street, path, 0);
+}
+
+static pags_result true_instances(const pags_street *street, const char *path) {
+  return pags_street_write_instances(street, path, 1);
+}
+
+static pags_result write_texts(const writer *w) {
+  PAGS_TRY(write_mounts(w));
+  PAGS_TRY(write_text(w, "instances/instances_info.json", labelled_instances));
+  PAGS_TRY(write_text(w, "instances/frame_instances.json", pags_street_write_frame_instances));
+  PAGS_TRY(write_text(w, "truth/instances/instances_info.json", true_instances));
+  PAGS_TRY(write_text(w, "timestamps.json", pags_street_write_timestamps));
+  /* Fewer frames than a shift needs: no path either. */
+  for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++)
+    PAGS_TRY(write_shift_path(w, &shifts[i]));
+  return PAGS_OK;
+}
+
+static pags_result write_all(writer *w, const pags_street_options *o, pags_progress_fn *progress, void *user) {
+  PAGS_TRY(check_options(o));
+  PAGS_TRY(pags_street_build(o, w->street));
+  pags_street_number(w->street);
+  PAGS_TRY(pags_stage_create(w->street->meshes, w->street->mesh_count, w->street->placements,
+                             w->street->placement_count, &w->stage));
+  PAGS_TRY(make_views(w));
+  PAGS_TRY(make_folders(w));
+  PAGS_TRY(write_texts(w));
+  for (int f = 0; f < o->frames; f++) {
+    if (progress && !progress(user, (double)f / o->frames, "frames"))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    PAGS_TRY(write_frame(w, f));
+  }
+  return write_text(w, "dataset.json", pags_street_write_description);
+}
+
+pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
+                              pags_progress_fn *progress, void *user) {
+  pags_street street = {.options = options};
+  writer w = {.folder = folder, .street = &street, .tasks = tasks};
+  const pags_result result = write_all(&w, options, progress, user);
+  pags_stage_destroy(w.stage);
+  pags_street_destroy(&street);
+  free_views(&w);
+  return result;
+}

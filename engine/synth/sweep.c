@@ -1,0 +1,91 @@
+/* Beams above each other that turn: 32 from 22 degrees below the horizon to 8 above, denser near it. All rays leave at the frame's time. */
+#include "synth/sweep.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { BEAMS = 32, STREAM_RANGE = 1 << 20 };
+#define TWO_PI 6.283185307179586
+#define REACH 80.0 /* metres */
+
+typedef struct sweep_job {
+  const pags_street *street;
+  const pags_stage *stage;
+  int frame;
+  int64_t columns;
+  double ego[12];
+  float *points; /* a ray's slot; intensity -1: no return */
+} sweep_job;
+
+static const double sensor[3] = {1.1, 0.0, 1.95}; /* in the ego frame */
+
+/* Unit direction in the ego frame; each sweep begins a golden section of a step further on. */
+static void ray_direction(const sweep_job *job, int64_t ray, double out[3]) {
+  const int beam = (int)(ray % BEAMS);
+  const double share = (beam + 0.5) / BEAMS * 2.0 - 1.0,
+               degrees = -3.0 + (share > 0.0 ? 11.0 : 19.0) * share * fabs(share);
+  const double turn = ((double)(ray / BEAMS) + fmod(job->frame * 0.6180339887498949, 1.0)) / (double)job->columns;
+  const double high = degrees * TWO_PI / 360.0, around = TWO_PI * turn;
+  out[0] = cos(high) * cos(around);
+  out[1] = -cos(high) * sin(around);
+  out[2] = sin(high);
+}
+
+static void set_point(const sweep_job *job, int64_t ray, const double direction[3], const pags_touch *touch) {
+  float *out = job->points + 4 * ray;
+  out[3] = -1.0f;
+  if (!touch || (double)touch->distance > REACH)
+    return;
+  double noise[2];
+  pags_rng_normal2(job->street->options->seed, STREAM_RANGE + (uint64_t)job->frame, (uint64_t)ray, noise);
+  const double range = fmax((double)touch->distance + job->street->options->lidar_noise * noise[0], 0.1);
+  const pags_material *material = &job->street->materials.list[touch->material];
+  double facing = 0.0;
+  for (int k = 0; k < 3; k++) {
+    out[k] = (float)(sensor[k] + range * direction[k]);
+    facing += (double)touch->flat[k] * (job->ego[4 * k] * direction[0] + job->ego[4 * k + 1] * direction[1] +
+                                        job->ego[4 * k + 2] * direction[2]);
+  }
+  const double grey = (double)(material->color[0] + material->color[1] + material->color[2]) / 3.0;
+  out[3] = (float)(grey * fabs(facing));
+}
+
+static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  const sweep_job *job = context;
+  const int64_t most = job->columns * BEAMS;
+  for (int64_t first = begin * PAGS_PACKET; first < end * PAGS_PACKET && first < most; first += PAGS_PACKET) {
+    double directions[PAGS_PACKET][3];
+    pags_touch touches[PAGS_PACKET];
+    pags_rays rays;
+    memset(&rays, 0, sizeof rays);
+    for (int i = 0; i < PAGS_PACKET && first + i < most; i++) {
+      ray_direction(job, first + i, directions[i]);
+      for (int r = 0; r < 3; r++) {
+        const double *m = job->ego + 4 * r;
+        rays.origin[i][r] = (float)(m[0] * sensor[0] + m[1] * sensor[1] + m[2] * sensor[2] + m[3]);
+        rays.direction[i][r] = (float)(m[0] * directions[i][0] + m[1] * directions[i][1] + m[2] * directions[i][2]);
+      }
+      rays.active |= 1u << i;
+    }
+    const unsigned met = pags_stage_trace(job->stage, &rays, touches);
+    for (int i = 0; i < PAGS_PACKET && first + i < most; i++)
+      set_point(job, first + i, directions[i], met >> i & 1u ? &touches[i] : NULL);
+  }
+}
+
+int64_t pags_sweep_trace(const pags_street *street, const pags_stage *stage, int frame, pags_tasks *tasks,
+                         float *points) {
+  sweep_job job = {.street = street, .stage = stage, .frame = frame, .points = points};
+  int64_t count = 0;
+  job.columns = street->options->lidar_points / BEAMS;
+  pags_street_ego(frame / street->options->fps, job.ego);
+  const int64_t rays = job.columns * BEAMS;
+  for (int64_t i = 0; i < rays; i++)
+    points[4 * i + 3] = -1.0f; /* a cancelled loop leaves rays out */
+  pags_parallel_for(tasks, (rays + PAGS_PACKET - 1) / PAGS_PACKET, 64, trace_rays, &job);
+  for (int64_t i = 0; i < rays; i++)
+    if (points[4 * i + 3] >= 0.0f)
+      memmove(points + 4 * count++, points + 4 * i, 4 * sizeof *points);
+  return count;
+}

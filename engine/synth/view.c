@@ -1,0 +1,212 @@
+/* Shading of the street: reflectance times (sun, where nothing stands before it, + sky from eight directions, each where nothing
+ * stands before it either), plus what glossy surfaces mirror of the sky. Sample i of a pixel looks for the sky in direction i, so
+ * that eight samples see all of them. */
+#include "synth/view.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "synth/render.h"
+#include "synth/sky.h"
+
+enum { ROWS = 4 }; /* a block of work */
+
+typedef struct draw_job {
+  const pags_street *street;
+  const pags_stage *stage;
+  pags_street_view *views;
+  int blocks; /* of rows, a view */
+  uint64_t seed;
+} draw_job;
+
+/* Spread over the dome, 20 to 75 degrees high; `sky_norm` makes a surface that faces up get an ambient light of 1. */
+static const float sky_ways[PAGS_PACKET][3] = {
+    {0.883f, 0.318f, 0.345f}, {-0.398f, 0.849f, 0.348f}, {-0.849f, -0.398f, 0.348f}, {0.318f, -0.883f, 0.345f},
+    {0.459f, 0.459f, 0.760f}, {-0.459f, 0.459f, 0.760f}, {-0.459f, -0.459f, 0.760f}, {0.459f, -0.459f, 0.760f}};
+static const float sky_norm = 8.0f / (4 * 0.3465f + 4 * 0.760f);
+
+static float dot(const float a[3], const float b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Rays from the touched points towards the light; leaves let it through for a hand's breadth. */
+static void light_rays(const draw_job *job, const pags_touch *touches, unsigned met, const float (*ways)[3], int step,
+                       pags_rays *out) {
+  out->active = 0;
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    if (!(met >> i & 1u))
+      continue;
+    const pags_touch *touch = &touches[i];
+    const float *way = ways[step * i];
+    const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
+    const float gap = 4e-4f + 2e-5f * (fabsf(touch->point[0]) + fabsf(touch->point[1]));
+    if (!leaf && dot(touch->flat, way) <= 0.0f)
+      continue;
+    for (int k = 0; k < 3; k++) {
+      out->origin[i][k] = touch->point[k] + (leaf ? 0.15f * way[k] : gap * touch->flat[k]);
+      out->direction[i][k] = way[k];
+    }
+    out->active |= 1u << i;
+  }
+}
+
+static void mirror(const pags_material *material, const pags_touch *touch, const float unit[3], uint64_t seed,
+                   float color[3]) {
+  const float facing = -dot(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
+  const float share = material->gloss + 0.5f * (1.0f - material->gloss) * away * away * away * away * away;
+  float direction[3], seen[3];
+  for (int k = 0; k < 3; k++)
+    direction[k] = unit[k] + 2.0f * facing * touch->normal[k];
+  pags_sky_mirrored(direction, seed, seen);
+  for (int c = 0; c < 3; c++)
+    color[c] = color[c] * (1.0f - share) + share * seen[c];
+}
+
+/* Light on a surface: `sunny` and `open` say whether the sun and the sky in direction `way` are seen. */
+static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
+  static const float above[3] = {0.40f, 0.47f, 0.60f}, bounced[3] = {0.11f, 0.10f, 0.09f},
+                     below[3] = {0.14f, 0.13f, 0.12f};
+  float sun = dot(touch->normal, pags_sun), sky = dot(touch->normal, way);
+  sun = !sunny ? 0.0f : leaf ? 0.25f + 0.75f * fabsf(sun) : sun > 0.0f ? sun : 0.0f;
+  sky = (leaf ? 0.3f + 0.5f * fabsf(sky) : sky > 0.0f ? sky : 0.0f) * sky_norm;
+  for (int c = 0; c < 3; c++)
+    light[c] =
+        pags_sun_light[c] * sun + (open ? above[c] : bounced[c]) * sky + below[c] * (0.5f - 0.5f * touch->normal[2]);
+}
+
+typedef struct lighting {
+  unsigned sunny, open;
+} lighting;
+
+static lighting find_light(const draw_job *job, const pags_touch *touches, unsigned met) {
+  pags_rays rays;
+  lighting out;
+  light_rays(job, touches, met, &pags_sun, 0, &rays);
+  out.sunny = rays.active & ~pags_stage_blocked(job->stage, &rays, INFINITY);
+  light_rays(job, touches, met, sky_ways, 1, &rays);
+  out.open = rays.active & ~pags_stage_blocked(job->stage, &rays, INFINITY);
+  return out;
+}
+
+static void shade(const draw_job *job, const pags_touch *touch, const float direction[3], float pixel, int sunny,
+                  int open, const float way[3], float color[3]) {
+  static const float haze[3] = {0.62f, 0.68f, 0.75f};
+  const pags_material *material = &job->street->materials.list[touch->material];
+  const float length = sqrtf(dot(direction, direction)), distance = touch->distance * length;
+  const float unit[3] = {direction[0] / length, direction[1] / length, direction[2] / length};
+  /* A pixel's width there, wider on surfaces seen at a slant: the geometric mean of the footprint's two sides. */
+  const float slant = fmaxf(fabsf(dot(unit, touch->flat)), 0.05f), width = touch->distance * pixel / sqrtf(slant);
+  float light[3];
+  pags_material_color(material, &job->street->markings, touch, width, job->seed, color);
+  light_on(touch, material->finish == PAGS_FINISH_LEAF, sunny, open, way, light);
+  for (int c = 0; c < 3; c++)
+    color[c] *= light[c];
+  if (material->gloss > 0.0f)
+    mirror(material, touch, unit, job->seed, color);
+  const float clear = expf(-distance / 900.0f);
+  for (int c = 0; c < 3; c++)
+    color[c] = color[c] * clear + haze[c] * (1.0f - clear);
+}
+
+/* Adds eight samples' colours. */
+static void add_samples(const draw_job *job, const pags_camera *camera, const pags_rays *rays, float sum[3]) {
+  pags_touch touches[PAGS_PACKET];
+  const unsigned met = pags_stage_trace(job->stage, rays, touches);
+  const lighting light = find_light(job, touches, met);
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    float color[3];
+    if (!(rays->active >> i & 1u))
+      continue;
+    if (met >> i & 1u) {
+      shade(job, &touches[i], rays->direction[i], (float)(1.0 / camera->fx), light.sunny >> i & 1u,
+            light.open >> i & 1u, sky_ways[i], color);
+    } else {
+      const float *d = rays->direction[i], length = sqrtf(dot(d, d));
+      pags_sky_color((float[3]){d[0] / length, d[1] / length, d[2] / length}, job->seed, color);
+    }
+    for (int c = 0; c < 3; c++)
+      sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
+  }
+}
+
+/* A number in [0, 1) of a pixel, to shift its samples by: what is too fine becomes noise instead of stripes. */
+static double pixel_shift(int x, int y, uint32_t salt) {
+  uint32_t h = (uint32_t)x * 0x9e3779b1u ^ (uint32_t)y * 0x85ebca77u ^ salt;
+  h = (h ^ h >> 16) * 0x7feb352du;
+  h = (h ^ h >> 15) * 0x846ca68bu;
+  return (double)(h >> 8) * 0x1p-24;
+}
+
+static void set_origin(const pags_camera *camera, pags_rays *rays) {
+  for (int i = 0; i < PAGS_PACKET; i++)
+    for (int k = 0; k < 3; k++)
+      rays->origin[i][k] = (float)camera->world_from_camera[4 * k + 3];
+}
+
+/* Positions in the pixel: Roberts' R2 sequence, which fills the square evenly for any number of samples. */
+static void draw_pixel(const draw_job *job, const pags_street_view *view, int x, int y, pags_rays *rays) {
+  const int samples = job->street->options->samples;
+  const double shift[2] = {pixel_shift(x, y, 0x51ed270bu), pixel_shift(x, y, 0x1b873593u)};
+  uint8_t *out = view->rgb + 3 * ((int64_t)y * view->camera.width + x);
+  float sum[3] = {0};
+  for (int first = 0; first < samples; first += PAGS_PACKET) {
+    rays->active = 0;
+    for (int i = 0; i < PAGS_PACKET && first + i < samples; i++) {
+      const double at = first + i, dx = shift[0] + at * 0.7548776662466927, dy = shift[1] + at * 0.5698402909980532;
+      pags_camera_ray(&view->camera, x + dx - floor(dx), y + dy - floor(dy), rays->direction[i]);
+      rays->active |= 1u << i;
+    }
+    add_samples(job, &view->camera, rays, sum);
+  }
+  for (int c = 0; c < 3; c++)
+    out[c] = pags_encode_srgb(sum[c] / (float)samples);
+}
+
+static void fill_truth(const draw_job *job, const pags_street_view *view, int64_t at, const pags_touch *touch) {
+  view->depth[at] = touch ? touch->distance : 0.0f;
+  view->labels[at] = touch ? job->street->materials.list[touch->material].label : PAGS_CLASS_SKY;
+  view->actors[at] = touch ? job->street->placements[touch->placement].actor : -1;
+}
+
+/* Eight neighbouring pixels' centres at a time. */
+static void draw_truth(const draw_job *job, const pags_street_view *view, int y, pags_rays *rays) {
+  const int width = view->camera.width;
+  pags_touch touches[PAGS_PACKET];
+  for (int first = 0; first < width; first += PAGS_PACKET) {
+    rays->active = 0;
+    for (int i = 0; i < PAGS_PACKET && first + i < width; i++) {
+      pags_camera_ray(&view->camera, first + i + 0.5, y + 0.5, rays->direction[i]);
+      rays->active |= 1u << i;
+    }
+    const unsigned met = pags_stage_trace(job->stage, rays, touches);
+    for (int i = 0; i < PAGS_PACKET && first + i < width; i++)
+      fill_truth(job, view, (int64_t)y * width + first + i, met >> i & 1u ? &touches[i] : NULL);
+  }
+}
+
+static void draw_rows(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  const draw_job *job = context;
+  for (int64_t b = begin; b < end; b++) {
+    const pags_street_view *view = &job->views[b / job->blocks];
+    const int first = ROWS * (int)(b % job->blocks);
+    pags_rays rays;
+    memset(&rays, 0, sizeof rays);
+    set_origin(&view->camera, &rays);
+    for (int y = first; y < first + ROWS && y < view->camera.height; y++) {
+      for (int x = 0; x < view->camera.width; x++)
+        draw_pixel(job, view, x, y, &rays);
+      if (view->depth)
+        draw_truth(job, view, y, &rays);
+    }
+  }
+}
+
+pags_result pags_street_draw(const pags_street *street, const pags_stage *stage, pags_street_view *views, int count,
+                             pags_tasks *tasks) {
+  draw_job job = {.street = street, .stage = stage, .views = views, .seed = street->options->seed};
+  job.blocks = (street->options->height + ROWS - 1) / ROWS;
+  return pags_parallel_for(tasks, (int64_t)job.blocks * count, 1, draw_rows, &job)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled");
+}
