@@ -126,10 +126,11 @@ static pags_result read_header(pags_tfrecord *reader, uint64_t *length) {
   const uint64_t room = left - HEADER;
   if (room >= FOOTER && *length <= room - FOOTER && *length <= SIZE_MAX)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_FORMAT,
-                   "%s: record %lld at byte %llu: %llu bytes of data and their CRC are promised, the file has %llu left",
-                   reader->path, (long long)reader->number, (unsigned long long)reader->offset,
-                   (unsigned long long)*length, (unsigned long long)room);
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: record %lld at byte %llu: %llu bytes of data and their CRC are promised, the file has %llu left",
+      reader->path, (long long)reader->number, (unsigned long long)reader->offset, (unsigned long long)*length,
+      (unsigned long long)room);
 }
 
 /* `length` has been found to fit the file. */

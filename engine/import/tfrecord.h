@@ -17,7 +17,7 @@ typedef struct pags_tfrecord pags_tfrecord;
 typedef struct pags_tfrecord_item {
   const uint8_t *data;
   size_t size;
-  int64_t number; /* from 0 */
+  int64_t number;  /* from 0 */
   uint64_t offset; /* of the record's length field in the file */
 } pags_tfrecord_item;
 

@@ -40,7 +40,7 @@ typedef struct importer {
   pags_tasks *tasks;
   pags_progress_fn *progress;
   void *user;
-  int numbers[16]; /* of the cameras, drivestudio's; Waymo's names less one */
+  int numbers[16];   /* of the cameras, drivestudio's; Waymo's names less one */
   char context[256]; /* name of the segment */
   pags_layout_camera cameras[PAGS_WAYMO_CAMERAS];
   double ego_from_camera[PAGS_WAYMO_CAMERAS][12];
@@ -70,8 +70,7 @@ static void describe_place(const importer *im, const pags_tfrecord_item *item, c
 /* ---- Calibration ---- */
 
 static const char *shutter_words(int direction) {
-  static const char *const words[] = {NULL,           "top_to_bottom", "left_to_right",
-                                      "bottom_to_top", "right_to_left", "none"};
+  static const char *const words[] = {NULL, "top_to_bottom", "left_to_right", "bottom_to_top", "right_to_left", "none"};
   return direction > 0 && direction < (int)(sizeof words / sizeof *words) ? words[direction] : NULL;
 }
 

@@ -106,9 +106,18 @@ static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
   const double cr = cos((double)pose[0]), sr = sin((double)pose[0]);
   const double cp = cos((double)pose[1]), sp = sin((double)pose[1]);
   const double cy = cos((double)pose[2]), sy = sin((double)pose[2]);
-  const double m[12] = {cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, (double)pose[3],
-                        sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, (double)pose[4],
-                        -sp,     cp * sr,                cp * cr,                (double)pose[5]};
+  const double m[12] = {cy * cp,
+                        cy * sp * sr - sy * cr,
+                        cy * sp * cr + sy * sr,
+                        (double)pose[3],
+                        sy * cp,
+                        sy * sp * sr + cy * cr,
+                        sy * sp * cr - cy * sr,
+                        (double)pose[4],
+                        -sp,
+                        cp * sr,
+                        cp * cr,
+                        (double)pose[5]};
   memcpy(out, m, sizeof m);
 }
 

@@ -14,7 +14,9 @@
 
 #include "import/waymo_message.h"
 
-enum { PAGS_WAYMO_LIDAR_COLUMNS = 4 }; /* x y z, metres in the vehicle's frame, intensity as Waymo gives it (not bounded) */
+enum {
+  PAGS_WAYMO_LIDAR_COLUMNS = 4
+}; /* x y z, metres in the vehicle's frame, intensity as Waymo gives it (not bounded) */
 
 typedef struct pags_waymo_points {
   int64_t count, capacity;

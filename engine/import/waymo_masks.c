@@ -33,7 +33,8 @@ static bounds seen_bounds(const pags_lens *lens) {
     include_pixel(lens, 0, i, &b);
     include_pixel(lens, w, i, &b);
   }
-  const bounds flat = {-lens->cx / lens->fx, (w - lens->cx) / lens->fx, -lens->cy / lens->fy, (h - lens->cy) / lens->fy};
+  const bounds flat = {-lens->cx / lens->fx, (w - lens->cx) / lens->fx, -lens->cy / lens->fy,
+                       (h - lens->cy) / lens->fy};
   const double wide = flat.x1 - flat.x0, high = flat.y1 - flat.y0;
   b.x0 = fmax(fmin(b.x0, flat.x0), flat.x0 - wide / 2);
   b.x1 = fmin(fmax(b.x1, flat.x1), flat.x1 + wide / 2);
@@ -58,7 +59,7 @@ enum { STEP = 8 };
 typedef struct map_job {
   const pags_lens *lens;
   const pags_camera *pinhole;
-  int columns; /* of the lattice */
+  int columns;     /* of the lattice */
   double *lattice; /* x and y of its points on the plane z = 1, NaN where the lens shows nothing */
   int32_t *source;
 } map_job;
@@ -96,7 +97,8 @@ static pags_result map_pixels(const pags_lens *lens, const char *where, pags_tas
   const int columns = (lens->width + STEP - 1) / STEP + 1, rows = (lens->height + STEP - 1) / STEP + 1;
   out->pinhole = pinhole_of(lens, &b);
   if ((int64_t)out->pinhole.width * out->pinhole.height > INT32_MAX)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s: photographs of %d x %d pixels are too large", where, lens->width, lens->height);
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: photographs of %d x %d pixels are too large", where, lens->width,
+                     lens->height);
   out->source = malloc(pixels * sizeof *out->source);
   double *lattice = malloc((size_t)columns * (size_t)rows * 2 * sizeof *lattice);
   out->lens = (pags_layout_lens){.width = lens->width, .height = lens->height, .source = out->source};

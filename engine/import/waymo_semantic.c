@@ -12,8 +12,9 @@
 enum { UNKNOWN = 255, SKY = 10 };
 
 uint8_t pags_waymo_train_id(int waymo_class) {
-  static const uint8_t ids[] = {UNKNOWN, UNKNOWN, 13, 14, 15, 14, 18, 17, 14, 11, 12, 12, UNKNOWN, UNKNOWN, UNKNOWN,
-                                5,       11,      7,  6,  2,  0,  0,  0,  1,  8,  10, 9,  UNKNOWN, UNKNOWN};
+  static const uint8_t ids[] = {UNKNOWN, UNKNOWN, 13,      14,      15,      14, 18,      17,      14,     11,
+                                12,      12,      UNKNOWN, UNKNOWN, UNKNOWN, 5,  11,      7,       6,      2,
+                                0,       0,       0,       1,       8,       10, UNKNOWN, UNKNOWN, UNKNOWN};
   return waymo_class >= 0 && waymo_class < (int)sizeof ids ? ids[waymo_class] : UNKNOWN;
 }
 
@@ -55,8 +56,8 @@ pags_result pags_waymo_put_semantic(const pags_layout *layout, const Pags__Waymo
                      pags_layout_has(layout, "sky_masks", frame, camera, ".png")))
     return PAGS_OK;
   if (label->panoptic_label_divisor < 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: divisor %d, expected at least 1", where, camera,
-                     label->panoptic_label_divisor);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: panoptic label of camera %d: divisor %d, expected at least 1", where,
+                     camera, label->panoptic_label_divisor);
   PAGS_TRY(pags_layout_put_picture(layout, "panoptic", frame, camera, ".png", label->panoptic_label.data,
                                    label->panoptic_label.len));
   pags_image panoptic;
