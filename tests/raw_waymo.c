@@ -12,6 +12,7 @@
 #include "base/json.h"
 #include "pags/camera.h"
 #include "pags/image.h"
+#include "pags/object.h"
 
 #define PI 3.14159265358979323846
 
@@ -64,7 +65,6 @@ void raw_waymo_free(raw_waymo *w) {
   free(w->blocks);
   *w = (raw_waymo){0};
 }
-
 
 /* ---- Records ---- */
 
@@ -322,7 +322,7 @@ static Pags__Waymo__CameraSegmentationLabel *panoptic_of(source *s, int64_t t, i
   check(pags_image_create(&label, mask.width, mask.height, 1, PAGS_U16));
   for (size_t i = 0; i < (size_t)mask.width * (size_t)mask.height; i++) {
     const uint8_t id = ((uint8_t *)mask.data)[i];
-    ((uint16_t *)label.data)[i] = (uint16_t)(1000 * (id < 19 ? waymo_classes[id] : 28) + i % 7);
+    ((uint16_t *)label.data)[i] = (uint16_t)(1000 * (id < 19 ? waymo_classes[id] : 28) + (int)(i % 7));
   }
   char path[PATH_SIZE + 16];
   snprintf(path, sizeof path, "%s.raw.png", name_of(s, "semantic/%03d_%d", (int)t, camera));
@@ -359,10 +359,11 @@ static int type_of(const char *class_name) {
   for (int i = 1; i < 5; i++)
     if (strcmp(class_name, names[i]) == 0)
       return i;
-  const pags_category category = pags_category_of(class_name);
-  return category == PAGS_CATEGORY_VEHICLE ? 1 : category == PAGS_CATEGORY_PEDESTRIAN ? 2
-                                                 : category == PAGS_CATEGORY_CYCLIST ? 4
-                                                                                     : 3;
+  static const int types[] = {[PAGS_CATEGORY_OTHER] = 3,
+                              [PAGS_CATEGORY_VEHICLE] = 1,
+                              [PAGS_CATEGORY_PEDESTRIAN] = 2,
+                              [PAGS_CATEGORY_CYCLIST] = 4};
+  return types[pags_category_of(class_name)];
 }
 
 static Pags__Waymo__Label *label_of(source *s, const double ego[12], const char *id, const char *class_name,
@@ -413,8 +414,8 @@ static void add_labels(source *s, Pags__Waymo__Frame *frame, int64_t t, const do
         continue;
       numbers_of(pose->first, &at, 12, m);
       numbers_of(size->first, &got, 3, extent);
-      frame->laser_labels[frame->n_laser_labels++] = label_of(s, ego, pags_json_member(v, "id")->text,
-                                                              pags_json_member(v, "class_name")->text, m, extent);
+      frame->laser_labels[frame->n_laser_labels++] =
+          label_of(s, ego, pags_json_member(v, "id")->text, pags_json_member(v, "class_name")->text, m, extent);
     }
   }
 }
@@ -474,8 +475,12 @@ static void add_lidar(source *s, Pags__Waymo__Frame *frame, int64_t t, const dou
       p[k] = (double)pags_load_f32(rows.data + i + 4 * k);
     put_point(&l, back, p, stride > 3 ? pags_load_f32(rows.data + i + 12) : 0, images);
   }
-  const float pose[6] = {(float)atan2(ego[9], ego[10]), (float)-asin(ego[8]), (float)atan2(ego[4], ego[0]),
-                         (float)ego[3],                 (float)ego[7],        (float)ego[11]};
+  const float pose[6] = {(float)atan2(ego[9], ego[10]),
+                         (float)-asin(ego[8]),
+                         (float)atan2(ego[4], ego[0]),
+                         (float)ego[3],
+                         (float)ego[7],
+                         (float)ego[11]};
   for (size_t i = 0; i < (size_t)ROWS * COLUMNS; i++)
     memcpy(poses + 6 * i, pose, sizeof pose);
   add_calibration(s->w, frame, &l);

@@ -32,8 +32,8 @@ ProtobufCBinaryData raw_matrix(raw_waymo *w, const float *values, int rows, int 
  * direction) and the number of the return (0, 1), and gives the distance, 0 for none. */
 typedef struct raw_laser {
   int name, rows, columns;
-  const double *inclinations;     /* `rows` of them, ascending; NULL: evenly between low and high */
-  double low, high;               /* radians */
+  const double *inclinations; /* `rows` of them, ascending; NULL: evenly between low and high */
+  double low, high;           /* radians */
   double vehicle_from_laser[12];
   /* Vehicle's pose roll, pitch, yaw, x, y, z while a column is seen; NULL: the frame's pose for all, and no poses are written. */
   void (*pose)(void *user, int column, float out[6]);
