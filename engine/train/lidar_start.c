@@ -274,6 +274,7 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
   double radius = 0, side = finest_voxel;
   if (lidar)
     PAGS_TRY(pags_candidates_gather(dataset, tasks, MOST_READ, &w->points));
+  PAGS_TRY(pags_candidates_remove_rig(&w->points, tasks, w->eyes, w->eye_count));
   PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_PAINTED, &side));
   PAGS_TRY(scene_radius(&w->points, middle, &radius, largest));
   PAGS_TRY(pags_candidates_complete(dataset, MOST_OBJECT, FEW_OBJECT, &w->points));

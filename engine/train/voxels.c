@@ -139,6 +139,41 @@ pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, co
   return result;
 }
 
+/* The recording car about its cameras: half its width, and how far below and above the cameras; metres. The road lies deeper. */
+static const float rig_radius = 1.2f, rig_below = 1.2f, rig_above = 1.5f;
+
+static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  const levels *l = context;
+  for (int64_t i = begin; i < end; i++) {
+    const float *p = l->rows[i].p;
+    l->level[i] = 0;
+    for (int64_t e = 0; e < l->eye_count && !l->level[i]; e++) {
+      const float *q = l->eyes + 3 * e;
+      float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
+      l->level[i] = x * x + y * y < rig_radius * rig_radius && z > -rig_below && z < rig_above;
+    }
+  }
+}
+
+pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count) {
+  int64_t kept = 0;
+  uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
+  if (!inside)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  levels l = {points->rows, eyes, eye_count, inside};
+  pags_result result = pags_parallel_for(tasks, points->count, BLOCK, rig_block, &l)
+                           ? PAGS_OK
+                           : pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
+  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+    if (points->rows[i].owner >= 0 || !inside[i])
+      points->rows[kept++] = points->rows[i];
+  if (result == PAGS_OK)
+    points->count = kept;
+  free(inside);
+  return result;
+}
+
 static int compare_floats(const void *a, const void *b) {
   float x = *(const float *)a, y = *(const float *)b;
   return (x > y) - (x < y);
