@@ -68,7 +68,7 @@ static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {
       continue;
     if (mine)
       PAGS_TRY(check_same_camera(truth->dataset, mine, &view->camera));
-    truth->views[truth->count++] = (pags_truth_view){.index = i, .test = mine ? mine->test : view->test};
+    truth->views[truth->count++] = (pags_truth_view){i, mine ? mine->test : view->test, mine};
   }
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (find_dataset_view(truth->dataset, scene->views[i].name) < 0)
@@ -80,13 +80,15 @@ static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {
 }
 
 static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options,
-                                pags_dataset **out) {
+                                double *downscale, pags_dataset **out) {
+  *downscale = options.downscale;
   if (!scene->view_count)
     return pags_dataset_open(path, &options, out);
   options.downscale = 1;
   options.allow_missing = 1; /* the scene's own list of views says which must be there */
   PAGS_TRY(pags_dataset_open(path, &options, out));
   pags_result result = scene_downscale(scene, *out, &options.downscale);
+  *downscale = options.downscale;
   if (result == PAGS_OK && options.downscale == 1)
     return PAGS_OK;
   pags_dataset_close(*out);
@@ -97,7 +99,7 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
 pags_result pags_truth_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                             pags_tasks *tasks, uint64_t image_cache, pags_truth *out) {
   memset(out, 0, sizeof *out);
-  PAGS_TRY(open_dataset(scene, path, *options, &out->dataset));
+  PAGS_TRY(open_dataset(scene, path, *options, &out->downscale, &out->dataset));
   pags_result result = choose_views(scene, out);
   if (result == PAGS_OK)
     result = pags_photo_cache_create(out->dataset, tasks, image_cache, &out->photos);
@@ -129,18 +131,24 @@ static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask
   }
 }
 
-pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_image *image, uint8_t **mask) {
-  pags_photo photo;
-  *mask = NULL;
-  PAGS_TRY(pags_photo_cache_get(truth->photos, truth->views[i].index, 1, &photo));
-  PAGS_TRY(pags_image_create(image, photo.width, photo.height, 3, PAGS_F32));
-  if (photo.mask) {
-    *mask = malloc((size_t)photo.width * (size_t)photo.height);
-    if (!*mask) {
-      pags_image_destroy(image);
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mask of %dx%d", photo.width, photo.height);
+void pags_truth_photo_destroy(pags_truth_photo *photo) {
+  pags_image_destroy(&photo->image);
+  free(photo->mask);
+  memset(photo, 0, sizeof *photo);
+}
+
+pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_truth_photo *out) {
+  memset(out, 0, sizeof *out);
+  pags_photo *photo = &out->photo;
+  PAGS_TRY(pags_photo_cache_get(truth->photos, truth->views[i].index, 1, photo));
+  PAGS_TRY(pags_image_create(&out->image, photo->width, photo->height, 3, PAGS_F32));
+  if (photo->mask) {
+    out->mask = malloc((size_t)photo->width * (size_t)photo->height);
+    if (!out->mask) {
+      pags_truth_photo_destroy(out);
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mask of %dx%d", photo->width, photo->height);
     }
   }
-  copy_photo(&photo, image, *mask);
+  copy_photo(photo, &out->image, out->mask);
   return PAGS_OK;
 }

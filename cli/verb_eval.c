@@ -1,13 +1,16 @@
 /* pags eval: a scene beside its photographs. */
+#include "depth_errors.h"
 #include "interrupt.h"
-#include "model_view.h"
 #include "picture.h"
+#include "pose_errors.h"
+#include "scores.h"
 #include "session.h"
+#include "shift.h"
 #include "truth.h"
 #include "verbs.h"
 
 #include <base/file.h>
-#include <math.h>
+#include <pags/compose.h>
 #include <pags/eval.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,6 +19,7 @@ typedef struct eval_arguments {
   pags_session session;
   const char *dataset, *lpips_weights, *images;
   int split; /* index in "all|train|test" */
+  int shift;
   pags_dataset_options options;
   uint64_t image_cache;
 } eval_arguments;
@@ -28,6 +32,8 @@ static const pags_option options[] = {
               "weights of SqueezeNet LPIPS v0.1 (.npz)"),
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
               "write NAME_render.png and NAME_photo.png of every view compared"),
+    PAGS_FLAG("shift", 0, AT(shift),
+              "of synthetic data: compare with the true pictures from shifted cameras, too"),
     PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "memory for decoded photographs"),
@@ -51,25 +57,28 @@ static const pags_verb verb = {
         "Renders a scene's training and held-out views and compares each with its photograph, undistorted and "
         "downscaled as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. "
         "Means are over views, pixels outside of a view's mask left out. LPIPS is SqueezeNet's and not comparable "
-        "with figures from AlexNet or VGG.",
+        "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and cyclists; "
+        "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
+        "each over the views that have such pixels; depth beside LiDAR; with the exposures found in training; and of "
+        "synthetic data the error of the tracks' poses, as labelled and as trained.",
     .positionals = positionals,
     .options = options};
 
-typedef struct view_score {
-  const char *name;
-  int test;
-  double psnr, ssim, lpips; /* NaN: not measured */
-} view_score;
-
 typedef struct evaluation {
   const eval_arguments *arguments;
-  pags_model_view view;
+  pags_composition *composition;
+  const pags_scene *scene;
   pags_truth truth;
   pags_lpips *lpips;
   pags_frame *frame;
   pags_frame_options options;
-  view_score *scores;
+  bool exposed; /* the scene has exposures */
+  pags_view_score *scores;
   int64_t count;
+  pags_depth_errors depth_errors[2]; /* of training and held-out views */
+  pags_depth_figures depth[2];
+  pags_pose_errors poses;
+  pags_shift_scores shifts;
 } evaluation;
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
@@ -95,41 +104,73 @@ static void copy_masked(pags_image *render, const pags_image *photo, const uint8
       memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
 }
 
-static pags_result measure(const evaluation *self, pags_image *render, const pags_image *photo, const uint8_t *mask,
-                           view_score *score) {
-  pags_tasks *tasks = self->arguments->session.tasks;
-  PAGS_TRY(pags_eval_psnr(render, photo, mask, &score->psnr));
-  PAGS_TRY(pags_eval_ssim(render, photo, mask, tasks, &score->ssim));
+static pags_result measure_regions(const evaluation *self, const pags_image *render, const pags_truth_photo *photo,
+                                   pags_view_score *score) {
+  int width = render->width, height = render->height;
+  uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
+  if (!regions)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", width, height);
+  pags_regions_fill(width, height, photo->mask, photo->photo.labels, photo->photo.stride, regions);
+  pags_result result = pags_eval_regions(render, &photo->image, regions, PAGS_REGION_COUNT,
+                                         self->arguments->session.tasks, score->psnr, score->ssim);
+  free(regions);
+  return result;
+}
+
+/* As the camera would have exposed it: changes the rendering. */
+static void expose(const pags_scene_view *view, pags_image *render) {
+  float *p = render->data;
+  for (size_t i = 0; i < (size_t)render->width * (size_t)render->height; ++i)
+    for (size_t c = 0; c < 3; ++c)
+      p[3 * i + c] = (float)(view->gain[c] * (double)p[3 * i + c] + view->offset[c]);
+}
+
+static pags_result measure(const evaluation *self, const pags_scene_view *view, pags_image *render,
+                           const pags_truth_photo *photo, pags_view_score *score) {
+  PAGS_TRY(measure_regions(self, render, photo, score));
   if (self->arguments->images) {
     PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
-    PAGS_TRY(save_image(self->arguments->images, score->name, "photo", photo));
+    PAGS_TRY(save_image(self->arguments->images, score->name, "photo", &photo->image));
   }
-  if (self->lpips && mask)
-    copy_masked(render, photo, mask);
-  if (self->lpips)
-    PAGS_TRY(pags_lpips_distance(self->lpips, render, photo, tasks, &score->lpips));
-  return PAGS_OK;
+  if (self->lpips) {
+    if (photo->mask)
+      copy_masked(render, &photo->image, photo->mask);
+    PAGS_TRY(pags_lpips_distance(self->lpips, render, &photo->image, self->arguments->session.tasks, &score->lpips));
+  }
+  if (!self->exposed || !view)
+    return PAGS_OK;
+  expose(view, render); /* last: LPIPS is of the picture as it is */
+  return pags_eval_psnr(render, &photo->image, photo->mask, &score->psnr_exposed);
+}
+
+static pags_result compare_picture(evaluation *self, const pags_truth_view *at, const pags_picture *picture,
+                                   const pags_truth_photo *photo) {
+  const pags_view *view = pags_dataset_view(self->truth.dataset, at->index);
+  pags_view_score *score = &self->scores[self->count];
+  pags_image render = {0};
+  *score = pags_view_score_make(view->name, at->test);
+  PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
+  pags_result result = measure(self, at->scene_view, &render, photo, score);
+  pags_image_destroy(&render);
+  if (result == PAGS_OK && picture->depth)
+    result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->truth.dataset, at->index, picture,
+                                   photo->mask);
+  if (result == PAGS_OK)
+    ++self->count;
+  return result;
 }
 
 static pags_result compare_view(evaluation *self, int64_t i) {
-  const pags_view *view = pags_dataset_view(self->truth.dataset, self->truth.views[i].index);
-  view_score *score = &self->scores[self->count];
+  const pags_camera *camera = &pags_dataset_view(self->truth.dataset, self->truth.views[i].index)->camera;
+  pags_truth_photo photo;
   pags_picture picture;
-  pags_image render = {0}, photo = {0};
-  uint8_t *mask;
-  *score = (view_score){view->name, self->truth.views[i].test, (double)NAN, (double)NAN, (double)NAN};
-  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &view->camera, &self->options, NULL,
-                             NULL, &picture));
-  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
-  pags_result result = pags_truth_photograph(&self->truth, i, &photo, &mask);
-  if (result == PAGS_OK) {
-    result = measure(self, &render, &photo, mask, score);
-    pags_image_destroy(&photo);
-    free(mask);
-  }
-  pags_image_destroy(&render);
-  if (result == PAGS_OK)
-    ++self->count;
+  const pags_part *parts;
+  int part_count;
+  pags_compose(self->composition, camera->time, &parts, &part_count);
+  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
+  PAGS_TRY(pags_truth_photograph(&self->truth, i, &photo));
+  pags_result result = compare_picture(self, &self->truth.views[i], &picture, &photo);
+  pags_truth_photo_destroy(&photo);
   return result;
 }
 
@@ -156,113 +197,127 @@ static pags_result compare_all(evaluation *self) {
   return result;
 }
 
-typedef struct mean_score {
-  int64_t views;
-  double psnr, ssim, lpips; /* NaN where there is nothing to average */
-} mean_score;
-
-static mean_score mean_of(const evaluation *self, int test) {
-  mean_score mean = {0};
-  for (int64_t i = 0; i < self->count; ++i)
-    if (self->scores[i].test == test) {
-      ++mean.views;
-      mean.psnr += self->scores[i].psnr;
-      mean.ssim += self->scores[i].ssim;
-      mean.lpips += self->scores[i].lpips;
-    }
-  double n = (double)mean.views; /* 0 gives NaN, which JSON writes as null */
-  mean.psnr /= n;
-  mean.ssim /= n;
-  mean.lpips /= n;
-  return mean;
-}
-
 static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
-  mean_score mean = mean_of(self, test);
+  pags_mean_score mean = pags_scores_mean(self->scores, self->count, test);
   pags_json_begin_object(writer, key);
   pags_json_put_integer(writer, "views", mean.views);
-  pags_json_put_number(writer, "psnr", mean.psnr);
-  pags_json_put_number(writer, "ssim", mean.ssim);
-  pags_json_put_number(writer, "lpips", mean.lpips);
-  pags_json_put_null(writer, "psnr_critical"); /* a static scene has no masks of critical or moving things */
-  pags_json_put_null(writer, "psnr_noncritical");
-  pags_json_put_null(writer, "psnr_moving");
+  pags_scores_put_json(writer, &mean.mean);
+  pags_depth_figures_put_json(writer, &self->depth[test]);
   pags_json_begin_array(writer, "per_view");
   for (int64_t i = 0; i < self->count; ++i) {
-    const view_score *score = &self->scores[i];
-    if (score->test != test)
+    if (self->scores[i].test != test)
       continue;
     pags_json_begin_object(writer, NULL);
-    pags_json_put_string(writer, "name", score->name);
-    pags_json_put_number(writer, "psnr", score->psnr);
-    pags_json_put_number(writer, "ssim", score->ssim);
-    pags_json_put_number(writer, "lpips", score->lpips);
+    pags_json_put_string(writer, "name", self->scores[i].name);
+    pags_scores_put_json(writer, &self->scores[i]);
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);
   pags_json_end_object(writer);
 }
 
+static void put_shifts(pags_json_writer *writer, const evaluation *self) {
+  if (!self->arguments->shift) {
+    pags_json_put_null(writer, "shift");
+    return;
+  }
+  pags_json_begin_array(writer, "shift");
+  for (int64_t i = 0; i < self->shifts.count; ++i) {
+    const pags_shift_score *score = &self->shifts.items[i];
+    pags_json_begin_object(writer, NULL);
+    pags_json_put_string(writer, "name", score->name);
+    pags_json_put_integer(writer, "views", score->views);
+    pags_json_put_number(writer, "psnr", score->psnr);
+    pags_json_put_number(writer, "ssim", score->ssim);
+    pags_json_end_object(writer);
+  }
+  pags_json_end_array(writer);
+}
+
 static pags_result write_json(const evaluation *self) {
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
-  pags_json_put_integer(&writer, "gaussians", self->view.gaussian_count);
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
   put_split(&writer, self, "train", 0);
   put_split(&writer, self, "test", 1);
+  put_shifts(&writer, self);
+  pags_pose_errors_put_json(&writer, &self->poses);
   pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
 
-static void print_row(const pags_session *session, const char *name, const char *set, double psnr, double ssim,
-                      double lpips) {
-  char distance[16] = "-";
-  if (isfinite(lpips))
-    snprintf(distance, sizeof distance, "%.4f", lpips);
-  pags_say(session, "%-32s %-5s %9.3f %8.4f %8s\n", name, set, psnr, ssim, distance);
+static void print_poses(const pags_session *session, const pags_pose_errors *e) {
+  if (!e->knots)
+    return;
+  pags_say(session, "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+           (long long)e->objects, e->label_metres, e->label_degrees, e->metres, e->degrees);
+  pags_say(session, "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+           e->label_relative_metres, e->label_relative_degrees, e->relative_metres, e->relative_degrees);
 }
 
-static void print_table(const evaluation *self) {
+static void print_more(const evaluation *self) {
+  static const char *const sets[2] = {"training views", "held-out views"};
   const pags_session *session = &self->arguments->session;
-  pags_say(session, "%-32s %-5s %9s %8s %8s\n", "view", "set", "PSNR dB", "SSIM", "LPIPS");
   for (int test = 0; test < 2; ++test)
-    for (int64_t i = 0; i < self->count; ++i) {
-      const view_score *score = &self->scores[i];
-      if (score->test == test)
-        print_row(session, score->name, test ? "test" : "train", score->psnr, score->ssim, score->lpips);
-    }
-  for (int test = 0; test < 2; ++test) {
-    mean_score mean = mean_of(self, test);
-    char name[48];
-    snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);
-    if (mean.views)
-      print_row(session, name, test ? "test" : "train", mean.psnr, mean.ssim, mean.lpips);
-  }
+    if (self->depth[test].samples)
+      pags_say(session,
+               "depth beside LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); "
+               "%.1f %% within 5 %%\n",
+               sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
+               100 * self->depth[test].within);
+  for (int64_t i = 0; i < self->shifts.count; ++i)
+    pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
+             self->shifts.items[i].ssim);
+  print_poses(session, &self->poses);
 }
 
-static pags_result evaluate(evaluation *self, const char *scene_path) {
+static bool has_exposures(const pags_scene *scene) {
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    for (int c = 0; c < 3; ++c)
+      if (scene->views[i].gain[c] != 1 || scene->views[i].offset[c] != 0)
+        return true;
+  return false;
+}
+
+static pags_result open_all(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
-  PAGS_TRY(pags_model_view_load(scene_path, &self->view));
-  const char *dataset = arguments->dataset ? arguments->dataset : self->view.scene.dataset;
+  PAGS_TRY(pags_composition_load(scene_path, &self->composition));
+  self->scene = pags_composition_scene(self->composition);
+  const char *dataset = arguments->dataset ? arguments->dataset : self->scene->dataset;
   if (!dataset)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: doesn't say what it was trained on; expected --dataset DATASET",
                      scene_path);
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  PAGS_TRY(pags_truth_open(&self->view.scene, dataset, &arguments->options, arguments->session.tasks,
-                           arguments->image_cache, &self->truth));
+  PAGS_TRY(pags_truth_open(self->scene, dataset, &arguments->options, arguments->session.tasks, arguments->image_cache,
+                           &self->truth));
   self->scores = calloc((size_t)self->truth.count, sizeof *self->scores);
   if (!self->scores)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);
-  self->options = pags_model_view_options(&self->view);
+  self->options = pags_composition_options(self->composition);
+  self->options.extra_channels = (pags_dataset_provides(self->truth.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  self->exposed = has_exposures(self->scene);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
-  if (arguments->images)
-    PAGS_TRY(pags_prepare_folder(arguments->images, NULL));
+  return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
+}
+
+static pags_result evaluate(evaluation *self, const char *scene_path) {
+  const eval_arguments *arguments = self->arguments;
+  PAGS_TRY(open_all(self, scene_path));
   PAGS_TRY(compare_all(self));
   if (!self->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s views to compare", scene_path,
                      arguments->split == 2 ? "held-out" : "training");
-  print_table(self);
+  for (int test = 0; test < 2; ++test)
+    self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
+  const char *dataset = pags_dataset_path(self->truth.dataset);
+  PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
+  if (arguments->shift)
+    PAGS_TRY(pags_shift_measure(dataset, self->truth.downscale, self->composition, self->frame, &self->options,
+                                &arguments->session, arguments->images, &self->shifts));
+  pags_scores_print(&arguments->session, self->scores, self->count);
+  print_more(self);
   return write_json(self);
 }
 
@@ -272,7 +327,10 @@ static void destroy(evaluation *self) {
   pags_truth_close(&self->truth);
   if (self->lpips)
     pags_lpips_destroy(self->lpips);
-  pags_model_view_destroy(&self->view);
+  pags_composition_destroy(self->composition);
+  pags_shift_scores_destroy(&self->shifts);
+  for (int test = 0; test < 2; ++test)
+    pags_depth_errors_destroy(&self->depth_errors[test]);
   free(self->scores);
 }
 

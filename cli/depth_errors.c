@@ -1,0 +1,93 @@
+/* Rendered depth beside LiDAR. */
+#include "depth_errors.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <train/depth.h>
+
+enum { MOST_SAMPLES = 200000 }; /* a view */
+
+static const double near_share = 0.05;
+
+void pags_depth_errors_destroy(pags_depth_errors *errors) {
+  free(errors->errors);
+  memset(errors, 0, sizeof *errors);
+}
+
+static pags_result reserve(pags_depth_errors *self, int64_t more) {
+  if (self->count + more <= self->room)
+    return PAGS_OK;
+  int64_t room = 2 * (self->count + more);
+  double *grown = realloc(self->errors, (size_t)room * sizeof *grown);
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld depths", (long long)room);
+  self->errors = grown;
+  self->room = room;
+  return PAGS_OK;
+}
+
+static void add_sample(pags_depth_errors *self, const pags_depth_sample *sample, const pags_picture *picture,
+                       const uint8_t *mask) {
+  int x = (int)sample->x, y = (int)sample->y;
+  if (x < 0 || y < 0 || x >= picture->width || y >= picture->height ||
+      (mask && !mask[(size_t)y * (size_t)picture->width + (size_t)x]))
+    return;
+  float depth = picture->depth[(size_t)y * (size_t)picture->stride + (size_t)x];
+  if (!(depth > 0)) {
+    ++self->unblended;
+    return;
+  }
+  double error = fabs((double)depth - (double)sample->depth);
+  self->errors[self->count++] = error;
+  self->within += error <= near_share * (double)sample->depth;
+}
+
+pags_result pags_depth_errors_add(pags_depth_errors *self, const pags_dataset *dataset, int64_t view,
+                                  const pags_picture *picture, const uint8_t *mask) {
+  pags_depth_sample *samples;
+  int64_t count;
+  PAGS_TRY(pags_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
+  pags_result result = reserve(self, count);
+  for (int64_t i = 0; result == PAGS_OK && i < count; ++i)
+    add_sample(self, &samples[i], picture, mask);
+  free(samples);
+  return result;
+}
+
+static int compare_doubles(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+pags_depth_figures pags_depth_errors_figures(pags_depth_errors *self) {
+  double nothing = (double)NAN, sum = 0;
+  pags_depth_figures out = {self->count, nothing, nothing, nothing, nothing};
+  if (!self->count)
+    return out;
+  qsort(self->errors, (size_t)self->count, sizeof *self->errors, compare_doubles);
+  int64_t most = self->count - self->count / 20;
+  for (int64_t i = 0; i < self->count; ++i) {
+    sum += self->errors[i];
+    if (i + 1 == most)
+      out.mean95 = sum / (double)most;
+  }
+  out.median = self->errors[self->count / 2];
+  out.mean = sum / (double)self->count;
+  out.within = (double)self->within / (double)(self->count + self->unblended);
+  return out;
+}
+
+void pags_depth_figures_put_json(pags_json_writer *writer, const pags_depth_figures *figures) {
+  if (!figures->samples) {
+    pags_json_put_null(writer, "depth");
+    return;
+  }
+  pags_json_begin_object(writer, "depth");
+  pags_json_put_integer(writer, "samples", figures->samples);
+  pags_json_put_number(writer, "median", figures->median);
+  pags_json_put_number(writer, "mean", figures->mean);
+  pags_json_put_number(writer, "mean_95", figures->mean95);
+  pags_json_put_number(writer, "within_5_percent", figures->within);
+  pags_json_end_object(writer);
+}

@@ -1,0 +1,226 @@
+/* Tracks beside the truth. */
+#include "pose_errors.h"
+
+#include <base/file.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Errors below these are rounding. */
+static const double least_metres = 1e-6, least_degrees = 1e-4;
+
+/* One pose beside the truth: where the origin lies in the true object's frame, and the turn about its upward axis. */
+typedef struct offset {
+  double p[3];
+  double degrees;
+} offset;
+
+static offset offset_of(const double truth[12], const double pose[12]) {
+  double inverse[12], between[12];
+  pags_rigid_inverse(truth, inverse);
+  pags_rigid_multiply(inverse, pose, between);
+  return (offset){{between[3], between[7], between[11]},
+                  atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
+}
+
+static double length(const double p[3]) {
+  return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
+}
+
+/* Sums of what the offsets of a track are, and of what they are about their mean. */
+static void add_track(const offset *offsets, int64_t count, double *metres, double *degrees, double *relative_metres,
+                      double *relative_degrees) {
+  offset mean = {{0, 0, 0}, 0};
+  for (int64_t i = 0; i < count; ++i) {
+    for (int k = 0; k < 3; ++k)
+      mean.p[k] += offsets[i].p[k] / (double)count;
+    mean.degrees += offsets[i].degrees / (double)count;
+  }
+  for (int64_t i = 0; i < count; ++i) {
+    double rest[3];
+    for (int k = 0; k < 3; ++k)
+      rest[k] = offsets[i].p[k] - mean.p[k];
+    *metres += length(offsets[i].p);
+    *degrees += fabs(offsets[i].degrees);
+    *relative_metres += length(rest);
+    *relative_degrees += fabs(offsets[i].degrees - mean.degrees);
+  }
+}
+
+typedef struct reading {
+  const pags_json *json;
+  int forward_y; /* the file's objects face +y: turned to +x as the reader does */
+  offset *labelled, *trained;
+  int64_t count, room;
+} reading;
+
+static const pags_scene_object *find_object(const pags_scene *scene, const char *id) {
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    if (!strcmp(scene->objects[i].record.id, id))
+      return &scene->objects[i];
+  return NULL;
+}
+
+static const pags_knot *find_knot(const pags_object *object, int64_t frame) {
+  for (int64_t i = 0; i < object->knot_count; ++i)
+    if (object->knots[i].frame == frame)
+      return &object->knots[i];
+  return NULL;
+}
+
+/* The numbers of a 4x4 matrix given as rows. */
+static pags_result read_pose(const reading *r, const pags_json_value *matrix, double out[12]) {
+  int n = 0;
+  PAGS_TRY(matrix->type == PAGS_JSON_ARRAY
+               ? PAGS_OK
+               : pags_json_fail(r->json, matrix, "expected a 4x4 matrix as four arrays of four numbers"));
+  for (const pags_json_value *row = matrix->first; row; row = row->next)
+    for (const pags_json_value *v = row->first; v; v = v->next) {
+      double value;
+      PAGS_TRY(pags_json_as_number(r->json, v, "an entry of 'obj_to_world'", &value));
+      if (n < 12)
+        out[n] = value;
+      ++n;
+    }
+  if (n != 16)
+    return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
+  for (int k = 0; r->forward_y && k < 3; ++k) { /* forward is its y, left its -x */
+    double x = out[4 * k];
+    out[4 * k] = out[4 * k + 1];
+    out[4 * k + 1] = -x;
+  }
+  return PAGS_OK;
+}
+
+static pags_result add_knot(reading *r, const pags_knot *knot, const pags_json_value *matrix) {
+  double truth[12], increment[12], pose[12];
+  if (r->count == r->room) {
+    int64_t room = 2 * r->room + 64;
+    offset *labelled = realloc(r->labelled, (size_t)room * sizeof *labelled);
+    r->labelled = labelled ? labelled : r->labelled;
+    offset *trained = realloc(r->trained, (size_t)room * sizeof *trained);
+    r->trained = trained ? trained : r->trained;
+    if (!labelled || !trained)
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld poses", (long long)room);
+    r->room = room;
+  }
+  PAGS_TRY(read_pose(r, matrix, truth));
+  pags_increment_matrix(knot->rotation, knot->translation, increment);
+  pags_rigid_multiply(knot->world_from_object, increment, pose);
+  r->labelled[r->count] = offset_of(truth, knot->world_from_object);
+  r->trained[r->count++] = offset_of(truth, pose);
+  return PAGS_OK;
+}
+
+/* One member of instances_info.json; objects that the scene doesn't move are passed over. */
+static pags_result add_object(reading *r, const pags_scene *scene, const pags_json_value *entry, pags_pose_errors *out) {
+  const char *id;
+  const pags_json_value *annotations, *frames, *poses;
+  PAGS_TRY(pags_json_string(r->json, entry, "id", &id));
+  const pags_scene_object *object = find_object(scene, id);
+  if (!object || object->model < 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_object(r->json, entry, "frame_annotations", &annotations));
+  PAGS_TRY(pags_json_array(r->json, annotations, "frame_idx", &frames));
+  PAGS_TRY(pags_json_array(r->json, annotations, "obj_to_world", &poses));
+  r->count = 0;
+  const pags_json_value *pose = poses->first;
+  for (const pags_json_value *frame = frames->first; frame && pose; frame = frame->next, pose = pose->next) {
+    double number;
+    PAGS_TRY(pags_json_as_number(r->json, frame, "an entry of 'frame_idx'", &number));
+    const pags_knot *knot = find_knot(&object->record, (int64_t)number);
+    if (knot && knot->trained)
+      PAGS_TRY(add_knot(r, knot, pose));
+  }
+  if (!r->count)
+    return PAGS_OK;
+  ++out->objects;
+  out->knots += r->count;
+  add_track(r->labelled, r->count, &out->label_metres, &out->label_degrees, &out->label_relative_metres,
+            &out->label_relative_degrees);
+  add_track(r->trained, r->count, &out->metres, &out->degrees, &out->relative_metres, &out->relative_degrees);
+  return PAGS_OK;
+}
+
+/* Which way the data set's objects face. */
+static pags_result read_forward(const char *dataset, int *forward_y) {
+  pags_json *json;
+  const char *forward = "+x";
+  char *path = pags_path_join(dataset, "dataset.json");
+  *forward_y = 0;
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &json) : PAGS_OK;
+  if (result == PAGS_OK && pags_file_exists(path)) {
+    result = pags_json_string_or(json, pags_json_root(json), "object_forward", "+x", &forward);
+    *forward_y = result == PAGS_OK && !strcmp(forward, "+y");
+    pags_json_destroy(json);
+  }
+  free(path);
+  return result;
+}
+
+static void divide(pags_pose_errors *e) {
+  double *sums[] = {&e->label_metres,          &e->label_degrees,          &e->metres,          &e->degrees,
+                    &e->label_relative_metres, &e->label_relative_degrees, &e->relative_metres, &e->relative_degrees};
+  for (size_t i = 0; e->knots && i < sizeof sums / sizeof sums[0]; ++i)
+    *sums[i] /= (double)e->knots;
+}
+
+static pags_result measure(const char *path, const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
+  reading r = {0};
+  pags_json *json;
+  PAGS_TRY(read_forward(dataset, &r.forward_y));
+  PAGS_TRY(pags_json_parse_file(path, &json));
+  r.json = json;
+  pags_result result = pags_json_as_object(json, pags_json_root(json), "the file");
+  for (const pags_json_value *v = pags_json_root(json)->first; result == PAGS_OK && v; v = v->next)
+    result = add_object(&r, scene, v, out);
+  free(r.labelled);
+  free(r.trained);
+  pags_json_destroy(json);
+  divide(out);
+  return result;
+}
+
+pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
+  memset(out, 0, sizeof *out);
+  char *path = pags_path_join(dataset, "truth/instances/instances_info.json");
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = pags_file_exists(path) ? measure(path, dataset, scene, out) : PAGS_OK;
+  free(path);
+  return result;
+}
+
+double pags_pose_errors_recovered(double labelled, double trained) {
+  return labelled > 0 ? 1 - trained / labelled : (double)NAN;
+}
+
+static void put_kind(pags_json_writer *writer, const char *key, double metres, double degrees, double label_metres,
+                     double label_degrees) {
+  pags_json_begin_object(writer, key);
+  pags_json_put_number(writer, "label_metres", label_metres);
+  pags_json_put_number(writer, "metres", metres);
+  pags_json_put_number(writer, "recovered_metres",
+                       label_metres > least_metres ? pags_pose_errors_recovered(label_metres, metres) : (double)NAN);
+  pags_json_put_number(writer, "label_degrees", label_degrees);
+  pags_json_put_number(writer, "degrees", degrees);
+  pags_json_put_number(writer, "recovered_degrees",
+                       label_degrees > least_degrees ? pags_pose_errors_recovered(label_degrees, degrees) : (double)NAN);
+  pags_json_end_object(writer);
+}
+
+void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors *e) {
+  if (!e->knots) {
+    pags_json_put_null(writer, "poses");
+    return;
+  }
+  pags_json_begin_object(writer, "poses");
+  pags_json_put_integer(writer, "objects", e->objects);
+  pags_json_put_integer(writer, "knots", e->knots);
+  put_kind(writer, "absolute", e->metres, e->degrees, e->label_metres, e->label_degrees);
+  put_kind(writer, "relative", e->relative_metres, e->relative_degrees, e->label_relative_metres,
+           e->label_relative_degrees);
+  pags_json_end_object(writer);
+}

@@ -1,0 +1,26 @@
+/* Where a scene's tracks lie beside the truth that synthetic data sets bring. */
+#ifndef PAGS_CLI_POSE_ERRORS_H
+#define PAGS_CLI_POSE_ERRORS_H
+
+#include <base/json.h>
+#include <pags/scene.h>
+
+/* Means over the trained knots of moving objects. The `relative` ones are after each track's mean error, in the object's frame, has been taken
+ * away: where in its box a thing stands is a matter of convention, which no photograph decides. */
+typedef struct pags_pose_errors {
+  int64_t objects, knots; /* 0: there is no truth */
+  double label_metres, label_degrees;         /* of the poses as labelled */
+  double metres, degrees;                     /* of the poses as trained */
+  double label_relative_metres, label_relative_degrees;
+  double relative_metres, relative_degrees;
+} pags_pose_errors;
+
+/* Reads truth/instances/instances_info.json of the data set; all zero where there is none. */
+pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scene, pags_pose_errors *out);
+
+/* An object `poses`, or null; shares recovered are 1 - trained / labelled, null where the labels have no error. */
+void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors *errors);
+
+double pags_pose_errors_recovered(double labelled, double trained); /* NaN where the labels have no error */
+
+#endif
