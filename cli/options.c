@@ -103,6 +103,8 @@ static void describe(const pags_option *option, char *text, size_t size) {
                                       [PAGS_OPTION_SIZE] = "a size in bytes such as 512M or 2G",
                                       [PAGS_OPTION_DURATION] = "a time such as 90s, 30m or 2h",
                                       [PAGS_OPTION_COLOR] = "r,g,b, each from 0 to 1",
+                                      [PAGS_OPTION_WORDS] = "a value",
+                                      [PAGS_OPTION_PAIRS] = "a name and a value",
                                       [PAGS_OPTION_STRING] = "a value"};
   if (option->type == PAGS_OPTION_ENUM)
     snprintf(text, size, "one of %s", option->metavar);
@@ -216,6 +218,15 @@ static bool parse_enum(const char *choices, const char *text, int *value) {
   }
 }
 
+static bool store_word(pags_words *words, const char *name, size_t length, const char *value) {
+  if (length == 0 || length > INT32_MAX || words->count == PAGS_MAX_WORDS || (value && !*value))
+    return false;
+  words->items[words->count].name = name;
+  words->items[words->count].length = (int)length;
+  words->items[words->count++].value = value;
+  return true;
+}
+
 /* Parses `text` as the option's type into `slot`; false leaves the message to the caller. */
 static bool store(const pags_option *option, const char *text, void *slot) {
   double real;
@@ -264,6 +275,8 @@ static bool store(const pags_option *option, const char *text, void *slot) {
         return false;
       *(const char **)slot = text;
       return true;
+    case PAGS_OPTION_WORDS: return store_word(slot, text, strlen(text), NULL);
+    case PAGS_OPTION_PAIRS:
     case PAGS_OPTION_FLAG:
     case PAGS_OPTION_GROUP:
     case PAGS_OPTION_END: break;
@@ -288,10 +301,18 @@ bool pags_option_given(const pags_parsed *parsed, const char *name) {
   return was_given(parsed, option);
 }
 
+/* NAME=VALUE in `text`, or NAME there and VALUE in `after`. A value has a comma: other '=' belong to the name. Returns the number of words beyond `text`, -1 when it is neither. */
+static int store_pair(pags_words *words, const char *text, const char *after) {
+  const char *equals = strrchr(text, '=');
+  if (equals && strchr(equals, ','))
+    return store_word(words, text, (size_t)(equals - text), equals + 1) ? 0 : -1;
+  return after && store_word(words, text, strlen(text), after) ? 1 : -1;
+}
+
 /* `value` is the text behind '=' or directly behind a short name, or NULL: then the next argument is it. Returns how
  * many further arguments were used, or -1 after a message. */
 static int take_option(pags_parsed *parsed, const pags_option *option, const char *shown, const char *value,
-                       const char *next, void *values) {
+                       char **next, void *values) {
   void *slot = (char *)values + option->offset;
   char expected[160];
   mark_given(parsed, option);
@@ -304,19 +325,24 @@ static int take_option(pags_parsed *parsed, const pags_option *option, const cha
     return 0;
   }
   describe(option, expected, sizeof expected);
-  const char *text = value ? value : next;
+  const char *text = value ? value : next[0];
   if (!text) {
     pags_usage_error(parsed->verb, "%s: expected %s, got nothing", shown, expected);
     return -1;
   }
-  if (!store(option, text, slot)) {
+  int more = 0;
+  if (option->type == PAGS_OPTION_PAIRS)
+    more = store_pair(slot, text, value || !next[0] ? next[0] : next[1]);
+  else if (!store(option, text, slot))
+    more = -1;
+  if (more < 0) {
     pags_usage_error(parsed->verb, "%s: expected %s, got '%s'", shown, expected, text);
     return -1;
   }
-  return value ? 0 : 1;
+  return more + !value;
 }
 
-static int take_long(pags_parsed *parsed, const char *argument, const char *next, void *values) {
+static int take_long(pags_parsed *parsed, const char *argument, char **next, void *values) {
   const char *name = argument + 2, *equals = strchr(name, '=');
   size_t length = equals ? (size_t)(equals - name) : strlen(name);
   const pags_option *option = find_long(parsed->verb, name, length);
@@ -329,7 +355,7 @@ static int take_long(pags_parsed *parsed, const char *argument, const char *next
   return take_option(parsed, option, shown, equals ? equals + 1 : NULL, next, values);
 }
 
-static int take_short(pags_parsed *parsed, const char *argument, const char *next, void *values) {
+static int take_short(pags_parsed *parsed, const char *argument, char **next, void *values) {
   const pags_option *option = find_short(parsed->verb, argument[1]);
   char shown[3] = {'-', argument[1], 0};
   if (!option) {
@@ -382,7 +408,8 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     return PAGS_PARSE_HELP;
   }
   for (int i = 0; i < argc; ++i) {
-    const char *argument = argv[i], *next = i + 1 < argc ? argv[i + 1] : NULL;
+    const char *argument = argv[i];
+    char *next[2] = {i + 1 < argc ? argv[i + 1] : NULL, i + 2 < argc ? argv[i + 2] : NULL};
     if (!options_end && !strcmp(argument, "--")) {
       options_end = true;
     } else if (!options_end && argument[0] == '-' && argument[1]) {
@@ -452,6 +479,8 @@ static void print_default(const pags_option *option, const void *defaults, char 
       if (*(const char *const *)slot)
         snprintf(text, size, "%s", *(const char *const *)slot);
       break;
+    case PAGS_OPTION_WORDS:
+    case PAGS_OPTION_PAIRS:
     case PAGS_OPTION_FLAG:
     case PAGS_OPTION_GROUP:
     case PAGS_OPTION_END: break;

@@ -30,8 +30,22 @@ typedef enum pags_option_type {
   PAGS_OPTION_DURATION, /* double, seconds; 90, 90s, 30m, 2h, 1h30m */
   PAGS_OPTION_ENUM,     /* int, the index in `choices` */
   PAGS_OPTION_COLOR,    /* double[3], "r,g,b", each 0..1 */
-  PAGS_OPTION_STRING    /* const char *, points into argv */
+  PAGS_OPTION_STRING,   /* const char *, points into argv */
+  PAGS_OPTION_WORDS,    /* pags_words; may be given again and again */
+  PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
 } pags_option_type;
+
+enum { PAGS_MAX_WORDS = 64 };
+
+/* What an option was given, in order. */
+typedef struct pags_words {
+  int count;
+  struct {
+    const char *name; /* points into argv */
+    int length;       /* of the name, which "=VALUE" may follow */
+    const char *value; /* NULL for WORDS */
+  } items[PAGS_MAX_WORDS];
+} pags_words;
 
 typedef struct pags_option {
   const char *name; /* long name without the dashes */

@@ -1,4 +1,4 @@
-/* Orbit and ego paths. World coordinates are absolute, in double. */
+/* Orbits, flights through cameras, drives. World coordinates are absolute, in double. */
 #include "path.h"
 
 #include <math.h>
@@ -309,4 +309,85 @@ pags_result pags_path_ego(const pags_scene *scene, int64_t frames, pags_path *ou
   free(knots);
   free(reached);
   return result;
+}
+
+static bool is_recorded(const pags_scene_view *view) {
+  return view->sensor >= 0 && isfinite(view->camera.time);
+}
+
+bool pags_scene_is_drive(const pags_scene *scene) {
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (is_recorded(&scene->views[i]))
+      return true;
+  return false;
+}
+
+static int compare_times(const void *a, const void *b) {
+  const pags_camera *const *x = a;
+  const pags_camera *const *y = b;
+  return ((*x)->time > (*y)->time) - ((*x)->time < (*y)->time);
+}
+
+/* The cameras of the sensor with the lowest number in the order of time, no time twice. */
+static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
+  int64_t count = 0, kept = 0;
+  int sensor = -1;
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (is_recorded(&scene->views[i]) && (sensor < 0 || scene->views[i].sensor < sensor))
+      sensor = scene->views[i].sensor;
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
+      knots[count++] = &scene->views[i].camera;
+  qsort(knots, (size_t)count, sizeof *knots, compare_times);
+  for (int64_t i = 0; i < count; ++i)
+    if (kept == 0 || knots[i]->time > knots[kept - 1]->time)
+      knots[kept++] = knots[i];
+  return kept;
+}
+
+/* The camera at `time`, which lies between the first and the last of `knots`. *knot only grows. */
+static pags_camera driven(const pags_camera *const *knots, int64_t count, double time, int64_t *knot) {
+  while (*knot + 2 < count && knots[*knot + 1]->time <= time)
+    ++*knot;
+  const pags_camera *a = knots[*knot], *b = knots[*knot + 1];
+  const pags_camera *around[4] = {knots[*knot > 0 ? *knot - 1 : 0], a, b,
+                                  knots[*knot + 2 < count ? *knot + 2 : *knot + 1]};
+  pags_camera camera = between(around, knots[0], fmin(fmax((time - a->time) / (b->time - a->time), 0), 1));
+  camera.time = time;
+  return camera;
+}
+
+static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t frames, double fps, pags_path *out) {
+  if (count < 2)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "an ego path needs at least 2 views of the first sensor; the scene has %lld",
+                     (long long)count);
+  double begin = knots[0]->time, span = knots[count - 1]->time - begin, even = span * fps;
+  bool recorded = frames == 0 && fps == 0;
+  if (even > 1e6)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--fps: %g frames a second for %g s are more than a million", fps, span);
+  int64_t total = frames ? frames : recorded ? count : (int64_t)(even + 1e-6) + 1;
+  PAGS_TRY(create_path(total, out));
+  int64_t knot = 0;
+  for (int64_t i = 0; i < total; ++i) {
+    double share = total > 1 ? (double)i / (double)(total - 1) : 0;
+    double time = recorded ? knots[i]->time : frames ? begin + share * span : begin + (double)i / fps;
+    out->cameras[i] = driven(knots, count, fmin(time, begin + span), &knot);
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_path *out) {
+  const pags_camera **knots = calloc((size_t)scene->view_count + 1, sizeof *knots);
+  if (!knots)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = drive(knots, first_sensor(scene, knots), frames, fps, out);
+  free(knots);
+  return result;
+}
+
+void pags_path_shift(pags_path *path, double metres) {
+  for (int64_t i = 0; i < path->count; ++i) {
+    pags_camera *camera = &path->cameras[i];
+    set_column(camera, 3, add(column(camera, 3), scale(column(camera, 0), metres)));
+  }
 }

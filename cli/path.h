@@ -3,6 +3,7 @@
 #define PAGS_CLI_PATH_H
 
 #include <pags/scene.h>
+#include <stdbool.h>
 
 /* `frames` cameras that circle what the scene shows, upright, looking at its middle; the last leads back to the first.
  * With views: around the point their axes pass nearest to, at their typical distance and height, within the arc they
@@ -12,5 +13,15 @@ pags_result pags_path_orbit(const pags_scene *scene, int64_t frames, pags_path *
 /* `frames` cameras on a smooth curve through the training views in their order, at even speed. An error when the scene
  * has fewer than 2. */
 pags_result pags_path_ego(const pags_scene *scene, int64_t frames, pags_path *out);
+
+/* Whether the scene's views know which sensor took them and when: a drive rather than a walk round something. */
+bool pags_scene_is_drive(const pags_scene *scene);
+
+/* The recorded way of the sensor with the lowest number, held-out views' places included, time running: `frames` cameras
+ * evenly over its time; with 0, `fps` a second; with fps 0, too, those that were recorded. An error when there are fewer than 2. */
+pags_result pags_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_path *out);
+
+/* Every camera so many metres to its own right, negative to its left. */
+void pags_path_shift(pags_path *path, double metres);
 
 #endif

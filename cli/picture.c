@@ -1,6 +1,8 @@
 /* Conversion of planes to pictures and their files. */
 #include "picture.h"
 
+#include "channels.h"
+
 #include <base/file.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,7 +10,8 @@
 /* Whole numbers beyond 2^24 are not all floats. */
 static const int64_t largest_float_id = 16777216;
 
-static const char *const channel_names[PAGS_CHANNEL_COUNT] = {"color", "alpha", "depth", "id", "object", "priority"};
+static const char *const channel_names[PAGS_CHANNEL_COUNT] = {"color",  "alpha",    "depth",  "id",
+                                                              "object", "priority", "normal", "heat"};
 
 static bool has(const pags_picture_writer *writer, pags_channel channel) {
   return writer->channels >> channel & 1;
@@ -37,26 +40,29 @@ bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t 
   }
 }
 
-pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format,
-                                       int bits, pags_picture_writer *out) {
-  size_t count = (size_t)view->gaussian_count + 1;
+pags_result pags_picture_writer_create(const pags_composition *composition, unsigned channels,
+                                       pags_picture_format format, int bits, pags_picture_writer *out) {
+  int64_t gaussians = pags_composition_gaussian_count(composition);
+  size_t count = (size_t)gaussians + 1;
   *out = (pags_picture_writer){.channels = channels, .format = format, .bits = bits};
-  if (has(out, PAGS_CHANNEL_ID) && view->gaussian_count > largest_float_id)
+  bool objects = has(out, PAGS_CHANNEL_OBJECT),
+       priorities = has(out, PAGS_CHANNEL_PRIORITY) || has(out, PAGS_CHANNEL_HEAT);
+  if (has(out, PAGS_CHANNEL_ID) && gaussians > largest_float_id)
     return pags_fail(PAGS_ERROR_LIMIT,
                      "--channel id: %lld Gaussians are more than the 2^24 ids that a float EXR tells apart",
-                     (long long)view->gaussian_count);
-  if (has(out, PAGS_CHANNEL_OBJECT))
+                     (long long)gaussians);
+  if (objects)
     out->object_of = malloc(count * sizeof *out->object_of);
-  if (has(out, PAGS_CHANNEL_PRIORITY))
+  if (priorities)
     out->priority_of = malloc(count * sizeof *out->priority_of);
   pags_result result = PAGS_OK;
-  if ((has(out, PAGS_CHANNEL_OBJECT) && !out->object_of) || (has(out, PAGS_CHANNEL_PRIORITY) && !out->priority_of))
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for the channels of %lld Gaussians",
-                       (long long)view->gaussian_count);
-  if (result == PAGS_OK && out->object_of)
-    pags_model_view_objects(view, out->object_of);
-  if (result == PAGS_OK && out->priority_of && !pags_model_view_priorities(view, out->priority_of))
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "--channel priority: the scene holds no priorities (property s_sem)");
+  if ((objects && !out->object_of) || (priorities && !out->priority_of))
+    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for the channels of %lld Gaussians", (long long)gaussians);
+  if (result == PAGS_OK && objects)
+    pags_composition_objects(composition, out->object_of);
+  if (result == PAGS_OK && priorities && !pags_composition_priorities(composition, out->priority_of))
+    result = pags_fail(PAGS_ERROR_ARGUMENT,
+                       "--channel priority: the scene holds neither priorities (property s_sem) nor objects");
   if (result != PAGS_OK)
     pags_picture_writer_destroy(out);
   return result;
@@ -107,36 +113,49 @@ static pags_result save_png(const pags_picture *picture, const float *const *pla
   return result;
 }
 
-/* One value per pixel computed from transmittance or id; depth needs no copy. */
-static const float *channel_plane(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
-                                  float *plane) {
+static void fill_values(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
+                        float *out) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
-  switch (channel) {
-    case PAGS_CHANNEL_ALPHA:
-      for (size_t i = 0; i < count; ++i)
-        plane[i] = 1 - picture->transmittance[i];
-      return plane;
-    case PAGS_CHANNEL_ID:
-      for (size_t i = 0; i < count; ++i)
-        plane[i] = (float)picture->id[i];
-      return plane;
-    case PAGS_CHANNEL_OBJECT:
-      for (size_t i = 0; i < count; ++i)
-        plane[i] = picture->id[i] < 0 ? -1.0f : (float)writer->object_of[picture->id[i]];
-      return plane;
-    case PAGS_CHANNEL_PRIORITY:
-      for (size_t i = 0; i < count; ++i)
-        plane[i] = picture->id[i] < 0 ? 0.0f : writer->priority_of[picture->id[i]];
-      return plane;
-    case PAGS_CHANNEL_DEPTH: return picture->depth;
-    case PAGS_CHANNEL_COLOR:
-    case PAGS_CHANNEL_COUNT: break;
+  for (size_t i = 0; i < count; ++i) {
+    int32_t id = channel == PAGS_CHANNEL_ALPHA ? 0 : picture->id[i];
+    out[i] = channel == PAGS_CHANNEL_ALPHA    ? 1 - picture->transmittance[i]
+             : channel == PAGS_CHANNEL_ID     ? (float)id
+             : channel == PAGS_CHANNEL_OBJECT ? (id < 0 ? -1.0f : (float)writer->object_of[id])
+                                              : (id < 0 ? 0.0f : writer->priority_of[id]);
   }
-  return NULL;
+}
+
+static void fill_heat(const pags_picture_writer *writer, const pags_picture *picture, float *const out[3]) {
+  size_t count = (size_t)picture->stride * (size_t)picture->height;
+  for (size_t i = 0; i < count; ++i) {
+    float rgb[3] = {0, 0, 0}, shown = 1 - picture->transmittance[i];
+    if (picture->id[i] >= 0)
+      pags_heat_color(writer->priority_of[picture->id[i]], rgb);
+    for (int c = 0; c < 3; ++c)
+      out[c][i] = shown * rgb[c];
+  }
+}
+
+/* Planes of a channel, computed into `scratch` where the picture doesn't have them. Returns how many. */
+static int channel_planes(const pags_picture_writer *writer, const pags_picture *picture, const pags_camera *camera,
+                          pags_channel channel, float *scratch, const float *planes[3]) {
+  size_t count = (size_t)picture->stride * (size_t)picture->height;
+  float *own[3] = {scratch, scratch + count, scratch + 2 * count};
+  for (int c = 0; c < 3; ++c)
+    planes[c] = channel == PAGS_CHANNEL_COLOR ? picture->rgb[c] : own[c];
+  if (channel == PAGS_CHANNEL_NORMAL)
+    pags_normals_from_depth(picture, camera, own);
+  else if (channel == PAGS_CHANNEL_HEAT)
+    fill_heat(writer, picture, own);
+  else if (channel == PAGS_CHANNEL_DEPTH)
+    planes[0] = picture->depth;
+  else if (channel != PAGS_CHANNEL_COLOR)
+    fill_values(writer, picture, channel, scratch);
+  return channel == PAGS_CHANNEL_COLOR || channel == PAGS_CHANNEL_NORMAL || channel == PAGS_CHANNEL_HEAT ? 3 : 1;
 }
 
 static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *picture) {
-  size_t count = (size_t)picture->stride * (size_t)picture->height;
+  size_t count = 3 * (size_t)picture->stride * (size_t)picture->height;
   if (count <= scratch->capacity)
     return PAGS_OK;
   free(scratch->data);
@@ -147,35 +166,36 @@ static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *pict
   return PAGS_OK;
 }
 
-static pags_result write_channel(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
-                                 float *scratch, const char *path, bool png) {
-  static const char *const rgb_names[] = {"R", "G", "B"};
-  static const char *const single_names[PAGS_CHANNEL_COUNT] = {NULL, "A", "Z", "id", "object", "priority"};
-  if (channel == PAGS_CHANNEL_COLOR)
-    return png ? save_png(picture, picture->rgb, 3, writer->bits, path)
-               : pags_image_save_exr(path, picture->width, picture->height, 3, rgb_names, picture->rgb,
-                                     picture->stride);
-  const float *plane = channel_plane(writer, picture, channel, scratch);
-  return png ? save_png(picture, &plane, 1, writer->bits, path)
-             : pags_image_save_exr(path, picture->width, picture->height, 1, &single_names[channel], &plane,
-                                   picture->stride);
+static pags_result write_exr(const pags_picture *picture, const float *const *planes, int count, pags_channel channel,
+                             const char *path) {
+  static const char *const names[PAGS_CHANNEL_COUNT][3] = {
+      {"R", "G", "B"}, {"A"}, {"Z"}, {"id"}, {"object"}, {"priority"}, {"X", "Y", "Z"}, {"R", "G", "B"}};
+  return pags_image_save_exr(path, picture->width, picture->height, count, names[channel], planes, picture->stride);
+}
+
+static bool is_png(const pags_picture_writer *writer, pags_channel channel) {
+  return channel == PAGS_CHANNEL_HEAT || (writer->format == PAGS_PICTURE_PNG && channel <= PAGS_CHANNEL_ALPHA);
 }
 
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               pags_plane_scratch *scratch, const char *folder, const char *name) {
+                               const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
+                               const char *name) {
   PAGS_TRY(reserve(scratch, picture));
   for (int c = 0; c < PAGS_CHANNEL_COUNT; ++c) {
     pags_channel channel = (pags_channel)c;
+    const float *planes[3];
+    char file[320];
     if (!has(writer, channel))
       continue;
-    char file[320];
-    bool png = writer->format == PAGS_PICTURE_PNG && channel <= PAGS_CHANNEL_ALPHA;
-    snprintf(file, sizeof file, "%s%s%s%s", name, channel == PAGS_CHANNEL_COLOR ? "" : "_",
-             channel == PAGS_CHANNEL_COLOR ? "" : channel_names[c], png ? ".png" : ".exr");
+    bool png = is_png(writer, channel), color = channel == PAGS_CHANNEL_COLOR;
+    snprintf(file, sizeof file, "%s%s%s%s", name, color ? "" : "_", color ? "" : channel_names[c],
+             png ? ".png" : ".exr");
     char *path = pags_path_join(folder, file);
     if (!path)
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-    pags_result result = write_channel(writer, picture, channel, scratch->data, path, png);
+    int count = channel_planes(writer, picture, camera, channel, scratch->data, planes);
+    pags_result result =
+        png ? save_png(picture, planes, count, writer->bits, path) : write_exr(picture, planes, count, channel, path);
     free(path);
     PAGS_TRY(result);
   }

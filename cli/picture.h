@@ -2,10 +2,9 @@
 #ifndef PAGS_CLI_PICTURE_H
 #define PAGS_CLI_PICTURE_H
 
-#include "model_view.h"
-
-#include <pags/frame.h>
+#include <pags/compose.h>
 #include <pags/image.h>
+#include <stdbool.h>
 
 typedef enum pags_channel {
   PAGS_CHANNEL_COLOR,
@@ -14,6 +13,8 @@ typedef enum pags_channel {
   PAGS_CHANNEL_ID,
   PAGS_CHANNEL_OBJECT,
   PAGS_CHANNEL_PRIORITY,
+  PAGS_CHANNEL_NORMAL,
+  PAGS_CHANNEL_HEAT,
   PAGS_CHANNEL_COUNT
 } pags_channel;
 
@@ -23,31 +24,33 @@ bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t 
 
 typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
 
-/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object
- * and priority always to NAME_depth.exr and so on, float32. */
+/* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object,
+ * priority and normal always to NAME_depth.exr and so on, float32; heat, the priorities as colours, to NAME_heat.png. */
 typedef struct pags_picture_writer {
   unsigned channels; /* bits 1 << pags_channel */
   pags_picture_format format;
   int bits;           /* of PNG: 8 or 16 */
   int32_t *object_of; /* per id; NULL unless object is written */
-  float *priority_of; /* per id; NULL unless priority is written */
+  float *priority_of; /* per id; NULL unless priority or heat is written */
 } pags_picture_writer;
 
 /* Prepares what the channels need of the scene. PAGS_ERROR_LIMIT when ids don't fit a float exactly,
  * PAGS_ERROR_ARGUMENT when the scene holds no priorities. */
-pags_result pags_picture_writer_create(const pags_model_view *view, unsigned channels, pags_picture_format format,
-                                       int bits, pags_picture_writer *out);
+pags_result pags_picture_writer_create(const pags_composition *composition, unsigned channels,
+                                       pags_picture_format format, int bits, pags_picture_writer *out);
 void pags_picture_writer_destroy(pags_picture_writer *writer);
 
-/* Memory for one plane of the largest picture so far. Zero to begin with. */
+/* Memory for three planes of the largest picture so far. Zero to begin with. */
 typedef struct pags_plane_scratch {
   float *data; /* freed by the owner */
   size_t capacity;
 } pags_plane_scratch;
 
-/* Writes every channel of one picture into `folder`. Several threads may do so at once, each with its own scratch. */
+/* Writes every channel of one picture into `folder`; `camera` is what it was rendered with. Several threads may do so at
+ * once, each with its own scratch. */
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
-                               pags_plane_scratch *scratch, const char *folder, const char *name);
+                               const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
+                               const char *name);
 
 /* Whether the channels need a depth and id rendered. */
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);

@@ -10,8 +10,9 @@ enum { MOST_SLOTS = 16, PLANES = 6 };
 
 struct pags_picture_slot {
   pags_picture picture; /* planes in `planes` */
-  float *planes;        /* PLANES of the largest picture so far */
-  size_t capacity;      /* floats a plane */
+  pags_camera camera;
+  float *planes;   /* PLANES of the largest picture so far */
+  size_t capacity; /* floats a plane */
   pags_plane_scratch scratch;
   char name[300];
   bool written;
@@ -24,7 +25,8 @@ static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t i = begin; i < end; ++i) {
     pags_picture_slot *slot = &queue->slots[i];
-    slot->result = pags_picture_write(queue->writer, &slot->picture, &slot->scratch, queue->folder, slot->name);
+    slot->result =
+        pags_picture_write(queue->writer, &slot->picture, &slot->camera, &slot->scratch, queue->folder, slot->name);
     slot->written = true;
     if (slot->result != PAGS_OK)
       snprintf(slot->message, sizeof slot->message, "%s", pags_error_message());
@@ -78,9 +80,12 @@ static pags_result copy_picture(const pags_picture *picture, pags_picture_slot *
   return PAGS_OK;
 }
 
-pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const char *name) {
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
+                                   const char *name) {
   pags_picture_slot *slot = &queue->slots[queue->used];
   PAGS_TRY(copy_picture(picture, slot));
+  slot->camera = *camera;
+  slot->picture.depth_sum = NULL;
   snprintf(slot->name, sizeof slot->name, "%s", name);
   slot->written = false;
   ++queue->used;

@@ -24,7 +24,8 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
 void pags_picture_queue_destroy(pags_picture_queue *queue);
 
 /* Takes a copy of the picture; may write all that are gathered and fail with the first one's error. */
-pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const char *name);
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
+                                   const char *name);
 
 /* Writes what is gathered, even where the tasks were cancelled. */
 pags_result pags_picture_queue_finish(pags_picture_queue *queue);

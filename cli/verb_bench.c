@@ -1,6 +1,5 @@
 /* pags bench: what the engine costs and what it gets wrong, on a scene or a data set of the user's. */
 #include "interrupt.h"
-#include "model_view.h"
 #include "path.h"
 #include "session.h"
 #include "verbs.h"
@@ -8,6 +7,7 @@
 
 #include <base/file.h>
 #include <benchmarks/bench.h>
+#include <pags/compose.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -81,10 +81,9 @@ static const pags_verb train_verb = {
     .options = train_options};
 
 /* The cameras asked for, shrunk. The caller frees them. */
-static pags_result choose_cameras(const bench_arguments *arguments, const pags_model_view *view, pags_camera **cameras,
+static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, pags_camera **cameras,
                                   int *count) {
   pags_path path = {0};
-  const pags_scene *const scene = &view->scene;
   if (arguments->camera) {
     PAGS_TRY(pags_path_load(arguments->camera, &path));
   } else if (scene->view_count > 0) {
@@ -108,32 +107,43 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_m
 
 typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) {
-  pags_model_view model;
-  pags_camera *cameras = NULL;
-  PAGS_TRY(pags_model_view_load(arguments->input, &model));
-  int count = 0;
+/* Everything as it is at the first camera's time: what is measured are frames of one scene. */
+static pags_result bench_scene(const bench_arguments *arguments, scene_bench *bench, pags_composition *composition,
+                               const pags_camera *cameras, int count) {
+  const pags_part *parts;
   pags_json_writer json;
+  pags_bench_view view = {.tasks = arguments->session.tasks,
+                          .cameras = cameras,
+                          .camera_count = count,
+                          .options = pags_composition_options(composition),
+                          .repetitions = arguments->repetitions};
+  pags_compose(composition, cameras[0].time, &parts, &view.part_count);
+  view.parts = parts;
   pags_json_writer_init(&json, 2);
   pags_json_begin_object(&json, NULL);
-  pags_result result = choose_cameras(arguments, &model, &cameras, &count);
-  if (result == PAGS_OK) {
-    const pags_bench_view view = {.tasks = arguments->session.tasks,
-                                  .parts = model.parts,
-                                  .part_count = model.part_count,
-                                  .cameras = cameras,
-                                  .camera_count = count,
-                                  .options = pags_model_view_options(&model),
-                                  .repetitions = arguments->repetitions};
-    result = bench(&view, arguments->session.people, &json);
-  }
+  pags_result result = bench(&view, arguments->session.people, &json);
   pags_json_end_object(&json);
   if (result == PAGS_OK)
-    result = pags_session_json(&arguments->session, &json);
+    return pags_session_json(&arguments->session, &json);
+  pags_json_writer_destroy(&json);
+  return result;
+}
+
+static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) {
+  pags_scene scene;
+  pags_composition *composition = NULL;
+  pags_camera *cameras = NULL;
+  int count = 0;
+  PAGS_TRY(pags_scene_load(arguments->input, &scene));
+  pags_result result = choose_cameras(arguments, &scene, &cameras, &count);
+  if (result == PAGS_OK)
+    result = pags_composition_create(&scene, &composition);
   else
-    pags_json_writer_destroy(&json);
+    pags_scene_destroy(&scene);
+  if (result == PAGS_OK)
+    result = bench_scene(arguments, bench, composition, cameras, count);
   free(cameras);
-  pags_model_view_destroy(&model);
+  pags_composition_destroy(composition);
   return result;
 }
 

@@ -1,7 +1,6 @@
 /* pags info: what a file or folder is and what it holds. */
 #include "facts.h"
-#include "model_view.h"
-#include "path.h"
+#include "scene_facts.h"
 #include "session.h"
 #include "verbs.h"
 
@@ -10,6 +9,7 @@
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
+#include <pags/scene.h>
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,7 +17,7 @@
 
 typedef struct info_arguments {
   pags_session session;
-  int memory;
+  int memory, objects;
   pags_dataset_options options;
 } info_arguments;
 
@@ -29,6 +29,7 @@ static const pags_option options[] = {
      .offset = AT(memory),
      .help =
          "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
+    PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
     PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", NULL,
                "of data sets: as for train"),
@@ -46,136 +47,10 @@ static const pags_verb verb = {.name = "info",
                                .positionals = positionals,
                                .options = options};
 
-static const char *up_name(pags_up up) {
-  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
-}
-
-/* Bounding box of all means, absolute; false when there are none. */
-static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
-  for (int axis = 0; axis < 3; ++axis) {
-    lo[axis] = HUGE_VAL;
-    hi[axis] = -HUGE_VAL;
-    for (int64_t m = 0; m < scene->model_count; ++m) {
-      const pags_gaussians *gaussians = &scene->models[m].gaussians;
-      const float *mean = pags_plane(gaussians, PAGS_MEAN + axis);
-      for (int64_t i = 0; i < gaussians->count; ++i) {
-        lo[axis] = fmin(lo[axis], scene->origin[axis] + (double)mean[i]);
-        hi[axis] = fmax(hi[axis], scene->origin[axis] + (double)mean[i]);
-      }
-    }
-  }
-  return lo[0] <= hi[0];
-}
-
-static pags_result model_bytes(const char *path, const pags_model *model, bool folder, uint64_t *bytes) {
-  if (!folder)
-    return pags_file_size(path, bytes);
-  char *file = pags_path_join(path, model->file);
-  if (!file)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = pags_file_size(file, bytes);
-  free(file);
-  return result;
-}
-
-static pags_result put_models(pags_facts *facts, const char *path, const pags_scene *scene, uint64_t *total) {
-  bool folder = pags_dir_exists(path);
-  *total = 0;
-  pags_facts_begin_list(facts, "models");
-  for (int64_t i = 0; i < scene->model_count; ++i) {
-    const pags_model *model = &scene->models[i];
-    uint64_t bytes;
-    PAGS_TRY(model_bytes(path, model, folder, &bytes));
-    *total += bytes;
-    pags_facts_begin_item(facts, model->name);
-    if (folder)
-      pags_facts_text(facts, "file", model->file);
-    pags_facts_count(facts, "gaussians", model->gaussians.count);
-    pags_facts_count(facts, "sh_degree", model->gaussians.sh_degree);
-    pags_facts_bytes(facts, "bytes", (double)bytes);
-    pags_facts_end_item(facts);
-  }
-  pags_facts_end_list(facts);
-  return PAGS_OK;
-}
-
-static void put_views(pags_facts *facts, const pags_scene *scene) {
-  int64_t held_out = 0;
-  for (int64_t i = 0; i < scene->view_count; ++i)
-    held_out += scene->views[i].test != 0;
-  if (!scene->view_count)
-    return;
-  pags_facts_count(facts, "views_train", scene->view_count - held_out);
-  pags_facts_count(facts, "views_test", held_out);
-  pags_facts_count(facts, "width", scene->views[0].camera.width);
-  pags_facts_count(facts, "height", scene->views[0].camera.height);
-}
-
-/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. */
-static pags_result put_memory(pags_facts *facts, const info_arguments *arguments, const pags_model_view *view) {
-  pags_path path = {0};
-  pags_frame *frame;
-  pags_picture picture;
-  double count = (double)(view->gaussian_count ? view->gaussian_count : 1), stored = 0, clusters = 0;
-  int degree = 0;
-  for (int i = 0; i < view->part_count; ++i) {
-    const pags_gaussians *gaussians = view->parts[i].gaussians;
-    stored += (double)gaussians->count * (4.0 * pags_plane_count(gaussians->sh_degree) + (gaussians->s_sem ? 4 : 0) +
-                                          (gaussians->object_id ? 4 : 0));
-    clusters += 28.0 * (double)view->clusters[i].count;
-    degree = gaussians->sh_degree > degree ? gaussians->sh_degree : degree;
-  }
-  PAGS_TRY(pags_path_orbit(&view->scene, 1, &path));
-  pags_camera camera = path.cameras[0];
-  pags_path_destroy(&path);
-  pags_frame_options frame_options = pags_model_view_options(view);
-  PAGS_TRY(pags_frame_create(arguments->session.tasks, &frame));
-  pags_result result =
-      pags_frame_render(frame, view->parts, view->part_count, &camera, &frame_options, NULL, NULL, &picture);
-  if (result == PAGS_OK) {
-    pags_facts_begin_group(facts, "memory");
-    pags_facts_text(facts, "unit", "bytes per Gaussian");
-    pags_facts_number(facts, "parameters", stored / count);
-    pags_facts_number(facts, "ids", 4);
-    pags_facts_number(facts, "clusters", clusters / count);
-    pags_facts_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
-    pags_facts_number(facts, "training",
-                      (double)pags_train_bytes(view->gaussian_count, degree, camera.width, camera.height) / count);
-    pags_facts_count(facts, "width", camera.width);
-    pags_facts_count(facts, "height", camera.height);
-    pags_facts_end_group(facts);
-  }
-  pags_frame_destroy(frame);
-  return result;
-}
-
 static pags_result describe_scene(pags_facts *facts, const info_arguments *arguments, const char *path,
                                   const char *kind) {
-  pags_model_view view;
-  double lo[3], hi[3];
-  uint64_t bytes;
-  PAGS_TRY(pags_model_view_load(path, &view));
-  const pags_scene *scene = &view.scene;
-  pags_facts_text(facts, "kind", kind);
-  pags_facts_count(facts, "gaussians", view.gaussian_count);
-  pags_result result = put_models(facts, path, scene, &bytes);
-  pags_facts_bytes(facts, "bytes", (double)bytes);
-  pags_facts_text(facts, "up", up_name(scene->up));
-  pags_facts_flag(facts, "antialiased", scene->antialiased != 0);
-  pags_facts_vector(facts, "origin", scene->origin, 3);
-  if (scene_bounds(scene, lo, hi)) {
-    pags_facts_vector(facts, "bounds_lo", lo, 3);
-    pags_facts_vector(facts, "bounds_hi", hi, 3);
-  }
-  if (scene->iterations)
-    pags_facts_count(facts, "iterations", scene->iterations);
-  if (scene->dataset)
-    pags_facts_text(facts, "dataset", scene->dataset);
-  put_views(facts, scene);
-  if (result == PAGS_OK && arguments->memory)
-    result = put_memory(facts, arguments, &view);
-  pags_model_view_destroy(&view);
-  return result;
+  const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects};
+  return pags_scene_facts(facts, path, kind, &chosen);
 }
 
 static pags_result describe_splat(pags_facts *facts, const info_arguments *arguments, const char *path) {
@@ -209,7 +84,7 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   }
   pags_facts_count(facts, "points", points);
   pags_facts_flag(facts, "points_random", random != 0);
-  pags_facts_text(facts, "up", up_name(pags_dataset_up(dataset)));
+  pags_facts_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
   pags_facts_vector(facts, "origin", pags_dataset_origin(dataset), 3);
   pags_dataset_close(dataset);
   return PAGS_OK;

@@ -1,6 +1,6 @@
 /* pags render: draws a scene or a splat file into pictures. */
+#include "edits.h"
 #include "interrupt.h"
-#include "model_view.h"
 #include "path.h"
 #include "picture_queue.h"
 #include "session.h"
@@ -19,7 +19,8 @@ typedef struct render_arguments {
   int split; /* index in "train|test|all" */
   int64_t frames;
   int format, bits;
-  double downscale;
+  double downscale, time, shift, fps;
+  pags_edit_words edits;
   double background[3];
   float near_plane, low_pass;
   int antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
@@ -39,10 +40,19 @@ static const pags_option options[] = {
 
     PAGS_GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
     PAGS_CHOICE("split", AT(split), "train|test|all", "", "the scene's training views, its held-out views, or both"),
-    PAGS_TEXT("path", 0, AT(path), "FILE|orbit|ego", "orbit",
-              "a path file; orbit: round the scene; ego: smoothly through the training views"),
+    PAGS_TEXT(
+        "path", 0, AT(path), "FILE|orbit|ego", "orbit",
+        "a path file; orbit: round the scene; ego: smoothly through the training views, or along the drive that was "
+        "recorded, time running"),
     PAGS_TEXT("camera", 0, AT(camera), "FILE", NULL, "a camera file"),
-    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, NULL, "frames of orbit and ego"),
+    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", NULL, "120; a drive: as recorded",
+               "frames of orbit and ego"),
+    PAGS_VALUE("fps", 0, DOUBLE, AT(fps), 1e-3, 1e4, "F", "frames a second", "as recorded",
+               "of ego along a drive, in place of --frames"),
+    PAGS_VALUE("shift", 0, DOUBLE, AT(shift), 0, 0, "METRES", "metres", "0",
+               "of ego: cameras so far to their right, negative to their left"),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", "the views'",
+               "draw everything as it was then, whatever the time of the views"),
     PAGS_TEXT("dataset", 0, AT(dataset), "DATASET", NULL,
               "take the views of --split from this data set in place of the scene's own"),
     PAGS_VALUE("split-every", 0, INT, AT(dataset_options.split_every), 0, 1e9, "N", "views", NULL,
@@ -57,8 +67,14 @@ static const pags_option options[] = {
     PAGS_VALUE("bits", 0, INT, AT(bits), 8, 16, "8|16", "bits a channel", NULL, "of png"),
     PAGS_TEXT(
         "channel", 0, AT(channels), "LIST", NULL,
-        "color, alpha, depth (metres), id, object, priority, separated by commas; each to its own file: NAME.png, "
-        "NAME_alpha.png, NAME_depth.exr, ...; depth, id, object and priority are always exr"),
+        "color, alpha, depth (metres), id, object, priority, normal (of depth, world axes), heat (priority as "
+        "colours), "
+        "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; depth, id, object, "
+        "priority and normal are always exr, heat png"),
+
+    PAGS_GROUP("Objects (OBJECT: an id of the scene's objects, or class:vehicle, class:pedestrian, ...; pags info "
+               "lists them)"),
+    PAGS_EDIT_OPTIONS(AT(edits)),
 
     PAGS_GROUP("Picture"),
     PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
@@ -92,7 +108,7 @@ static const pags_verb verb = {
 /* Everything a run of frames holds. */
 typedef struct renderer {
   const render_arguments *arguments;
-  pags_model_view view;
+  pags_composition *composition;
   pags_viewpoints viewpoints;
   pags_frame *frame;
   pags_frame_options options;
@@ -101,6 +117,25 @@ typedef struct renderer {
   pags_frame_stats *stats; /* per frame done */
   int64_t done;
 } renderer;
+
+static pags_result find_ego(const render_arguments *arguments, bool counted, const pags_scene *scene, pags_path *path) {
+  if (pags_scene_is_drive(scene))
+    PAGS_TRY(pags_path_drive(scene, counted ? arguments->frames : 0, arguments->fps, path));
+  else
+    PAGS_TRY(pags_path_ego(scene, arguments->frames, path));
+  pags_path_shift(path, arguments->shift);
+  return PAGS_OK;
+}
+
+/* --time for all of them. A drive's last frame lasts as long as any. */
+static pags_result set_time(double time, const pags_scene *scene, pags_viewpoints *viewpoints) {
+  double span = scene->time_end - scene->time_begin;
+  if (time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, time);
+  for (int64_t i = 0; i < viewpoints->count; ++i)
+    viewpoints->items[i].camera.time = scene->time_begin + time;
+  return PAGS_OK;
+}
 
 static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
                                    const pags_scene *scene, pags_viewpoints *out) {
@@ -119,7 +154,7 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   else if (!strcmp(arguments->path, "orbit"))
     PAGS_TRY(pags_path_orbit(scene, arguments->frames, &path));
   else if (!strcmp(arguments->path, "ego"))
-    PAGS_TRY(pags_path_ego(scene, arguments->frames, &path));
+    PAGS_TRY(find_ego(arguments, pags_option_given(parsed, "frames"), scene, &path));
   else
     PAGS_TRY(pags_path_load(arguments->path, &path));
   pags_result result = pags_viewpoints_of_path(&path, out);
@@ -130,10 +165,11 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
 static void choose_options(renderer *self, const pags_parsed *parsed) {
   const render_arguments *arguments = self->arguments;
   pags_frame_options *frame = &self->options;
-  *frame = pags_model_view_options(&self->view);
-  if (pags_option_given(parsed, "background"))
-    for (int c = 0; c < 3; ++c)
-      frame->background[c] = (float)arguments->background[c];
+  *frame = pags_composition_options(self->composition);
+  for (int c = 0; c < 3 && pags_option_given(parsed, "background"); ++c) {
+    frame->background[c] = (float)arguments->background[c];
+    frame->sky = NULL;
+  }
   if (pags_option_given(parsed, "antialiased") || pags_option_given(parsed, "no-antialiased"))
     frame->antialiased = arguments->antialiased;
   if (pags_option_given(parsed, "near"))
@@ -202,13 +238,14 @@ static pags_result write_json(const renderer *self) {
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_integer(&writer, "threads", pags_tasks_workers(self->arguments->session.tasks));
-  pags_json_put_integer(&writer, "gaussians", self->view.gaussian_count);
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
   pags_json_begin_array(&writer, "frames");
   for (int64_t i = 0; i < self->done; ++i) {
     pags_json_begin_object(&writer, NULL);
     pags_json_put_string(&writer, "name", self->viewpoints.items[i].name);
     pags_json_put_integer(&writer, "width", self->viewpoints.items[i].camera.width);
     pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
+    pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
     put_stats(&writer, &self->stats[i]);
     pags_json_end_object(&writer);
   }
@@ -222,11 +259,13 @@ static pags_result write_json(const renderer *self) {
 
 static pags_result draw(renderer *self, int64_t index) {
   const pags_viewpoint *viewpoint = &self->viewpoints.items[index];
+  const pags_part *parts;
+  int part_count;
   pags_picture picture;
-  PAGS_TRY(pags_frame_render(self->frame, self->view.parts, self->view.part_count, &viewpoint->camera, &self->options,
-                             NULL, NULL, &picture));
+  pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
+  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
   self->stats[index] = *pags_frame_stats_get(self->frame);
-  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, viewpoint->name));
+  PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &viewpoint->camera, viewpoint->name));
   self->done = index + 1;
   return PAGS_OK;
 }
@@ -262,17 +301,38 @@ static void report(const renderer *self) {
       "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
       "%.2f) on %d %s\n",
       self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
-      (long long)self->view.gaussian_count, total_ms(&mean), mean.ms_cull, mean.ms_project, mean.ms_shade, mean.ms_sort,
-      mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
+      (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
+      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
+}
+
+/* Views, times and edits first: what is wrong with them is found before the Gaussians are put in order. */
+static pags_result compose(renderer *self, const pags_parsed *parsed) {
+  const render_arguments *arguments = self->arguments;
+  pags_scene scene;
+  pags_edit *edits = NULL;
+  int64_t edit_count = 0;
+  PAGS_TRY(pags_scene_load(parsed->positionals[0], &scene));
+  pags_result result = find_viewpoints(arguments, parsed, &scene, &self->viewpoints);
+  if (result == PAGS_OK && pags_option_given(parsed, "time"))
+    result = set_time(arguments->time, &scene, &self->viewpoints);
+  if (result == PAGS_OK)
+    result = pags_edits_find(&arguments->edits, &scene, &edits, &edit_count);
+  if (result == PAGS_OK)
+    result = pags_composition_create(&scene, &self->composition);
+  else
+    pags_scene_destroy(&scene);
+  if (result == PAGS_OK)
+    result = pags_composition_edit(self->composition, edits, edit_count);
+  free(edits);
+  return result;
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
   const render_arguments *arguments = self->arguments;
   bool made = false;
-  PAGS_TRY(pags_model_view_load(parsed->positionals[0], &self->view));
-  PAGS_TRY(find_viewpoints(arguments, parsed, &self->view.scene, &self->viewpoints));
-  PAGS_TRY(pags_picture_writer_create(&self->view, channels, (pags_picture_format)arguments->format, arguments->bits,
-                                      &self->writer));
+  PAGS_TRY(compose(self, parsed));
+  PAGS_TRY(pags_picture_writer_create(self->composition, channels, (pags_picture_format)arguments->format,
+                                      arguments->bits, &self->writer));
   choose_options(self, parsed);
   self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
   if (!self->stats)
@@ -295,7 +355,7 @@ static void destroy(renderer *self) {
   pags_picture_queue_destroy(&self->queue);
   pags_picture_writer_destroy(&self->writer);
   pags_viewpoints_destroy(&self->viewpoints);
-  pags_model_view_destroy(&self->view);
+  pags_composition_destroy(self->composition);
   free(self->stats);
 }
 
@@ -310,8 +370,15 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   if (arguments->bits != 8 && arguments->bits != 16)
     return pags_usage_error(&verb, "--bits: expected 8 or 16, got '%d'", arguments->bits);
   if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
-    return pags_usage_error(&verb, "--channel: expected color, alpha, depth, id, object or priority, got '%s'",
-                            unknown);
+    return pags_usage_error(
+        &verb, "--channel: expected color, alpha, depth, id, object, priority, normal or heat, got '%s'", unknown);
+  if ((arguments->shift != 0 || arguments->fps > 0) && strcmp(arguments->path, "ego") != 0)
+    return pags_usage_error(&verb, "--shift and --fps need --path ego");
+  if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
+    return pags_usage_error(&verb, "--fps and --frames exclude each other");
+  const char *misspelt = pags_edits_misspelt(&arguments->edits);
+  if (misspelt)
+    return pags_usage_error(&verb, "--move and --add: expected X,Y,Z,YAW, four numbers, got '%s'", misspelt);
   return PAGS_EXIT_OK;
 }
 

@@ -1,0 +1,70 @@
+/* Normals from depth, priorities as colours. */
+#include "channels.h"
+
+#include <math.h>
+
+/* The point seen at pixel (x, y), camera axes; false where nothing is. */
+static int point_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double p[3]) {
+  if (x < 0 || y < 0 || x >= picture->width || y >= picture->height)
+    return 0;
+  double z = (double)picture->depth[(int64_t)y * picture->stride + x];
+  p[0] = (x + 0.5 - camera->cx) / camera->fx * z;
+  p[1] = (y + 0.5 - camera->cy) / camera->fy * z;
+  p[2] = z;
+  return z > 0;
+}
+
+/* The step along the surface for one pixel in direction (dx, dy): of the two neighbours the one nearer in depth, so that at an
+ * edge both pixels keep the normal of their own side. */
+static int step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
+                      const double here[3], double step[3]) {
+  double ahead[3], behind[3];
+  int has_ahead = point_at(picture, camera, x + dx, y + dy, ahead);
+  int has_behind = point_at(picture, camera, x - dx, y - dy, behind);
+  if (has_ahead && has_behind) {
+    if (fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
+      has_ahead = 0;
+  }
+  for (int k = 0; k < 3; ++k)
+    step[k] = has_ahead ? ahead[k] - here[k] : here[k] - behind[k];
+  return has_ahead || has_behind;
+}
+
+/* Camera axes; zeros where it can't be told. */
+static void normal_at(const pags_picture *picture, const pags_camera *camera, int x, int y, double n[3]) {
+  double here[3], right[3], down[3];
+  n[0] = n[1] = n[2] = 0;
+  if (!point_at(picture, camera, x, y, here) || !step_along(picture, camera, x, y, 1, 0, here, right) ||
+      !step_along(picture, camera, x, y, 0, 1, here, down))
+    return;
+  double cross[3] = {down[1] * right[2] - down[2] * right[1], down[2] * right[0] - down[0] * right[2],
+                     down[0] * right[1] - down[1] * right[0]};
+  double length = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
+  double towards = -(cross[0] * here[0] + cross[1] * here[1] + cross[2] * here[2]);
+  for (int k = 0; k < 3 && length > 0; ++k)
+    n[k] = cross[k] / (towards < 0 ? -length : length);
+}
+
+void pags_normals_from_depth(const pags_picture *picture, const pags_camera *camera, float *const out[3]) {
+  const double *m = camera->world_from_camera;
+  for (int y = 0; y < picture->height; ++y)
+    for (int x = 0; x < picture->stride; ++x) {
+      double n[3] = {0, 0, 0};
+      if (x < picture->width)
+        normal_at(picture, camera, x, y, n);
+      for (int k = 0; k < 3; ++k)
+        out[k][(int64_t)y * picture->stride + x] = (float)(m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]);
+    }
+}
+
+void pags_heat_color(float value, float rgb[3]) {
+  static const float stops[5][3] = {{0.05f, 0.03f, 0.20f},
+                                    {0.42f, 0.06f, 0.43f},
+                                    {0.83f, 0.21f, 0.30f},
+                                    {0.98f, 0.58f, 0.15f},
+                                    {0.99f, 0.97f, 0.65f}};
+  float at = value > 0 ? (value < 1 ? 4 * value : 4) : 0; /* NaN: 0 */
+  int first = at < 3 ? (int)at : 3;
+  for (int c = 0; c < 3; ++c)
+    rgb[c] = stops[first][c] + (at - (float)first) * (stops[first + 1][c] - stops[first][c]);
+}

@@ -1,0 +1,371 @@
+/* Facts of a scene: its models, objects, tracks, sky, exposure, and what training said of its choices. */
+#include "scene_facts.h"
+
+#include "path.h"
+
+#include <base/file.h>
+#include <math.h>
+#include <pags/compose.h>
+#include <pags/train.h>
+#include <stdlib.h>
+#include <string.h>
+
+const char *pags_up_name(pags_up up) {
+  return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
+}
+
+static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
+  for (int64_t o = 0; o < scene->object_count; ++o)
+    if (scene->objects[o].model == model)
+      return &scene->objects[o];
+  return NULL;
+}
+
+/* Bounding box of the means of what stands in the world, absolute; false when there are none. */
+static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
+  for (int axis = 0; axis < 3; ++axis) {
+    lo[axis] = HUGE_VAL;
+    hi[axis] = -HUGE_VAL;
+    for (int64_t m = 0; m < scene->model_count; ++m) {
+      const pags_gaussians *gaussians = &scene->models[m].gaussians;
+      for (int64_t i = 0; i < gaussians->count && !owner_of(scene, m); ++i) {
+        double at = scene->origin[axis] + (double)pags_plane(gaussians, PAGS_MEAN + axis)[i];
+        lo[axis] = fmin(lo[axis], at);
+        hi[axis] = fmax(hi[axis], at);
+      }
+    }
+  }
+  return lo[0] <= hi[0];
+}
+
+static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
+  if (!folder)
+    return pags_file_size(path, bytes);
+  char *inside = pags_path_join(path, file);
+  if (!inside)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = pags_file_size(inside, bytes);
+  free(inside);
+  return result;
+}
+
+static pags_result put_models(pags_facts *facts, const char *path, const pags_scene *scene, uint64_t *total) {
+  bool folder = pags_dir_exists(path);
+  *total = 0;
+  pags_facts_begin_list(facts, "models");
+  for (int64_t i = 0; i < scene->model_count; ++i) {
+    const pags_model *model = &scene->models[i];
+    const pags_scene_object *owner = owner_of(scene, i);
+    uint64_t bytes;
+    PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
+    *total += bytes;
+    pags_facts_begin_item(facts, model->name);
+    if (folder)
+      pags_facts_text(facts, "file", model->file);
+    pags_facts_count(facts, "gaussians", model->gaussians.count);
+    pags_facts_count(facts, "sh_degree", model->gaussians.sh_degree);
+    pags_facts_bytes(facts, "bytes", (double)bytes);
+    if (owner) {
+      pags_facts_text(facts, "object", owner->record.id);
+      pags_facts_text(facts, "class", owner->record.class_name);
+      pags_facts_flag(facts, "fourier_colour", model->gaussians.fourier != NULL);
+      pags_facts_flag(facts, "rigid", owner->rigid != 0);
+    }
+    pags_facts_end_item(facts);
+  }
+  pags_facts_end_list(facts);
+  return PAGS_OK;
+}
+
+/* How many objects of a category there are, and what became of them. */
+static void put_category(pags_facts *facts, const pags_scene *scene, pags_category category) {
+  int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
+  for (int64_t o = 0; o < scene->object_count; ++o) {
+    const pags_scene_object *object = &scene->objects[o];
+    if (object->record.category != category)
+      continue;
+    ++count;
+    moving += object->record.moving != 0;
+    critical += object->critical != 0;
+    own += object->model >= 0;
+    rigid += object->model >= 0 && object->rigid;
+    fourier += object->model >= 0 && scene->models[object->model].gaussians.fourier;
+  }
+  if (!count)
+    return;
+  pags_facts_begin_item(facts, pags_category_name(category));
+  pags_facts_count(facts, "count", count);
+  pags_facts_count(facts, "critical", critical);
+  pags_facts_count(facts, "moving", moving);
+  pags_facts_count(facts, "parked", count - moving);
+  pags_facts_count(facts, "own_models", own);
+  pags_facts_count(facts, "rigid_models", rigid);
+  pags_facts_count(facts, "fourier_models", fourier);
+  pags_facts_end_item(facts);
+}
+
+/* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
+static int64_t *count_parked(const pags_scene *scene) {
+  int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
+  for (int64_t m = 0; counts && m < scene->model_count; ++m) {
+    const pags_gaussians *g = &scene->models[m].gaussians;
+    for (int64_t i = 0; g->object_id && !owner_of(scene, m) && i < g->count; ++i)
+      if (g->object_id[i] >= 0)
+        ++counts[g->object_id[i]];
+  }
+  return counts;
+}
+
+static pags_result list_objects(pags_facts *facts, const pags_scene *scene) {
+  int64_t *parked = count_parked(scene);
+  if (!parked)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+  pags_facts_begin_list(facts, "every_object");
+  for (int64_t o = 0; o < scene->object_count; ++o) {
+    const pags_scene_object *object = &scene->objects[o];
+    const pags_object *record = &object->record;
+    double seen[2] = {record->knots[0].time - scene->time_begin,
+                      record->knots[record->knot_count - 1].time - scene->time_begin};
+    pags_facts_begin_item(facts, record->id);
+    pags_facts_text(facts, "class", record->class_name);
+    pags_facts_text(facts, "category", pags_category_name(record->category));
+    pags_facts_flag(facts, "moving", record->moving != 0);
+    pags_facts_text(facts, "model", object->model >= 0 ? scene->models[object->model].name : "background");
+    pags_facts_count(facts, "gaussians", object->model >= 0 ? scene->models[object->model].gaussians.count : parked[o]);
+    pags_facts_vector(facts, "size", record->size, 3);
+    pags_facts_vector(facts, "seconds", seen, 2);
+    pags_facts_end_item(facts);
+  }
+  pags_facts_end_list(facts);
+  free(parked);
+  return PAGS_OK;
+}
+
+static double norm(const double v[3]) {
+  return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
+
+/* What training did to the poses of objects that have models. */
+static void put_tracks(pags_facts *facts, const pags_scene *scene) {
+  int64_t tracks = 0, knots = 0, trained = 0;
+  double metres = 0, radians = 0;
+  for (int64_t o = 0; o < scene->object_count; ++o) {
+    const pags_object *record = &scene->objects[o].record;
+    if (scene->objects[o].model < 0)
+      continue;
+    ++tracks;
+    knots += record->knot_count;
+    for (int64_t k = 0; k < record->knot_count; ++k) {
+      if (!record->knots[k].trained)
+        continue;
+      ++trained;
+      metres += norm(record->knots[k].translation);
+      radians += norm(record->knots[k].rotation);
+    }
+  }
+  if (!tracks)
+    return;
+  pags_facts_begin_group(facts, "tracks");
+  pags_facts_count(facts, "count", tracks);
+  pags_facts_count(facts, "knots", knots);
+  pags_facts_count(facts, "trained_knots", trained);
+  pags_facts_number(facts, "mean_correction_metres", trained ? metres / (double)trained : 0);
+  pags_facts_number(facts, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
+  pags_facts_end_group(facts);
+}
+
+static pags_result put_objects(pags_facts *facts, const pags_scene *scene, bool every) {
+  if (!scene->object_count)
+    return PAGS_OK;
+  pags_facts_begin_list(facts, "objects");
+  for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; ++c)
+    put_category(facts, scene, (pags_category)c);
+  put_category(facts, scene, PAGS_CATEGORY_OTHER);
+  pags_facts_end_list(facts);
+  put_tracks(facts, scene);
+  return every ? list_objects(facts, scene) : PAGS_OK;
+}
+
+static void put_exposure(pags_facts *facts, const pags_scene *scene) {
+  int64_t exposed = 0;
+  double lo = HUGE_VAL, hi = -HUGE_VAL;
+  for (int64_t i = 0; i < scene->view_count; ++i) {
+    const pags_scene_view *view = &scene->views[i];
+    bool changed = false;
+    for (int k = 0; k < 3; ++k) {
+      changed = changed || view->gain[k] != 1 || view->offset[k] != 0;
+      lo = fmin(lo, view->gain[k]);
+      hi = fmax(hi, view->gain[k]);
+    }
+    exposed += changed;
+  }
+  if (!exposed) {
+    pags_facts_text(facts, "exposure", "the same in every view");
+    return;
+  }
+  pags_facts_begin_group(facts, "exposure");
+  pags_facts_count(facts, "views", exposed);
+  pags_facts_vector(facts, "gains", (double[]){lo, hi}, 2);
+  pags_facts_end_group(facts);
+}
+
+/* What only scenes with a time have. */
+static void put_drive(pags_facts *facts, const pags_scene *scene) {
+  double time[2] = {scene->time_begin, scene->time_end};
+  if (scene->time_end > scene->time_begin || scene->fps > 0) {
+    pags_facts_vector(facts, "time", time, 2);
+    pags_facts_number(facts, "seconds", scene->time_end - scene->time_begin);
+    pags_facts_number(facts, "steps_per_second", scene->fps);
+    put_exposure(facts, scene);
+  }
+  if (scene->sky.size > 0)
+    pags_facts_count(facts, "sky_texels_a_side", scene->sky.size);
+  else if (scene->object_count)
+    pags_facts_text(facts, "sky", "none");
+}
+
+static void put_views(pags_facts *facts, const pags_scene *scene) {
+  int64_t held_out = 0;
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    held_out += scene->views[i].test != 0;
+  if (!scene->view_count)
+    return;
+  pags_facts_count(facts, "views_train", scene->view_count - held_out);
+  pags_facts_count(facts, "views_test", held_out);
+  pags_facts_count(facts, "width", scene->views[0].camera.width);
+  pags_facts_count(facts, "height", scene->views[0].camera.height);
+}
+
+/* Strings and numbers of an array on one line. */
+static void join(const pags_json_value *array, char *text, size_t size) {
+  size_t used = 0;
+  text[0] = 0;
+  for (const pags_json_value *v = array->first; v && used < size; v = v->next)
+    used += (size_t)snprintf(text + used, size - used, "%s%s", v == array->first ? "" : ", ",
+                             v->text      ? v->text
+                             : v->boolean ? "yes"
+                                          : "no");
+}
+
+/* What training noted, key by key: the notes are the trainer's to choose. */
+static void put_notes(pags_facts *facts, const pags_json_value *object) {
+  for (const pags_json_value *v = object->first; v; v = v->next) {
+    char text[1000];
+    switch (v->type) {
+      case PAGS_JSON_STRING: pags_facts_text(facts, v->key, v->text); break;
+      case PAGS_JSON_NUMBER: pags_facts_number(facts, v->key, v->number); break;
+      case PAGS_JSON_BOOL: pags_facts_flag(facts, v->key, v->boolean); break;
+      case PAGS_JSON_OBJECT:
+        pags_facts_begin_group(facts, v->key);
+        put_notes(facts, v);
+        pags_facts_end_group(facts);
+        break;
+      case PAGS_JSON_ARRAY:
+        join(v, text, sizeof text);
+        pags_facts_text(facts, v->key, text);
+        break;
+      case PAGS_JSON_NULL: break;
+    }
+  }
+}
+
+static pags_result put_modelled(pags_facts *facts, const pags_scene *scene) {
+  pags_json *json;
+  if (!scene->notes)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
+  pags_facts_begin_group(facts, "modelled");
+  put_notes(facts, pags_json_root(json));
+  pags_facts_end_group(facts);
+  pags_json_destroy(json);
+  return PAGS_OK;
+}
+
+/* Bytes of the parameters of all models, and the highest degree among them. */
+static double stored_bytes(const pags_scene *scene, int *degree) {
+  double stored = 0;
+  *degree = 0;
+  for (int64_t i = 0; i < scene->model_count; ++i) {
+    const pags_gaussians *g = &scene->models[i].gaussians;
+    int planes = pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
+    stored += (double)g->count * 4.0 * planes;
+    *degree = g->sh_degree > *degree ? g->sh_degree : *degree;
+  }
+  return stored;
+}
+
+/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes the
+ * scene. */
+static pags_result put_memory(pags_facts *facts, pags_tasks *tasks, pags_scene *scene) {
+  pags_path path = {0};
+  pags_frame *frame;
+  pags_picture picture;
+  pags_composition *composition = NULL;
+  const pags_part *parts;
+  int part_count, degree;
+  double stored = stored_bytes(scene, &degree);
+  PAGS_TRY(pags_path_orbit(scene, 1, &path));
+  pags_camera camera = path.cameras[0];
+  pags_path_destroy(&path);
+  PAGS_TRY(pags_frame_create(tasks, &frame));
+  pags_result result = pags_composition_create(scene, &composition);
+  if (result == PAGS_OK) {
+    pags_frame_options options = pags_composition_options(composition);
+    pags_compose(composition, camera.time, &parts, &part_count);
+    result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, NULL, &picture);
+  }
+  if (result == PAGS_OK) {
+    int64_t gaussians = pags_composition_gaussian_count(composition);
+    double count = (double)(gaussians ? gaussians : 1);
+    pags_facts_begin_group(facts, "memory");
+    pags_facts_text(facts, "unit", "bytes per Gaussian");
+    pags_facts_number(facts, "parameters", stored / count);
+    pags_facts_number(facts, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
+    pags_facts_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
+    pags_facts_number(facts, "training",
+                      (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
+    pags_facts_count(facts, "width", camera.width);
+    pags_facts_count(facts, "height", camera.height);
+    pags_facts_end_group(facts);
+  }
+  pags_composition_destroy(composition);
+  pags_frame_destroy(frame);
+  return result;
+}
+
+static void put_world(pags_facts *facts, const pags_scene *scene) {
+  double lo[3], hi[3];
+  pags_facts_text(facts, "up", pags_up_name(scene->up));
+  pags_facts_flag(facts, "antialiased", scene->antialiased != 0);
+  pags_facts_vector(facts, "origin", scene->origin, 3);
+  if (scene_bounds(scene, lo, hi)) {
+    pags_facts_vector(facts, "bounds_lo", lo, 3);
+    pags_facts_vector(facts, "bounds_hi", hi, 3);
+  }
+  if (scene->iterations)
+    pags_facts_count(facts, "iterations", scene->iterations);
+  if (scene->dataset)
+    pags_facts_text(facts, "dataset", scene->dataset);
+}
+
+pags_result pags_scene_facts(pags_facts *facts, const char *path, const char *kind,
+                             const pags_scene_facts_options *options) {
+  pags_scene scene;
+  uint64_t bytes = 0;
+  PAGS_TRY(pags_scene_load(path, &scene));
+  pags_facts_text(facts, "kind", kind);
+  pags_facts_count(facts, "gaussians", pags_scene_gaussian_count(&scene));
+  pags_result result = put_models(facts, path, &scene, &bytes);
+  pags_facts_bytes(facts, "bytes", (double)bytes);
+  put_world(facts, &scene);
+  put_views(facts, &scene);
+  put_drive(facts, &scene);
+  if (result == PAGS_OK)
+    result = put_objects(facts, &scene, options->objects);
+  if (result == PAGS_OK)
+    result = put_modelled(facts, &scene);
+  if (result == PAGS_OK && options->memory)
+    result = put_memory(facts, options->tasks, &scene);
+  pags_scene_destroy(&scene);
+  return result;
+}
