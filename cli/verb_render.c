@@ -72,8 +72,7 @@ static const pags_option options[] = {
         "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; depth, id, object, "
         "priority and normal are always exr, heat png"),
 
-    PAGS_GROUP("Objects (OBJECT: an id of the scene's objects, or class:vehicle, class:pedestrian, ...; pags info "
-               "lists them)"),
+    PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
 
     PAGS_GROUP("Picture"),
