@@ -1,6 +1,7 @@
 /* The two forms of each fact. */
 #include "facts.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
@@ -72,7 +73,10 @@ void pags_facts_count(pags_facts *facts, const char *key, int64_t value) {
 }
 
 void pags_facts_number(pags_facts *facts, const char *key, double value) {
-  line(facts, key, "%.6g", value);
+  if (isnan(value))
+    line(facts, key, "%s", "-");
+  else
+    line(facts, key, "%.6g", value);
   pags_json_put_number(&facts->json, key, value);
 }
 
@@ -111,6 +115,14 @@ void pags_facts_begin_list(pags_facts *facts, const char *key) {
   line(facts, key, "%s", "");
   facts->indent += INDENT;
   pags_json_begin_array(&facts->json, key);
+}
+
+void pags_facts_sentence(pags_facts *facts, const char *text) {
+  char indent[32];
+  append(facts, indent, (size_t)snprintf(indent, sizeof indent, "%*s", facts->indent % 16, ""));
+  append(facts, text, strlen(text));
+  append(facts, "\n", 1);
+  pags_json_put_string(&facts->json, NULL, text);
 }
 
 void pags_facts_begin_item(pags_facts *facts, const char *name) {

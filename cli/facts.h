@@ -19,7 +19,7 @@ pags_result pags_facts_end(pags_facts *facts, const pags_session *session, pags_
 /* `key` is the JSON key; people read it with spaces for underscores. */
 void pags_facts_text(pags_facts *facts, const char *key, const char *value);
 void pags_facts_count(pags_facts *facts, const char *key, int64_t value);
-void pags_facts_number(pags_facts *facts, const char *key, double value);
+void pags_facts_number(pags_facts *facts, const char *key, double value); /* NaN: "-" and null */
 void pags_facts_bytes(pags_facts *facts, const char *key, double value);
 void pags_facts_flag(pags_facts *facts, const char *key, bool value);
 void pags_facts_vector(pags_facts *facts, const char *key, const double *values, int count);
@@ -27,6 +27,7 @@ void pags_facts_vector(pags_facts *facts, const char *key, const double *values,
 void pags_facts_begin_group(pags_facts *facts, const char *key); /* an object */
 void pags_facts_end_group(pags_facts *facts);
 void pags_facts_begin_list(pags_facts *facts, const char *key);  /* an array of items */
+void pags_facts_sentence(pags_facts *facts, const char *text);         /* in a list: a string, printed as it is */
 void pags_facts_begin_item(pags_facts *facts, const char *name); /* an object with that "name" */
 void pags_facts_end_item(pags_facts *facts);
 void pags_facts_end_list(pags_facts *facts);

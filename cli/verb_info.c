@@ -1,5 +1,6 @@
 /* pags info: what a file or folder is and what it holds. */
 #include "facts.h"
+#include "overlay.h"
 #include "scene_facts.h"
 #include "session.h"
 #include "verbs.h"
@@ -18,6 +19,7 @@
 typedef struct info_arguments {
   pags_session session;
   int memory, objects;
+  const char *overlay;
   pags_dataset_options options;
 } info_arguments;
 
@@ -30,6 +32,9 @@ static const pags_option options[] = {
      .help =
          "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
     PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
+    PAGS_TEXT("overlay", 0, AT(overlay), "FOLDER", NULL,
+              "of driving sets: draw boxes (fronts crossed; parked ones dim) and LiDAR (red near, blue far) onto the photographs of "
+              "at most 20 time steps, and say how well they agree"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),
     PAGS_VALUE("split-every", 0, INT, AT(options.split_every), 0, 1e9, "N", "views; 0: none", NULL,
                "of data sets: as for train"),
@@ -42,7 +47,7 @@ static const pags_positional positionals[] = {
     {"ANY", "a data set, scene folder, splat file, camera or path file, checkpoint or image"}, {NULL, NULL}};
 
 static const pags_verb verb = {.name = "info",
-                               .usage = "ANY [--memory] [--json FILE|-]",
+                               .usage = "ANY [--memory] [--overlay FOLDER] [--json FILE|-]",
                                .about = "Says what a file or folder is, by its content, and what it holds.",
                                .positionals = positionals,
                                .options = options};
@@ -60,6 +65,36 @@ static pags_result describe_splat(pags_facts *facts, const info_arguments *argum
   PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
   pags_gaussians_destroy(&gaussians);
   return describe_scene(facts, arguments, path, kind);
+}
+
+static void put_categories(pags_facts *facts, const char *key, const pags_dataset *dataset, int moving) {
+  int64_t counts[4] = {0}, sum = 0;
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); ++i) {
+    const pags_object *object = pags_dataset_object(dataset, i);
+    counts[object->category] += (object->moving != 0) == moving;
+    sum += (object->moving != 0) == moving;
+  }
+  pags_facts_begin_group(facts, key);
+  pags_facts_count(facts, "all", sum);
+  for (int c = 0; c < 4; ++c)
+    if (counts[c])
+      pags_facts_count(facts, pags_category_name((pags_category)c), counts[c]);
+  pags_facts_end_group(facts);
+}
+
+/* What a driving set has besides photographs. */
+static void put_driving(pags_facts *facts, const pags_dataset *dataset) {
+  int64_t sweeps = pags_dataset_sweep_count(dataset);
+  if (!(pags_dataset_fps(dataset) > 0))
+    return;
+  pags_facts_number(facts, "fps", pags_dataset_fps(dataset));
+  put_categories(facts, "objects_moving", dataset, 1);
+  put_categories(facts, "objects_parked", dataset, 0);
+  pags_facts_count(facts, "lidar_sweeps", sweeps);
+  pags_facts_begin_list(facts, "notes");
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); ++i)
+    pags_facts_sentence(facts, pags_dataset_note(dataset, i));
+  pags_facts_end_list(facts);
 }
 
 static pags_result describe_dataset(pags_facts *facts, const info_arguments *arguments, const char *path) {
@@ -86,8 +121,11 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   pags_facts_flag(facts, "points_random", random != 0);
   pags_facts_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
   pags_facts_vector(facts, "origin", pags_dataset_origin(dataset), 3);
+  put_driving(facts, dataset);
+  pags_result result =
+      arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, facts) : PAGS_OK;
   pags_dataset_close(dataset);
-  return PAGS_OK;
+  return result;
 }
 
 static pags_result describe_cameras(pags_facts *facts, const char *path) {

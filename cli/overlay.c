@@ -1,0 +1,304 @@
+/* Boxes and LiDAR beside photographs.
+ *
+ * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures are for
+ * machines. */
+#include "overlay.h"
+
+#include "interrupt.h"
+#include "overlay_draw.h"
+
+#include <base/file.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <train/depth.h>
+
+enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
+
+/* Inside: in the box and this much more; about: this far around it; metres. The lowest layer is road. */
+static const double inside_slack = 0.1, about_slack = 0.4, ground = 0.3;
+static const double least_speed = 2.0; /* m/s, from which on a vehicle's way tells where its front is */
+
+/* A share of something, as counts. */
+typedef struct share {
+  int64_t of, hits;
+} share;
+
+static double share_value(share s) {
+  return s.of ? (double)s.hits / (double)s.of : (double)NAN;
+}
+
+typedef struct overlay {
+  const pags_dataset *dataset;
+  const char *folder;
+  pags_photo_cache *photos;
+  uint8_t *outlines; /* of the boxes of what moves; of the largest picture */
+  int64_t pictures, points;
+  share under_sky;   /* LiDAR points on pixels of sky */
+  share on_vehicles; /* points inside of moving vehicles' boxes that lie on pixels of critical things */
+  share in_boxes;    /* points about moving vehicles' boxes that lie inside */
+  share union_;      /* pixels of outlines or of the mask of what moves: of both */
+  share boxes;       /* boxes at hand: in the picture */
+} overlay;
+
+static const uint8_t colours[4][3] = {{200, 200, 200}, {0, 255, 255}, {255, 80, 255}, {255, 220, 0}};
+static const uint8_t parked_colour[3] = {110, 150, 150};
+
+/* Boxes. */
+
+static void draw_boxes(overlay *o, const pags_view *view, pags_image *image) {
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); ++i) {
+    const pags_object *object = pags_dataset_object(o->dataset, i);
+    double pose[12], corners[32];
+    if (!pags_object_pose(object, view->camera.time, pose))
+      continue;
+    int count = pags_box_outline(&view->camera, pose, object->size, corners);
+    ++o->boxes.of;
+    if (!count)
+      continue;
+    ++o->boxes.hits;
+    pags_draw_box(image, &view->camera, pose, object->size, object->moving ? colours[object->category] : parked_colour);
+    if (object->moving)
+      pags_outline_fill(corners, count, image->width, image->height, image->width, 1, o->outlines);
+  }
+}
+
+static void compare_outlines(overlay *o, const pags_photo *photo) {
+  for (int y = 0; y < photo->height; ++y)
+    for (int x = 0; x < photo->width; ++x) {
+      bool box = o->outlines[(size_t)y * (size_t)photo->width + (size_t)x] != 0;
+      bool mask = (photo->labels[(size_t)y * (size_t)photo->stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
+      o->union_.of += box || mask;
+      o->union_.hits += box && mask;
+    }
+}
+
+/* LiDAR. */
+
+static void unproject(const pags_camera *camera, const pags_depth_sample *sample, double world[3]) {
+  double z = (double)sample->depth, x = ((double)sample->x - camera->cx) / camera->fx * z,
+         y = ((double)sample->y - camera->cy) / camera->fy * z;
+  for (int k = 0; k < 3; ++k) {
+    const double *m = camera->world_from_camera + 4 * k;
+    world[k] = m[0] * x + m[1] * y + m[2] * z + m[3];
+  }
+}
+
+/* 2: in the box, 1: about it, 0: neither. */
+static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
+  double inverse[12], beyond = -HUGE_VAL, p[3];
+  pags_rigid_inverse(pose, inverse);
+  for (int k = 0; k < 3; ++k) {
+    const double *m = inverse + 4 * k;
+    p[k] = m[0] * world[0] + m[1] * world[1] + m[2] * world[2] + m[3];
+    beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
+  }
+  if (p[2] < ground - 0.5 * object->size[2])
+    return 0;
+  return beyond <= inside_slack ? 2 : beyond <= about_slack;
+}
+
+/* The best place that any moving vehicle offers. */
+static int place_of(const overlay *o, double time, const double world[3]) {
+  int best = 0;
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; ++i) {
+    const pags_object *object = pags_dataset_object(o->dataset, i);
+    double pose[12];
+    if (!object->moving || object->category != PAGS_CATEGORY_VEHICLE || !pags_object_pose(object, time, pose))
+      continue;
+    int place = place_in_box(object, pose, world);
+    best = place > best ? place : best;
+  }
+  return best;
+}
+
+static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo, const pags_depth_sample *sample) {
+  double world[3];
+  unsigned labels =
+      photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
+  unproject(&view->camera, sample, world);
+  int place = place_of(o, view->camera.time, world);
+  o->in_boxes.of += place > 0;
+  o->in_boxes.hits += place == 2;
+  ++o->points;
+  if (!photo->labels)
+    return;
+  ++o->under_sky.of;
+  o->under_sky.hits += (labels & PAGS_LABEL_SKY) != 0;
+  o->on_vehicles.of += place == 2;
+  o->on_vehicles.hits += place == 2 && labels & PAGS_LABEL_CRITICAL;
+}
+
+static pags_result draw_points(overlay *o, int64_t index, const pags_photo *photo, pags_image *image) {
+  const pags_view *view = pags_dataset_view(o->dataset, index);
+  pags_depth_sample *samples;
+  int64_t count;
+  PAGS_TRY(pags_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
+  for (int64_t i = 0; i < count; ++i) {
+    uint8_t rgb[3];
+    pags_depth_colour((double)samples[i].depth, rgb);
+    pags_draw_dot(image, (double)samples[i].x, (double)samples[i].y, image->width >= 800, rgb);
+    measure_point(o, view, photo, &samples[i]);
+  }
+  free(samples);
+  return PAGS_OK;
+}
+
+/* Pictures. */
+
+static pags_result copy_photo(const pags_photo *photo, pags_image *image) {
+  size_t plane = (size_t)photo->height * (size_t)photo->stride;
+  PAGS_TRY(pags_image_create(image, photo->width, photo->height, 3, PAGS_U8));
+  uint8_t *out = image->data;
+  for (int y = 0; y < photo->height; ++y)
+    for (int x = 0; x < photo->width; ++x)
+      for (size_t c = 0; c < 3; ++c)
+        *out++ = photo->rgb[c * plane + (size_t)y * (size_t)photo->stride + (size_t)x];
+  return PAGS_OK;
+}
+
+static pags_result save(const overlay *o, const pags_view *view, const pags_image *image) {
+  char stem[256], file[300];
+  pags_stem(view->name, stem, sizeof stem);
+  snprintf(file, sizeof file, "%s.jpg", stem);
+  char *path = pags_path_join(o->folder, file);
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = pags_image_save(path, image);
+  free(path);
+  return result;
+}
+
+static pags_result draw_view(overlay *o, int64_t index) {
+  const pags_view *view = pags_dataset_view(o->dataset, index);
+  pags_photo photo;
+  pags_image image = {0};
+  PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
+  PAGS_TRY(copy_photo(&photo, &image));
+  size_t pixels = (size_t)photo.width * (size_t)photo.height;
+  uint8_t *grown = realloc(o->outlines, pixels);
+  pags_result result = grown ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  if (grown) {
+    o->outlines = grown;
+    memset(o->outlines, 0, pixels);
+    result = draw_points(o, index, &photo, &image);
+  }
+  if (result == PAGS_OK) {
+    draw_boxes(o, view, &image);
+    if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
+      compare_outlines(o, &photo);
+    ++o->pictures;
+    result = save(o, view, &image);
+  }
+  pags_image_destroy(&image);
+  return result;
+}
+
+/* Is this one of the time steps drawn? `first` and `last` are those of the data set. */
+static bool is_drawn(int frame, int first, int last) {
+  int64_t steps = (int64_t)last - first + 1, at = (int64_t)frame - first;
+  return steps <= MOST_STEPS || at * MOST_STEPS / steps != (at + 1) * MOST_STEPS / steps;
+}
+
+static pags_result draw_all(overlay *o, const pags_session *session) {
+  int64_t count = pags_dataset_view_count(o->dataset);
+  int first = INT32_MAX, last = 0;
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < count; ++i) {
+    int frame = pags_dataset_view(o->dataset, i)->frame;
+    first = frame < first ? frame : first;
+    last = frame > last ? frame : last;
+  }
+  pags_progress progress = pags_progress_begin(session->people);
+  pags_interrupt_install(session->tasks);
+  for (int64_t i = 0; result == PAGS_OK && i < count; ++i) {
+    if (pags_interrupted())
+      result = pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
+    else if (is_drawn(pags_dataset_view(o->dataset, i)->frame, first, last))
+      result = draw_view(o, i);
+    if (pags_progress_due(&progress))
+      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)count);
+  }
+  pags_progress_end(&progress);
+  return result;
+}
+
+/* Mean cosine between the fronts of vehicles and the way they go; NaN where none goes fast enough. */
+static double front_cosine(const pags_dataset *dataset) {
+  double sum = 0;
+  int64_t count = 0;
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); ++i) {
+    const pags_object *object = pags_dataset_object(dataset, i);
+    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->knot_count; ++n) {
+      const pags_knot *a = &object->knots[n], *b = &object->knots[n + 1];
+      double way[3], dot = 0, square = 0;
+      for (int k = 0; k < 3; ++k) {
+        way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
+        dot += way[k] * a->world_from_object[4 * k];
+        square += way[k] * way[k];
+      }
+      if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
+        sum += dot / sqrt(square);
+        ++count;
+      }
+    }
+  }
+  return count ? sum / (double)count : (double)NAN;
+}
+
+static void put_figures(const overlay *o, double cosine, pags_facts *facts) {
+  pags_facts_text(facts, "folder", o->folder);
+  pags_facts_count(facts, "pictures", o->pictures);
+  pags_facts_count(facts, "lidar_points", o->points);
+  pags_facts_number(facts, "lidar_under_sky", share_value(o->under_sky));
+  pags_facts_number(facts, "lidar_in_boxes", share_value(o->in_boxes));
+  pags_facts_number(facts, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
+  pags_facts_number(facts, "outline_mask_overlap", share_value(o->union_));
+  pags_facts_number(facts, "boxes_in_pictures", share_value(o->boxes));
+  pags_facts_number(facts, "front_cosine", cosine);
+}
+
+static void put_warnings(const overlay *o, double cosine, pags_facts *facts) {
+  bool lidar = (pags_dataset_provides(o->dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  const struct {
+    bool holds;
+    const char *text;
+  } warnings[] = {
+      {cosine < 0.5, "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
+      {share_value(o->under_sky) > 0.05, "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
+                                         "lidar_frame of dataset.json (--kind) may be wrong"},
+      {share_value(o->in_boxes) < 0.5, "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
+                                       "LiDAR or their times may be wrong"},
+      {share_value(o->on_vehicles) < 0.5, "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
+                                          "photographs: extrinsics or times may be wrong"},
+      {share_value(o->union_) < 0.5, "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
+                                     "extrinsics or object_forward may be wrong"},
+      {lidar && !o->points, "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
+      {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
+  pags_facts_begin_list(facts, "warnings");
+  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i)
+    if (warnings[i].holds)
+      pags_facts_sentence(facts, warnings[i].text);
+  pags_facts_end_list(facts);
+}
+
+pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
+                         pags_facts *facts) {
+  overlay o = {.dataset = dataset, .folder = folder};
+  if (!(pags_dataset_fps(dataset) > 0))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
+                     pags_dataset_path(dataset));
+  PAGS_TRY(pags_prepare_folder(folder, NULL));
+  PAGS_TRY(pags_photo_cache_create(dataset, session->tasks, (uint64_t)128 << 20, &o.photos));
+  pags_result result = draw_all(&o, session);
+  pags_photo_cache_destroy(o.photos);
+  free(o.outlines);
+  if (result != PAGS_OK)
+    return result;
+  double cosine = front_cosine(dataset);
+  pags_facts_begin_group(facts, "overlay");
+  put_figures(&o, cosine, facts);
+  put_warnings(&o, cosine, facts);
+  pags_facts_end_group(facts);
+  return PAGS_OK;
+}

@@ -1,0 +1,85 @@
+/* Drawing onto pictures. */
+#include "overlay_draw.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double near_plane = 0.1;
+
+void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]) {
+  uint8_t *data = image->data;
+  int left = (int)floor(x) - half, top = (int)floor(y) - half;
+  for (int j = top; j <= top + 2 * half; ++j)
+    for (int i = left; i <= left + 2 * half; ++i)
+      if (i >= 0 && j >= 0 && i < image->width && j < image->height)
+        memcpy(data + 3 * ((size_t)j * (size_t)image->width + (size_t)i), rgb, 3);
+}
+
+/* Cuts the segment a + s (b - a), s from lo to hi, down to where p + s d lies in 0..most; false where nothing is left. */
+static int cut(double p, double d, double most, double *lo, double *hi) {
+  if (fabs(d) < 1e-12)
+    return p >= 0 && p <= most;
+  double s0 = -p / d, s1 = (most - p) / d;
+  *lo = fmax(*lo, fmin(s0, s1));
+  *hi = fmin(*hi, fmax(s0, s1));
+  return *lo < *hi;
+}
+
+/* Two pixels wide. */
+static void draw_line(pags_image *image, const double a[2], const double b[2], const uint8_t rgb[3]) {
+  double lo = 0, hi = 1, dx = b[0] - a[0], dy = b[1] - a[1];
+  if (!cut(a[0], dx, image->width, &lo, &hi) || !cut(a[1], dy, image->height, &lo, &hi))
+    return;
+  int steps = 1 + (int)(fmax(fabs(dx), fabs(dy)) * (hi - lo));
+  for (int i = 0; i <= steps; ++i) {
+    double s = lo + (hi - lo) * i / steps, x = a[0] + s * dx, y = a[1] + s * dy;
+    pags_draw_dot(image, x, y, 0, rgb);
+    pags_draw_dot(image, x + 1, y, 0, rgb);
+    pags_draw_dot(image, x, y + 1, 0, rgb);
+  }
+}
+
+/* Camera axes; what is nearer than the near plane is cut off. */
+static void draw_edge(pags_image *image, const pags_camera *camera, const double a[3], const double b[3],
+                      const uint8_t rgb[3]) {
+  double ends[2][3], pixels[2][2];
+  if (a[2] < near_plane && b[2] < near_plane)
+    return;
+  for (int k = 0; k < 3; ++k) {
+    double to_near = (near_plane - a[2]) / (b[2] - a[2]), on_plane = a[k] + to_near * (b[k] - a[k]);
+    ends[0][k] = a[2] < near_plane ? on_plane : a[k];
+    ends[1][k] = b[2] < near_plane ? on_plane : b[k];
+  }
+  for (int e = 0; e < 2; ++e) {
+    pixels[e][0] = camera->fx * ends[e][0] / ends[e][2] + camera->cx;
+    pixels[e][1] = camera->fy * ends[e][1] / ends[e][2] + camera->cy;
+  }
+  draw_line(image, pixels[0], pixels[1], rgb);
+}
+
+void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12], const double size[3],
+                   const uint8_t rgb[3]) {
+  double inverse[12], m[12], corners[8][3];
+  pags_rigid_inverse(camera->world_from_camera, inverse);
+  pags_rigid_multiply(inverse, world_from_object, m);
+  for (int i = 0; i < 8; ++i) { /* bit k: on the far side along axis k */
+    double p[3];
+    for (int k = 0; k < 3; ++k)
+      p[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
+    for (int k = 0; k < 3; ++k)
+      corners[i][k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+  }
+  for (int i = 0; i < 8; ++i)
+    for (int k = 0; k < 3; ++k)
+      if (!(i >> k & 1))
+        draw_edge(image, camera, corners[i], corners[i | 1 << k], rgb);
+  draw_edge(image, camera, corners[1], corners[7], rgb);
+  draw_edge(image, camera, corners[3], corners[5], rgb);
+}
+
+void pags_depth_colour(double metres, uint8_t rgb[3]) {
+  double h = log(fmax(metres, 2) / 2) / log(50.0), s = fmin(h, 1);
+  rgb[0] = (uint8_t)(255 * fmax(0, 1 - 2 * s));
+  rgb[1] = (uint8_t)(255 * (1 - fabs(2 * s - 1)));
+  rgb[2] = (uint8_t)(255 * fmax(0, 2 * s - 1));
+}
