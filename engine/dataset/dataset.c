@@ -267,6 +267,8 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
   choose_origin(dataset);
+  if (dataset->draft.driving)
+    PAGS_TRY(pags_ego_masks_make(dataset, options));
   return pags_dataset_make_points(dataset, options);
 }
 

@@ -400,6 +400,34 @@ static pags_result note_rules(pags_driving *driving) {
                            rules->forward_y ? "+y" : "+x");
 }
 
+/* Where labels come from; the first of several sources that has any view. */
+static pags_result note_labels(pags_driving *driving, const pags_draft *draft) {
+  int64_t sky = 0, semantic = 0, dynamic = 0, views = 0;
+  for (int64_t i = 0; i < draft->count; i++) {
+    const pags_draft_view *view = &draft->views[i];
+    views += !view->missing;
+    sky += view->sky_path != NULL;
+    semantic += view->semantic_path != NULL;
+    dynamic += view->dynamic_path != NULL;
+  }
+  bool boxes = driving->provides & PAGS_PROVIDES_BOXES, laser = driving->provides & PAGS_PROVIDES_LIDAR;
+  PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",
+                             (long long)views, (long long)sky, (long long)semantic, (long long)dynamic));
+  PAGS_TRY(pags_driving_note(driving, "sky: %s",
+                             sky > 0        ? "from sky_masks"
+                             : semantic > 0 ? "from semantic, class 10"
+                             : laser        ? "guessed: above the horizon and above all that the laser met"
+                                            : "unknown (neither masks nor LiDAR)"));
+  PAGS_TRY(pags_driving_note(driving, "critical: %s",
+                             semantic > 0  ? (dynamic > 0 ? "from semantic and dynamic_masks" : "from semantic")
+                             : dynamic > 0 ? (boxes ? "from dynamic_masks and boxes" : "from dynamic_masks")
+                             : boxes       ? "from boxes"
+                                           : "unknown (neither masks nor boxes)"));
+  if (semantic > 0 && !boxes)
+    return pags_driving_note(driving, "no boxes: pixels of dynamic classes are left out of the loss");
+  return PAGS_OK;
+}
+
 /* Everything beside the pictures themselves. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
                               int64_t count, pags_draft *draft) {
@@ -412,7 +440,8 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(add_views(driving, pictures, count, draft));
   PAGS_TRY(pags_times_read(driving, draft));
   PAGS_TRY(pags_tracks_read(driving));
-  return pags_sweeps_find(driving);
+  PAGS_TRY(pags_sweeps_find(driving));
+  return note_labels(driving, draft);
 }
 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,

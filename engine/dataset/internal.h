@@ -23,10 +23,13 @@ struct pags_dataset {
 /* Fills in the points to start from: the draft's, or random ones. */
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options);
 
-/* One photograph in memory: `planes` has 3 or, with a mask, 4 planes of height * stride bytes. */
+/* Driving sets: where cameras see their own car. After the views are made. */
+pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options);
+
+/* One photograph in memory: planes of height * stride bytes: R, G, B, then the mask's and the labels' where it has them. */
 typedef struct pags_photo_data {
   int width, height, stride;
-  bool has_mask;
+  bool has_mask, has_labels;
   uint8_t *planes; /* aligned to 64 bytes; freed by the owner */
 } pags_photo_data;
 

@@ -1,6 +1,7 @@
 /* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
 #include "dataset/internal.h"
 
+#include "dataset/labels.h"
 #include "dataset/undistort.h"
 #include "image/resample.h"
 
@@ -11,12 +12,16 @@
 
 typedef struct pictures {
   pags_image colour;
-  pags_image mask; /* data NULL: none */
+  pags_image mask;   /* data NULL: none */
+  pags_image labels; /* data NULL: none */
 } pictures;
+
+static const pictures nothing = {{0}, {0}, {0}};
 
 static void destroy(pictures *p) {
   pags_image_destroy(&p->colour);
   pags_image_destroy(&p->mask);
+  pags_image_destroy(&p->labels);
 }
 
 static pags_result check_size(const pags_image *image, const char *path, const pags_lens *lens) {
@@ -26,27 +31,42 @@ static pags_result check_size(const pags_image *image, const char *path, const p
                    image->height, lens->width, lens->height);
 }
 
-static pags_result load(const pags_view *view, const pags_lens *lens, pictures *out) {
+static pags_result load(const pags_dataset *dataset, int64_t index, pictures *out) {
+  const pags_view *view = &dataset->views[index];
+  const pags_lens *lens = &dataset->draft.views[index].lens;
   PAGS_TRY(pags_image_load(view->image_path, PAGS_U8, 3, &out->colour));
   PAGS_TRY(check_size(&out->colour, view->image_path, lens));
-  if (!view->mask_path)
-    return PAGS_OK;
-  PAGS_TRY(pags_image_load(view->mask_path, PAGS_U8, 1, &out->mask));
-  return check_size(&out->mask, view->mask_path, lens);
+  if (view->mask_path) {
+    PAGS_TRY(pags_image_load(view->mask_path, PAGS_U8, 1, &out->mask));
+    PAGS_TRY(check_size(&out->mask, view->mask_path, lens));
+  }
+  return pags_labels_load(dataset, index, &out->labels, &out->mask);
 }
 
 static pags_result undistort(const pags_lens *lens, const pags_camera *pinhole, pictures *p) {
   if (pags_lens_is_pinhole(lens))
     return PAGS_OK;
-  pictures out = {{0}, {0}};
+  pictures out = nothing;
   PAGS_TRY(pags_undistort(lens, pinhole, &p->colour, p->mask.data ? &p->mask : NULL, &out.colour, &out.mask));
+  pags_result result = p->labels.data ? pags_undistort_labels(lens, pinhole, &p->labels, &out.labels) : PAGS_OK;
   destroy(p);
   *p = out;
-  return PAGS_OK;
+  return result;
 }
 
 static bool is_full_size(const pags_camera *from, const pags_camera *to) {
   return from->fx / to->fx < 1 + 1e-9;
+}
+
+/* The label at each pixel's centre: bits can't be averaged. */
+static void pick_labels(const pags_image *from, double step_x, double step_y, pags_image *to) {
+  const uint8_t *labels = from->data;
+  uint8_t *out = to->data;
+  for (int y = 0; y < to->height; y++) {
+    int row = (int)fmin((y + 0.5) * step_y, from->height - 1);
+    for (int x = 0; x < to->width; x++)
+      *out++ = labels[(size_t)row * (size_t)from->width + (size_t)fmin((x + 0.5) * step_x, from->width - 1)];
+  }
 }
 
 /* One area average from full size, whatever --downscale and the trainer's own shrink multiply to. The step is what the two
@@ -55,7 +75,7 @@ static pags_result shrink(const pags_camera *from, const pags_camera *to, pictur
   double step_x = fmax(from->fx / to->fx, 1), step_y = fmax(from->fy / to->fy, 1);
   if (is_full_size(from, to))
     return PAGS_OK;
-  pictures out = {{0}, {0}};
+  pictures out = nothing;
   pags_result result = pags_image_create(&out.colour, to->width, to->height, 3, PAGS_U8);
   if (result == PAGS_OK)
     result = pags_shrink_mean(&p->colour, step_x, step_y, &out.colour);
@@ -63,6 +83,11 @@ static pags_result shrink(const pags_camera *from, const pags_camera *to, pictur
     result = pags_image_create(&out.mask, to->width, to->height, 1, PAGS_U8);
     if (result == PAGS_OK)
       pags_shrink_mask(&p->mask, step_x, step_y, &out.mask);
+  }
+  if (result == PAGS_OK && p->labels.data) {
+    result = pags_image_create(&out.labels, to->width, to->height, 1, PAGS_U8);
+    if (result == PAGS_OK)
+      pick_labels(&p->labels, step_x, step_y, &out.labels);
   }
   destroy(p);
   *p = out;
@@ -86,40 +111,60 @@ static void split_plane(const uint8_t *from, int channels, const pags_photo_data
   }
 }
 
-static pags_result split(const pictures *p, pags_photo_data *out) {
+static pags_result split(const pictures *p, bool has_labels, pags_photo_data *out) {
   out->width = p->colour.width;
   out->height = p->colour.height;
   out->stride = stride_of(out->width);
   out->has_mask = p->mask.data != NULL;
-  uint64_t plane = plane_bytes(out->width, out->height), bytes = plane * (out->has_mask ? 4 : 3);
+  out->has_labels = has_labels;
+  uint64_t plane = plane_bytes(out->width, out->height);
+  uint64_t bytes = plane * (uint64_t)(3 + out->has_mask + out->has_labels);
   out->planes = aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
   if (!out->planes)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for a photograph of %d x %d pixels", out->width, out->height);
   const uint8_t *colour = p->colour.data;
   for (size_t c = 0; c < 3; c++)
     split_plane(colour + c, 3, out, out->planes + c * plane);
+  uint8_t *next = out->planes + 3 * plane;
   if (out->has_mask)
-    split_plane(p->mask.data, 1, out, out->planes + 3 * plane);
+    split_plane(p->mask.data, 1, out, next);
+  next += out->has_mask ? plane : 0;
+  if (p->labels.data)
+    split_plane(p->labels.data, 1, out, next);
+  else if (has_labels)
+    memset(next, 0, (size_t)plane);
   return PAGS_OK;
+}
+
+static pags_result add_labels(const pags_dataset *dataset, int64_t index, const pags_camera *target,
+                              pags_photo_data *out) {
+  if (!out->has_labels)
+    return PAGS_OK;
+  uint8_t *plane = out->planes + (out->has_mask ? 4 : 3) * plane_bytes(out->width, out->height);
+  pags_result result = pags_labels_add(dataset, index, target, out->stride, plane);
+  if (result == PAGS_OK)
+    return PAGS_OK;
+  free(out->planes);
+  memset(out, 0, sizeof *out);
+  return result;
 }
 
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int factor, pags_photo_data *out) {
   assert(index >= 0 && index < dataset->count && factor >= 1);
-  const pags_view *view = &dataset->views[index];
   const pags_lens *lens = &dataset->draft.views[index].lens;
   const pags_camera *pinhole = &dataset->pinholes[index];
-  pags_camera target = pags_camera_downscale(&view->camera, factor);
+  pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   memset(out, 0, sizeof *out);
-  pictures p = {{0}, {0}};
-  pags_result result = load(view, lens, &p);
+  pictures p = nothing;
+  pags_result result = load(dataset, index, &p);
   if (result == PAGS_OK)
     result = undistort(lens, pinhole, &p);
   if (result == PAGS_OK)
     result = shrink(pinhole, &target, &p);
   if (result == PAGS_OK)
-    result = split(&p, out);
+    result = split(&p, pags_labels_exist(dataset, index), out);
   destroy(&p);
-  return result;
+  return result == PAGS_OK ? add_labels(dataset, index, &target, out) : result;
 }
 
 void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, uint64_t *kept, uint64_t *decoding) {
@@ -127,10 +172,12 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
   const pags_camera *pinhole = &dataset->pinholes[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
-  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one step. */
-  uint64_t source = 4 * (uint64_t)lens->width * (uint64_t)lens->height;
-  uint64_t upright = straight ? 0 : 4 * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
-  uint64_t shrunk = same ? 0 : 4 * (uint64_t)target.width * (uint64_t)target.height;
-  *kept = 4 * plane_bytes(target.width, target.height) + 64;
+  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one step. Labels
+   * come from files that are held one at a time. */
+  uint64_t labels = pags_labels_exist(dataset, index) ? 1 : 0;
+  uint64_t source = (4 + 2 * labels) * (uint64_t)lens->width * (uint64_t)lens->height;
+  uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
+  uint64_t shrunk = same ? 0 : (4 + labels) * (uint64_t)target.width * (uint64_t)target.height;
+  *kept = (4 + labels) * plane_bytes(target.width, target.height) + 64;
   *decoding = source + upright + shrunk + *kept;
 }

@@ -63,7 +63,7 @@ static void book(pags_photo_cache *cache, slot *s, uint64_t bytes) {
 }
 
 static uint64_t held_bytes(const pags_photo_data *data) {
-  return (uint64_t)data->stride * (uint64_t)data->height * (data->has_mask ? 4 : 3) + 64;
+  return (uint64_t)data->stride * (uint64_t)data->height * (uint64_t)(3 + data->has_mask + data->has_labels) + 64;
 }
 
 static void drop(pags_photo_cache *cache, slot *s) {
@@ -258,7 +258,8 @@ pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shri
                       .height = s->data.height,
                       .stride = s->data.stride,
                       .rgb = s->data.planes,
-                      .mask = s->data.has_mask ? s->data.planes + 3 * plane : NULL};
+                      .mask = s->data.has_mask ? s->data.planes + 3 * plane : NULL,
+                      .labels = s->data.has_labels ? s->data.planes + (s->data.has_mask ? 4 : 3) * plane : NULL};
   return PAGS_OK;
 }
 

@@ -105,3 +105,27 @@ pags_result pags_undistort(const pags_lens *lens, const pags_camera *pinhole, co
   }
   return result;
 }
+
+pags_result pags_undistort_labels(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
+                                  pags_image *to) {
+  assert(from->sample == PAGS_U8 && from->channels == 1 && from->width == lens->width && from->height == lens->height);
+  PAGS_TRY(pags_image_create(to, pinhole->width, pinhole->height, 1, PAGS_U8));
+  double *source = malloc((size_t)pinhole->width * 2 * sizeof *source), step = 1 / pinhole->fx;
+  if (!source) {
+    pags_image_destroy(to);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", pinhole->width);
+  }
+  const uint8_t *labels = from->data;
+  uint8_t *out = to->data;
+  for (int y = 0; y < pinhole->height; y++) {
+    pags_lens_project_row(lens, pinhole->width, (0.5 - pinhole->cx) * step, step, (y + 0.5 - pinhole->cy) / pinhole->fy,
+                          source);
+    for (int x = 0; x < pinhole->width; x++, out++) {
+      double u = source[2 * x], v = source[2 * x + 1];
+      if (u >= 0 && u <= lens->width && v >= 0 && v <= lens->height)
+        *out = labels[(size_t)clamp((int)v, lens->height) * (size_t)lens->width + (size_t)clamp((int)u, lens->width)];
+    }
+  }
+  free(source);
+  return PAGS_OK;
+}

@@ -13,4 +13,8 @@
 pags_result pags_undistort(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
                            const pags_image *from_mask, pags_image *to, pags_image *to_mask);
 
+/* The same for labels, one channel, by nearest neighbour; 0 where there is no source. */
+pags_result pags_undistort_labels(const pags_lens *lens, const pags_camera *pinhole, const pags_image *from,
+                                  pags_image *to);
+
 #endif

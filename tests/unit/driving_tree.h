@@ -26,6 +26,30 @@ static inline void tree_turn(double yaw, double x, double y, double z, double ou
   memcpy(out, m, sizeof m);
 }
 
+/* Small files without the sync of scratch_write: there are hundreds. */
+static inline void tree_bytes(scratch *s, const char *name, const void *bytes, size_t size) {
+  char *folder = pags_path_folder(scratch_path(s, name));
+  scratch_ok(pags_make_dirs(folder));
+  free(folder);
+  FILE *file = fopen(scratch_path(s, name), "wb");
+  assert_non_null(file);
+  assert_int_equal(fwrite(bytes, 1, size, file), size);
+  assert_int_equal(fclose(file), 0);
+}
+
+static inline void tree_text(scratch *s, const char *name, const char *text) {
+  tree_bytes(s, name, text, strlen(text));
+}
+
+/* The same picture under another name. */
+static inline void tree_copy(scratch *s, const char *from, const char *name) {
+  uint8_t *bytes;
+  size_t size;
+  scratch_ok(pags_file_read(scratch_path(s, from), &bytes, &size));
+  tree_bytes(s, name, bytes, size);
+  free(bytes);
+}
+
 /* Truth. */
 
 static inline void tree_ego(int frame, double out[12]) {
@@ -71,7 +95,7 @@ static inline void tree_write_matrix(scratch *s, const char *name, const double 
     length += snprintf(text + length, sizeof text - (size_t)length, "%.18e %.18e %.18e %.18e\n", m[4 * i], m[4 * i + 1],
                        m[4 * i + 2], m[4 * i + 3]);
   snprintf(text + length, sizeof text - (size_t)length, "0 0 0 1\n");
-  scratch_text(s, name, text);
+  tree_text(s, name, text);
 }
 
 static uint8_t tree_paint(int x, int y, int c) {
@@ -85,10 +109,13 @@ static inline void tree_write_cameras(scratch *s, const tree_kind *kind) {
   pags_rigid_inverse(waymo_from_opencv, inverse);
   for (int c = 0; c < TREE_CAMERAS; c++) {
     snprintf(name, sizeof name, "intrinsics/%d.txt", c);
-    scratch_text(s, name, c == 0 ? "40\n41\n24.5\n15.5\n0\n0\n0\n0\n0\n" : "42 0 24\n0 43 16\n0 0 1\n");
+    tree_text(s, name, c == 0 ? "40\n41\n24.5\n15.5\n0\n0\n0\n0\n0\n" : "42 0 24\n0 43 16\n0 0 1\n");
     for (int t = 0; t < TREE_FRAMES; t++) {
       snprintf(name, sizeof name, "images/%03d_%d.png", t, c);
-      scratch_picture(s, name, TREE_WIDTH, TREE_HEIGHT, tree_paint);
+      if (c + t == 0)
+        scratch_picture(s, name, TREE_WIDTH, TREE_HEIGHT, tree_paint);
+      else
+        tree_copy(s, "images/000_0.png", name);
       snprintf(name, sizeof name, "extrinsics/%03d_%d.txt", t, c);
       tree_view(t, c, pose);
       if (kind->per_frame)
@@ -117,7 +144,7 @@ static inline void tree_write_sweeps(scratch *s, const tree_kind *kind) {
         rows[i * kind->columns + kind->first + k] = (float)(kind->laser_frame ? there : p[k]);
       }
     snprintf(name, sizeof name, "lidar/%03d.bin", t);
-    scratch_write(s, name, rows, (size_t)(2 * kind->columns) * sizeof *rows);
+    tree_bytes(s, name, rows, (size_t)(2 * kind->columns) * sizeof *rows);
     tree_ego(t, ego);
     pags_rigid_multiply(ego, laser, pose);
     snprintf(name, sizeof name, kind->laser_frame ? "lidar_pose/%03d.txt" : "ego_pose/%03d.txt", t);
@@ -158,17 +185,17 @@ static inline void tree_write_boxes(scratch *s, const tree_kind *kind) {
                      "},\n\"1\":{\"id\":7,\"class_name\":\"Pedestrian\",\n\"frame_annotations\":");
   length += tree_write_box(text + length, sizeof text - (size_t)length, kind, 1, 1, 3);
   snprintf(text + length, sizeof text - (size_t)length, "}}\n");
-  scratch_text(s, "instances/instances_info.json", text);
-  scratch_text(s, "instances/frame_instances.json", "{\"0\":[0],\"1\":[0,1],\"2\":[0,1],\"3\":[1,0],\"4\":[0]}");
+  tree_text(s, "instances/instances_info.json", text);
+  tree_text(s, "instances/frame_instances.json", "{\"0\":[0],\"1\":[0,1],\"2\":[0,1],\"3\":[1,0],\"4\":[0]}");
 }
 
 static inline void tree_write(scratch *s, const tree_kind *kind) {
   tree_write_cameras(s, kind);
   tree_write_sweeps(s, kind);
   tree_write_boxes(s, kind);
-  scratch_text(s, "timestamps.json",
-               "{\"frames\": [100, 100.5, 101, 101.5, 102],\n"
-               "\"cameras\": {\"0\": [99.9, 100.4, 100.9, 101.4, 101.9], \"1\": [99.8, 100.3, 100.8, 101.3, null]}}");
+  tree_text(s, "timestamps.json",
+            "{\"frames\": [100, 100.5, 101, 101.5, 102],\n"
+            "\"cameras\": {\"0\": [99.9, 100.4, 100.9, 101.4, 101.9], \"1\": [99.8, 100.3, 100.8, 101.3, null]}}");
 }
 
 #endif

@@ -51,7 +51,8 @@ typedef struct pags_view {
 /* What the rows of a photograph's label plane consist of. */
 enum {
   PAGS_LABEL_SKY = 1,        /* from sky_masks, else semantic, else above the horizon without LiDAR returns */
-  PAGS_LABEL_CRITICAL = 2,   /* vehicle, pedestrian or cyclist: of semantic's classes or in dynamic_masks/all, else in any box */
+  PAGS_LABEL_CRITICAL = 2,   /* vehicle, pedestrian or cyclist: of semantic's classes or in dynamic_masks/all; without semantic in
+                                a box of theirs, too */
   PAGS_LABEL_MOVING = 4,     /* in dynamic_masks/all, else in the box of a moving object */
   PAGS_LABEL_VEHICLE = 8,    /* in the box of a moving vehicle */
   PAGS_LABEL_PEDESTRIAN = 16, /* in the box of a moving pedestrian */
@@ -80,14 +81,14 @@ typedef struct pags_sweep {
 
 typedef struct pags_dataset pags_dataset;
 
-/* `path`: a folder with transforms.json, or a transforms file itself, or a folder with a COLMAP model (., sparse/0, sparse,
- * colmap/sparse/0) and images. Reads every header, decodes no picture but checks that each exists and that its size fits
- * its camera. Views are in file-name order. */
+/* `path`: a folder with transforms.json, or a transforms file itself, or a driving set (dataset.json, or images with ego_pose or
+ * extrinsics), or a folder with a COLMAP model (., sparse/0, sparse, colmap/sparse/0) and images. Reads every header, decodes no picture but checks that each exists and that its size fits
+ * its camera. Views are in file-name order, those of driving sets by frame, then by camera. */
 PAGS_API pags_result pags_dataset_open(const char *path, const pags_dataset_options *options, pags_dataset **out);
 PAGS_API void pags_dataset_close(pags_dataset *dataset);
 
 PAGS_API const char *pags_dataset_path(const pags_dataset *dataset);
-PAGS_API const char *pags_dataset_kind(const pags_dataset *dataset); /* "transforms.json", "colmap" */
+PAGS_API const char *pags_dataset_kind(const pags_dataset *dataset); /* "transforms.json", "colmap"; driving: "waymo", ... or "pags" */
 PAGS_API int64_t pags_dataset_view_count(const pags_dataset *dataset);
 PAGS_API const pags_view *pags_dataset_view(const pags_dataset *dataset, int64_t index);
 PAGS_API pags_up pags_dataset_up(const pags_dataset *dataset);

@@ -1,0 +1,161 @@
+/* Labels of pixels: sky, critical, moving, kinds of moving things, parked.
+ *
+ * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes come last, straight
+ * into the finished photograph: the box of time step t as it stands, for every camera. */
+#include "dataset/labels.h"
+
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Cityscapes' train ids: 10 sky; 11 person, rider, car, truck, bus, train, motorcycle, 18 bicycle. */
+enum { CLASS_SKY = 10, CLASS_FIRST_DYNAMIC = 11, CLASS_LAST_DYNAMIC = 18 };
+
+bool pags_labels_exist(const pags_dataset *dataset, int64_t view) {
+  const pags_draft_view *from = &dataset->draft.views[view];
+  const pags_driving *driving = dataset->draft.driving;
+  return driving && (from->sky_path || from->semantic_path || from->dynamic_path ||
+                     (driving->provides & (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR)));
+}
+
+static bool is_dynamic(uint8_t class) {
+  return class >= CLASS_FIRST_DYNAMIC && class <= CLASS_LAST_DYNAMIC;
+}
+
+static size_t area(const pags_lens *lens) {
+  return (size_t)lens->width * (size_t)lens->height;
+}
+
+/* One channel of the lens's size. */
+static pags_result load(const char *path, const pags_lens *lens, pags_image *out) {
+  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
+  if (out->width == lens->width && out->height == lens->height)
+    return PAGS_OK;
+  pags_result result = pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its photograph has", path,
+                                 out->width, out->height, lens->width, lens->height);
+  pags_image_destroy(out);
+  return result;
+}
+
+/* Sets `bits` where the mask is white. */
+static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels) {
+  pags_image mask;
+  PAGS_TRY(load(path, lens, &mask));
+  const uint8_t *from = mask.data;
+  for (size_t i = 0; i < area(lens); i++)
+    labels[i] |= from[i] >= 128 ? bits : 0;
+  pags_image_destroy(&mask);
+  return PAGS_OK;
+}
+
+/* `without`: dynamic classes are left out of the loss, since there are no boxes to model them by. */
+static pags_result add_semantic(const pags_draft_view *view, bool without, uint8_t *labels, uint8_t *mask) {
+  pags_image classes;
+  uint8_t sky = view->sky_path ? 0 : PAGS_LABEL_SKY;
+  PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
+  const uint8_t *from = classes.data;
+  for (size_t i = 0; i < area(&view->lens); i++) {
+    labels[i] |= from[i] == CLASS_SKY ? sky : is_dynamic(from[i]) ? PAGS_LABEL_CRITICAL : 0;
+    if (without && is_dynamic(from[i]))
+      mask[i] = 0;
+  }
+  pags_image_destroy(&classes);
+  return PAGS_OK;
+}
+
+static pags_result make_mask(const pags_lens *lens, pags_image *mask) {
+  if (mask->data)
+    return PAGS_OK;
+  PAGS_TRY(pags_image_create(mask, lens->width, lens->height, 1, PAGS_U8));
+  memset(mask->data, 255, area(lens));
+  return PAGS_OK;
+}
+
+static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, pags_image *mask) {
+  const pags_image *ego = &sensor->ego;
+  if (!ego->data)
+    return PAGS_OK;
+  if (ego->width != lens->width || ego->height != lens->height)
+    return pags_fail(PAGS_ERROR_FORMAT, "camera %d: ego mask of %d x %d pixels for a photograph of %d x %d",
+                     sensor->number, ego->width, ego->height, lens->width, lens->height);
+  PAGS_TRY(make_mask(lens, mask));
+  const uint8_t *from = ego->data;
+  uint8_t *to = mask->data;
+  for (size_t i = 0; i < area(lens); i++)
+    to[i] = from[i] >= 128 ? 0 : to[i];
+  return PAGS_OK;
+}
+
+static pags_result load_files(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+                              pags_image *mask) {
+  bool without = view->semantic_path && !(driving->provides & PAGS_PROVIDES_BOXES);
+  if (without)
+    PAGS_TRY(make_mask(&view->lens, mask));
+  if (view->sky_path)
+    PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels));
+  if (view->semantic_path)
+    PAGS_TRY(add_semantic(view, without, labels, mask->data));
+  if (view->dynamic_path)
+    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL, labels));
+  return PAGS_OK;
+}
+
+pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_image *labels, pags_image *mask) {
+  const pags_driving *driving = dataset->draft.driving;
+  const pags_draft_view *view = &dataset->draft.views[index];
+  if (!driving)
+    return PAGS_OK;
+  const pags_sensor *sensor = pags_driving_sensor(driving, view->sensor);
+  assert(sensor);
+  PAGS_TRY(clear_ego(sensor, &view->lens, mask));
+  if (!view->sky_path && !view->semantic_path && !view->dynamic_path)
+    return PAGS_OK;
+  PAGS_TRY(pags_image_create(labels, view->lens.width, view->lens.height, 1, PAGS_U8));
+  return load_files(driving, view, labels->data, mask);
+}
+
+/* Boxes. */
+
+static const pags_knot *knot_at(const pags_object *object, int frame) {
+  int64_t low = 0, high = object->knot_count;
+  while (low < high) {
+    int64_t middle = low + (high - low) / 2;
+    if (object->knots[middle].frame < frame)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low < object->knot_count && object->knots[low].frame == frame ? &object->knots[low] : NULL;
+}
+
+static uint8_t bits_of(const pags_object *object, const pags_draft_view *view) {
+  static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
+  int bits = object->moving ? kinds[object->category] : PAGS_LABEL_PARKED;
+  if (object->moving && !view->dynamic_path)
+    bits |= PAGS_LABEL_MOVING;
+  if (pags_category_is_critical(object->category) && !view->semantic_path)
+    bits |= PAGS_LABEL_CRITICAL;
+  return (uint8_t)bits;
+}
+
+static void add_boxes(const pags_driving *driving, const pags_draft_view *view, const pags_camera *camera, int stride,
+                      uint8_t *plane) {
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    const pags_object *object = &driving->objects[i];
+    const pags_knot *knot = knot_at(object, view->frame);
+    double corners[32];
+    int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
+    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(object, view), plane);
+  }
+}
+
+pags_result pags_labels_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
+                            uint8_t *plane) {
+  const pags_driving *driving = dataset->draft.driving;
+  const pags_draft_view *view = &dataset->draft.views[index];
+  add_boxes(driving, view, camera, stride, plane);
+  if (view->sky_path || view->semantic_path || driving->sweep_count == 0)
+    return PAGS_OK;
+  return pags_sky_guess(driving, view->frame, camera, stride, plane);
+}
