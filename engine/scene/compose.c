@@ -5,7 +5,7 @@
  * with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in double. */
 #include <pags/compose.h>
 
-#include <assert.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -370,20 +370,22 @@ static double phase(const pags_scene *scene, const group *g, double time) {
   return end > begin ? (time - begin) / (end - begin) : 0;
 }
 
+/* Summed in double and held within what a float can say, so that no terms add up to infinity. */
 static void evaluate_dc(const pags_scene *scene, group *g, double time) {
   const pags_gaussians *gaussians = &g->gaussians;
-  double exact[5];
+  double basis[5];
   if (g->dc_time == time)
     return;
-  pags_fourier_basis(phase(scene, g, time), exact);
+  pags_fourier_basis(phase(scene, g, time), basis);
   for (int channel = 0; channel < 3; ++channel) {
+    const float *constant = pags_plane(gaussians, PAGS_SH + channel);
+    const float *terms = gaussians->fourier + channel * gaussians->stride;
     float *dc = g->dc + channel * gaussians->stride;
-    memcpy(dc, pags_plane(gaussians, PAGS_SH + channel), (size_t)gaussians->count * sizeof *dc);
-    for (int k = 1; k < 5; ++k) {
-      const float *term = gaussians->fourier + (3 * (k - 1) + channel) * gaussians->stride;
-      float weight = (float)exact[k];
-      for (int64_t i = 0; i < gaussians->count; ++i)
-        dc[i] += weight * term[i];
+    for (int64_t i = 0; i < gaussians->count; ++i) {
+      double sum = (double)constant[i];
+      for (int k = 1; k < 5; ++k)
+        sum += basis[k] * (double)terms[3 * (k - 1) * gaussians->stride + i];
+      dc[i] = (float)fmin(fmax(sum, (double)-FLT_MAX), (double)FLT_MAX);
     }
   }
   g->dc_time = time;

@@ -236,6 +236,35 @@ static void colour_follows_the_track(void **state) {
   pags_composition_destroy(c);
 }
 
+static void absurd_numbers_stay_finite(void **state) {
+  (void)state;
+  static const double far[] = {1e12, 1e300, -1e308};
+  for (int n = 0; n < 3; ++n) {
+    pags_scene scene = make_scene();
+    pags_gaussians *car = &scene.models[1].gaussians;
+    assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
+    for (int p = 0; p < 12; ++p)
+      car->fourier[p * car->stride] = 3e38f;
+    if (n)
+      scene.objects[CAR].record.knots[1].world_from_object[3 + 4 * (n - 1)] = far[n];
+    scene.objects[CAR].record.knots[2].translation[n] = far[n];
+    pags_composition *c = compose_scene(scene);
+    edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {far[n], 0, 0}}, 1);
+    for (int t = 0; t < 5; ++t) {
+      const pags_part *parts;
+      int count;
+      pags_compose(c, 100 + 0.5 * t, &parts, &count);
+      for (int p = 0; p < count; ++p)
+        assert_true(!parts[p].dc || isfinite(parts[p].dc[0]));
+      pags_picture picture = draw(c, 100 + 0.5 * t);
+      for (int y = 0; y < SIZE; ++y)
+        for (int x = 0; x < SIZE; ++x)
+          assert_true(isfinite(picture.rgb[1][y * picture.stride + x]));
+    }
+    pags_composition_destroy(c);
+  }
+}
+
 static void ids_and_objects_are_those_of_the_files(void **state) {
   (void)state;
   pags_composition *c = compose_scene(make_scene());
@@ -333,6 +362,7 @@ int main(void) {
       cmocka_unit_test(added_objects_leave_the_first_ones),
       cmocka_unit_test(bad_edits_change_nothing),
       cmocka_unit_test(colour_follows_the_track),
+      cmocka_unit_test(absurd_numbers_stay_finite),
       cmocka_unit_test(ids_and_objects_are_those_of_the_files),
       cmocka_unit_test(cutting_changes_no_bit),
       cmocka_unit_test(steady_composition_keeps_its_memory),

@@ -6,6 +6,7 @@
 #include <stdarg.h>
 #include <string.h>
 
+#include "base/rng.h"
 #include "base/text.h"
 #include "scratch_folder.h"
 #include "splat_files.h"
@@ -277,6 +278,38 @@ static void bad_objects_are_explained(void **state) {
                        "background.ply: vertex 7: expected 'object_id' of one of 2 objects, found 2");
 }
 
+/* Bytes changed at random: an error or a scene, never a crash. */
+static void damaged_scenes_are_survived(void **state) {
+  (void)state;
+  static const char *const files[] = {"f/scene.json", "f/sky.npy", "f/objects/car 1.ply"};
+  int refused = 0;
+  for (int kind = 0; kind < 3; ++kind) {
+    pags_scene scene = driving_sample(), back;
+    uint8_t *bytes;
+    size_t size;
+    assert_int_equal(pags_scene_save(scratch("f"), &scene), PAGS_OK);
+    pags_scene_destroy(&scene);
+    assert_int_equal(pags_file_read(scratch(files[kind]), &bytes, &size), PAGS_OK);
+    for (uint64_t i = 0; i < 150; ++i) {
+      uint8_t *damaged = malloc(size);
+      memcpy(damaged, bytes, size);
+      for (uint64_t k = 0; k <= i % 3; ++k) {
+        size_t at = (size_t)pags_rng_below(1, 8 * i + k, (uint64_t)kind, size);
+        damaged[at] = (uint8_t) "0123456789-.e\"[]{},:nt/\xff"[pags_rng_below(2, 8 * i + k, (uint64_t)kind, 24)];
+      }
+      scratch_file(files[kind], damaged, i % 10 ? size : size - 1 - (size_t)i);
+      if (pags_scene_load(scratch("f"), &back) == PAGS_OK)
+        pags_scene_destroy(&back);
+      else
+        ++refused;
+      assert_null(back.models);
+      free(damaged);
+    }
+    free(bytes);
+  }
+  assert_true(refused > 50);
+}
+
 static void bad_scenes_are_explained(void **state) {
   (void)state;
   assert_edit_fails("\"version\": 1,", "\"version\":99,", PAGS_ERROR_UNSUPPORTED,
@@ -326,11 +359,12 @@ static int teardown(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_scene_comes_back),        cmocka_unit_test(saving_is_the_same_to_the_byte),
-      cmocka_unit_test(a_bare_file_is_a_scene),    cmocka_unit_test(bad_scenes_are_explained),
-      cmocka_unit_test(files_outside_are_refused), cmocka_unit_test(models_must_match_what_is_promised),
-      cmocka_unit_test(other_paths_are_explained), cmocka_unit_test(a_driving_scene_comes_back),
-      cmocka_unit_test(file_names_are_made_safe),  cmocka_unit_test(bad_objects_are_explained),
+      cmocka_unit_test(a_scene_comes_back),          cmocka_unit_test(saving_is_the_same_to_the_byte),
+      cmocka_unit_test(a_bare_file_is_a_scene),      cmocka_unit_test(bad_scenes_are_explained),
+      cmocka_unit_test(files_outside_are_refused),   cmocka_unit_test(models_must_match_what_is_promised),
+      cmocka_unit_test(other_paths_are_explained),   cmocka_unit_test(a_driving_scene_comes_back),
+      cmocka_unit_test(file_names_are_made_safe),    cmocka_unit_test(bad_objects_are_explained),
+      cmocka_unit_test(damaged_scenes_are_survived),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }
