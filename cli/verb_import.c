@@ -26,16 +26,18 @@ static const pags_option options[] = {
      .metavar = "DATASET",
      .help = "folder to write the data set to"},
     PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1",
-              "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 image_02, 1 image_03"),
-    PAGS_TEXT("frames", 0, AT(frames), "A-B", "all", "frames to import, both included; A- to the end; they count from 0 in DATASET"),
+              "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
+              "image_02, 1 image_03"),
+    PAGS_TEXT("frames", 0, AT(frames), "A-B", "all",
+              "frames to import, both included; A- to the end; they count from 0 in DATASET"),
     PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
               "kitti: the sequence (0000), or of raw recordings the drive (0001)"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
     PAGS_SESSION_OPTIONS(import_arguments),
     {0}};
 
-typedef pags_result import_fn(const char *source, const char *folder, const pags_import_options *options, pags_tasks *tasks,
-                              pags_progress_fn *progress, void *user);
+typedef pags_result import_fn(const char *source, const char *folder, const pags_import_options *options,
+                              pags_tasks *tasks, pags_progress_fn *progress, void *user);
 
 static const struct kind {
   const char *name;
@@ -48,13 +50,14 @@ static const pags_positional positionals[] = {
     {"RAW", "KITTI's folder, or Waymo's .tfrecord file"},
     {NULL, NULL}};
 
-static const pags_verb verb = {
-    .name = "import",
-    .usage = "KIND RAW -o DATASET [options]",
-    .about = "Turns a recording into a data set that 'pags train' reads. Photographs are copied byte by byte. What was stopped goes on "
-             "where it was when the same command is given again.",
-    .positionals = positionals,
-    .options = options};
+static const pags_verb verb = {.name = "import",
+                               .usage = "KIND RAW -o DATASET [options]",
+                               .about =
+                                   "Turns a recording into a data set that 'pags train' reads. Photographs are copied "
+                                   "byte by byte. What was stopped goes on "
+                                   "where it was when the same command is given again.",
+                               .positionals = positionals,
+                               .options = options};
 
 /* "A-B", "A-" or "A": false for anything else. */
 static bool parse_frames(const char *text, int64_t *first, int64_t *last) {
@@ -108,7 +111,8 @@ static int show_progress(void *user, double fraction, const char *what) {
 static pags_result report(import_arguments *arguments, const struct kind *kind, double seconds) {
   pags_json_writer writer;
   char text[32];
-  pags_say(&arguments->session, "%s: imported in %s\n", arguments->output, pags_format_duration(seconds, text, sizeof text));
+  pags_say(&arguments->session, "%s: imported in %s\n", arguments->output,
+           pags_format_duration(seconds, text, sizeof text));
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "kind", kind->name);
@@ -144,7 +148,8 @@ int pags_verb_import(int argc, char **argv) {
       kind = &kinds[i];
   if (!kind)
     return pags_usage_error(&verb, "KIND: expected kitti or waymo, got '%s'", parsed.positionals[0]);
-  if (arguments.frames && !parse_frames(arguments.frames, &arguments.options.frame_first, &arguments.options.frame_last))
+  if (arguments.frames &&
+      !parse_frames(arguments.frames, &arguments.options.frame_first, &arguments.options.frame_last))
     return pags_usage_error(&verb, "--frames: expected A-B with A <= B, or A-, got '%s'", arguments.frames);
   if (arguments.options.sequence && kind->import == pags_import_waymo)
     return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");

@@ -71,8 +71,18 @@ static pags_result copy(const char *from, const char *folder, const char *name) 
 /* R = Rz(yaw) Ry(pitch) Rx(roll). */
 static void rotate(double roll, double pitch, double yaw, const double t[3], double out[12]) {
   const double cx = cos(roll), sx = sin(roll), cy = cos(pitch), sy = sin(pitch), cz = cos(yaw), sz = sin(yaw);
-  const double m[12] = {cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, t[0], sz * cy, sz * sy * sx + cz * cx,
-                        sz * sy * cx - cz * sx, t[1], -sy, cy * sx, cy * cx, t[2]};
+  const double m[12] = {cz * cy,
+                        cz * sy * sx - sz * cx,
+                        cz * sy * cx + sz * sx,
+                        t[0],
+                        sz * cy,
+                        sz * sy * sx + cz * cx,
+                        sz * sy * cx - cz * sx,
+                        t[1],
+                        -sy,
+                        cy * sx,
+                        cy * cx,
+                        t[2]};
   memcpy(out, m, sizeof m);
 }
 
@@ -122,8 +132,9 @@ static rig make_rig(const raw_kitti *s) {
   pags_rigid_multiply(inverse, r.cam0_from_velo, r.cam_from_velo);
   for (int c = 0; c < 4; c++) { /* P = K [I | t] with the first pixel's centre at 0 */
     const double t[3] = {shifts[c], c < 2 ? 0 : t2[1], c < 2 ? 0 : t2[2]}, cx = camera->cx - 0.5, cy = camera->cy - 0.5;
-    const double p[12] = {camera->fx, 0, cx, camera->fx * t[0] + cx * t[2], 0, camera->fy, cy, camera->fy * t[1] + cy * t[2],
-                          0, 0, 1, t[2]};
+    const double p[12] = {camera->fx, 0,          cx, camera->fx * t[0] + cx * t[2],
+                          0,          camera->fy, cy, camera->fy * t[1] + cy * t[2],
+                          0,          0,          1,  t[2]};
     memcpy(r.projection[c], p, sizeof p);
   }
   return r;
@@ -272,13 +283,15 @@ static void put_2d_box(const raw_kitti *s, out_file *f, const pags_object *objec
     put(f, "%.6f ", box[i]);
 }
 
-static void put_label(const raw_kitti *s, const rig *r, out_file *f, int64_t track, const pags_object *object, const pags_knot *knot) {
+static void put_label(const raw_kitti *s, const rig *r, out_file *f, int64_t track, const pags_object *object,
+                      const pags_knot *knot) {
   double velo_from_world[12], cam0_from_object[12];
   pags_rigid_inverse(world_from_velo(s, knot->frame), velo_from_world);
   pags_rigid_multiply(velo_from_world, knot->world_from_object, cam0_from_object);
   pags_rigid_multiply(r->cam0_from_velo, cam0_from_object, cam0_from_object);
   const double *m = cam0_from_object, yaw = atan2(-m[8], m[0]); /* forward is (cos, ., -sin) */
-  const double numbers[7] = {object->size[2], object->size[1], object->size[0], m[3], m[7] + object->size[2] / 2, m[11], yaw};
+  const double numbers[7] = {
+      object->size[2], object->size[1], object->size[0], m[3], m[7] + object->size[2] / 2, m[11], yaw};
   put(f, "%d %lld %s 0 0 %.6f ", knot->frame, (long long)track, object->class_name, yaw - atan2(m[3], m[11]));
   put_2d_box(s, f, object, knot);
   for (int i = 0; i < 7; i++)
@@ -324,8 +337,10 @@ static int64_t run_length(const pags_object *object, int64_t first) {
 static void put_tracklets(const raw_kitti *s, out_file *f, const pags_object *object) {
   for (int64_t first = 0, count; first < object->knot_count; first += count) {
     count = run_length(object, first);
-    put(f, "    <item class_id=\"1\" tracking_level=\"0\" version=\"1\">\n      <objectType>%s</objectType>\n", object->class_name);
-    put(f, "      <h>%.17g</h>\n      <w>%.17g</w>\n      <l>%.17g</l>\n", object->size[2], object->size[1], object->size[0]);
+    put(f, "    <item class_id=\"1\" tracking_level=\"0\" version=\"1\">\n      <objectType>%s</objectType>\n",
+        object->class_name);
+    put(f, "      <h>%.17g</h>\n      <w>%.17g</w>\n      <l>%.17g</l>\n", object->size[2], object->size[1],
+        object->size[0]);
     put(f, "      <first_frame>%d</first_frame>\n      <poses class_id=\"2\">\n        <count>%lld</count>\n",
         object->knots[first].frame, (long long)count);
     put(f, "        <item_version>2</item_version>\n");
@@ -425,9 +440,12 @@ pags_result raw_kitti_write_drive(const raw_kitti *source, const char *folder) {
   static const struct {
     const char *name;
     double shift;
-  } times[] = {{"image_02/timestamps.txt", 0},          {"image_03/timestamps.txt", 0.001},
-               {"oxts/timestamps.txt", -0.002},         {"velodyne_points/timestamps.txt", -0.003},
-               {"velodyne_points/timestamps_start.txt", -0.053}, {"velodyne_points/timestamps_end.txt", 0.047}};
+  } times[] = {{"image_02/timestamps.txt", 0},
+               {"image_03/timestamps.txt", 0.001},
+               {"oxts/timestamps.txt", -0.002},
+               {"velodyne_points/timestamps.txt", -0.003},
+               {"velodyne_points/timestamps_start.txt", -0.053},
+               {"velodyne_points/timestamps_end.txt", 0.047}};
   for (size_t i = 0; result == PAGS_OK && i < sizeof times / sizeof times[0]; i++)
     result = write_times(source, drive, times[i].name, times[i].shift);
   free(drive);

@@ -1,7 +1,8 @@
 /* Imports KITTI: the tracking benchmark and raw recordings.
  *
- * World: east, north, up, metres, origin at the Velodyne's place in frame 0 of the sequence, whichever frames are imported. Ego: the
- * Velodyne, so that sweeps are copied as they are. Poses are KITTI's own: oxts by its development kit, then Tr_imu_to_velo. */
+ * World: east, north, up, metres, origin at the Velodyne's place in frame 0 of the sequence, whichever frames are
+ * imported. Ego: the Velodyne, so that sweeps are copied as they are. Poses are KITTI's own: oxts by its development
+ * kit, then Tr_imu_to_velo. */
 #include <assert.h>
 #include <math.h>
 #include <pags/image.h>
@@ -25,12 +26,12 @@ static const char *const camera_names[CAMERAS] = {"left", "right"};
 typedef struct importer {
   pags_kitti_tree tree;
   pags_kitti_calib calib;
-  int64_t count;                  /* frames used */
-  double *oxts;                   /* PAGS_KITTI_OXTS of each */
-  double (*world_from_velo)[12];  /* of each */
-  double *times;                  /* of each */
+  int64_t count;                 /* frames used */
+  double *oxts;                  /* PAGS_KITTI_OXTS of each */
+  double (*world_from_velo)[12]; /* of each */
+  double *times;                 /* of each */
   pags_layout_exposure *exposures;
-  double *sweep_times;            /* NULL: unknown */
+  double *sweep_times; /* NULL: unknown */
   pags_kitti_tracks tracks;
   pags_layout_camera cameras[CAMERAS];
   double velo_from_camera[CAMERAS][12];
@@ -79,11 +80,12 @@ static pags_result read_rows(const importer *im, double first[PAGS_KITTI_OXTS]) 
     return no_memory(im);
   pags_result result = pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table);
   if (result == PAGS_OK && table.rows < im->tree.frames)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path, (long long)im->tree.frames,
-                       (long long)table.rows);
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a line for each of %lld frames, found %lld", path,
+                       (long long)im->tree.frames, (long long)table.rows);
   if (result == PAGS_OK) {
     memcpy(first, table.values, PAGS_KITTI_OXTS * sizeof *first);
-    memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS, (size_t)im->count * PAGS_KITTI_OXTS * sizeof *first);
+    memcpy(im->oxts, table.values + im->tree.first * PAGS_KITTI_OXTS,
+           (size_t)im->count * PAGS_KITTI_OXTS * sizeof *first);
   }
   pags_kitti_table_destroy(&table);
   free(path);
@@ -130,7 +132,8 @@ static void compute_velocity(const importer *im, int64_t t, double out[6]) {
   pags_kitti_oxts_pose(row, 1, pose);
   const double w[3] = {row[PAGS_OXTS_WX], row[PAGS_OXTS_WY], row[PAGS_OXTS_WZ]};
   const double lever[3] = {imu_from_velo[3], imu_from_velo[7], imu_from_velo[11]};
-  const double turn[3] = {w[1] * lever[2] - w[2] * lever[1], w[2] * lever[0] - w[0] * lever[2], w[0] * lever[1] - w[1] * lever[0]};
+  const double turn[3] = {w[1] * lever[2] - w[2] * lever[1], w[2] * lever[0] - w[0] * lever[2],
+                          w[0] * lever[1] - w[1] * lever[0]};
   const double v[3] = {row[PAGS_OXTS_VE], row[PAGS_OXTS_VN], row[PAGS_OXTS_VU]};
   for (int i = 0; i < 3; i++) {
     out[i] = v[i] + pose[4 * i] * turn[0] + pose[4 * i + 1] * turn[1] + pose[4 * i + 2] * turn[2];
@@ -149,8 +152,8 @@ static pags_result read_times(const importer *im, const char *name, double *out,
     return no_memory(im);
   pags_result result = pags_kitti_times_read(path, &count, &all);
   if (result == PAGS_OK && count < im->tree.frames)
-    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path, (long long)im->tree.frames,
-                       (long long)count);
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s: expected a time for each of %lld frames, found %lld", path,
+                       (long long)im->tree.frames, (long long)count);
   for (int64_t t = 0; result == PAGS_OK && t < im->count; t++)
     out[t * stride] = all[im->tree.first + t];
   free(all);
@@ -197,8 +200,8 @@ static pags_result set_times(importer *im) {
   }
   for (int64_t t = 1; t < im->count; t++)
     if (!(im->times[t] > im->times[t - 1]))
-      return pags_fail(PAGS_ERROR_FORMAT, "%s/image_%02d/timestamps.txt:%lld: expected a time after the line before", im->tree.root,
-                       im->tree.cameras[0] + 2, (long long)(im->tree.first + t + 1));
+      return pags_fail(PAGS_ERROR_FORMAT, "%s/image_%02d/timestamps.txt:%lld: expected a time after the line before",
+                       im->tree.root, im->tree.cameras[0] + 2, (long long)(im->tree.first + t + 1));
   return read_sweep_times(im);
 }
 
@@ -223,7 +226,8 @@ static pags_result set_cameras(importer *im) {
 }
 
 static pags_result read_tracks(importer *im) {
-  const pags_kitti_span span = {im->tree.first, im->tree.last, im->tree.frames, im->times, (const double(*)[12])im->world_from_velo};
+  const pags_kitti_span span = {im->tree.first, im->tree.last, im->tree.frames, im->times,
+                                (const double(*)[12])im->world_from_velo};
   if (!im->tree.has_labels)
     return PAGS_OK;
   char *path = pags_kitti_labels_path(&im->tree);
@@ -270,7 +274,8 @@ static pags_result read_calib(importer *im) {
   char *path = pags_kitti_calib_path(&im->tree);
   if (!path)
     return no_memory(im);
-  const pags_result result = im->tree.raw ? pags_kitti_calib_read_raw(path, &im->calib) : pags_kitti_calib_read(path, &im->calib);
+  const pags_result result =
+      im->tree.raw ? pags_kitti_calib_read_raw(path, &im->calib) : pags_kitti_calib_read(path, &im->calib);
   free(path);
   return result;
 }
@@ -302,7 +307,12 @@ static pags_result put_image(const importer *im, int64_t t, int c) {
   if (!im->tree.has_labels)
     return PAGS_OK;
   const double *k = camera->intrinsics;
-  pags_camera view = {.width = camera->width, .height = camera->height, .fx = k[0], .fy = k[1], .cx = k[2], .cy = k[3],
+  pags_camera view = {.width = camera->width,
+                      .height = camera->height,
+                      .fx = k[0],
+                      .fy = k[1],
+                      .cx = k[2],
+                      .cy = k[3],
                       .time = im->times[t]};
   pags_rigid_multiply(im->world_from_velo[t], im->velo_from_camera[c], view.world_from_camera);
   return pags_layout_put_dynamic_masks(&im->layout, t, camera->number, &view, im->tracks.items, im->tracks.count);
@@ -374,7 +384,8 @@ static pags_result put_frames(const importer *im, pags_tasks *tasks, pags_progre
   return result;
 }
 
-static pags_result run(importer *im, const char *folder, bool overwrite, pags_tasks *tasks, pags_progress_fn *progress, void *user) {
+static pags_result run(importer *im, const char *folder, bool overwrite, pags_tasks *tasks, pags_progress_fn *progress,
+                       void *user) {
   const pags_layout_times times = {im->times, im->exposures, im->sweep_times};
   PAGS_TRY(pags_layout_begin(&im->layout, folder, &im->info, overwrite));
   if (pags_layout_is_finished(&im->layout))
@@ -390,8 +401,8 @@ static pags_result run(importer *im, const char *folder, bool overwrite, pags_ta
   return PAGS_OK;
 }
 
-pags_result pags_import_kitti(const char *source, const char *folder, const pags_import_options *options, pags_tasks *tasks,
-                              pags_progress_fn *progress, void *user) {
+pags_result pags_import_kitti(const char *source, const char *folder, const pags_import_options *options,
+                              pags_tasks *tasks, pags_progress_fn *progress, void *user) {
   importer im = {0};
   const pags_import_options standard = pags_import_options_default();
   const pags_import_options *chosen = options ? options : &standard;

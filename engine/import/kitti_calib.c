@@ -31,8 +31,8 @@ static pags_result read_entry(const pags_lines *lines, char *rest, const char *k
   for (int i = 0; i < e->count; i++) {
     const char *word = pags_take_word(&rest);
     if (!word || !pags_word_number(word, &e->out[i]))
-      return pags_lines_fail(lines, "expected %d numbers for '%s', found %s%.40s%s as number %d", e->count, key, word ? "'" : "",
-                             word ? word : "nothing", word ? "'" : "", i + 1);
+      return pags_lines_fail(lines, "expected %d numbers for '%s', found %s%.40s%s as number %d", e->count, key,
+                             word ? "'" : "", word ? word : "nothing", word ? "'" : "", i + 1);
   }
   if (pags_take_word(&rest))
     return pags_lines_fail(lines, "expected %d numbers for '%s', found more", e->count, key);
@@ -85,7 +85,8 @@ static void join_rotation(const double r[9], const double t[3], double out[12]) 
   }
 }
 
-static pags_result join_rectified(const char *path, const double rect[9], const double cam_from_velo[12], double out[12]) {
+static pags_result join_rectified(const char *path, const double rect[9], const double cam_from_velo[12],
+                                  double out[12]) {
   double rectified[12];
   join_rotation(rect, NULL, rectified);
   pags_rigid_multiply(rectified, cam_from_velo, out);
@@ -146,14 +147,17 @@ pags_result pags_kitti_calib_read_raw(const char *folder, pags_kitti_calib *out)
   return result;
 }
 
-pags_result pags_kitti_camera(const pags_kitti_calib *calib, int index, double intrinsics[4], double cam0_from_camera[12]) {
+pags_result pags_kitti_camera(const pags_kitti_calib *calib, int index, double intrinsics[4],
+                              double cam0_from_camera[12]) {
   const double *p = calib->projection[index];
   const double third[4] = {p[1], p[4], p[8], p[9]};
   for (int i = 0; i < 4; i++)
     if (third[i] != 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "P%d is no projection of a rectified camera: expected 0 where it has %g", index, third[i]);
+      return pags_fail(PAGS_ERROR_FORMAT, "P%d is no projection of a rectified camera: expected 0 where it has %g",
+                       index, third[i]);
   if (!(p[0] > 0) || !(p[5] > 0) || p[10] != 1)
-    return pags_fail(PAGS_ERROR_FORMAT, "P%d is no projection of a rectified camera: focal lengths %g and %g, last row's 1 is %g", index,
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "P%d is no projection of a rectified camera: focal lengths %g and %g, last row's 1 is %g", index,
                      p[0], p[5], p[10]);
   /* Corners of the picture lie half a pixel before the first pixel's centre. */
   intrinsics[0] = p[0];

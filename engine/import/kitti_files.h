@@ -1,8 +1,8 @@
-/* Readers of KITTI's files, each by itself (A. Geiger, P. Lenz, C. Stiller, R. Urtasun: Vision meets Robotics: The KITTI
- * Dataset, IJRR 2013, and the readme files of its development kits).
+/* Readers of KITTI's files, each by itself (A. Geiger, P. Lenz, C. Stiller, R. Urtasun: Vision meets Robotics: The
+ * KITTI Dataset, IJRR 2013, and the readme files of its development kits).
  *
- * Frames of reference: imu and velo (x forward, y left, z up), cam0 (the rectified reference camera: x right, y down, z
- * forward). A message names file and line. */
+ * Frames of reference: imu and velo (x forward, y left, z up), cam0 (the rectified reference camera: x right, y
+ * down, z forward). A message names file and line. */
 #ifndef PAGS_IMPORT_KITTI_FILES_H
 #define PAGS_IMPORT_KITTI_FILES_H
 
@@ -39,18 +39,19 @@ pags_result pags_kitti_calib_read(const char *path, pags_kitti_calib *out);
 /* calib_cam_to_cam.txt, calib_velo_to_cam.txt and calib_imu_to_velo.txt of a raw recording's day. */
 pags_result pags_kitti_calib_read_raw(const char *folder, pags_kitti_calib *out);
 
-/* Camera `index` (0..3) of a rectified set: fx fy cx cy, in pixels with the corners of the picture at 0, and its pose. All
- * share cam0's orientation; P = K [I | t] puts the camera at -t. */
-pags_result pags_kitti_camera(const pags_kitti_calib *calib, int index, double intrinsics[4], double cam0_from_camera[12]);
+/* Camera `index` (0..3) of a rectified set: fx fy cx cy, in pixels with the corners of the picture at 0, and its
+ * pose. All share cam0's orientation; P = K [I | t] puts the camera at -t. */
+pags_result pags_kitti_camera(const pags_kitti_calib *calib, int index, double intrinsics[4],
+                              double cam0_from_camera[12]);
 
 /* ---- oxts: GPS and inertial unit ---- */
 
 enum { PAGS_KITTI_OXTS = 30 };
-enum { /* columns */
-  PAGS_OXTS_LAT, PAGS_OXTS_LON, PAGS_OXTS_ALT, PAGS_OXTS_ROLL, PAGS_OXTS_PITCH, PAGS_OXTS_YAW, /* degrees, m, radians */
-  PAGS_OXTS_VN, PAGS_OXTS_VE, PAGS_OXTS_VF, PAGS_OXTS_VL, PAGS_OXTS_VU, /* m/s: north, east, forward, leftward, upward */
-  PAGS_OXTS_WX = 17, PAGS_OXTS_WY, PAGS_OXTS_WZ                         /* rad/s about the imu's axes */
-};
+/* Columns. Velocities: north, east, forward, leftward, upward; rates about the imu's axes. */
+enum { PAGS_OXTS_LAT, PAGS_OXTS_LON, PAGS_OXTS_ALT };                              /* degrees, degrees, m */
+enum { PAGS_OXTS_ROLL = 3, PAGS_OXTS_PITCH, PAGS_OXTS_YAW };                       /* radians */
+enum { PAGS_OXTS_VN = 6, PAGS_OXTS_VE, PAGS_OXTS_VF, PAGS_OXTS_VL, PAGS_OXTS_VU }; /* m/s */
+enum { PAGS_OXTS_WX = 17, PAGS_OXTS_WY, PAGS_OXTS_WZ };                            /* rad/s */
 
 /* Pose of the imu in east, north, up by the development kit's Mercator projection with `scale` = cos(latitude of the
  * sequence's first row). */
@@ -64,10 +65,10 @@ typedef struct pags_kitti_label {
   char type[32];
   double truncated, alpha;
   int occluded;
-  double box[4];             /* left top right bottom, px */
+  double box[4];                /* left top right bottom, px */
   double height, width, length; /* m */
-  double bottom[3];          /* middle of the bottom face, cam0 */
-  double rotation_y;         /* about cam0's y; 0: faces along x */
+  double bottom[3];             /* middle of the bottom face, cam0 */
+  double rotation_y;            /* about cam0's y; 0: faces along x */
   int line;
 } pags_kitti_label;
 
@@ -108,8 +109,8 @@ void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index
 /* velodyne .bin: rows of x y z reflectance, float32, velo. Freed by the caller. */
 pags_result pags_kitti_points_read(const char *path, int64_t *count, float **xyzr);
 
-/* timestamps.txt of raw recordings: "2011-09-26 13:02:25.594360375" a line, as seconds since 1970 (UTC is taken, whatever
- * clock it was). Freed by the caller. */
+/* timestamps.txt of raw recordings: "2011-09-26 13:02:25.594360375" a line, as seconds since 1970 (UTC is taken,
+ * whatever clock it was). Freed by the caller. */
 pags_result pags_kitti_times_read(const char *path, int64_t *count, double **seconds);
 
 #ifdef __cplusplus

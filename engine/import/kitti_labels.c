@@ -16,7 +16,8 @@ bool pags_kitti_label_is_box(const pags_kitti_label *label) {
   return strcmp(label->type, "DontCare") != 0;
 }
 
-/* rotation_y turns about cam0's y, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The box stands on its bottom face. */
+/* rotation_y turns about cam0's y, which points down: R_y (1, 0, 0) = (cos, 0, -sin). The box stands on its bottom
+ * face. */
 void pags_kitti_label_pose(const pags_kitti_label *label, double out[12]) {
   const double c = cos(label->rotation_y), s = sin(label->rotation_y);
   const double forward[3] = {c, 0, -s}, left[3] = {s, 0, c}, up[3] = {0, -1, 0};
@@ -28,12 +29,13 @@ void pags_kitti_label_pose(const pags_kitti_label *label, double out[12]) {
   }
 }
 
-static pags_result take_integer(const pags_lines *lines, char **text, const char *what, int64_t lo, int64_t hi, int *out) {
+static pags_result take_integer(const pags_lines *lines, char **text, const char *what, int64_t lo, int64_t hi,
+                                int *out) {
   int64_t value;
   const char *word = pags_take_word(text);
   if (!word || !pags_word_integer(word, lo, hi, &value))
-    return pags_lines_fail(lines, "expected an integer of %lld..%lld for '%s', found '%.40s'", (long long)lo, (long long)hi, what,
-                           word ? word : "");
+    return pags_lines_fail(lines, "expected an integer of %lld..%lld for '%s', found '%.40s'", (long long)lo,
+                           (long long)hi, what, word ? word : "");
   *out = (int)value;
   return PAGS_OK;
 }
@@ -58,9 +60,10 @@ static pags_result read_label(const pags_lines *lines, char *text, bool tracking
   const struct {
     const char *name;
     double *value;
-  } numbers[] = {{"alpha", &out->alpha},       {"left", &out->box[0]},     {"top", &out->box[1]},  {"right", &out->box[2]},
-                 {"bottom", &out->box[3]},     {"height", &out->height},   {"width", &out->width}, {"length", &out->length},
-                 {"x", &out->bottom[0]},       {"y", &out->bottom[1]},     {"z", &out->bottom[2]}, {"rotation_y", &out->rotation_y}};
+  } numbers[] = {{"alpha", &out->alpha},  {"left", &out->box[0]},   {"top", &out->box[1]},
+                 {"right", &out->box[2]}, {"bottom", &out->box[3]}, {"height", &out->height},
+                 {"width", &out->width},  {"length", &out->length}, {"x", &out->bottom[0]},
+                 {"y", &out->bottom[1]},  {"z", &out->bottom[2]},   {"rotation_y", &out->rotation_y}};
   if (tracking) {
     PAGS_TRY(take_integer(lines, &text, "frame", 0, 1000000, &out->frame));
     PAGS_TRY(take_integer(lines, &text, "track id", -1, 1000000, &out->track));

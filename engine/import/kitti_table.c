@@ -86,8 +86,15 @@ void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, doub
   const double cx = cos(oxts[PAGS_OXTS_ROLL]), sx = sin(oxts[PAGS_OXTS_ROLL]);
   const double cy = cos(oxts[PAGS_OXTS_PITCH]), sy = sin(oxts[PAGS_OXTS_PITCH]);
   const double cz = cos(oxts[PAGS_OXTS_YAW]), sz = sin(oxts[PAGS_OXTS_YAW]);
-  const double r[9] = {cz * cy,  cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, sz * cy, sz * sy * sx + cz * cx,
-                       sz * sy * cx - cz * sx, -sy, cy * sx, cy * cx};
+  const double r[9] = {cz * cy,
+                       cz * sy * sx - sz * cx,
+                       cz * sy * cx + sz * sx,
+                       sz * cy,
+                       sz * sy * sx + cz * cx,
+                       sz * sy * cx - cz * sx,
+                       -sy,
+                       cy * sx,
+                       cy * cx};
   for (int i = 0; i < 9; i++)
     out[4 * (i / 3) + i % 3] = r[i];
   out[3] = scale * radius * oxts[PAGS_OXTS_LON] * pi / 180;
@@ -109,7 +116,8 @@ static bool parse_time(const char *line, double *out) {
   double second;
   if (sscanf(line, "%4d-%2d-%2d %2d:%2d:%n", &year, &month, &day, &hour, &minute, &used) != 5 || used == 0)
     return false;
-  if (year < 1970 || month < 1 || month > 12 || day < 1 || day > 31 || hour < 0 || hour > 23 || minute < 0 || minute > 59)
+  if (year < 1970 || month < 1 || month > 12 || day < 1 || day > 31 || hour < 0 || hour > 23 || minute < 0 ||
+      minute > 59)
     return false;
   if (line[used] < '0' || line[used] > '9' || !pags_word_number(line + used, &second) || second >= 61)
     return false;

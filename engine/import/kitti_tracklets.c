@@ -17,7 +17,8 @@
 
 enum { MAX_DEPTH = 16, TEXT = 64 };
 
-/* Depths of the elements that count: boost_serialization 1, tracklets 2, item 3, its members 4, a pose 5, its members 6. */
+/* Depths of the elements that count: boost_serialization 1, tracklets 2, item 3, its members 4, a pose 5, its
+ * members 6. */
 enum { TRACKLETS = 2, TRACKLET, MEMBER, POSE, NUMBER };
 
 typedef struct reader {
@@ -222,7 +223,8 @@ static void XMLCALL on_end(void *user, const XML_Char *name) {
 
 /* Entities can grow without bounds, and no tracklet file has any. */
 static void XMLCALL on_entity(void *user, const XML_Char *name, int is_parameter, const XML_Char *value, int length,
-                              const XML_Char *base, const XML_Char *system, const XML_Char *public_id, const XML_Char *notation) {
+                              const XML_Char *base, const XML_Char *system, const XML_Char *public_id,
+                              const XML_Char *notation) {
   (void)is_parameter, (void)value, (void)length, (void)base, (void)system, (void)public_id, (void)notation;
   fail(user, PAGS_ERROR_FORMAT, "expected no entities, found '%.40s'", name);
 }
@@ -238,8 +240,9 @@ static void parse(reader *r, const uint8_t *bytes, size_t size) {
     const bool last = left <= step;
     if (XML_Parse(r->parser, (const char *)bytes + at, (int)(last ? left : step), last) != XML_STATUS_OK) {
       if (r->result == PAGS_OK)
-        r->result = pags_fail(PAGS_ERROR_FORMAT, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser),
-                              XML_ErrorString(XML_GetErrorCode(r->parser)));
+        r->result =
+            pags_fail(PAGS_ERROR_FORMAT, "%s:%lu: %s", r->path, (unsigned long)XML_GetCurrentLineNumber(r->parser),
+                      XML_ErrorString(XML_GetErrorCode(r->parser)));
       return;
     }
     if (last)
@@ -276,8 +279,15 @@ void pags_kitti_tracklets_destroy(pags_kitti_tracklets *tracklets) {
 void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index, double out[12]) {
   const double *p = tracklet->poses[index];
   const double cx = cos(p[3]), sx = sin(p[3]), cy = cos(p[4]), sy = sin(p[4]), cz = cos(p[5]), sz = sin(p[5]);
-  const double r[9] = {cz * cy,  cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, sz * cy, sz * sy * sx + cz * cx,
-                       sz * sy * cx - cz * sx, -sy, cy * sx, cy * cx};
+  const double r[9] = {cz * cy,
+                       cz * sy * sx - sz * cx,
+                       cz * sy * cx + sz * sx,
+                       sz * cy,
+                       sz * sy * sx + cz * cx,
+                       sz * sy * cx - cz * sx,
+                       -sy,
+                       cy * sx,
+                       cy * cx};
   for (int i = 0; i < 3; i++) {
     for (int j = 0; j < 3; j++)
       out[4 * i + j] = r[3 * i + j];

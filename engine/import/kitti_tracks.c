@@ -29,7 +29,8 @@ static pags_result begin_track(int64_t id, const char *type, int64_t knots, pags
   return pags_fail(PAGS_ERROR_MEMORY, "no memory for the track of a %s", type);
 }
 
-static void add_knot(pags_object *object, const pags_kitti_span *span, int64_t frame, const double velo_from_object[12]) {
+static void add_knot(pags_object *object, const pags_kitti_span *span, int64_t frame,
+                     const double velo_from_object[12]) {
   pags_knot *knot = &object->knots[object->knot_count++];
   knot->frame = (int32_t)(frame - span->first);
   knot->trained = 1;
@@ -56,7 +57,8 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
   for (int64_t i = 0; i < labels->count; i++) {
     const pags_kitti_label *row = &labels->rows[i];
     if (row->frame >= span->total)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a label of frame %d, but there are photographs of frames 0 to %lld only", path,
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s:%d: a label of frame %d, but there are photographs of frames 0 to %lld only", path,
                        row->line, row->frame, (long long)span->total - 1);
     if (pags_kitti_label_is_box(row) && row->frame >= span->first && row->frame <= span->last)
       (*rows)[(*count)++] = *row;
@@ -64,8 +66,8 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
   qsort(*rows, (size_t)*count, sizeof **rows, compare_rows);
   for (int64_t i = 1; i < *count; i++)
     if (compare_rows(*rows + i - 1, *rows + i) == 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: track %d has a box of frame %d in line %d already", path, (*rows)[i].line,
-                       (*rows)[i].track, (*rows)[i].frame, (*rows)[i - 1].line);
+      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: track %d has a box of frame %d in line %d already", path,
+                       (*rows)[i].line, (*rows)[i].track, (*rows)[i].frame, (*rows)[i - 1].line);
   return PAGS_OK;
 }
 
@@ -115,8 +117,9 @@ static pags_result make_tracks(const pags_kitti_label *rows, int64_t count, cons
   return PAGS_OK;
 }
 
-pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels, const double cam0_from_velo[12],
-                                          const pags_kitti_span *span, pags_kitti_tracks *out) {
+pags_result pags_kitti_tracks_from_labels(const char *path, const pags_kitti_labels *labels,
+                                          const double cam0_from_velo[12], const pags_kitti_span *span,
+                                          pags_kitti_tracks *out) {
   pags_kitti_label *rows = NULL;
   int64_t count = 0;
   double velo_from_cam0[12];
@@ -155,16 +158,18 @@ static pags_result add_tracklet(const pags_kitti_tracklet *tracklet, int64_t id,
   return PAGS_OK;
 }
 
-pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_tracklets *tracklets, const pags_kitti_span *span,
-                                             pags_kitti_tracks *out) {
+pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_tracklets *tracklets,
+                                             const pags_kitti_span *span, pags_kitti_tracks *out) {
   *out = (pags_kitti_tracks){.items = calloc((size_t)(tracklets->count ? tracklets->count : 1), sizeof *out->items)};
   pags_result result = out->items ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its tracks", path);
   for (int64_t i = 0; i < tracklets->count && result == PAGS_OK; i++) {
     const pags_kitti_tracklet *tracklet = &tracklets->items[i];
     if (tracklet->count > span->total - tracklet->first_frame)
-      result = pags_fail(PAGS_ERROR_FORMAT, "%s: tracklet %lld has boxes of frames %lld to %lld, but there are photographs of frames 0 to %lld only",
-                         path, (long long)i, (long long)tracklet->first_frame,
-                         (long long)(tracklet->first_frame + tracklet->count - 1), (long long)span->total - 1);
+      result = pags_fail(
+          PAGS_ERROR_FORMAT,
+          "%s: tracklet %lld has boxes of frames %lld to %lld, but there are photographs of frames 0 to %lld only",
+          path, (long long)i, (long long)tracklet->first_frame,
+          (long long)(tracklet->first_frame + tracklet->count - 1), (long long)span->total - 1);
     else
       result = add_tracklet(tracklet, i, span, out);
   }

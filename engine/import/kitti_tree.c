@@ -41,7 +41,8 @@ char *pags_kitti_calib_path(const pags_kitti_tree *tree) {
 }
 
 char *pags_kitti_labels_path(const pags_kitti_tree *tree) {
-  return tree->raw ? join_format(tree->root, "tracklet_labels.xml") : join_format(tree->root, "label_02/%s.txt", tree->sequence);
+  return tree->raw ? join_format(tree->root, "tracklet_labels.xml")
+                   : join_format(tree->root, "label_02/%s.txt", tree->sequence);
 }
 
 char *pags_kitti_times_path(const pags_kitti_tree *tree, const char *name) {
@@ -111,7 +112,8 @@ static bool has(const char *folder, const char *name) {
 }
 
 static bool is_drive(const char *path) {
-  static const char *const signs[] = {"image_02/data", "image_03/data", "velodyne_points", "oxts/data", "tracklet_labels.xml"};
+  static const char *const signs[] = {"image_02/data", "image_03/data", "velodyne_points", "oxts/data",
+                                      "tracklet_labels.xml"};
   for (size_t i = 0; i < sizeof signs / sizeof signs[0]; i++)
     if (has(path, signs[i]))
       return true;
@@ -195,7 +197,8 @@ static pags_result set_drive(pags_kitti_tree *tree, const char *path) {
   if (!tree->sequence)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
   if (strstr(tree->sequence, "_extract"))
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: is neither synchronised nor rectified; the recording's _sync folder is needed", path);
+    return pags_fail(PAGS_ERROR_UNSUPPORTED,
+                     "%s: is neither synchronised nor rectified; the recording's _sync folder is needed", path);
   return PAGS_OK;
 }
 
@@ -211,11 +214,12 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
   if (result == PAGS_OK && drives.count == 1)
     result = set_drive(tree, drives.first);
   else if (result == PAGS_OK && drives.count > 1)
-    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld drives (%s); choose one by --sequence", path, (long long)drives.count,
-                       drives.names);
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: holds %lld drives (%s); choose one by --sequence", path,
+                       (long long)drives.count, drives.names);
   else if (result == PAGS_OK)
     result = pags_fail(PAGS_ERROR_IO,
-                       "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, velodyne, label_02; "
+                       "%s: is no KITTI tree%s%s: of the tracking benchmark it lacks image_02, image_03, calib, oxts, "
+                       "velodyne, label_02; "
                        "of raw recordings it lacks DATE_drive_NNNN_sync with image_02/data, image_03/data, oxts/data, "
                        "velodyne_points/data, tracklet_labels.xml and calib_cam_to_cam.txt, calib_velo_to_cam.txt, "
                        "calib_imu_to_velo.txt beside it",
@@ -267,8 +271,8 @@ static pags_result check_tracking(pags_kitti_tree *tree, const choice *found) {
   want(&needed, s ? pags_file_exists : pags_dir_exists, "calib%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
   want(&needed, s ? pags_file_exists : pags_dir_exists, "oxts%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
   tree->has_points = want(&optional, pags_dir_exists, "velodyne%s%s", s ? "/" : "", s ? s : "");
-  tree->has_labels =
-      want(&optional, s ? pags_file_exists : pags_dir_exists, "label_02%s%s%s", s ? "/" : "", s ? s : "", s ? ".txt" : "");
+  tree->has_labels = want(&optional, s ? pags_file_exists : pags_dir_exists, "label_02%s%s%s", s ? "/" : "", s ? s : "",
+                          s ? ".txt" : "");
   if (needed.count)
     return report(&needed, &optional, "KITTI's tracking tree");
   if (!s)
@@ -311,7 +315,8 @@ static pags_result count_frames(pags_kitti_tree *tree) {
       tree->frames = number + 1;
   }
   if (result == PAGS_OK && tree->frames == 0)
-    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s", folder, tree->raw ? "0000000000.png ..." : "000000.png ...");
+    result = pags_fail(PAGS_ERROR_IO, "%s: expected photographs, %s", folder,
+                       tree->raw ? "0000000000.png ..." : "000000.png ...");
   if (result == PAGS_OK)
     pags_dir_list_destroy(&list);
   free(folder);
@@ -346,14 +351,16 @@ static pags_result check_frames(pags_kitti_tree *tree) {
   if (!tree->has_points)
     pags_log(PAGS_LOG_WARNING, "%s: no LiDAR: velodyne%s is missing or empty", tree->root, tree->raw ? "_points" : "");
   else if (sweeps.count)
-    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root, (long long)sweeps.count, (long long)count,
-             sweeps.text);
+    pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld sweeps are missing: %.400s", tree->root, (long long)sweeps.count,
+             (long long)count, sweeps.text);
   if (!tree->has_labels)
-    pags_log(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root, tree->raw ? "tracklet_labels.xml" : "label_02");
+    pags_log(PAGS_LOG_WARNING, "%s: no boxes: %s is missing", tree->root,
+             tree->raw ? "tracklet_labels.xml" : "label_02");
   return PAGS_OK;
 }
 
-static pags_result open_tree(const char *path, const pags_import_options *options, choice *found, pags_kitti_tree *tree) {
+static pags_result open_tree(const char *path, const pags_import_options *options, choice *found,
+                             pags_kitti_tree *tree) {
   PAGS_TRY(pags_import_cameras(options->cameras, 2, 2, tree->cameras, &tree->camera_count));
   PAGS_TRY(find_root(tree, path, options->sequence));
   if (tree->raw)

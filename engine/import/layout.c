@@ -19,7 +19,8 @@ enum { FOLDERS = sizeof folders / sizeof folders[0], FILES = sizeof files / size
 
 pags_layout_exposure pags_layout_exposure_unknown(void) {
   const double unknown = (double)NAN;
-  pags_layout_exposure e = {.time = unknown, .shutter = unknown, .trigger = unknown, .readout = unknown, .pose_time = unknown};
+  pags_layout_exposure e = {
+      .time = unknown, .shutter = unknown, .trigger = unknown, .readout = unknown, .pose_time = unknown};
   for (int i = 0; i < 6; i++)
     e.velocity[i] = unknown;
   for (int i = 0; i < 12; i++)
@@ -48,8 +49,8 @@ static pags_result join(const pags_layout *layout, const char *name, char **out)
 }
 
 /* folder/TTT_C.extension, folder/TTT.extension or folder/C.extension. */
-static pags_result file_path(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
-                             char **out) {
+static pags_result file_path(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                             const char *extension, char **out) {
   char name[128];
   assert(frame >= 0 || camera >= 0);
   if (frame < 0)
@@ -131,7 +132,8 @@ static pags_result clear(const pags_layout *layout) {
   return result;
 }
 
-static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer, bool overwrite) {
+static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer,
+                         bool overwrite) {
   work_state state = WORK_NONE;
   bool empty = false;
   PAGS_TRY(compare_work(marker, writer, &state));
@@ -185,8 +187,8 @@ static pags_result write_file(const char *path, const void *bytes, size_t size) 
   return pags_file_write(path, bytes, size);
 }
 
-static pags_result put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
-                            const void *bytes, size_t size) {
+static pags_result put_file(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                            const char *extension, const void *bytes, size_t size) {
   char *path = NULL;
   PAGS_TRY(file_path(layout, folder, frame, camera, extension, &path));
   const pags_result result = pags_file_exists(path) ? PAGS_OK : write_file(path, bytes, size);
@@ -194,13 +196,13 @@ static pags_result put_file(const pags_layout *layout, const char *folder, int64
   return result;
 }
 
-pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension, const void *bytes,
-                                  size_t size) {
+pags_result pags_layout_put_image(const pags_layout *layout, int64_t frame, int camera, const char *extension,
+                                  const void *bytes, size_t size) {
   return put_file(layout, "images", frame, camera, extension, bytes, size);
 }
 
-pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera, const char *extension,
-                                    const void *bytes, size_t size) {
+pags_result pags_layout_put_picture(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                                    const char *extension, const void *bytes, size_t size) {
   return put_file(layout, folder, frame, camera, extension, bytes, size);
 }
 
@@ -216,7 +218,8 @@ pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int
 }
 
 /* Four lines of four numbers, 17 digits: what was computed reads back to the same bits. */
-static pags_result put_matrix(const pags_layout *layout, const char *folder, int64_t frame, int camera, const double m[12]) {
+static pags_result put_matrix(const pags_layout *layout, const char *folder, int64_t frame, int camera,
+                              const double m[12]) {
   char text[16 * 32];
   int at = 0;
   for (int i = 0; i < 16; i++) {

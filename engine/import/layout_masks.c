@@ -11,15 +11,16 @@
 enum { ALL, VEHICLE, HUMAN, MASKS };
 static const char *const mask_folders[MASKS] = {"dynamic_masks/all", "dynamic_masks/vehicle", "dynamic_masks/human"};
 
-pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width, int height,
-                                 const uint8_t *pixels) {
+pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width,
+                                 int height, const uint8_t *pixels) {
   char name[128];
   if (pags_layout_has(layout, folder, frame, camera, ".png"))
     return PAGS_OK;
   snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
   char *path = pags_path_join(layout->folder, name);
   pags_image image = {0};
-  pags_result result = path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  pags_result result =
+      path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
   if (result == PAGS_OK)
     result = pags_image_create(&image, width, height, 1, PAGS_U8);
   if (result == PAGS_OK) {
@@ -31,7 +32,8 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
   return result;
 }
 
-static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame, uint8_t *planes[MASKS]) {
+static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame,
+                       uint8_t *planes[MASKS]) {
   const pags_object *object = &track->object;
   const pags_knot *knot = object->moving ? pags_layout_knot(object, frame) : NULL;
   double corners[32];
@@ -66,9 +68,9 @@ static pags_result put_planes(const pags_layout *layout, int64_t frame, int numb
   return PAGS_OK;
 }
 
-pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
-                                                  const pags_layout_lens *lens, const pags_layout_track *tracks,
-                                                  int64_t track_count) {
+pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number,
+                                                  const pags_camera *camera, const pags_layout_lens *lens,
+                                                  const pags_layout_track *tracks, int64_t track_count) {
   bool there = true;
   for (int m = 0; m < MASKS; m++)
     there = there && pags_layout_has(layout, mask_folders[m], frame, number, ".png");
@@ -78,7 +80,8 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
   const size_t seen = lens ? (size_t)lens->width * (size_t)lens->height : 0;
   uint8_t *block = calloc(1, MASKS * pixels + seen);
   if (!block)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for masks of %dx%d", layout->folder, camera->width, camera->height);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for masks of %dx%d", layout->folder, camera->width,
+                     camera->height);
   uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
   for (int64_t i = 0; i < track_count; i++)
     draw_track(camera, &tracks[i], frame, planes);
@@ -87,7 +90,8 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
   return result;
 }
 
-pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
-                                          const pags_layout_track *tracks, int64_t track_count) {
+pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number,
+                                          const pags_camera *camera, const pags_layout_track *tracks,
+                                          int64_t track_count) {
   return pags_layout_put_dynamic_masks_through(layout, frame, number, camera, NULL, tracks, track_count);
 }

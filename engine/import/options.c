@@ -16,7 +16,8 @@ pags_result pags_import_cameras(const char *text, int limit, int usual, int numb
       char *end = NULL;
       const long number = *at >= '0' && *at <= '9' ? strtol(at, &end, 10) : -1;
       if (!end || number < 0 || number >= limit || (*end && *end != ','))
-        return pags_fail(PAGS_ERROR_ARGUMENT, "cameras: expected numbers of 0..%d separated by commas, got '%s'", limit - 1, text);
+        return pags_fail(PAGS_ERROR_ARGUMENT, "cameras: expected numbers of 0..%d separated by commas, got '%s'",
+                         limit - 1, text);
       if (chosen & 1U << number)
         return pags_fail(PAGS_ERROR_ARGUMENT, "cameras: %ld is named twice in '%s'", number, text);
       chosen |= 1U << number;
@@ -36,7 +37,7 @@ pags_result pags_import_frames(const pags_import_options *options, int64_t count
   *first = options->frame_first;
   *last = options->frame_last < 0 || options->frame_last >= count ? count - 1 : options->frame_last;
   if (*first < 0 || *first > *last)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "frames: nothing is left of %lld to %lld; the source has %lld, from 0 on", (long long)*first,
-                     (long long)options->frame_last, (long long)count);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "frames: nothing is left of %lld to %lld; the source has %lld, from 0 on",
+                     (long long)*first, (long long)options->frame_last, (long long)count);
   return PAGS_OK;
 }

@@ -12,7 +12,8 @@ extern "C" {
 /* "0,2,1" -> numbers in rising order, each once, below `limit` (at most 16); NULL text: the first `usual`. */
 pags_result pags_import_cameras(const char *text, int limit, int usual, int numbers[16], int *count);
 
-/* Clips [frame_first, frame_last] to the `count` frames there are; PAGS_ERROR_ARGUMENT when nothing is left or ends are swapped. */
+/* Clips [frame_first, frame_last] to the `count` frames there are; PAGS_ERROR_ARGUMENT when nothing is left or ends
+ * are swapped. */
 pags_result pags_import_frames(const pags_import_options *options, int64_t count, int64_t *first, int64_t *last);
 
 #ifdef __cplusplus

@@ -11,7 +11,7 @@
 
 /* Largest differences found. */
 typedef struct import_error {
-  double view_place, view_turn;   /* metres, radians */
+  double view_place, view_turn; /* metres, radians */
   double sweep_place, sweep_turn;
   double box_place, box_turn;
 } import_error;
@@ -25,8 +25,8 @@ static inline double turn_between(const double a[12], const double b[12]) {
 }
 
 /* `expected` lies in the source's world, `found` in the import's, whose origin is the source's `origin`. */
-static inline void compare_pose(const double found[12], const double expected[12], const double origin[12], double *place,
-                                double *turn) {
+static inline void compare_pose(const double found[12], const double expected[12], const double origin[12],
+                                double *place, double *turn) {
   double sum = 0;
   for (int i = 3; i < 12; i += 4)
     sum += (found[i] - expected[i] + origin[i]) * (found[i] - expected[i] + origin[i]);
@@ -53,7 +53,8 @@ static inline const pags_view *view_of(const pags_dataset *dataset, int sensor, 
   return NULL;
 }
 
-static inline void check_import_views(const raw_kitti *raw, const pags_dataset *imported, const double origin[12], import_error *error) {
+static inline void check_import_views(const raw_kitti *raw, const pags_dataset *imported, const double origin[12],
+                                      import_error *error) {
   const int frames = (int)pags_dataset_sweep_count(raw->dataset);
   assert_int_equal(pags_dataset_view_count(imported), 2 * frames);
   for (int t = 0; t < frames; t++) {
@@ -68,20 +69,23 @@ static inline void check_import_views(const raw_kitti *raw, const pags_dataset *
     for (int c = 0; c < 2; c++) {
       const pags_camera *a = &source->camera, *b = c ? &right->camera : &left->camera;
       assert_true(a->width == b->width && a->height == b->height);
-      assert_true(fabs(a->fx - b->fx) < 1e-9 && fabs(a->fy - b->fy) < 1e-9 && fabs(a->cx - b->cx) < 1e-9 && fabs(a->cy - b->cy) < 1e-9);
+      assert_true(fabs(a->fx - b->fx) < 1e-9 && fabs(a->fy - b->fy) < 1e-9 && fabs(a->cx - b->cx) < 1e-9 &&
+                  fabs(a->cy - b->cy) < 1e-9);
     }
     compare_files(source->image_path, left->image_path);
     compare_files(other->image_path, right->image_path);
   }
 }
 
-static inline void check_import_sweeps(const raw_kitti *raw, const pags_dataset *imported, const double origin[12], import_error *error) {
+static inline void check_import_sweeps(const raw_kitti *raw, const pags_dataset *imported, const double origin[12],
+                                       import_error *error) {
   assert_int_equal(pags_dataset_sweep_count(imported), pags_dataset_sweep_count(raw->dataset));
   for (int64_t t = 0; t < pags_dataset_sweep_count(imported); t++) {
     int64_t m, n;
     float *x, *y;
-    compare_pose(pags_dataset_sweep(imported, t)->world_from_sweep, pags_dataset_sweep(raw->dataset, t)->world_from_sweep, origin,
-                 &error->sweep_place, &error->sweep_turn);
+    compare_pose(pags_dataset_sweep(imported, t)->world_from_sweep,
+                 pags_dataset_sweep(raw->dataset, t)->world_from_sweep, origin, &error->sweep_place,
+                 &error->sweep_turn);
     scratch_ok(pags_dataset_sweep_load(raw->dataset, t, &m, &x));
     scratch_ok(pags_dataset_sweep_load(imported, t, &n, &y));
     assert_int_equal(m, n);
@@ -92,8 +96,8 @@ static inline void check_import_sweeps(const raw_kitti *raw, const pags_dataset 
 }
 
 /* Objects have their numbers for names. */
-static inline void check_import_objects(const raw_kitti *raw, const pags_dataset *imported, const double origin[12], double size_slack,
-                                        import_error *error) {
+static inline void check_import_objects(const raw_kitti *raw, const pags_dataset *imported, const double origin[12],
+                                        double size_slack, import_error *error) {
   assert_int_equal(pags_dataset_object_count(imported), pags_dataset_object_count(raw->dataset));
   for (int64_t i = 0; i < pags_dataset_object_count(imported); i++) {
     const pags_object *a = pags_dataset_object(raw->dataset, i), *b = pags_dataset_object(imported, i);
@@ -106,12 +110,14 @@ static inline void check_import_objects(const raw_kitti *raw, const pags_dataset
       assert_true(fabs(a->size[k] - b->size[k]) <= size_slack);
     for (int64_t k = 0; k < a->knot_count; k++) {
       assert_int_equal(a->knots[k].frame, b->knots[k].frame);
-      compare_pose(b->knots[k].world_from_object, a->knots[k].world_from_object, origin, &error->box_place, &error->box_turn);
+      compare_pose(b->knots[k].world_from_object, a->knots[k].world_from_object, origin, &error->box_place,
+                   &error->box_turn);
     }
   }
 }
 
-/* The mask that ought to be there, from the source's own boxes and camera; a few pixels whose centres lie on an outline may differ. */
+/* The mask that ought to be there, from the source's own boxes and camera; a few pixels whose centres lie on an
+ * outline may differ. */
 static inline void check_import_mask(const raw_kitti *raw, const char *folder, int frame) {
   const pags_camera *camera = &view_of(raw->dataset, raw->sensor, frame)->camera;
   char path[512];

@@ -45,9 +45,11 @@ static int begin(void **state) {
   snprintf(set.folder + strlen(set.folder), sizeof set.folder - strlen(set.folder), "/set");
   tree_write(&set, &tree_kinds[2]);
   char *folder = path_of("set");
-  scratch_ok(pags_dataset_open(folder, &(pags_dataset_options){.downscale = 1, .split_every = 0, .kind = "kitti", .frame_last = -1,
-                                                                .random_points = options.random_points},
-                               &dataset));
+  scratch_ok(pags_dataset_open(
+      folder,
+      &(pags_dataset_options){
+          .downscale = 1, .split_every = 0, .kind = "kitti", .frame_last = -1, .random_points = options.random_points},
+      &dataset));
   free(folder);
   char *all = path_of("all"), *few = path_of("few");
   raw_kitti raw = source(0);
@@ -90,8 +92,9 @@ static void a_drive_comes_back(void **state) {
   check_all_digits("all/2011_09_26", "drive");
 }
 
-/* KITTI's own digits: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to 1e-6 m and 1e-6 rad. Measured: sweeps
- * 1.5e-7 m, cameras (1.6 m from the unit that roll and pitch turn) 0.9e-6 m, boxes 20 m away 3e-6 m, 0.6e-6 rad all. */
+/* KITTI's own digits: latitude to 1e-12 degrees (1e-7 m), roll and pitch to 1e-6, labels to 1e-6 m and 1e-6 rad.
+ * Measured: sweeps 1.5e-7 m, cameras (1.6 m from the unit that roll and pitch turn) 0.9e-6 m, boxes 20 m away 3e-6
+ * m, 0.6e-6 rad all. */
 static void kittis_digits_bound_the_error(void **state) {
   static const char *const names[2][2] = {{"few", "tracking_few"}, {"few/2011_09_26", "drive_few"}};
   const raw_kitti raw = source(1);
@@ -125,11 +128,12 @@ static void times_and_velocities_come_with_a_drive(void **state) {
   read_numbers(json, "lidar", NULL, 2 * TREE_FRAMES, lidar);
   read_numbers(json, "velocity", "1", 6 * TREE_FRAMES, velocity);
   for (int t = 0; t < TREE_FRAMES; t++) {
-    assert_true(fabs(frames[t] - raw_kitti_time - 0.5 * t) < 1e-6 && left[t] == frames[t] && fabs(right[t] - left[t] - 0.001) < 1e-6);
+    assert_true(fabs(frames[t] - raw_kitti_time - 0.5 * t) < 1e-6 && left[t] == frames[t] &&
+                fabs(right[t] - left[t] - 0.001) < 1e-6);
     assert_true(fabs(lidar[2 * t] - left[t] + 0.053) < 1e-6 && fabs(lidar[2 * t + 1] - left[t] - 0.047) < 1e-6);
   }
-  /* The set's ego goes 4 m/s and 1 m/s along x and y and turns by 0.2 rad/s. Its velocity is the Velodyne's, not the inertial unit's,
-   * which the turn moves at 0.17 m/s; the writer's differences over a second give that to 1 %. */
+  /* The set's ego goes 4 m/s and 1 m/s along x and y and turns by 0.2 rad/s. Its velocity is the Velodyne's, not the
+   * inertial unit's, which the turn moves at 0.17 m/s; the writer's differences over a second give that to 1 %. */
   const double *v = velocity + 6 * 2;
   assert_true(fabs(v[0] - 4) < 0.003 && fabs(v[1] - 1) < 0.003 && fabs(v[2]) < 1e-6);
   assert_true(fabs(v[3]) < 1e-6 && fabs(v[4]) < 1e-6 && fabs(v[5] - 0.2) < 1e-6);
@@ -183,9 +187,12 @@ static void options_out_of_range_are_refused(void **state) {
     const char *cameras;
     int64_t first, last;
     const char *sequence, *part;
-  } cases[] = {{"0,2", 0, -1, NULL, "cameras: expected numbers of 0..1"}, {"1,1", 0, -1, NULL, "named twice"},
-               {"", 0, -1, NULL, "cameras: expected"},                    {"0,", 0, -1, NULL, "cameras: expected"},
-               {NULL, 5, -1, NULL, "frames: nothing is left"},            {NULL, 3, 2, NULL, "frames: nothing is left"},
+  } cases[] = {{"0,2", 0, -1, NULL, "cameras: expected numbers of 0..1"},
+               {"1,1", 0, -1, NULL, "named twice"},
+               {"", 0, -1, NULL, "cameras: expected"},
+               {"0,", 0, -1, NULL, "cameras: expected"},
+               {NULL, 5, -1, NULL, "frames: nothing is left"},
+               {NULL, 3, 2, NULL, "frames: nothing is left"},
                {NULL, 0, -1, "0007", "lacks image_02/0007, image_03/0007, calib/0007.txt, oxts/0007.txt"},
                {NULL, 0, -1, "../0000", "sequence: expected a name"}};
   (void)state;
@@ -346,11 +353,13 @@ static pags_result import_without(const char *file, const char *from) {
 
 static void missing_files_are_named(void **state) {
   (void)state;
-  scratch_expect(import_without("all/image_03/0000/000002.png", "all"), PAGS_ERROR_IO, "lacks image_03/0000/000002.png");
+  scratch_expect(import_without("all/image_03/0000/000002.png", "all"), PAGS_ERROR_IO,
+                 "lacks image_03/0000/000002.png");
   scratch_expect(import_without("all/oxts/0000.txt", "all"), PAGS_ERROR_IO, "lacks oxts/0000.txt");
   scratch_expect(import_without("all/" RAW_KITTI_DRIVE "/oxts/data/0000000003.txt", "all/2011_09_26"), PAGS_ERROR_IO,
                  "lacks oxts/data/0000000003.txt");
-  scratch_expect(import_without("all/2011_09_26/calib_velo_to_cam.txt", "all/2011_09_26"), PAGS_ERROR_IO, "calib_velo_to_cam.txt");
+  scratch_expect(import_without("all/2011_09_26/calib_velo_to_cam.txt", "all/2011_09_26"), PAGS_ERROR_IO,
+                 "calib_velo_to_cam.txt");
   scratch_expect(import("nowhere", "none", NULL), PAGS_ERROR_IO, "nowhere: no such folder");
 }
 
@@ -368,18 +377,22 @@ static pags_result import_with(const char *file, const char *text, const char *f
 
 static void damaged_files_are_named(void **state) {
   (void)state;
-  scratch_expect(import_with("all/oxts/0000.txt", "1 2 3\n", "all", "damaged"), PAGS_ERROR_FORMAT, "oxts/0000.txt:1: expected 30 numbers");
-  scratch_expect(import_with("all/label_02/0000.txt", "99 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n", "all", "damaged"), PAGS_ERROR_FORMAT,
-                 "label_02/0000.txt:1: a label of frame 99");
+  scratch_expect(import_with("all/oxts/0000.txt", "1 2 3\n", "all", "damaged"), PAGS_ERROR_FORMAT,
+                 "oxts/0000.txt:1: expected 30 numbers");
+  scratch_expect(import_with("all/label_02/0000.txt", "99 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n", "all", "damaged"),
+                 PAGS_ERROR_FORMAT, "label_02/0000.txt:1: a label of frame 99");
   scratch_expect(import_with("all/label_02/0000.txt",
-                             "1 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n0 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n1 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n",
+                             "1 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n0 1 Car 0 0 0 0 0 0 0 1 1 1 0 0 9 0\n1 1 Car 0 0 0 "
+                             "0 0 0 0 1 1 1 0 0 9 0\n",
                              "all", "damaged"),
                  PAGS_ERROR_FORMAT, "track 1 has a box of frame 1 in line");
-  scratch_expect(import_with("all/velodyne/0000/000001.bin", "odd", "all", "damaged"), PAGS_ERROR_FORMAT, "velodyne/0000/000001.bin");
-  scratch_expect(import_with("all/" RAW_KITTI_DRIVE "/image_02/timestamps.txt", "2011-09-26 13:02:25.1\n", "all/2011_09_26", "damaged_raw"),
+  scratch_expect(import_with("all/velodyne/0000/000001.bin", "odd", "all", "damaged"), PAGS_ERROR_FORMAT,
+                 "velodyne/0000/000001.bin");
+  scratch_expect(import_with("all/" RAW_KITTI_DRIVE "/image_02/timestamps.txt", "2011-09-26 13:02:25.1\n",
+                             "all/2011_09_26", "damaged_raw"),
                  PAGS_ERROR_FORMAT, "timestamps.txt: expected a time for each of 5 frames, found 1");
-  scratch_expect(import_with("all/" RAW_KITTI_DRIVE "/tracklet_labels.xml", "<a>", "all/2011_09_26", "damaged_raw"), PAGS_ERROR_FORMAT,
-                 "tracklet_labels.xml:1:");
+  scratch_expect(import_with("all/" RAW_KITTI_DRIVE "/tracklet_labels.xml", "<a>", "all/2011_09_26", "damaged_raw"),
+                 PAGS_ERROR_FORMAT, "tracklet_labels.xml:1:");
 }
 
 /* Sweeps and labels may be missing: the set has none then. */

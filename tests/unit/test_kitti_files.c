@@ -25,10 +25,10 @@ static void transform(const double m[12], const double p[3], double out[3]) {
     out[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
 }
 
-/* Points of the sweep inside of the label's box, which may reach 5 cm below its bottom as it did where the figures below come from
- * (the sample's README), and how many of them project into its 2D box (2 px slack). */
-static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr, int *inside,
-                         int *seen) {
+/* Points of the sweep inside of the label's box, which may reach 5 cm below its bottom as it did where the figures
+ * below come from (the sample's README), and how many of them project into its 2D box (2 px slack). */
+static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr,
+                         int *inside, int *seen) {
   double cam0_from_object[12], object_from_cam0[12], intrinsics[4], cam0_from_camera[12], camera_from_cam0[12];
   pags_kitti_label_pose(label, cam0_from_object);
   pags_rigid_inverse(cam0_from_object, object_from_cam0);
@@ -40,12 +40,14 @@ static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *
     double cam0[3], p[3], c[3];
     transform(calib->cam0_from_velo, velo, cam0);
     transform(object_from_cam0, cam0, p);
-    if (fabs(p[0]) > label->length / 2 || fabs(p[1]) > label->width / 2 || p[2] > label->height / 2 || p[2] < -label->height / 2 - 0.05)
+    if (fabs(p[0]) > label->length / 2 || fabs(p[1]) > label->width / 2 || p[2] > label->height / 2 ||
+        p[2] < -label->height / 2 - 0.05)
       continue;
     transform(camera_from_cam0, cam0, c);
     const double x = intrinsics[0] * c[0] / c[2] + intrinsics[2], y = intrinsics[1] * c[1] / c[2] + intrinsics[3];
     ++*inside;
-    *seen += c[2] > 0 && x > label->box[0] - 1.5 && x < label->box[2] + 2.5 && y > label->box[1] - 1.5 && y < label->box[3] + 2.5;
+    *seen += c[2] > 0 && x > label->box[0] - 1.5 && x < label->box[2] + 2.5 && y > label->box[1] - 1.5 &&
+             y < label->box[3] + 2.5;
   }
 }
 
@@ -54,7 +56,7 @@ static const struct expected_box {
   const char *type;
   int points;
   double share;
-} expected_boxes[] = {{0, 0, "Pedestrian", 412, 0.995}, {1, 0, "Truck", 70, 1},   {1, 1, "Car", 9, 1},
+} expected_boxes[] = {{0, 0, "Pedestrian", 412, 0.995}, {1, 0, "Truck", 70, 1},  {1, 1, "Car", 9, 1},
                       {1, 2, "Cyclist", 18, 1},         {2, 0, "Misc", 1359, 1}, {2, 1, "Car", 79, 1}};
 
 static void object_boxes_hold_the_lasers_points(void **state) {
@@ -87,7 +89,8 @@ static void sweeps_have_their_points(void **state) {
   static const struct {
     const char *name;
     int64_t count;
-  } sweeps[] = {{"kitti/object/velodyne/000000.bin", 115384}, {"kitti/object/velodyne/000001.bin", 120268},
+  } sweeps[] = {{"kitti/object/velodyne/000000.bin", 115384},
+                {"kitti/object/velodyne/000001.bin", 120268},
                 {"kitti/object/velodyne/000002.bin", 126891}};
   (void)state;
   for (int i = 0; i < 3; i++) {
@@ -112,7 +115,8 @@ static void projections_give_the_stereo_pair(void **state) {
   assert_true(calib.has_imu);
   scratch_ok(pags_kitti_camera(&calib, 2, intrinsics, left));
   scratch_ok(pags_kitti_camera(&calib, 3, intrinsics, right));
-  assert_true(fabs(intrinsics[0] - 721.5377) < 1e-9 && fabs(intrinsics[2] - 610.0593) < 1e-9 && fabs(intrinsics[3] - 173.354) < 1e-9);
+  assert_true(fabs(intrinsics[0] - 721.5377) < 1e-9 && fabs(intrinsics[2] - 610.0593) < 1e-9 &&
+              fabs(intrinsics[3] - 173.354) < 1e-9);
   assert_true(fabs(left[3] + (44.85728 - 609.5593 * 2.745884e-3) / 721.5377) < 1e-12);
   assert_true(fabs(left[11] + 2.745884e-3) < 1e-12);
   assert_true(fabs(right[3] - left[3] - 0.5327) < 1e-3);
@@ -122,7 +126,8 @@ static void projections_give_the_stereo_pair(void **state) {
   pags_rigid_inverse(left, camera_from_cam0);
   transform(camera_from_cam0, p, c);
   const double w = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
-  const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w, v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
+  const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w,
+               v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
   scratch_ok(pags_kitti_camera(&calib, 2, intrinsics, left));
   assert_true(fabs(intrinsics[0] * c[0] / c[2] + intrinsics[2] - 0.5 - u) < 1e-9);
   assert_true(fabs(intrinsics[1] * c[1] / c[2] + intrinsics[3] - 0.5 - v) < 1e-9);
@@ -194,9 +199,10 @@ static void odometry_clips_parse(void **state) {
   check_poses("kitti/tracking/poses_orbslam3/0000.txt", 154);
 }
 
-/* How strong the picture's edges are where the sweep has edges of depth, with the pixels shifted: the calibration fits if no shift
- * does better. */
-static double edge_strength(const pags_image *image, const pags_kitti_calib *calib, int64_t count, const float *xyzr, int shift) {
+/* How strong the picture's edges are where the sweep has edges of depth, with the pixels shifted: the calibration
+ * fits if no shift does better. */
+static double edge_strength(const pags_image *image, const pags_kitti_calib *calib, int64_t count, const float *xyzr,
+                            int shift) {
   const uint8_t *grey = image->data;
   double sum = 0;
   int64_t used = 0;
@@ -212,7 +218,8 @@ static double edge_strength(const pags_image *image, const pags_kitti_calib *cal
       continue;
     transform(calib->cam0_from_velo, velo, cam0);
     transform(camera_from_cam0, cam0, c);
-    const int x = (int)floor(intrinsics[0] * c[0] / c[2] + intrinsics[2]) + shift, y = (int)floor(intrinsics[1] * c[1] / c[2] + intrinsics[3]);
+    const int x = (int)floor(intrinsics[0] * c[0] / c[2] + intrinsics[2]) + shift,
+              y = (int)floor(intrinsics[1] * c[1] / c[2] + intrinsics[3]);
     if (c[2] < 1 || x < 2 || x >= image->width - 2 || y < 0 || y >= image->height)
       continue;
     const uint8_t *p = grey + (size_t)y * (size_t)image->width + x;
@@ -263,7 +270,8 @@ static void oxts_follow_the_development_kit(void **state) {
   pags_kitti_oxts_pose(row, scale, pose);
   assert_true(pose[11] == 112.5);
   /* forward = Rz Ry x, up's tilt by roll and pitch. */
-  assert_true(fabs(pose[0] - cos(0.7) * cos(-0.03)) < 1e-15 && fabs(pose[4] - sin(0.7) * cos(-0.03)) < 1e-15 && fabs(pose[8] - sin(0.03)) < 1e-15);
+  assert_true(fabs(pose[0] - cos(0.7) * cos(-0.03)) < 1e-15 && fabs(pose[4] - sin(0.7) * cos(-0.03)) < 1e-15 &&
+              fabs(pose[8] - sin(0.03)) < 1e-15);
   assert_true(fabs(pose[9] - cos(-0.03) * sin(0.02)) < 1e-15);
   /* A thousandth of a degree: 6378137 * pi / 180 * 0.001 m to the north, cos(lat) times that to the east. */
   row[PAGS_OXTS_LAT] += 0.001;
@@ -321,12 +329,13 @@ static void bad_rows_are_refused_with_their_line(void **state) {
 static void bad_labels_are_refused_with_their_line(void **state) {
   static const struct {
     const char *text, *part;
-  } cases[] = {{LABEL "\n0 4 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20\n", ":2: expected a number for 'rotation_y', found ''"},
-               {LABEL " 7\n", ":1: expected 17 columns, found more"},
-               {"0 3 Car 0 0 -1.5 10 20 30 40 0 1.6 4.0 1 2 20 0.1\n", ":1: expected sizes above 0"},
-               {"-4 3 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: expected an integer of 0..1000000 for 'frame'"},
-               {"0 -1 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: a Car without track id"},
-               {"0 1 Caaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaar 0 0 0 0 0 0 0 1 1 1 1 1 1 1\n", ":1: expected a class name"}};
+  } cases[] = {
+      {LABEL "\n0 4 Car 0 0 -1.5 10 20 30 40 1.5 1.6 4.0 1 2 20\n", ":2: expected a number for 'rotation_y', found ''"},
+      {LABEL " 7\n", ":1: expected 17 columns, found more"},
+      {"0 3 Car 0 0 -1.5 10 20 30 40 0 1.6 4.0 1 2 20 0.1\n", ":1: expected sizes above 0"},
+      {"-4 3 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: expected an integer of 0..1000000 for 'frame'"},
+      {"0 -1 Car 0 0 -1.5 10 20 30 40 1 1.6 4.0 1 2 20 0.1\n", ":1: a Car without track id"},
+      {"0 1 Caaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaar 0 0 0 0 0 0 0 1 1 1 1 1 1 1\n", ":1: expected a class name"}};
   scratch s;
   pags_kitti_labels labels;
   (void)state;
@@ -342,9 +351,10 @@ static void bad_labels_are_refused_with_their_line(void **state) {
 }
 
 static void bad_calibrations_are_refused(void **state) {
-  static const char good[] = "P0: 700 0 600 0 0 700 180 0 0 0 1 0\nP1: 700 0 600 -380 0 700 180 0 0 0 1 0\n"
-                             "P2: 700 0 600 40 0 700 180 0 0 0 1 0\nP3: 700 0 600 -340 0 700 180 0 0 0 1 0\n"
-                             "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
+  static const char good[] =
+      "P0: 700 0 600 0 0 700 180 0 0 0 1 0\nP1: 700 0 600 -380 0 700 180 0 0 0 1 0\n"
+      "P2: 700 0 600 40 0 700 180 0 0 0 1 0\nP3: 700 0 600 -340 0 700 180 0 0 0 1 0\n"
+      "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 0 1 0 0 0\n";
   scratch s;
   pags_kitti_calib calib;
   char text[1024];
@@ -358,7 +368,8 @@ static void bad_calibrations_are_refused(void **state) {
   scratch_expect(pags_kitti_calib_read(s.path, &calib), PAGS_ERROR_FORMAT, "Tr_imu_to_velo");
   snprintf(text, sizeof text, "%sTr_imu_velo 1 0 0 0 0 1 0 0 0 0 1\n", good);
   scratch_text(&s, "calib.txt", text);
-  scratch_expect(pags_kitti_calib_read(s.path, &calib), PAGS_ERROR_FORMAT, ":7: expected 12 numbers for 'Tr_imu_velo', found nothing");
+  scratch_expect(pags_kitti_calib_read(s.path, &calib), PAGS_ERROR_FORMAT,
+                 ":7: expected 12 numbers for 'Tr_imu_velo', found nothing");
   snprintf(text, sizeof text, "%sP2: 700 0 600 40 0 700 180 0 0 0 1 0\n", good);
   scratch_text(&s, "calib.txt", text);
   scratch_expect(pags_kitti_calib_read(s.path, &calib), PAGS_ERROR_FORMAT, ":7: 'P2' stands here and in line 3");
@@ -368,8 +379,8 @@ static void bad_calibrations_are_refused(void **state) {
 }
 
 #define POSE "<item><tx>1</tx><ty>2</ty><tz>-1.5</tz><rx>0</rx><ry>0</ry><rz>0.5</rz><state>1</state></item>"
-#define XML_HEAD                                                                                                \
-  "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\" ?>\n<!DOCTYPE boost_serialization>\n"              \
+#define XML_HEAD                                                                                                   \
+  "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\" ?>\n<!DOCTYPE boost_serialization>\n"               \
   "<boost_serialization signature=\"serialization::archive\" version=\"9\">\n<tracklets class_id=\"0\">\n<count>1" \
   "</count>\n<item class_id=\"1\">\n"
 #define XML_BODY "<objectType>Car</objectType><h>1.5</h><w>1.6</w><l>4.2</l><first_frame>2</first_frame>\n"
@@ -381,7 +392,8 @@ static void tracklets_parse(void **state) {
   double pose[12];
   (void)state;
   scratch_begin(&s);
-  scratch_text(&s, "t.xml", XML_HEAD XML_BODY "<poses><count>2</count><item_version>2</item_version>" POSE POSE "</poses>" XML_TAIL);
+  scratch_text(&s, "t.xml",
+               XML_HEAD XML_BODY "<poses><count>2</count><item_version>2</item_version>" POSE POSE "</poses>" XML_TAIL);
   scratch_ok(pags_kitti_tracklets_read(s.path, &t));
   assert_int_equal(t.count, 1);
   assert_string_equal(t.items[0].type, "Car");
@@ -389,7 +401,8 @@ static void tracklets_parse(void **state) {
   assert_int_equal(t.items[0].first_frame, 2);
   assert_int_equal(t.items[0].count, 2);
   pags_kitti_tracklet_pose(&t.items[0], 1, pose);
-  assert_true(pose[3] == 1 && pose[7] == 2 && pose[11] == -0.75 && pose[0] == cos(0.5) && pose[4] == sin(0.5) && pose[10] == 1);
+  assert_true(pose[3] == 1 && pose[7] == 2 && pose[11] == -0.75 && pose[0] == cos(0.5) && pose[4] == sin(0.5) &&
+              pose[10] == 1);
   pags_kitti_tracklets_destroy(&t);
   scratch_end(&s);
 }
