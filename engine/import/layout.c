@@ -234,7 +234,7 @@ pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, c
 }
 
 pags_result pags_layout_put_extrinsics(const pags_layout *layout, int64_t frame, int camera, const double m[12]) {
-  assert((frame >= 0) == layout->info->extrinsics_per_frame);
+  assert(frame < 0 || layout->info->extrinsics_per_frame);
   return put_matrix(layout, "extrinsics", frame, camera, m);
 }
 

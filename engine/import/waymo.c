@@ -6,9 +6,11 @@
  * Axes. Waymo's cameras look along x, with y to the left and z up; extrinsics are written for OpenCV's (x right, y down, z forward):
  * E * [0 0 1; -1 0 0; 0 -1 0], which only moves columns. The vehicle, LiDAR and boxes have x forward, y left, z up, as ours.
  *
- * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's turn; each
- * photograph has a pose of its own, up to 30 ms off, and its columns are read one after another over some 45 ms. What that takes to
- * undo is kept in timestamps.json: pose, pose_time, velocity, trigger, readout and shutter of each photograph.
+ * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's turn, while each
+ * photograph has a pose of its own, up to 30 ms off (0.45 m at 15 m/s), within 5 ms of the middle of its exposure. Hence extrinsics are
+ * written per photograph, camera-to-world: its pose, moved on to that middle by its velocity, times the constant camera-to-vehicle,
+ * which is written, too. Columns are read one after another over some 45 ms (rolling shutter, left to right): a single pose can't undo that;
+ * timestamps.json keeps what it takes (pose, pose_time, velocity, trigger, readout and shutter of each photograph).
  *
  * LiDAR rows are x y z intensity, 16 bytes, of both returns: drivestudio's 14 columns (56 bytes) add origin, flow, ground,
  * elongation and laser, of which we read nothing. */
@@ -52,6 +54,7 @@ typedef struct importer {
   double *times;                   /* of each frame */
   double *ego_poses;               /* 12 of each frame */
   pags_layout_exposure *exposures; /* [frame * cameras + camera] */
+  double *camera_poses;            /* 12 of each photograph: camera-to-world */
   int64_t labelled;                /* photographs with panoptic labels */
   int64_t sweeps;                  /* frames with LiDAR */
 } importer;
@@ -144,6 +147,29 @@ static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const ch
   return PAGS_OK;
 }
 
+/* Where the car was in the middle of the exposure: the photograph's pose moved on by its velocity, the frame's where it has none. */
+static void exposure_pose(const pags_layout_exposure *e, const double ego_pose[12], double out[12]) {
+  static const double still[3] = {0, 0, 0};
+  const double dt = e->time - e->pose_time;
+  memcpy(out, isnan(e->pose[0]) ? ego_pose : e->pose, 12 * sizeof *out);
+  if (isnan(e->pose[0]) || isnan(e->velocity[0]) || !(fabs(dt) < 0.1))
+    return;
+  const double turn[3] = {e->velocity[3] * dt, e->velocity[4] * dt, e->velocity[5] * dt};
+  double turned[12];
+  pags_increment_matrix(turn, still, turned);
+  pags_rigid_multiply(e->pose, turned, out);
+  for (int i = 0; i < 3; i++)
+    out[4 * i + 3] += e->velocity[i] * dt;
+}
+
+static pags_result put_camera_pose(importer *im, int64_t frame, int index) {
+  const int64_t photo = frame * im->info.camera_count + index;
+  double *out = im->camera_poses + 12 * photo, ego[12];
+  exposure_pose(&im->exposures[photo], im->ego_poses + 12 * frame, ego);
+  pags_rigid_multiply(ego, im->ego_from_camera[index], out);
+  return pags_layout_put_extrinsics(&im->layout, frame, im->cameras[index].number, out);
+}
+
 static pags_result read_image(importer *im, const pags_waymo_frame *message, int64_t frame, int index,
                               const char *where) {
   const pags_layout_camera *camera = &im->cameras[index];
@@ -154,6 +180,7 @@ static pags_result read_image(importer *im, const pags_waymo_frame *message, int
   if (image->image.data[0] != 0xff || image->image.data[1] != 0xd8)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph of camera %d is no JPEG", where, camera->number);
   PAGS_TRY(read_exposure(image, where, &im->exposures[frame * im->info.camera_count + index]));
+  PAGS_TRY(put_camera_pose(im, frame, index));
   PAGS_TRY(pags_layout_put_image(&im->layout, frame, camera->number, ".jpg", image->image.data, image->image.len));
   PAGS_TRY(pags_waymo_put_semantic(&im->layout, image, frame, camera->number, camera->width, camera->height, where,
                                    &labelled));
@@ -223,7 +250,8 @@ static pags_result allocate_frames(importer *im) {
   im->times = calloc(frames, sizeof *im->times);
   im->ego_poses = calloc(frames, 12 * sizeof *im->ego_poses);
   im->exposures = calloc(frames, (size_t)im->info.camera_count * sizeof *im->exposures);
-  if (!im->times || !im->ego_poses || !im->exposures)
+  im->camera_poses = calloc(frames, (size_t)im->info.camera_count * 12 * sizeof *im->camera_poses);
+  if (!im->times || !im->ego_poses || !im->exposures || !im->camera_poses)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %zu frames", im->source, frames);
   return PAGS_OK;
 }
@@ -304,7 +332,7 @@ static pags_result put_mask(const mask_job *job, int64_t photo) {
   const int index = (int)(photo % im->info.camera_count);
   const pags_waymo_lens *lens = &job->lenses[index];
   pags_camera camera = lens->pinhole;
-  pags_rigid_multiply(im->ego_poses + 12 * frame, im->ego_from_camera[index], camera.world_from_camera);
+  memcpy(camera.world_from_camera, im->camera_poses + 12 * photo, sizeof camera.world_from_camera);
   return pags_layout_put_dynamic_masks_through(&im->layout, frame, im->cameras[index].number, &camera,
                                                lens->source ? &lens->lens : NULL, im->tracks, im->track_count);
 }
@@ -419,6 +447,7 @@ static void importer_free(importer *im) {
   free(im->times);
   free(im->ego_poses);
   free(im->exposures);
+  free(im->camera_poses);
 }
 
 static pags_result import(importer *im, const char *folder, const pags_import_options *options) {
@@ -439,8 +468,13 @@ pags_result pags_import_waymo(const char *source, const char *folder, const pags
   assert(source && folder && tasks);
   const pags_import_options usual = pags_import_options_default();
   importer im = {.source = source, .tasks = tasks, .progress = progress, .user = user};
-  im.info = (pags_layout_info){
-      .kind = "waymo", .source = source, .fps = 10, .cameras = im.cameras, .lidar_columns = lidar_columns};
+  im.info = (pags_layout_info){.kind = "waymo",
+                               .source = source,
+                               .fps = 10,
+                               .cameras = im.cameras,
+                               .lidar_columns = lidar_columns,
+                               .extrinsics_per_frame = true,
+                               .extrinsics_from_world = true};
   const pags_result result = import(&im, folder, options ? options : &usual);
   importer_free(&im);
   return result;
