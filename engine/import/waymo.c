@@ -80,7 +80,7 @@ static const char *shutter_words(int direction) {
 static void to_opencv_axes(const double waymo[12], double opencv[12]) {
   for (int row = 0; row < 3; row++) {
     const double *m = waymo + 4 * row;
-    const double columns[4] = {-m[1], -m[2], m[0], m[3]};
+    const double columns[4] = {0 - m[1], 0 - m[2], m[0], m[3]}; /* no -0 */
     memcpy(opencv + 4 * row, columns, sizeof columns);
   }
 }
@@ -424,8 +424,10 @@ static pags_result put_boxes(importer *im) {
 }
 
 static pags_result finish(importer *im) {
-  if (pags_layout_is_finished(&im->layout))
-    return report(im, 1, "done");
+  if (pags_layout_is_finished(&im->layout)) {
+    report(im, 1, "done");
+    return PAGS_OK;
+  }
   PAGS_TRY(put_boxes(im));
   if (!im->sweeps) {
     im->info.lidar_columns = NULL;
@@ -435,7 +437,8 @@ static pags_result finish(importer *im) {
   log_findings(im);
   const pags_layout_times times = {.frames = im->times, .exposures = im->exposures};
   PAGS_TRY(pags_layout_finish(&im->layout, &times));
-  return report(im, 1, "done");
+  report(im, 1, "done"); /* nothing is left to cancel */
+  return PAGS_OK;
 }
 
 static void importer_free(importer *im) {

@@ -1,0 +1,685 @@
+/* Import of Waymo segments: the real frame of the shared test data, and a written segment that must read back the same. */
+#include "unit/scratch.h"
+
+#include <math.h>
+
+#include "base/bytes.h"
+#include "base/json.h"
+#include "base/rng.h"
+#include "dataset/lens.h"
+#include "import/layout.h"
+#include "import/tfrecord.h"
+#include "import/waymo_message.h"
+#include "import/waymo_semantic.h"
+#include "pags/dataset.h"
+#include "pags/import.h"
+#include "raw_waymo.h"
+#include "shared_data.h"
+
+enum { FRAMES = 4, CAMERAS = 3, WIDTH = 96, HEIGHT = 64, POINTS = 400, TRACKS = 4 };
+
+static scratch s;
+static pags_tasks *tasks;
+
+/* Path in the scratch folder; good until the eighth call from now. */
+static const char *at(const char *format, ...) __attribute__((format(printf, 1, 2)));
+static const char *at(const char *format, ...) {
+  static char paths[8][512];
+  static int next;
+  char *path = paths[next++ % 8];
+  va_list arguments;
+  va_start(arguments, format);
+  const int used = snprintf(path, sizeof paths[0], "%s/", s.folder);
+  vsnprintf(path + used, sizeof paths[0] - (size_t)used, format, arguments);
+  va_end(arguments);
+  return path;
+}
+
+static pags_result import_to(const char *source, const char *folder, const char *cameras) {
+  pags_import_options options = pags_import_options_default();
+  options.cameras = cameras;
+  return pags_import_waymo(source, folder, &options, tasks, NULL, NULL);
+}
+
+typedef struct bytes {
+  uint8_t *data;
+  size_t size;
+} bytes;
+
+static bytes read_bytes(const char *path) {
+  bytes b;
+  scratch_ok(pags_file_read(path, &b.data, &b.size));
+  return b;
+}
+
+static void assert_same_file(const char *a, const char *b) {
+  const bytes left = read_bytes(a), right = read_bytes(b);
+  if (left.size != right.size || memcmp(left.data, right.data, left.size) != 0)
+    fail_msg("%s and %s differ", a, b);
+  free(left.data);
+  free(right.data);
+}
+
+static void read_matrix(const char *path, double out[16]) {
+  FILE *stream = fopen(path, "r");
+  assert_non_null(stream);
+  for (int i = 0; i < 16; i++)
+    assert_int_equal(fscanf(stream, "%lf", &out[i]), 1);
+  fclose(stream);
+}
+
+/* ---- The real frame ---- */
+
+typedef struct real {
+  char path[512];
+  pags_tfrecord *reader;
+  pags_tfrecord_item item;
+  pags_waymo_frame *frame;
+} real;
+
+static int open_real(real *r) {
+  if (!pags_shared_data("waymo/pvps_data_one_frame.tfrecord", r->path, sizeof r->path))
+    return 0;
+  scratch_ok(pags_tfrecord_open(r->path, &r->reader));
+  scratch_ok(pags_tfrecord_next(r->reader, &r->item));
+  scratch_ok(pags_waymo_unpack_frame(r->item.data, r->item.size, "real", &r->frame));
+  return 1;
+}
+
+static void close_real(real *r) {
+  pags_waymo_free_frame(r->frame);
+  pags_tfrecord_close(r->reader);
+}
+
+static void check_real_images(const real *r, const char *folder) {
+  static const size_t sizes[5] = {446413, 545376, 460925, 248605, 275682}; /* of the record, by camera's number */
+  for (int c = 0; c < 5; c++) {
+    const Pags__Waymo__CameraImage *image = pags_waymo_image(r->frame, c + 1);
+    const bytes b = read_bytes(at("%s/images/000_%d.jpg", folder, c));
+    int width, height;
+    assert_int_equal(b.size, sizes[c]);
+    assert_int_equal(image->image.len, sizes[c]);
+    assert_memory_equal(b.data, image->image.data, b.size);
+    scratch_ok(pags_image_size(at("%s/images/000_%d.jpg", folder, c), &width, &height));
+    assert_int_equal(width, 1920);
+    assert_int_equal(height, c < 3 ? 1280 : 886);
+    free(b.data);
+  }
+}
+
+/* Columns of C.txt are OpenCV's x, y, z in the vehicle's frame: right, down, forward of where the camera looks. */
+static void check_real_calibration(const real *r, const char *folder) {
+  static const double headings[5] = {0, 45, -45, 90, -90}; /* degrees to the left of the vehicle's x */
+  for (int c = 0; c < 5; c++) {
+    const Pags__Waymo__CameraCalibration *k = pags_waymo_camera(r->frame, c + 1);
+    const double *e = k->extrinsic->transform;
+    double m[16], heading = headings[c] * 3.14159265358979 / 180, number;
+    read_matrix(at("%s/extrinsics/%d.txt", folder, c), m);
+    for (int row = 0; row < 3; row++) {
+      assert_true(m[4 * row] == -e[4 * row + 1] && m[4 * row + 1] == -e[4 * row + 2] && m[4 * row + 2] == e[4 * row] &&
+                  m[4 * row + 3] == e[4 * row + 3]);
+    }
+    assert_true(m[2] * cos(heading) + m[6] * sin(heading) > 0.99);
+    assert_true(m[9] < -0.99); /* down */
+    FILE *stream = fopen(at("%s/intrinsics/%d.txt", folder, c), "r");
+    assert_non_null(stream);
+    for (int i = 0; i < 9; i++) {
+      assert_int_equal(fscanf(stream, "%lf", &number), 1);
+      assert_true(number == k->intrinsic[i]);
+    }
+    fclose(stream);
+  }
+}
+
+static void check_real_poses(const real *r, const char *folder) {
+  double ego[16], extrinsics[16], camera[16], expected[12];
+  read_matrix(at("%s/ego_pose/000.txt", folder), ego);
+  for (int i = 0; i < 16; i++)
+    assert_true(ego[i] == r->frame->pose->transform[i]);
+  assert_true(fabs(ego[3] + 25211.26) < 0.01 && fabs(ego[7] - 42391.08) < 0.01 && fabs(ego[11] + 160.62) < 0.01);
+  for (int c = 0; c < 5; c++) { /* the car stands: poses of photographs differ by 0.1 mm and 1e-4 rad */
+    read_matrix(at("%s/extrinsics/%d.txt", folder, c), extrinsics);
+    read_matrix(at("%s/extrinsics/000_%d.txt", folder, c), camera);
+    pags_rigid_multiply(ego, extrinsics, expected);
+    for (int i = 0; i < 12; i++)
+      assert_true(fabs(camera[i] - expected[i]) < 5e-4);
+  }
+}
+
+static void check_real_boxes(const char *folder) {
+  static const struct {
+    const char *name;
+    int count;
+  } classes[] = {{"Vehicle", 37}, {"Pedestrian", 12}, {"Sign", 25}, {"Cyclist", 1}};
+  pags_json *json;
+  scratch_ok(pags_json_parse_file(at("%s/instances/instances_info.json", folder), &json));
+  const pags_json_value *root = pags_json_root(json);
+  assert_int_equal(root->count, 75);
+  for (int i = 0; i < 4; i++) {
+    int count = 0;
+    for (const pags_json_value *v = root->first; v; v = v->next)
+      count += strcmp(pags_json_member(v, "class_name")->text, classes[i].name) == 0;
+    assert_int_equal(count, classes[i].count);
+  }
+  pags_json_destroy(json);
+}
+
+/* Box -zRacoa4APhIbgKYpgbiDQ, a pedestrian 10.23 m ahead and 1.98 m to the left, walks to the left. */
+static void check_a_real_box(const char *folder) {
+  pags_dataset *dataset;
+  pags_dataset_options options = pags_dataset_options_default();
+  options.split_every = 0;
+  scratch_ok(pags_dataset_open(at("%s", folder), &options, &dataset));
+  assert_int_equal(pags_dataset_view_count(dataset), 5);
+  assert_int_equal(pags_dataset_object_count(dataset), 75);
+  assert_int_equal(pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR, 0);
+  assert_int_not_equal(pags_dataset_provides(dataset) & PAGS_PROVIDES_SEMANTIC, 0);
+  const pags_object *found = NULL;
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++)
+    if (strcmp(pags_dataset_object(dataset, i)->id, "-zRacoa4APhIbgKYpgbiDQ") == 0)
+      found = pags_dataset_object(dataset, i);
+  assert_non_null(found);
+  assert_int_equal(found->category, PAGS_CATEGORY_PEDESTRIAN);
+  double ego[16], back[12], local[12];
+  read_matrix(at("%s/ego_pose/000.txt", folder), ego);
+  pags_rigid_inverse(ego, back);
+  pags_rigid_multiply(back, found->knots[0].world_from_object, local);
+  assert_true(fabs(local[3] - 10.23) < 0.005 && fabs(local[7] - 1.98) < 0.005 && fabs(local[11] - 0.83) < 0.005);
+  assert_true(fabs(atan2(local[4], local[0]) - 1.55) < 0.005);
+  assert_true(fabs(found->size[0] - 1.03) < 0.005 && fabs(found->size[1] - 0.87) < 0.005 &&
+              fabs(found->size[2] - 1.59) < 0.005);
+  pags_dataset_close(dataset);
+}
+
+static void check_real_masks(const char *folder) {
+  pags_image panoptic, semantic, sky;
+  scratch_ok(pags_image_load(at("%s/panoptic/000_0.png", folder), PAGS_U16, 1, &panoptic));
+  scratch_ok(pags_image_load(at("%s/semantic/000_0.png", folder), PAGS_U8, 1, &semantic));
+  scratch_ok(pags_image_load(at("%s/sky_masks/000_0.png", folder), PAGS_U8, 1, &sky));
+  assert_int_equal(semantic.width, 1920);
+  assert_int_equal(semantic.height, 1280);
+  int64_t seen[256] = {0};
+  for (size_t i = 0; i < (size_t)1920 * 1280; i++) {
+    const uint8_t id = ((uint8_t *)semantic.data)[i];
+    seen[id]++;
+    assert_int_equal(id, pags_waymo_train_id(((uint16_t *)panoptic.data)[i] / 1000));
+    assert_int_equal(((uint8_t *)sky.data)[i], id == 10 ? 255 : 0);
+  }
+  assert_true(seen[0] > 500000 && seen[10] > 400000 && seen[11] > 10000 && seen[13] > 1000);
+  pags_image_destroy(&panoptic);
+  pags_image_destroy(&semantic);
+  pags_image_destroy(&sky);
+}
+
+static void test_imports_the_real_frame(void **state) {
+  (void)state;
+  real r;
+  if (!open_real(&r))
+    skip();
+  scratch_ok(import_to(r.path, at("real"), "0,1,2,3,4"));
+  check_real_images(&r, "real");
+  check_real_calibration(&r, "real");
+  check_real_poses(&r, "real");
+  check_real_boxes("real");
+  check_a_real_box("real");
+  check_real_masks("real");
+  assert_false(pags_path_exists(at("real/lidar")));
+  scratch_ok(import_to(r.path, at("usual"), NULL));
+  assert_true(pags_file_exists(at("usual/images/000_2.jpg")));
+  assert_false(pags_path_exists(at("usual/images/000_3.jpg")));
+  close_real(&r);
+}
+
+/* The file with one byte changed, or cut. */
+static void expect_damage(const bytes *file, size_t place, int cut, const char *part) {
+  bytes copy = {.data = malloc(file->size), .size = cut ? place : file->size};
+  assert_non_null(copy.data);
+  memcpy(copy.data, file->data, file->size);
+  if (!cut)
+    copy.data[place] ^= 0x40;
+  scratch_ok(pags_file_write(at("damaged"), copy.data, copy.size));
+  scratch_expect(import_to(at("damaged"), at("from_damaged"), "0"), PAGS_ERROR_FORMAT, part);
+  assert_false(pags_path_exists(at("from_damaged/dataset.json")));
+  free(copy.data);
+}
+
+static void test_refuses_damage_of_the_real_frame(void **state) {
+  (void)state;
+  real r;
+  if (!open_real(&r))
+    skip();
+  const bytes file = read_bytes(r.path);
+  assert_int_equal(file.size, 2168774);
+  expect_damage(&file, 0, 0, "damaged: record 0 at byte 0: the CRC of its length");
+  expect_damage(&file, 7, 0, "damaged: record 0 at byte 0: the CRC of its length");
+  expect_damage(&file, 9, 0, "damaged: record 0 at byte 0: the CRC of its length");
+  expect_damage(&file, 1000000, 0, "damaged: record 0 at byte 0: the CRC of its data");
+  expect_damage(&file, file.size - 2, 0, "damaged: record 0 at byte 0: the CRC of its data");
+  expect_damage(&file, 5, 1, "damaged: record 0 at byte 0: the file ends");
+  expect_damage(&file, file.size - 1, 1, "damaged: record 0 at byte 0: 2168758 bytes of data");
+  expect_damage(&file, 0, 1, "no record");
+  free(file.data);
+  close_real(&r);
+}
+
+/* ---- A written segment ---- */
+
+/* Tens of kilometres off, pitched and rolled, driving. */
+static void ego_at(int t, double out[12]) {
+  const float angles[3] = {0.02f, -0.03f, (float)(0.9 + 0.01 * t)};
+  const double cr = cos((double)angles[0]), sr = sin((double)angles[0]), cp = cos((double)angles[1]),
+               sp = sin((double)angles[1]), cy = cos((double)angles[2]), sy = sin((double)angles[2]);
+  const double rows[3][4] = {{cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, -25211.258 + t},
+                             {sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, 42391.081 + 1.3 * t},
+                             {-sp, cp * sr, cp * cr, -160.618}};
+  memcpy(out, rows, sizeof rows);
+}
+
+static const double headings[CAMERAS] = {0, 0.8, -0.8};
+
+static void camera_on(int c, double out[12]) {
+  const double cy = cos(headings[c]), sy = sin(headings[c]);
+  const double m[12] = {sy, 0, cy, 1.5, -cy, 0, sy, 0.1 * c, 0, -1, 0, 2.1};
+  memcpy(out, m, sizeof m);
+}
+
+/* In the vehicle's frame: a car that drives ahead of ours, a parked one, somebody on foot, a sign. */
+static void box_at(int track, int t, double out[12]) {
+  static const double places[TRACKS][3] = {{14, 1, 0.8}, {9, -6, 0.7}, {8, 6, 0.9}, {20, -3, 2}};
+  const double yaw = 0.3 * track - 0.2, c = cos(yaw), sn = sin(yaw);
+  const double m[12] = {c, -sn, 0, places[track][0], sn, c, 0, places[track][1], 0, 0, 1, places[track][2]};
+  double world[12], ego[12], start[12], back[12];
+  ego_at(track ? 0 : t, start); /* the first one keeps its place ahead of us, the others in the world */
+  pags_rigid_multiply(start, m, world);
+  ego_at(t, ego);
+  pags_rigid_inverse(ego, back);
+  pags_rigid_multiply(back, world, out);
+  /* Waymo's boxes are upright in the vehicle's frame. */
+  const double turn = atan2(out[4], out[0]);
+  const double upright[12] = {cos(turn), -sin(turn), 0, out[3], sin(turn), cos(turn), 0, out[7], 0, 0, 1, out[11]};
+  memcpy(out, upright, sizeof upright);
+}
+
+static const char *const class_names[TRACKS] = {"Vehicle", "Vehicle", "Pedestrian", "Sign"};
+
+static pags_layout_track make_track(int i) {
+  pags_layout_track track = {0};
+  pags_object *o = &track.object;
+  char id[16];
+  snprintf(id, sizeof id, "track-%d", 9 - i);
+  o->id = strdup(id);
+  o->class_name = strdup(class_names[i]);
+  o->category = pags_category_of(o->class_name);
+  o->knots = calloc(FRAMES, sizeof *o->knots);
+  assert_non_null(o->knots);
+  for (int t = i; t < FRAMES; t++) { /* the i-th appears with frame i */
+    double ego[12], box[12];
+    ego_at(t, ego);
+    box_at(i, t, box);
+    pags_knot *knot = &o->knots[o->knot_count++];
+    *knot = (pags_knot){.frame = t, .time = 1553735853.462203 + 0.1 * t};
+    pags_rigid_multiply(ego, box, knot->world_from_object);
+  }
+  for (int k = 0; k < 3; k++)
+    o->size[k] = 1 + i + 0.3 * (2 - k);
+  pags_object_classify_motion(o);
+  return track;
+}
+
+static void put_photos(const pags_layout *layout, int t, int c) {
+  static const uint8_t ids[] = {0,  1,  2,  5,  6,  7,  8,  10,
+                                11, 12, 13, 14, 15, 17, 18, 255}; /* those that Waymo has, too */
+  uint8_t mask[WIDTH * HEIGHT];
+  pags_image image;
+  scratch_ok(pags_image_create(&image, WIDTH, HEIGHT, 3, PAGS_U8));
+  for (int i = 0; i < WIDTH * HEIGHT * 3; i++)
+    ((uint8_t *)image.data)[i] = (uint8_t)(i * (3 + t) / (7 + c));
+  scratch_ok(pags_image_save(at("photo.jpg"), &image));
+  pags_image_destroy(&image);
+  const bytes b = read_bytes(at("photo.jpg"));
+  scratch_ok(pags_layout_put_image(layout, t, c, ".jpg", b.data, b.size));
+  free(b.data);
+  for (int i = 0; i < WIDTH * HEIGHT; i++)
+    mask[i] = ids[(i / 11 + i / WIDTH / 7 + t) % (int)sizeof ids];
+  if ((t + c) % 2 == 0)
+    scratch_ok(pags_layout_put_mask(layout, "semantic", t, c, WIDTH, HEIGHT, mask));
+}
+
+static void put_points(const pags_layout *layout, int t) {
+  float rows[4 * POINTS];
+  for (uint64_t i = 0; i < POINTS; i++) {
+    double u[2], v[2];
+    pags_rng_uniform2(7, (uint64_t)(2 * t), i, u);
+    pags_rng_uniform2(7, (uint64_t)(2 * t + 1), i, v);
+    rows[4 * i] = (float)(80 * u[0] - 40);
+    rows[4 * i + 1] = (float)(80 * u[1] - 40);
+    rows[4 * i + 2] = (float)(3 * v[0] - 0.5);
+    rows[4 * i + 3] = (float)v[1];
+  }
+  scratch_ok(pags_layout_put_lidar(layout, t, POINTS, rows));
+}
+
+/* A data set in `folder`; camera 2's lens distorts. */
+static void make_set(const char *folder) {
+  static const char *const columns[] = {"x", "y", "z", "intensity", NULL};
+  pags_layout_camera cameras[CAMERAS];
+  pags_layout_track tracks[TRACKS];
+  double times[FRAMES], m[12];
+  for (int c = 0; c < CAMERAS; c++)
+    cameras[c] = (pags_layout_camera){.number = c,
+                                      .name = "a camera",
+                                      .width = WIDTH,
+                                      .height = HEIGHT,
+                                      .intrinsics = {70.1, 70.3, 48.7, 31.9, c == 2 ? -0.1 : 0, c == 2 ? -0.02 : 0}};
+  const pags_layout_info info = {.kind = "waymo",
+                                 .source = "a test",
+                                 .fps = 10,
+                                 .frame_count = FRAMES,
+                                 .camera_count = CAMERAS,
+                                 .cameras = cameras,
+                                 .lidar_columns = columns};
+  pags_layout layout;
+  scratch_ok(pags_layout_begin(&layout, folder, &info, false));
+  for (int c = 0; c < CAMERAS; c++) {
+    camera_on(c, m);
+    scratch_ok(pags_layout_put_extrinsics(&layout, -1, c, m));
+  }
+  for (int t = 0; t < FRAMES; t++) {
+    times[t] = 1553735853.462203 + 0.1 * t;
+    ego_at(t, m);
+    scratch_ok(pags_layout_put_ego_pose(&layout, t, m));
+    put_points(&layout, t);
+    for (int c = 0; c < CAMERAS; c++)
+      put_photos(&layout, t, c);
+  }
+  for (int i = 0; i < TRACKS; i++)
+    tracks[i] = make_track(i);
+  scratch_ok(pags_layout_put_instances(&layout, tracks, TRACKS));
+  scratch_ok(pags_layout_finish(&layout, &(pags_layout_times){.frames = times}));
+  for (int i = 0; i < TRACKS; i++)
+    pags_layout_track_destroy(&tracks[i]);
+  pags_layout_destroy(&layout);
+}
+
+static void check_same_views(const pags_dataset *a, const pags_dataset *b) {
+  assert_int_equal(pags_dataset_view_count(a), FRAMES * CAMERAS);
+  assert_int_equal(pags_dataset_view_count(b), FRAMES * CAMERAS);
+  for (int64_t i = 0; i < FRAMES * CAMERAS; i++) {
+    const pags_view *v = pags_dataset_view(a, i), *w = pags_dataset_view(b, i);
+    assert_string_equal(v->name, w->name);
+    assert_true(fabs(v->camera.time - w->camera.time) < 1e-6);
+    for (int k = 0; k < 12; k++)
+      assert_true(fabs(v->camera.world_from_camera[k] - w->camera.world_from_camera[k]) < 1e-9);
+  }
+}
+
+static void check_same_objects(const pags_dataset *a, const pags_dataset *b) {
+  assert_int_equal(pags_dataset_object_count(a), TRACKS);
+  assert_int_equal(pags_dataset_object_count(b), TRACKS);
+  for (int64_t i = 0; i < TRACKS; i++) {
+    const pags_object *o = pags_dataset_object(a, i), *p = pags_dataset_object(b, i);
+    assert_string_equal(o->id, p->id);
+    assert_string_equal(o->class_name, p->class_name);
+    assert_int_equal(o->moving, p->moving);
+    assert_int_equal(o->knot_count, p->knot_count);
+    for (int k = 0; k < 3; k++)
+      assert_true(fabs(o->size[k] - p->size[k]) < 1e-12);
+    for (int64_t t = 0; t < o->knot_count; t++)
+      for (int k = 0; k < 12; k++)
+        assert_true(fabs(o->knots[t].world_from_object[k] - p->knots[t].world_from_object[k]) < 1e-9);
+  }
+}
+
+/* Every point lies within half a beam of one that was given, and nearly all are there. */
+static void check_same_points(const pags_dataset *a, const pags_dataset *b, int64_t sweep) {
+  int64_t given, got;
+  float *p, *q;
+  scratch_ok(pags_dataset_sweep_load(a, sweep, &given, &p));
+  scratch_ok(pags_dataset_sweep_load(b, sweep, &got, &q));
+  assert_true(got > POINTS * 95 / 100 && got <= POINTS);
+  for (int64_t i = 0; i < got; i++) {
+    double nearest = 1e9, allowed = 0;
+    for (int64_t k = 0; k < given; k++) {
+      const double x = (double)p[3 * k] - 1.43, y = (double)p[3 * k + 1], z = (double)p[3 * k + 2] - 2.18;
+      const double range = sqrt(x * x + y * y + z * z);
+      const double d = hypot(hypot((double)(p[3 * k] - q[3 * i]), (double)(p[3 * k + 1] - q[3 * i + 1])),
+                             (double)(p[3 * k + 2] - q[3 * i + 2]));
+      if (d < nearest) {
+        nearest = d;
+        allowed = range * hypot(0.5 * 1.4 / 192, 0.5 * 2 * 3.1416 / 2048) + 0.006;
+      }
+    }
+    if (nearest > allowed)
+      fail_msg("point %lld of sweep %lld is %g m off", (long long)i, (long long)sweep, nearest);
+  }
+  free(p);
+  free(q);
+}
+
+/* The middle of the car that drives lies in the masks of "all" and "vehicle" wherever it is seen, and the corner of the picture
+ * doesn't; parked cars are in none. */
+static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
+  int seen = 0;
+  for (int t = 0; t < FRAMES; t++)
+    for (int c = 0; c < CAMERAS; c++) {
+      double camera[12], back[12], p[12], u, v;
+      pags_lens lens = {.kind = PAGS_LENS_PERSPECTIVE,
+                        .width = WIDTH,
+                        .height = HEIGHT,
+                        .fx = 70.1,
+                        .fy = 70.3,
+                        .cx = 48.7,
+                        .cy = 31.9,
+                        .k = {c == 2 ? -0.1 : 0, c == 2 ? -0.02 : 0}};
+      scratch_ok(pags_lens_prepare(&lens, "test"));
+      for (int64_t i = 0; i < TRACKS; i++) {
+        const pags_object *o = pags_dataset_object(set, i);
+        const pags_knot *k = o->knots;
+        while (k < o->knots + o->knot_count && k->frame != t)
+          k++;
+        if (k == o->knots + o->knot_count || strcmp(o->class_name, "Vehicle") != 0)
+          continue;
+        double ego[12], on[12];
+        ego_at(t, ego);
+        camera_on(c, on);
+        pags_rigid_multiply(ego, on, camera);
+        pags_rigid_inverse(camera, back);
+        pags_rigid_multiply(back, k->world_from_object, p);
+        if (p[11] < 1 || !pags_lens_project(&lens, p[3] / p[11], p[7] / p[11], &u, &v) || u < 0 || v < 0 ||
+            u >= WIDTH || v >= HEIGHT)
+          continue;
+        pags_image mask;
+        scratch_ok(pags_image_load(at("%s/dynamic_masks/vehicle/%03d_%d.png", folder, t, c), PAGS_U8, 1, &mask));
+        assert_int_equal(((uint8_t *)mask.data)[(int)v * WIDTH + (int)u], o->moving ? 255 : 0);
+        pags_image_destroy(&mask);
+        seen++;
+      }
+    }
+  assert_true(seen >= FRAMES);
+}
+
+static void test_a_written_segment_reads_back_the_same(void **state) {
+  (void)state;
+  pags_dataset *a, *b;
+  make_set(at("set"));
+  raw_waymo_write(at("set"), at("segment.tfrecord"));
+  scratch_ok(import_to(at("segment.tfrecord"), at("again"), "0,1,2"));
+  for (int t = 0; t < FRAMES; t++) {
+    assert_same_file(at("set/ego_pose/%03d.txt", t), at("again/ego_pose/%03d.txt", t));
+    for (int c = 0; c < CAMERAS; c++) {
+      assert_same_file(at("set/images/%03d_%d.jpg", t, c), at("again/images/%03d_%d.jpg", t, c));
+      if ((t + c) % 2 == 0)
+        assert_same_file(at("set/semantic/%03d_%d.png", t, c), at("again/semantic/%03d_%d.png", t, c));
+      else
+        assert_false(pags_path_exists(at("again/semantic/%03d_%d.png", t, c)));
+    }
+  }
+  for (int c = 0; c < CAMERAS; c++) {
+    assert_same_file(at("set/extrinsics/%d.txt", c), at("again/extrinsics/%d.txt", c));
+    assert_same_file(at("set/intrinsics/%d.txt", c), at("again/intrinsics/%d.txt", c));
+  }
+  pags_dataset_options options = pags_dataset_options_default();
+  options.split_every = 0;
+  scratch_ok(pags_dataset_open(at("set"), &options, &a));
+  scratch_ok(pags_dataset_open(at("again"), &options, &b));
+  check_same_views(a, b);
+  check_same_objects(a, b);
+  check_dynamic_masks(b, "again");
+  assert_int_equal(pags_dataset_sweep_count(b), FRAMES);
+  for (int64_t t = 0; t < FRAMES; t++)
+    check_same_points(a, b, t);
+  assert_true(pags_dataset_fps(b) == 10);
+  pags_dataset_close(a);
+  pags_dataset_close(b);
+}
+
+/* ---- Stopping and going on; options ---- */
+
+static void assert_same_tree(const char *a, const char *b) {
+  pags_dir_list left, right;
+  scratch_ok(pags_dir_list_read(a, &left));
+  scratch_ok(pags_dir_list_read(b, &right));
+  assert_int_equal(left.count, right.count);
+  for (int64_t i = 0; i < left.count; i++) {
+    char *p = pags_path_join(a, left.names[i]), *q = pags_path_join(b, right.names[i]);
+    assert_string_equal(left.names[i], right.names[i]);
+    if (pags_dir_exists(p))
+      assert_same_tree(p, q);
+    else
+      assert_same_file(p, q);
+    free(p);
+    free(q);
+  }
+  pags_dir_list_destroy(&left);
+  pags_dir_list_destroy(&right);
+}
+
+static int stop_after(void *user, double fraction, const char *what) {
+  int *left = user;
+  assert_true(fraction >= 0 && fraction <= 1 && what);
+  return (*left)-- > 0;
+}
+
+static void test_goes_on_where_it_was_stopped(void **state) {
+  (void)state;
+  for (int calls = 0; calls < 8; calls++) {
+    int left = calls;
+    const char *folder = at("stopped_%d", calls);
+    const pags_result result = pags_import_waymo(at("segment.tfrecord"), folder, NULL, tasks, stop_after, &left);
+    if (result == PAGS_OK)
+      break;
+    scratch_expect(result, PAGS_CANCELLED, "cancelled");
+    assert_false(pags_file_exists(at("stopped_%d/dataset.json", calls)));
+    scratch_ok(import_to(at("segment.tfrecord"), folder, NULL));
+    assert_same_tree(at("again"), folder);
+  }
+  /* What is complete isn't made again. */
+  int left = 3;
+  scratch_expect(pags_import_waymo(at("segment.tfrecord"), at("kept"), NULL, tasks, stop_after, &left), PAGS_CANCELLED,
+                 "cancelled");
+  scratch_ok(pags_file_write(at("kept/images/001_1.jpg"), "kept", 4));
+  scratch_ok(pags_file_write(at("kept/lidar/001.bin"), "kept", 4));
+  scratch_ok(import_to(at("segment.tfrecord"), at("kept"), NULL));
+  const bytes image = read_bytes(at("kept/images/001_1.jpg")), sweep = read_bytes(at("kept/lidar/001.bin"));
+  assert_int_equal(image.size, 4);
+  assert_int_equal(sweep.size, 4);
+  free(image.data);
+  free(sweep.data);
+  /* A finished one is left alone, another source refused. */
+  scratch_ok(import_to(at("segment.tfrecord"), at("again"), NULL));
+  scratch_expect(import_to(at("segment.tfrecord"), at("again"), "0"), PAGS_ERROR_IO, "again");
+}
+
+static void test_takes_the_frames_asked_for(void **state) {
+  (void)state;
+  pags_import_options options = pags_import_options_default();
+  options.frame_first = 1;
+  options.frame_last = 2;
+  options.cameras = "2,0";
+  scratch_ok(pags_import_waymo(at("segment.tfrecord"), at("part"), &options, tasks, NULL, NULL));
+  assert_same_file(at("part/ego_pose/001.txt"), at("again/ego_pose/002.txt"));
+  assert_same_file(at("part/images/000_2.jpg"), at("again/images/001_2.jpg"));
+  assert_false(pags_path_exists(at("part/images/002_0.jpg")));
+  assert_false(pags_path_exists(at("part/images/000_1.jpg")));
+  options.frame_first = 4;
+  options.frame_last = -1;
+  assert_int_equal(pags_import_waymo(at("segment.tfrecord"), at("none"), &options, tasks, NULL, NULL),
+                   PAGS_ERROR_ARGUMENT);
+  scratch_expect(import_to(at("segment.tfrecord"), at("none"), "0,4"), PAGS_ERROR_FORMAT,
+                 "record 0 at byte 0: no calibration of camera 4 (side_right)");
+  scratch_expect(import_to(at("segment.tfrecord"), at("none"), "0,7"), PAGS_ERROR_ARGUMENT, "cameras");
+  assert_false(pags_path_exists(at("none")));
+}
+
+/* ---- Poses of photographs ---- */
+
+/* A car at 20 m/s that turns: the photograph's pose is taken 4 ms before the middle of its exposure. */
+static void test_moves_poses_on_to_the_exposure(void **state) {
+  (void)state;
+  raw_waymo w = {0};
+  pags_tfrecord *reader;
+  pags_tfrecord_item item;
+  pags_waymo_frame *f;
+  double ego[12], on[12], expected[12], moved[12], found[16];
+  scratch_ok(pags_tfrecord_open(at("segment.tfrecord"), &reader));
+  scratch_ok(pags_tfrecord_next(reader, &item));
+  scratch_ok(pags_waymo_unpack_frame(item.data, item.size, "test", &f));
+  Pags__Waymo__CameraImage *image = (Pags__Waymo__CameraImage *)pags_waymo_image(f, 1);
+  Pags__Waymo__Velocity v = PAGS__WAYMO__VELOCITY__INIT;
+  v.has_v_x = v.has_v_y = v.has_v_z = v.has_w_x = v.has_w_y = v.has_w_z = 1;
+  v.v_x = 12;
+  v.v_y = 16;
+  v.w_z = 0.5;
+  image->velocity = &v;
+  image->camera_trigger_time = image->pose_timestamp - 0.016;
+  image->camera_readout_done_time = image->pose_timestamp + 0.024;
+  size_t size;
+  const uint8_t *packed = raw_frame_pack(&w, f, &size);
+  FILE *stream = fopen(at("moving.tfrecord"), "wb");
+  raw_record_write(stream, packed, size);
+  assert_int_equal(fclose(stream), 0);
+  scratch_ok(import_to(at("moving.tfrecord"), at("moving"), "0"));
+  ego_at(0, ego);
+  const double turn = 0.5 * 0.004, turned[12] = {cos(turn), -sin(turn), 0, 0, sin(turn), cos(turn), 0, 0, 0, 0, 1, 0};
+  const double place[3] = {ego[3] + 12 * 0.004, ego[7] + 16 * 0.004, ego[11]};
+  pags_rigid_multiply(turned, ego, moved); /* about the world's z, then put where the car is */
+  for (int i = 0; i < 3; i++)
+    moved[4 * i + 3] = place[i];
+  camera_on(0, on);
+  pags_rigid_multiply(moved, on, expected);
+  read_matrix(at("moving/extrinsics/000_0.txt"), found);
+  for (int i = 0; i < 12; i++)
+    assert_true(fabs(found[i] - expected[i]) < 2e-5); /* Unix times come in steps of 0.24 us */
+  read_matrix(at("moving/ego_pose/000.txt"), found);
+  assert_true(found[3] == ego[3]);
+  image->velocity = NULL;
+  pags_waymo_free_frame(f);
+  pags_tfrecord_close(reader);
+  raw_waymo_free(&w);
+}
+
+static int set_up(void **state) {
+  (void)state;
+  scratch_begin(&s);
+  tasks = pags_tasks_create(2);
+  return tasks ? 0 : -1;
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  pags_tasks_destroy(tasks);
+  scratch_end(&s);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_imports_the_real_frame),
+      cmocka_unit_test(test_refuses_damage_of_the_real_frame),
+      cmocka_unit_test(test_a_written_segment_reads_back_the_same), /* those below use what it wrote */
+      cmocka_unit_test(test_goes_on_where_it_was_stopped),
+      cmocka_unit_test(test_takes_the_frames_asked_for),
+      cmocka_unit_test(test_moves_poses_on_to_the_exposure),
+  };
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}
