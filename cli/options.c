@@ -105,6 +105,7 @@ static void describe(const pags_option *option, char *text, size_t size) {
                                       [PAGS_OPTION_COLOR] = "r,g,b, each from 0 to 1",
                                       [PAGS_OPTION_WORDS] = "a value",
                                       [PAGS_OPTION_PAIRS] = "a name and a value",
+                                      [PAGS_OPTION_SPAN] = "a span such as 10-49, 10- or 10",
                                       [PAGS_OPTION_STRING] = "a value"};
   if (option->type == PAGS_OPTION_ENUM)
     snprintf(text, size, "one of %s", option->metavar);
@@ -204,6 +205,26 @@ static bool parse_color(const char *text, double *rgb) {
   return true;
 }
 
+static bool parse_span(const char *text, int64_t span[2]) {
+  const char *dash = strchr(text, '-');
+  char first[24];
+  int64_t begin, end = -1;
+  size_t length = dash ? (size_t)(dash - text) : strlen(text);
+  if (length >= sizeof first)
+    return false;
+  memcpy(first, text, length);
+  first[length] = 0;
+  if (!parse_int64(first, &begin) || begin < 0)
+    return false;
+  if (!dash)
+    end = begin;
+  else if (dash[1] && (!parse_int64(dash + 1, &end) || end < begin))
+    return false;
+  span[0] = begin;
+  span[1] = end;
+  return true;
+}
+
 static bool parse_enum(const char *choices, const char *text, int *value) {
   size_t length = strlen(text);
   for (int index = 0;; ++index) {
@@ -270,6 +291,7 @@ static bool store(const pags_option *option, const char *text, void *slot) {
       return true;
     case PAGS_OPTION_ENUM: return parse_enum(option->metavar, text, (int *)slot);
     case PAGS_OPTION_COLOR: return parse_color(text, (double *)slot);
+    case PAGS_OPTION_SPAN: return parse_span(text, (int64_t *)slot);
     case PAGS_OPTION_STRING:
       if (!*text)
         return false;
@@ -475,6 +497,10 @@ static void print_default(const pags_option *option, const void *defaults, char 
       snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
       break;
     }
+    case PAGS_OPTION_SPAN:
+      if (((const int64_t *)slot)[1] >= 0)
+        snprintf(text, size, "%lld-%lld", (long long)((const int64_t *)slot)[0], (long long)((const int64_t *)slot)[1]);
+      break;
     case PAGS_OPTION_STRING:
       if (*(const char *const *)slot)
         snprintf(text, size, "%s", *(const char *const *)slot);

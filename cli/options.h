@@ -30,6 +30,7 @@ typedef enum pags_option_type {
   PAGS_OPTION_DURATION, /* double, seconds; 90, 90s, 30m, 2h, 1h30m */
   PAGS_OPTION_ENUM,     /* int, the index in `choices` */
   PAGS_OPTION_COLOR,    /* double[3], "r,g,b", each 0..1 */
+  PAGS_OPTION_SPAN,     /* int64_t[2], "A-B", both included, "A-" (to the end, -1) or "A" */
   PAGS_OPTION_STRING,   /* const char *, points into argv */
   PAGS_OPTION_WORDS,    /* pags_words; may be given again and again */
   PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
