@@ -158,21 +158,20 @@ static pags_result describe_image(pags_facts *facts, const char *path) {
   return PAGS_OK;
 }
 
-/* Reads all of it, so that what info accepts, --resume can go on from. */
 static pags_result describe_checkpoint(pags_facts *facts, const char *path) {
-  pags_train_state state;
-  uint64_t fingerprint, bytes;
+  pags_checkpoint_facts checkpoint;
+  uint64_t bytes;
   PAGS_TRY(pags_file_size(path, &bytes));
-  PAGS_TRY(pags_checkpoint_load(path, &state, &fingerprint));
+  PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
   pags_facts_text(facts, "kind", "checkpoint");
-  pags_facts_count(facts, "gaussians", state.gaussians.count);
+  pags_facts_count(facts, "gaussians", checkpoint.gaussians);
+  pags_facts_count(facts, "models", checkpoint.models);
   pags_facts_bytes(facts, "bytes", (double)bytes);
-  pags_facts_count(facts, "sh_degree", state.gaussians.sh_degree);
-  pags_facts_count(facts, "step", state.step);
-  pags_facts_count(facts, "last_step", state.stop);
-  pags_facts_count(facts, "views_train", state.schedule.views);
-  pags_facts_number(facts, "loss", state.loss);
-  pags_state_destroy(&state);
+  pags_facts_count(facts, "sh_degree", checkpoint.sh_degree);
+  pags_facts_count(facts, "step", checkpoint.step);
+  pags_facts_count(facts, "last_step", checkpoint.stop);
+  pags_facts_count(facts, "views_train", checkpoint.views);
+  pags_facts_number(facts, "loss", checkpoint.loss);
   return PAGS_OK;
 }
 

@@ -47,17 +47,52 @@ static const pags_option options[] = {
 
     PAGS_GROUP("The photographs"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views; 0: none", NULL,
-               "hold out every Nth photograph, in file-name order, for eval"),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views or time steps; 0: none",
+               "8; driving sets 4",
+               "hold out every Nth photograph, in file-name order, for eval; of driving sets all cameras of every Nth time "
+               "step"),
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
               "take cameras and points from this COLMAP model even where transforms.json exists"),
     PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing),
               "leave out views whose photograph is missing; without it they are an error"),
+    PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
                "how many points to start from where the data set has none"),
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
                "1G, at most a quarter of the memory allowed", "memory for decoded photographs"),
+
+    PAGS_GROUP("Driving scenes (see docs/dataset.md)"),
+    PAGS_FLAG("no-objects", 0, CONFIG(objects), "leave moving things in the background"),
+    PAGS_FLAG("no-tracks", 0, CONFIG(tracks), "take poses of moving objects as labelled"),
+    PAGS_FLAG("no-fourier", 0, CONFIG(fourier), "no object's colour changes over time"),
+    PAGS_FLAG("no-sky", 0, CONFIG(sky), "no cube map behind everything"),
+    PAGS_FLAG("no-lidar-start", 0, CONFIG(lidar_start), "don't start from LiDAR points"),
+    PAGS_FLAG("no-exposure", 0, CONFIG(exposure), "no gain and offset per photograph"),
+    PAGS_FLAG("no-box-prune", 0, CONFIG(box_prune), "keep objects' Gaussians that stray out of their boxes"),
+    PAGS_VALUE("depth-weight", 0, DOUBLE, CONFIG(depth_weight), 0, 1e3, "W", "per metre; 0: none", NULL,
+               "of the LiDAR depth term"),
+    PAGS_VALUE("depth-share", 0, DOUBLE, CONFIG(depth_share), 0.01, 1, "F", NULL, NULL,
+               "of LiDAR samples that count, those that fit best"),
+    PAGS_VALUE("sky-weight", 0, DOUBLE, CONFIG(sky_weight), 0, 1e3, "W", "0: none", NULL, "of the sky opacity term"),
+    PAGS_VALUE("object-weight", 0, DOUBLE, CONFIG(object_weight), 0, 1e3, "W", "0: none", NULL,
+               "of the object opacity term, once densifying is over"),
+    PAGS_VALUE("tracks-from", 0, INT64, CONFIG(tracks_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "optimise poses after this step"),
+    PAGS_VALUE("track-translation-rate", 0, DOUBLE, CONFIG(track_translation_rate), 0, 1, "R", "metres", NULL,
+               "learning rate of objects' positions; falls to a tenth"),
+    PAGS_VALUE("track-rotation-rate", 0, DOUBLE, CONFIG(track_rotation_rate), 0, 1, "R", "radians", NULL,
+               "learning rate of objects' rotations; falls to a tenth"),
+    PAGS_VALUE("fourier-from", 0, INT64, CONFIG(fourier_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
+               "decide then whose colour changes over time"),
+    PAGS_VALUE("fourier-gain", 0, DOUBLE, CONFIG(fourier_gain), 0, 100, "G", "dB", NULL,
+               "what that must promise on an object's pixels"),
+    PAGS_VALUE("sky-rate", 0, DOUBLE, CONFIG(sky_rate), 0, 1, "R", NULL, NULL,
+               "learning rate of the sky; falls to a hundredth"),
+    PAGS_VALUE("exposure-rate", 0, DOUBLE, CONFIG(exposure_rate), 0, 1, "R", NULL, NULL,
+               "learning rate of exposures; falls to a tenth"),
+    PAGS_VALUE("extent-most", 0, DOUBLE, CONFIG(extent_most), 1e-3, 1e6, "D", "metres", NULL,
+               "upper bound of the background's extent, which rates and sizes are relative to"),
 
     PAGS_GROUP("Bounds"),
     PAGS_VALUE("max-gaussians", 0, INT64, CONFIG(max_gaussians), 0, 2147483584.0, "N", NULL,
@@ -135,7 +170,7 @@ static const pags_option options[] = {
                NULL, "upper bound of their sigma"),
 
     PAGS_GROUP("Picture"),
-    PAGS_VALUE("sh-degree", 0, INT, CONFIG(sh_degree), 0, 3, "0..3", NULL, NULL,
+    PAGS_VALUE("sh-degree", 0, INT, CONFIG(sh_degree), 0, 3, "0..3", NULL, "3; driving sets 1",
                "highest degree of the spherical harmonics of colour"),
     PAGS_VALUE("sh-interval", 0, INT64, CONFIG(sh_interval), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
                "one degree more every so many steps"),
@@ -160,7 +195,8 @@ static const pags_option options[] = {
 
 static const pags_positional positionals[] = {
     {"DATASET",
-     "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP model and images, or a transforms file"},
+     "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP model and images, a transforms file, or a driving set in "
+     "drivestudio's layout"},
     {NULL, NULL}};
 
 static const pags_verb verb = {
@@ -249,6 +285,16 @@ static void report(const train_arguments *arguments, const pags_train_result *re
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
 }
 
+static void describe_driving(const train_arguments *arguments, const pags_dataset *dataset) {
+  int64_t objects = pags_dataset_object_count(dataset), moving = 0;
+  for (int64_t i = 0; i < objects; ++i)
+    moving += pags_dataset_object(dataset, i)->moving;
+  pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
+           (long long)moving, (long long)pags_dataset_sweep_count(dataset));
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); ++i)
+    pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
+}
+
 static void describe_dataset(const train_arguments *arguments, const pags_dataset *dataset) {
   int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
   const float *xyz;
@@ -258,6 +304,8 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
+  if (pags_dataset_fps(dataset) > 0)
+    describe_driving(arguments, dataset);
   const char *kind = !random ? "points" : arguments->config.random_start ? "random points" : "points to match";
   pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
            pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,

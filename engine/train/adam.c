@@ -17,8 +17,33 @@
 
 enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS };
 
-static const int group_first[GROUPS + 1] = {PAGS_MEAN, PAGS_SCALE,  PAGS_ROTATION,  PAGS_OPACITY,
-                                            PAGS_SH,   PAGS_SH + 3, PAGS_MAX_PLANES};
+static pags_rate_group group_of(int plane) {
+  return plane < PAGS_SCALE      ? PAGS_RATE_POSITION
+         : plane < PAGS_ROTATION ? PAGS_RATE_SCALE
+         : plane < PAGS_OPACITY  ? PAGS_RATE_ROTATION
+         : plane < PAGS_SH       ? PAGS_RATE_OPACITY
+         : plane < PAGS_SH + 3   ? PAGS_RATE_SH_DC
+                                 : PAGS_RATE_SH_REST;
+}
+
+/* Where row `first` of a parameter or a moment lies: the `planes` active ones, then the Fourier terms. */
+typedef struct column {
+  float *p, *m, *v;
+  pags_rate_group group;
+} column;
+
+static int column_count(const pags_gaussians *g, int planes) {
+  return planes + (g->fourier ? PAGS_FOURIER_PLANES : 0);
+}
+
+static column column_at(const pags_adam *adam, const pags_gaussians *g, int planes, int index, int64_t first) {
+  if (index < planes)
+    return (column){pags_plane(g, index) + first, pags_plane(&adam->first, index) + first,
+                    pags_plane(&adam->second, index) + first, group_of(index)};
+  int64_t k = index - planes;
+  return (column){g->fourier + k * g->stride + first, adam->first.fourier + k * adam->first.stride + first,
+                  adam->second.fourier + k * adam->second.stride + first, PAGS_RATE_FOURIER};
+}
 
 static const pags_train_config *config_of(const pags_adam *adam) {
   return &adam->schedule->config;
@@ -184,6 +209,7 @@ static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
   rates[PAGS_RATE_OPACITY] = c->opacity_rate;
   rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
   rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = c->sh_dc_rate;
 }
 
 /* Replays steps k0 .. k0 + count - 1 of a cluster whose moments are of step `last`. */
@@ -199,12 +225,11 @@ static void replay(const pags_adam *adam, pags_gaussians *g, int64_t cluster, in
   }
   const pags_kernels *kernels = adam->kernels;
   int64_t first;
-  int rows = cluster_rows(adam, cluster, &first), planes = active_planes(adam, last), group = 0;
+  int rows = cluster_rows(adam, cluster, &first), planes = active_planes(adam, last);
   float eps = epsilon_at(adam, last);
-  for (int plane = 0; plane < planes; plane++) {
-    group += plane == group_first[group + 1];
-    kernels->adam_replay(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
-                         pags_plane(&adam->second, plane) + first, rows, weights[group], count, eps);
+  for (int i = 0; i < column_count(g, planes); i++) {
+    column c = column_at(adam, g, planes, i, first);
+    kernels->adam_replay(c.p, c.m, c.v, rows, weights[c.group], count, eps);
   }
 }
 
@@ -229,7 +254,7 @@ void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *cluster
                       const float *gradient, int64_t stride, int planes) {
   const pags_train_config *c = config_of(adam);
   int64_t step = adam->step, first, k = table_index(adam, step);
-  int rows = cluster_rows(adam, cluster, &first), group = 0;
+  int rows = cluster_rows(adam, cluster, &first);
   pay(adam, g, cluster, step - 1);
   int64_t n = step - adam->moment_step[cluster];
   pags_adam_step s = {.decay1 = (float)(n == 1 ? c->beta1 : pow(c->beta1, (double)n)),
@@ -240,11 +265,10 @@ void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *cluster
   double rates[GROUPS];
   group_rates(adam, rates);
   rates[PAGS_RATE_POSITION] = adam->position_rate[k];
-  for (int plane = 0; plane < planes; plane++) {
-    group += plane == group_first[group + 1];
-    s.rate = (float)(rates[group] * adam->correction[k]);
-    adam->kernels->adam_update(pags_plane(g, plane) + first, pags_plane(&adam->first, plane) + first,
-                               pags_plane(&adam->second, plane) + first, gradient + plane * stride, rows, &s);
+  for (int i = 0; i < column_count(g, planes); i++) {
+    column at = column_at(adam, g, planes, i, first);
+    s.rate = (float)(rates[at.group] * adam->correction[k]);
+    adam->kernels->adam_update(at.p, at.m, at.v, gradient + i * stride, rows, &s);
   }
   adam->moment_step[cluster] = (int32_t)step;
   adam->param_step[cluster] = (int32_t)step;
@@ -317,9 +341,10 @@ static void settle_block(void *context, int64_t begin, int64_t end, int worker) 
     int64_t first;
     int rows = cluster_rows(adam, c, &first), planes = n > 0 ? active_planes(adam, adam->moment_step[c]) : 0;
     float decay1 = (float)pow(config->beta1, n), decay2 = (float)pow(config->beta2, n);
-    for (int plane = 0; plane < planes; plane++) {
-      scale_rows(pags_plane(&adam->first, plane) + first, rows, decay1, 1e-30f);
-      scale_rows(pags_plane(&adam->second, plane) + first, rows, decay2, 1e-36f);
+    for (int i = 0; n > 0 && i < column_count(s->g, planes); i++) {
+      column at = column_at(adam, s->g, planes, i, first);
+      scale_rows(at.m, rows, decay1, 1e-30f);
+      scale_rows(at.v, rows, decay2, 1e-36f);
     }
     adam->moment_step[c] = (int32_t)s->step;
   }

@@ -47,8 +47,8 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step);
 void pags_adam_begin(pags_adam *adam, int64_t step);
 /* Brings the parameters of a cluster up to `step` - 1. Safe from several threads for different clusters. */
 void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step);
-/* Step `step` with gradients (`planes` planes, plane p at data + p * stride), then the cluster's bounds, widened so
- * that they hold until its next update. Thread-safe as touch. */
+/* Step `step` with gradients (`planes` planes, plane p at data + p * stride; where the Gaussians have Fourier terms, theirs
+ * follow), then the cluster's bounds, widened so that they hold until its next update. Thread-safe as touch. */
 void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
                       const float *gradient, int64_t stride, int planes);
 /* Bounds of a cluster as of its last update; of all, after regroup. */

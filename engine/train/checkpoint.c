@@ -8,8 +8,9 @@
 
 #include "base/file.h"
 #include "train/config.h"
+#include "train/trainer.h"
 
-static const char magic[8] = "PAGSRUN1";
+static const char magic[8] = "PAGSRUN2";
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "checkpoints are written as little endian memory"
@@ -17,10 +18,16 @@ static const char magic[8] = "PAGSRUN1";
 
 /* RUN0. */
 typedef struct run_record {
-  int64_t step, stop, resets, cap, clocked, views, count, sh_degree, clusters;
-  double extent, loss, mse;
+  int64_t step, stop, resets, cap, clocked, views, models, knots, sky_size, sky_updates, exposures, lidar_points;
+  double extent, loss, mse, sky_share;
   uint64_t fingerprint;
 } run_record;
+
+/* MODL. */
+typedef struct model_record {
+  int64_t object, count, sh_degree, clusters, fourier, object_ids;
+  double extent, fourier_gain;
+} model_record;
 
 static uint32_t crc_add(uint32_t crc, const void *bytes, size_t size) {
   const uint8_t *at = bytes;
@@ -61,12 +68,22 @@ static pags_result put_whole(section_writer *w, const char tag[4], const void *b
   return close_section(w);
 }
 
+/* Planes of a model's parameters or moments, Fourier terms last. */
+static int plane_count(const pags_gaussians *g) {
+  return pags_plane_count(g->sh_degree) + (g->fourier ? PAGS_FOURIER_PLANES : 0);
+}
+
+static float *plane_at(const pags_gaussians *g, int plane) {
+  int standard = pags_plane_count(g->sh_degree);
+  return plane < standard ? pags_plane(g, plane) : g->fourier + (int64_t)(plane - standard) * g->stride;
+}
+
 static pags_result put_planes(section_writer *w, const char tag[4], const pags_gaussians *g) {
-  int planes = pags_plane_count(g->sh_degree);
+  int planes = plane_count(g);
   size_t bytes = (size_t)g->count * sizeof(float);
   PAGS_TRY(open_section(w, tag, (uint64_t)planes * bytes));
   for (int p = 0; p < planes; p++)
-    PAGS_TRY(put(w, pags_plane(g, p), bytes));
+    PAGS_TRY(put(w, plane_at(g, p), bytes));
   return close_section(w);
 }
 
@@ -78,30 +95,89 @@ static pags_result put_pair(section_writer *w, const char tag[4], const void *a,
   return close_section(w);
 }
 
+static int64_t knots_of(const pags_tracks *tracks) {
+  int64_t knots = 0;
+  for (int64_t i = 0; i < tracks->count; i++)
+    knots += tracks->objects[i].knot_count;
+  return knots;
+}
+
+static size_t sky_bytes(int64_t size) {
+  return 18 * (size_t)size * (size_t)size * sizeof(float);
+}
+
+static pags_result put_model(section_writer *w, const pags_train_model *m) {
+  const pags_gaussians *g = &m->gaussians;
+  model_record record = {.object = m->object,
+                         .count = g->count,
+                         .sh_degree = g->sh_degree,
+                         .clusters = m->adam.cluster_count,
+                         .fourier = g->fourier != NULL,
+                         .object_ids = g->object_id != NULL,
+                         .extent = m->schedule.extent,
+                         .fourier_gain = m->fourier_gain};
+  PAGS_TRY(put_whole(w, "MODL", &record, sizeof record));
+  PAGS_TRY(put_planes(w, "GAUS", g));
+  PAGS_TRY(put_planes(w, "MOM1", &m->adam.first));
+  PAGS_TRY(put_planes(w, "MOM2", &m->adam.second));
+  PAGS_TRY(put_pair(w, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
+  PAGS_TRY(put_pair(w, "STAT", m->density.gradient, m->density.seen, g->count));
+  return g->object_id ? put_whole(w, "OBJI", g->object_id, (size_t)g->count * sizeof(int32_t)) : PAGS_OK;
+}
+
+/* One knot as it lies in TRAK. */
+typedef struct knot_record {
+  double increment[6]; /* rotation, translation */
+  pags_track_moments moments;
+} knot_record;
+
+static pags_result put_tracks(section_writer *w, const pags_tracks *tracks) {
+  PAGS_TRY(open_section(w, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record)));
+  for (int64_t i = 0; i < tracks->count; i++)
+    for (int64_t k = 0; k < tracks->objects[i].knot_count; k++) {
+      knot_record record = {.moments = tracks->moments[i][k]};
+      memcpy(record.increment, tracks->objects[i].knots[k].rotation, 3 * sizeof(double));
+      memcpy(record.increment + 3, tracks->objects[i].knots[k].translation, 3 * sizeof(double));
+      PAGS_TRY(put(w, &record, sizeof record));
+    }
+  return close_section(w);
+}
+
 static pags_result put_state(section_writer *w, const pags_train_state *s, uint64_t fingerprint) {
   char text[PAGS_CONFIG_TEXT];
+  size_t sky = sky_bytes(s->sky.sky.size);
   run_record record = {.step = s->step,
                        .stop = s->stop,
                        .resets = s->resets,
                        .cap = s->cap,
                        .clocked = s->clocked,
                        .views = s->schedule.views,
-                       .count = s->gaussians.count,
-                       .sh_degree = s->gaussians.sh_degree,
-                       .clusters = s->adam.cluster_count,
+                       .models = s->model_count,
+                       .knots = knots_of(&s->tracks),
+                       .sky_size = s->sky.sky.size,
+                       .sky_updates = s->sky.updates,
+                       .exposures = s->exposures.count,
+                       .lidar_points = s->lidar_points,
                        .extent = s->schedule.extent,
                        .loss = s->loss,
                        .mse = s->mse,
+                       .sky_share = s->sky_share,
                        .fingerprint = fingerprint};
   pags_config_write(&s->schedule.config, text);
   PAGS_TRY(pags_file_writer_put(&w->file, magic, sizeof magic));
   PAGS_TRY(put_whole(w, "CONF", text, strlen(text)));
   PAGS_TRY(put_whole(w, "RUN0", &record, sizeof record));
-  PAGS_TRY(put_planes(w, "GAUS", &s->gaussians));
-  PAGS_TRY(put_planes(w, "MOM1", &s->adam.first));
-  PAGS_TRY(put_planes(w, "MOM2", &s->adam.second));
-  PAGS_TRY(put_pair(w, "STEP", s->adam.moment_step, s->adam.param_step, s->adam.cluster_count));
-  PAGS_TRY(put_pair(w, "STAT", s->density.gradient, s->density.seen, s->gaussians.count));
+  for (int64_t i = 0; i < s->model_count; i++)
+    PAGS_TRY(put_model(w, &s->models[i]));
+  PAGS_TRY(put_tracks(w, &s->tracks));
+  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)sky));
+  if (sky > 0) {
+    PAGS_TRY(put(w, s->sky.sky.texels, sky));
+    PAGS_TRY(put(w, s->sky.first, sky));
+    PAGS_TRY(put(w, s->sky.second, sky));
+  }
+  PAGS_TRY(close_section(w));
+  PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, (size_t)s->exposures.count * sizeof(pags_exposure)));
   return put_whole(w, "END!", "", 0);
 }
 
@@ -151,12 +227,12 @@ static pags_result next_sized(section_reader *r, const char tag[4], uint64_t wan
 }
 
 static pags_result get_planes(section_reader *r, const char tag[4], pags_gaussians *g) {
-  int planes = pags_plane_count(g->sh_degree);
+  int planes = plane_count(g);
   size_t bytes = (size_t)g->count * sizeof(float);
   const uint8_t *payload = NULL;
   PAGS_TRY(next_sized(r, tag, (uint64_t)planes * bytes, &payload));
   for (int p = 0; p < planes; p++)
-    memcpy(pags_plane(g, p), payload + (size_t)p * bytes, bytes);
+    memcpy(plane_at(g, p), payload + (size_t)p * bytes, bytes);
   return PAGS_OK;
 }
 
@@ -169,43 +245,143 @@ static pags_result get_pair(section_reader *r, const char tag[4], void *a, void 
   return PAGS_OK;
 }
 
-static pags_result check_record(const char *path, const run_record *r, const pags_train_config *config) {
-  int sound = r->step >= 0 && r->stop >= r->step && r->stop <= 2000000000 && r->views >= 1 && r->count >= 0 &&
-              r->count <= INT32_MAX - 64 && r->sh_degree == config->sh_degree && isfinite(r->extent) && r->extent > 0 &&
-              r->clusters == (r->count + config->cluster_size - 1) / config->cluster_size;
-  return sound ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: section RUN0: a number is out of range", path);
+static pags_result out_of_range(const section_reader *r, const char *tag) {
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: section %s: a number is out of range", r->path, tag);
+}
+
+static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_tracks *tracks) {
+  int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
+  return r->step >= 0 && r->stop >= r->step && r->stop <= 2000000000 && r->views >= 1 && isfinite(r->extent) &&
+         r->extent > 0 && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
+         (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 && r->sky_size <= 4096 &&
+         r->sky_updates >= 0 && (r->sky_size == 0 || dataset);
+}
+
+static int is_sound_model(const model_record *m, const run_record *r, const pags_train_config *config, int64_t before,
+                          int64_t objects) {
+  return m->object > before - (before < 0) && (before < -1 ? m->object == -1 : m->object >= 0) && m->object < objects &&
+         m->count >= 0 && m->count <= INT32_MAX - 64 && m->sh_degree == config->sh_degree && isfinite(m->extent) &&
+         m->extent > 0 && m->clusters == (m->count + config->cluster_size - 1) / config->cluster_size &&
+         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1) && r->models >= 1;
 }
 
 /* Steps that no run leaves would send replay over the ends of its tables. */
-static pags_result check_steps(const char *path, const pags_train_state *s) {
-  for (int64_t c = 0; c < s->adam.cluster_count; c++) {
-    int32_t moment = s->adam.moment_step[c], param = s->adam.param_step[c];
-    if (moment < 0 || param < moment || param > s->step)
+static pags_result check_steps(const char *path, const pags_train_model *m, int64_t step) {
+  for (int64_t c = 0; c < m->adam.cluster_count; c++) {
+    int32_t moment = m->adam.moment_step[c], param = m->adam.param_step[c];
+    if (moment < 0 || param < moment || param > step)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", path,
                        (long long)c);
   }
   return PAGS_OK;
 }
 
-static pags_result read_rest(section_reader *r, pags_train_state *s) {
+static pags_result get_object_ids(section_reader *r, pags_gaussians *g, int64_t objects) {
   const uint8_t *payload = NULL;
-  PAGS_TRY(get_planes(r, "MOM1", &s->adam.first));
-  PAGS_TRY(get_planes(r, "MOM2", &s->adam.second));
-  PAGS_TRY(get_pair(r, "STEP", s->adam.moment_step, s->adam.param_step, s->adam.cluster_count));
-  PAGS_TRY(get_pair(r, "STAT", s->density.gradient, s->density.seen, s->gaussians.count));
-  PAGS_TRY(next_sized(r, "END!", 0, &payload));
-  PAGS_TRY(check_steps(r->path, s));
-  pags_adam_bound_all(&s->adam, &s->gaussians, &s->clusters, NULL);
+  size_t bytes = (size_t)g->count * sizeof(int32_t);
+  PAGS_TRY(next_sized(r, "OBJI", bytes, &payload));
+  PAGS_TRY(pags_gaussians_add_object_id(g));
+  memcpy(g->object_id, payload, bytes);
+  for (int64_t i = 0; i < g->count; i++)
+    if (g->object_id[i] < -1 || g->object_id[i] >= objects)
+      return out_of_range(r, "OBJI");
   return PAGS_OK;
 }
 
-static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *fingerprint) {
+static pags_result get_model_rest(section_reader *r, const model_record *record, pags_train_state *s,
+                                  pags_train_model *m) {
+  if (record->fourier)
+    PAGS_TRY(pags_gaussians_add_fourier(&m->adam.first));
+  if (record->fourier)
+    PAGS_TRY(pags_gaussians_add_fourier(&m->adam.second));
+  m->fourier_gain = record->fourier_gain;
+  PAGS_TRY(get_planes(r, "MOM1", &m->adam.first));
+  PAGS_TRY(get_planes(r, "MOM2", &m->adam.second));
+  PAGS_TRY(get_pair(r, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
+  PAGS_TRY(get_pair(r, "STAT", m->density.gradient, m->density.seen, m->gaussians.count));
+  if (record->object_ids)
+    PAGS_TRY(get_object_ids(r, &m->gaussians, s->tracks.count));
+  PAGS_TRY(check_steps(r->path, m, s->step));
+  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, NULL);
+  return PAGS_OK;
+}
+
+static pags_result get_model(section_reader *r, const run_record *run, pags_train_state *s) {
+  const pags_train_config *config = &s->schedule.config;
+  const uint8_t *payload = NULL;
+  model_record record;
+  int64_t before = s->model_count > 0 ? s->models[s->model_count - 1].object : -2;
+  PAGS_TRY(next_sized(r, "MODL", sizeof record, &payload));
+  memcpy(&record, payload, sizeof record);
+  if (!is_sound_model(&record, run, config, before, s->tracks.count))
+    return out_of_range(r, "MODL");
+  /* Before memory is asked for: can the file hold that many? */
+  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->sh_degree) >
+      (uint64_t)(r->end - r->at))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
+  pags_gaussians g;
+  PAGS_TRY(pags_gaussians_create(&g, record.count, config->sh_degree));
+  pags_result result = record.fourier ? pags_gaussians_add_fourier(&g) : PAGS_OK;
+  if (result == PAGS_OK)
+    result = get_planes(r, "GAUS", &g);
+  if (result == PAGS_OK)
+    result = pags_state_add_model(s, record.object, record.extent, &g);
+  pags_gaussians_destroy(&g);
+  PAGS_TRY(result);
+  pags_trainer_fit_box(s, s->model_count - 1);
+  return get_model_rest(r, &record, s, &s->models[s->model_count - 1]);
+}
+
+static pags_result get_tracks(section_reader *r, pags_tracks *tracks) {
+  const uint8_t *at = NULL;
+  PAGS_TRY(next_sized(r, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record), &at));
+  for (int64_t i = 0; i < tracks->count; i++)
+    for (int64_t k = 0; k < tracks->objects[i].knot_count; k++, at += sizeof(knot_record)) {
+      knot_record record;
+      memcpy(&record, at, sizeof record);
+      for (int j = 0; j < 6; j++)
+        if (!isfinite(record.increment[j]) || record.moments.count < 0)
+          return out_of_range(r, "TRAK");
+      memcpy(tracks->objects[i].knots[k].rotation, record.increment, 3 * sizeof(double));
+      memcpy(tracks->objects[i].knots[k].translation, record.increment + 3, 3 * sizeof(double));
+      tracks->moments[i][k] = record.moments;
+    }
+  return PAGS_OK;
+}
+
+static pags_result get_sky(section_reader *r, const run_record *run, const pags_dataset *dataset, pags_sky_fit *fit) {
+  const uint8_t *payload = NULL;
+  size_t bytes = sky_bytes(run->sky_size);
+  PAGS_TRY(next_sized(r, "SKY0", 3 * (uint64_t)bytes, &payload));
+  if (run->sky_size == 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_sky_fit_prepare(fit, (int)run->sky_size, dataset));
+  fit->updates = run->sky_updates;
+  memcpy(fit->sky.texels, payload, bytes);
+  memcpy(fit->first, payload + bytes, bytes);
+  memcpy(fit->second, payload + 2 * bytes, bytes);
+  return PAGS_OK;
+}
+
+static pags_result get_exposures(section_reader *r, const run_record *run, pags_exposures *exposures) {
+  const uint8_t *payload = NULL;
+  size_t bytes = (size_t)run->exposures * sizeof(pags_exposure);
+  PAGS_TRY(next_sized(r, "EXPO", bytes, &payload));
+  if (run->exposures == 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_exposures_create(exposures, run->exposures));
+  memcpy(exposures->items, payload, bytes);
+  return PAGS_OK;
+}
+
+static pags_result read_state(section_reader *r, const pags_dataset *dataset, pags_train_state *s,
+                              uint64_t *fingerprint) {
   pags_train_config config = pags_train_config_default();
   const uint8_t *payload = NULL;
   uint64_t size = 0;
   run_record record;
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN1",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN2",
                      r->path);
   r->at += sizeof magic;
   PAGS_TRY(next(r, "CONF", &payload, &size));
@@ -213,18 +389,15 @@ static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *
   PAGS_TRY(pags_train_config_check(&config));
   PAGS_TRY(next_sized(r, "RUN0", sizeof record, &payload));
   memcpy(&record, payload, sizeof record);
-  PAGS_TRY(check_record(r->path, &record, &config));
-  /* Before memory is asked for: can the file hold that many? */
-  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config.sh_degree) >
-      (uint64_t)(r->end - r->at))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
-  pags_gaussians g;
-  PAGS_TRY(pags_gaussians_create(&g, record.count, config.sh_degree));
-  pags_result result = get_planes(r, "GAUS", &g);
+  if (dataset && pags_dataset_fps(dataset) > 0.0)
+    PAGS_TRY(pags_tracks_create(&s->tracks, dataset));
+  if (!is_sound_run(&record, dataset, &s->tracks))
+    return out_of_range(r, "RUN0");
+  pags_tracks tracks = s->tracks;
   pags_schedule schedule = pags_schedule_make(&config, record.extent, record.views);
-  if (result == PAGS_OK)
-    result = pags_state_create(s, &schedule, record.stop, &g);
-  pags_gaussians_destroy(&g);
+  s->tracks = (pags_tracks){0};
+  pags_result result = pags_state_create(s, &schedule, record.stop, record.models);
+  s->tracks = tracks;
   PAGS_TRY(result);
   s->step = record.step;
   s->resets = record.resets;
@@ -232,19 +405,76 @@ static pags_result read_state(section_reader *r, pags_train_state *s, uint64_t *
   s->clocked = record.clocked;
   s->loss = record.loss;
   s->mse = record.mse;
+  s->sky_share = record.sky_share;
+  s->lidar_points = record.lidar_points;
   *fingerprint = record.fingerprint;
-  return read_rest(r, s);
+  for (int64_t i = 0; i < record.models; i++)
+    PAGS_TRY(get_model(r, &record, s));
+  PAGS_TRY(get_tracks(r, &s->tracks));
+  PAGS_TRY(get_sky(r, &record, dataset, &s->sky));
+  PAGS_TRY(get_exposures(r, &record, &s->exposures));
+  return next_sized(r, "END!", 0, &payload);
 }
 
-pags_result pags_checkpoint_load(const char *path, pags_train_state *state, uint64_t *fingerprint) {
+pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, pags_train_state *state,
+                                 uint64_t *fingerprint) {
   uint8_t *bytes;
   size_t size;
   *state = (pags_train_state){0};
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   section_reader reader = {.path = path, .at = bytes, .end = bytes + size};
-  pags_result result = read_state(&reader, state, fingerprint);
+  pags_result result = read_state(&reader, dataset, state, fingerprint);
   free(bytes);
   if (result != PAGS_OK)
     pags_state_destroy(state);
+  return result;
+}
+
+/* Steps over a section whatever its tag; `tag` receives it. */
+static pags_result next_any(section_reader *r, char tag[4], const uint8_t **payload, uint64_t *size) {
+  if (r->end - r->at < 16)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a section at its end, found %lld bytes", r->path,
+                     (long long)(r->end - r->at));
+  memcpy(tag, r->at, 4);
+  return next(r, tag, payload, size);
+}
+
+static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
+  const uint8_t *payload = NULL;
+  uint64_t size = 0;
+  char tag[4] = "";
+  if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN2",
+                     r->path);
+  r->at += sizeof magic;
+  while (memcmp(tag, "END!", 4) != 0) {
+    run_record run;
+    model_record model;
+    PAGS_TRY(next_any(r, tag, &payload, &size));
+    if (memcmp(tag, "RUN0", 4) == 0 && size == sizeof run) {
+      memcpy(&run, payload, sizeof run);
+      out->step = run.step;
+      out->stop = run.stop;
+      out->views = run.views;
+      out->models = run.models;
+      out->loss = run.loss;
+    }
+    if (memcmp(tag, "MODL", 4) == 0 && size == sizeof model) {
+      memcpy(&model, payload, sizeof model);
+      out->gaussians += model.count;
+      out->sh_degree = (int)model.sh_degree;
+    }
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_checkpoint_inspect(const char *path, pags_checkpoint_facts *out) {
+  uint8_t *bytes;
+  size_t size;
+  *out = (pags_checkpoint_facts){0};
+  PAGS_TRY(pags_file_read(path, &bytes, &size));
+  section_reader reader = {.path = path, .at = bytes, .end = bytes + size};
+  pags_result result = inspect(&reader, out);
+  free(bytes);
   return result;
 }

@@ -46,7 +46,7 @@ static const field fields[] = {
     FIELD(init_opacity, FIELD_F64, 1e-3, 0.999),
     FIELD(init_scale, FIELD_F64, 1e-6, 1e6),
     FIELD(init_scale_max, FIELD_F64, 1e-6, 1e6),
-    FIELD(sh_degree, FIELD_INT, 0, 3),
+    FIELD(sh_degree, FIELD_INT, -1, 3),
     FIELD(sh_interval, FIELD_I64, 0, MAX_STEPS),
     FIELD(quarter_until, FIELD_F64, 0, 1),
     FIELD(half_until, FIELD_F64, 0, 1),
@@ -77,6 +77,25 @@ static const field fields[] = {
     COLOUR("g", 1),
     COLOUR("b", 2),
     FIELD(cluster_size, FIELD_INT, 16, 256),
+    FIELD(extent_most, FIELD_F64, 1e-3, 1e6),
+    FIELD(objects, FIELD_INT, 0, 1),
+    FIELD(box_prune, FIELD_INT, 0, 1),
+    FIELD(tracks, FIELD_INT, 0, 1),
+    FIELD(tracks_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(track_translation_rate, FIELD_F64, 0, 1),
+    FIELD(track_rotation_rate, FIELD_F64, 0, 1),
+    FIELD(fourier, FIELD_INT, 0, 1),
+    FIELD(fourier_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(fourier_gain, FIELD_F64, 0, 100),
+    FIELD(sky, FIELD_INT, 0, 1),
+    FIELD(sky_rate, FIELD_F64, 0, 1),
+    FIELD(sky_weight, FIELD_F64, 0, 1e3),
+    FIELD(lidar_start, FIELD_INT, 0, 1),
+    FIELD(depth_weight, FIELD_F64, 0, 1e3),
+    FIELD(depth_share, FIELD_F64, 0.01, 1),
+    FIELD(object_weight, FIELD_F64, 0, 1e3),
+    FIELD(exposure, FIELD_INT, 0, 1),
+    FIELD(exposure_rate, FIELD_F64, 0, 1),
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
@@ -98,7 +117,7 @@ pags_train_config pags_train_config_default(void) {
       .init_opacity = 0.1,
       .init_scale = 1.0,
       .init_scale_max = 0.1,
-      .sh_degree = 3,
+      .sh_degree = -1,
       .sh_interval = 1000,
       .quarter_until = 0.05,
       .half_until = 0.2,
@@ -122,6 +141,25 @@ pags_train_config pags_train_config_default(void) {
       .near_plane = 0.01,
       .low_pass = 0.3,
       .cluster_size = 64,
+      .extent_most = 20.0,
+      .objects = 1,
+      .box_prune = 1,
+      .tracks = 1,
+      .tracks_from = 3000,
+      .track_translation_rate = 5e-3,
+      .track_rotation_rate = 1e-3,
+      .fourier = 1,
+      .fourier_from = 15000,
+      .fourier_gain = 0.1,
+      .sky = 1,
+      .sky_rate = 0.01,
+      .sky_weight = 0.05,
+      .lidar_start = 1,
+      .depth_weight = 0.01,
+      .depth_share = 0.95,
+      .object_weight = 0.1,
+      .exposure = 1,
+      .exposure_rate = 1e-3,
   };
 }
 
@@ -231,6 +269,14 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
   if (value)
     print_value(config, &fields[index], value, value_size);
   return fields[index].name;
+}
+
+/* Degree 1 on driving sets, as Street Gaussians: a road is passed once, in one direction. */
+pags_train_config pags_config_resolve(const pags_train_config *config, int driving) {
+  pags_train_config resolved = *config;
+  if (resolved.sh_degree < 0)
+    resolved.sh_degree = driving ? 1 : 3;
+  return resolved;
 }
 
 /* Appends formatted text; the table is far smaller than PAGS_CONFIG_TEXT. */

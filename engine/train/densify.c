@@ -42,10 +42,10 @@ typedef struct thresholds {
   float gradient, dense_sigma, prune_logit, prune_sigma, split_divisor;
 } thresholds;
 
-static thresholds thresholds_of(const pags_train_state *state) {
-  const pags_schedule *s = &state->schedule;
+static thresholds thresholds_of(const pags_train_model *model) {
+  const pags_schedule *s = &model->schedule;
   const pags_train_config *c = &s->config;
-  int prune_large = pags_schedule_prunes_large(s, state->step);
+  int prune_large = pags_schedule_prunes_large(s, model->step);
   return (thresholds){.gradient = (float)(c->absgrad ? c->absgrad_gradient : c->densify_gradient),
                       .dense_sigma = (float)(c->dense_percent * s->extent),
                       .prune_logit = logit(c->prune_opacity),
@@ -53,12 +53,22 @@ static thresholds thresholds_of(const pags_train_state *state) {
                       .split_divisor = (float)c->split_divisor};
 }
 
-static pags_edit decide_row(const pags_train_state *state, const thresholds *t, int64_t row) {
-  const pags_gaussians *g = &state->gaussians;
-  if (!is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit)
+/* Boxes are labelled tightly: mirrors and what a label misses get half as much again. */
+static const double box_margin = 1.5;
+
+static int strays(const pags_train_model *model, int64_t row) {
+  for (int k = 0; k < 3 && model->half_size[k] > 0.0; k++)
+    if (fabs((double)pags_plane(&model->gaussians, PAGS_MEAN + k)[row]) > box_margin * model->half_size[k])
+      return 1;
+  return 0;
+}
+
+static pags_edit decide_row(const pags_train_model *model, const thresholds *t, int64_t row) {
+  const pags_gaussians *g = &model->gaussians;
+  if (!is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
     return PAGS_EDIT_PRUNE;
   float sigma = largest_sigma(g, row);
-  int pulled = mean_gradient(&state->density, row) >= t->gradient;
+  int pulled = mean_gradient(&model->density, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* its children are what the size test sees */
     return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
   if (sigma > t->prune_sigma)
@@ -79,14 +89,14 @@ static int by_gradient(const void *a, const void *b) {
 }
 
 /* Turns all but the `room` strongest clones and splits into keeps. */
-static pags_result cut_growth(const pags_train_state *state, pags_edits *edits, int64_t room) {
+static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, int64_t room) {
   candidate *list = malloc((size_t)edits->wanted * sizeof *list);
   int64_t n = 0;
   if (!list)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to rank %lld Gaussians", (long long)edits->wanted);
   for (int64_t row = 0; row < edits->count; row++)
     if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
-      list[n++] = (candidate){mean_gradient(&state->density, row), row};
+      list[n++] = (candidate){mean_gradient(&model->density, row), row};
   qsort(list, (size_t)n, sizeof *list, by_gradient);
   for (int64_t i = room; i < n; i++) {
     uint8_t *kind = &edits->kind[list[i].row];
@@ -107,14 +117,14 @@ static void spare_all(pags_edits *edits) {
   edits->pruned = 0;
 }
 
-pags_result pags_densify_decide(const pags_train_state *state, pags_edits *edits) {
-  int64_t count = state->gaussians.count;
+pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits) {
+  int64_t count = model->gaussians.count;
   *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
   if (!edits->kind)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify %lld Gaussians", (long long)count);
-  thresholds t = thresholds_of(state);
+  thresholds t = thresholds_of(model);
   for (int64_t row = 0; row < count; row++) {
-    pags_edit kind = decide_row(state, &t, row);
+    pags_edit kind = decide_row(model, &t, row);
     edits->kind[row] = (uint8_t)kind;
     edits->cloned += kind == PAGS_EDIT_CLONE;
     edits->split += kind == PAGS_EDIT_SPLIT;
@@ -123,10 +133,10 @@ pags_result pags_densify_decide(const pags_train_state *state, pags_edits *edits
   edits->wanted = edits->cloned + edits->split;
   if (edits->pruned > 0 && count - edits->pruned < least_survivors)
     spare_all(edits);
-  int64_t cap = state->cap;
+  int64_t cap = model->cap;
   int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
   room = room < 0 ? 0 : room;
-  pags_result result = edits->wanted > room ? cut_growth(state, edits, room) : PAGS_OK;
+  pags_result result = edits->wanted > room ? cut_growth(model, edits, room) : PAGS_OK;
   if (result != PAGS_OK)
     pags_edits_destroy(edits);
   return result;
@@ -138,12 +148,12 @@ void pags_edits_destroy(pags_edits *edits) {
 }
 
 /* Makes `row` a sample of the Gaussian it is a copy of; (step, child, parent) choose the sample. */
-static void make_child(const pags_train_state *state, pags_gaussians *g, int64_t row, int child, int64_t parent) {
-  const pags_train_config *c = &state->schedule.config;
+static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t row, int child, int64_t parent) {
+  const pags_train_config *c = &model->schedule.config;
   double n[4], q[4], r[9], offset[3];
   int purpose = PAGS_DRAW_SPLIT + 2 * child;
-  pags_rng_normal2(c->seed, pags_draw(state->step, purpose), (uint64_t)parent, n);
-  pags_rng_normal2(c->seed, pags_draw(state->step, purpose + 1), (uint64_t)parent, n + 2);
+  pags_rng_normal2(c->seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
+  pags_rng_normal2(c->seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
   for (int i = 0; i < 4; i++)
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
@@ -177,27 +187,26 @@ static void list_sources(const pags_edits *edits, int64_t *source, int64_t kept)
   }
 }
 
-pags_result pags_densify_apply(pags_train_state *state, const pags_edits *edits, pags_tasks *tasks) {
+pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits, pags_tasks *tasks) {
   int64_t kept = edits->count - edits->split - edits->pruned;
   int64_t count = kept + edits->cloned + 2 * edits->split;
   int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!source)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify to %lld Gaussians", (long long)count);
   list_sources(edits, source, kept);
-  pags_result result = pags_state_gather(state, source, count, kept, tasks);
+  pags_result result = pags_model_gather(model, source, count, kept, tasks);
   int64_t half = kept + edits->cloned;
   for (int64_t i = half; result == PAGS_OK && i < count; i++)
-    make_child(state, &state->gaussians, i, i >= half + edits->split, source[i]);
+    make_child(model, &model->gaussians, i, i >= half + edits->split, source[i]);
   free(source);
-  pags_state_clear_density(state);
-  return result == PAGS_OK ? pags_state_sort(state, tasks) : result;
+  pags_model_clear_density(model);
+  return result == PAGS_OK ? pags_model_sort(model, tasks) : result;
 }
 
-void pags_densify_reset(pags_train_state *state) {
-  float *opacity = pags_plane(&state->gaussians, PAGS_OPACITY);
-  float most = logit(fmin(state->schedule.config.reset_opacity, 1.0 - 1e-6));
-  for (int64_t i = 0; i < state->gaussians.count; i++)
+void pags_densify_reset(pags_train_model *model) {
+  float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
+  float most = logit(fmin(model->schedule.config.reset_opacity, 1.0 - 1e-6));
+  for (int64_t i = 0; i < model->gaussians.count; i++)
     opacity[i] = opacity[i] > most ? most : opacity[i];
-  pags_adam_forget(&state->adam, PAGS_OPACITY, PAGS_OPACITY + 1);
-  state->resets++;
+  pags_adam_forget(&model->adam, PAGS_OPACITY, PAGS_OPACITY + 1);
 }

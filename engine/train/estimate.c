@@ -39,7 +39,7 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
     t->measuring = 0;
     PAGS_TRY(result);
     double whole = pags_trainer_clock() - begin - (t->ms.wait - waited);
-    const pags_frame_stats *s = pags_frame_stats_get(t->frame);
+    const pags_frame_stats *s = pags_frame_stats_get(t->pass.frame);
     double rows = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
     if (i == 0)
       continue;
@@ -57,7 +57,7 @@ static double mean_growth(const pags_train_state *s, double now, double final) {
 
 pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *seconds, uint64_t *bytes) {
   pags_train_state *s = &t->state;
-  int64_t count = s->gaussians.count > 0 ? s->gaussians.count : 1;
+  int64_t count = pags_state_gaussian_count(s) > 0 ? pags_state_gaussian_count(s) : 1;
   double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
   double rows = mean_growth(s, (double)count, final), scale = (double)iterations / (double)s->stop;
   int64_t quarter = s->schedule.quarter_until,
@@ -79,6 +79,6 @@ pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *s
     }
   }
   *seconds = ms * scale / 1e3;
-  *bytes = pags_train_bytes((int64_t) final, s->gaussians.sh_degree, width, height) + t->options->image_cache;
+  *bytes = pags_train_bytes((int64_t) final, s->schedule.config.sh_degree, width, height) + t->options->image_cache;
   return PAGS_OK;
 }

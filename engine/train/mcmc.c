@@ -18,8 +18,8 @@ static double logit(double p) {
   return log(p / (1.0 - p));
 }
 
-static int64_t bound_of(const pags_train_state *state) {
-  return state->cap > 0 ? state->cap : 1000000;
+static int64_t bound_of(const pags_train_model *model) {
+  return model->cap > 0 ? model->cap : 1000000;
 }
 
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) let through what one of o did. Their sigma keeps the integral along a ray:
@@ -53,13 +53,13 @@ static void free_lottery(lottery *l) {
   free(l->drawn);
 }
 
-static pags_result make_lottery(const pags_train_state *state, lottery *l) {
-  const float *opacity = pags_plane(&state->gaussians, PAGS_OPACITY);
-  size_t n = (size_t)(state->gaussians.count > 0 ? state->gaussians.count : 1);
+static pags_result make_lottery(const pags_train_model *model, lottery *l) {
+  const float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
+  size_t n = (size_t)(model->gaussians.count > 0 ? model->gaussians.count : 1);
   *l = (lottery){.total = malloc(n * sizeof(double)),
                  .dead = malloc(n * sizeof(int64_t)),
                  .drawn = calloc(n, sizeof(int32_t)),
-                 .count = state->gaussians.count};
+                 .count = model->gaussians.count};
   if (!l->total || !l->dead || !l->drawn) {
     free_lottery(l);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to relocate %lld Gaussians", (long long)l->count);
@@ -91,13 +91,13 @@ static int64_t draw(const lottery *l, double u) {
 }
 
 /* Draws `count` rows into `rows`, then makes each drawn row what 1 + (times drawn) copies of it should be. */
-static void draw_and_thin(pags_train_state *state, lottery *l, int purpose, int64_t *rows, int64_t count) {
-  pags_gaussians *g = &state->gaussians;
+static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int64_t *rows, int64_t count) {
+  pags_gaussians *g = &model->gaussians;
   for (int64_t i = 0; i < l->count; i++)
     l->drawn[i] = 0;
   for (int64_t i = 0; i < count; i++) {
-    uint64_t seed = state->schedule.config.seed;
-    rows[i] = draw(l, pags_rng_uniform(seed, pags_draw(state->step, purpose), (uint64_t)i));
+    uint64_t seed = model->schedule.config.seed;
+    rows[i] = draw(l, pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i));
     l->drawn[rows[i]]++;
   }
   for (int64_t row = 0; row < l->count; row++) {
@@ -113,64 +113,64 @@ static void draw_and_thin(pags_train_state *state, lottery *l, int purpose, int6
 }
 
 /* Row `to` becomes row `from`, both with moments of zero. */
-static void teleport(pags_train_state *state, int64_t to, int64_t from) {
-  for (int p = 0; p < pags_plane_count(state->gaussians.sh_degree); p++) {
-    float *x = pags_plane(&state->gaussians, p), *m = pags_plane(&state->adam.first, p);
-    float *v = pags_plane(&state->adam.second, p);
+static void teleport(pags_train_model *model, int64_t to, int64_t from) {
+  for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
+    float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
+    float *v = pags_plane(&model->adam.second, p);
     x[to] = x[from];
     m[to] = m[from] = 0.0f;
     v[to] = v[from] = 0.0f;
   }
 }
 
-static pags_result relocate(pags_train_state *state) {
+static pags_result relocate(pags_train_model *model) {
   lottery l;
-  PAGS_TRY(make_lottery(state, &l));
+  PAGS_TRY(make_lottery(model, &l));
   int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
   pags_result result = rows ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to relocate Gaussians");
   if (rows && l.dead_count < l.count) {
-    draw_and_thin(state, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
+    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
     for (int64_t i = 0; i < l.dead_count; i++)
-      teleport(state, l.dead[i], rows[i]);
+      teleport(model, l.dead[i], rows[i]);
   }
   free(rows);
   free_lottery(&l);
   return result;
 }
 
-static pags_result grow(pags_train_state *state, pags_tasks *tasks) {
-  int64_t count = state->gaussians.count, most = bound_of(state);
-  int64_t target = (int64_t)((1.0 + state->schedule.config.mcmc_growth) * (double)count);
+static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
+  int64_t count = model->gaussians.count, most = bound_of(model);
+  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc_growth) * (double)count);
   target = target > most ? most : target;
   if (target <= count)
     return PAGS_OK;
   lottery l;
-  PAGS_TRY(make_lottery(state, &l));
+  PAGS_TRY(make_lottery(model, &l));
   int64_t *source = malloc((size_t)target * sizeof *source);
   pags_result result =
       source ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)target);
   if (source && l.dead_count < l.count) {
     for (int64_t i = 0; i < count; i++)
       source[i] = i;
-    draw_and_thin(state, &l, PAGS_DRAW_ADD, source + count, target - count);
-    result = pags_state_gather(state, source, target, count, tasks);
+    draw_and_thin(model, &l, PAGS_DRAW_ADD, source + count, target - count);
+    result = pags_model_gather(model, source, target, count, tasks);
   }
   free(source);
   free_lottery(&l);
   return result;
 }
 
-pags_result pags_mcmc_refine(pags_train_state *state, pags_tasks *tasks) {
-  PAGS_TRY(relocate(state));
-  PAGS_TRY(grow(state, tasks));
-  pags_state_clear_density(state);
-  return pags_state_sort(state, tasks);
+pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
+  PAGS_TRY(relocate(model));
+  PAGS_TRY(grow(model, tasks));
+  pags_model_clear_density(model);
+  return pags_model_sort(model, tasks);
 }
 
 /* d/d(logit o) of w mean(o) = w o (1 - o) / N; d/d(ln sigma) of w mean(sigma) over 3 N sigmas = w sigma / (3 N). */
-void pags_mcmc_regularise(const pags_train_state *state, int64_t first, int rows, float *gradient, int64_t stride) {
-  const pags_gaussians *g = &state->gaussians;
-  const pags_train_config *c = &state->schedule.config;
+void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride) {
+  const pags_gaussians *g = &model->gaussians;
+  const pags_train_config *c = &model->schedule.config;
   float opacity_weight = (float)(c->mcmc_opacity_reg / (double)g->count);
   float scale_weight = (float)(c->mcmc_scale_reg / (3.0 * (double)g->count));
   for (int i = 0; i < rows; i++) {
@@ -182,19 +182,19 @@ void pags_mcmc_regularise(const pags_train_state *state, int64_t first, int rows
 }
 
 typedef struct noise_job {
-  pags_train_state *state;
+  pags_train_model *model;
   int64_t step;
   double weight; /* mcmc_noise times the position rate */
 } noise_job;
 
 /* mean += S n gate weight, S the covariance, n normal, gate = sigmoid(-100 (o - 0.005)). */
 static void shake_row(const noise_job *job, int64_t row) {
-  pags_gaussians *g = &job->state->gaussians;
+  pags_gaussians *g = &job->model->gaussians;
   double gate = sigmoid(-gate_slope * (sigmoid((double)pags_plane(g, PAGS_OPACITY)[row]) - dead_opacity));
   if (gate < 1e-9)
     return; /* opacity over 0.21: with the usual weight, 80 extents at most, 1e-7 of sigma^2 */
   double n[4], q[4], r[9], local[3];
-  uint64_t seed = job->state->schedule.config.seed;
+  uint64_t seed = job->model->schedule.config.seed;
   pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE), (uint64_t)row, n);
   pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE + 1), (uint64_t)row, n + 2);
   for (int i = 0; i < 4; i++)
@@ -212,22 +212,22 @@ static void shake_row(const noise_job *job, int64_t row) {
 
 static void shake_block(void *context, int64_t begin, int64_t end, int worker) {
   const noise_job *job = context;
-  pags_train_state *state = job->state;
+  pags_train_model *model = job->model;
   (void)worker;
   for (int64_t c = begin; c < end; c++) {
-    int64_t last = (c + 1) * state->adam.cluster_size;
-    last = last < state->gaussians.count ? last : state->gaussians.count;
-    for (int64_t row = c * state->adam.cluster_size; row < last; row++)
+    int64_t last = (c + 1) * model->adam.cluster_size;
+    last = last < model->gaussians.count ? last : model->gaussians.count;
+    for (int64_t row = c * model->adam.cluster_size; row < last; row++)
       shake_row(job, row);
-    pags_adam_bound(&state->adam, &state->gaussians, &state->clusters, c);
+    pags_adam_bound(&model->adam, &model->gaussians, &model->clusters, c);
   }
 }
 
-pags_result pags_mcmc_noise(pags_train_state *state, int64_t step, pags_tasks *tasks) {
+pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *tasks) {
   double rates[PAGS_RATE_GROUPS];
-  pags_schedule_rates(&state->schedule, step, rates);
-  noise_job job = {state, step, state->schedule.config.mcmc_noise * rates[PAGS_RATE_POSITION]};
-  if (pags_parallel_for(tasks, state->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
+  pags_schedule_rates(&model->schedule, step, rates);
+  noise_job job = {model, step, model->schedule.config.mcmc_noise * rates[PAGS_RATE_POSITION]};
+  if (pags_parallel_for(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
     return PAGS_OK;
   return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows shaken, some not: not to be saved */
 }

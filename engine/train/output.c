@@ -12,8 +12,10 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/text.h"
 #include "kernels.h"
 #include "train/config.h"
+#include "train/notes.h"
 
 static const char *const preview_prefix = "preview_";
 
@@ -37,7 +39,8 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
 }
 
 static int is_ours(const char *name) {
-  static const char *const names[] = {"checkpoint.pags", "log.jsonl", "report.json", "scene.json", "background.ply"};
+  static const char *const names[] = {"checkpoint.pags", "log.jsonl",      "report.json", "scene.json",
+                                      "background.ply",  "objects",        "sky.npy"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     if (strcmp(name, names[i]) == 0)
       return 1;
@@ -136,20 +139,26 @@ pags_result pags_output_log(pags_output *output, const pags_log_entry *e) {
   pags_json_put_number(&w, "view_l1", e->step_l1);
   pags_json_put_number(&w, "view_ssim", e->step_ssim);
   pags_json_put_number(&w, "view_psnr", e->step_psnr);
+  if (e->terms.sky > 0.0)
+    pags_json_put_number(&w, "view_sky", e->terms.sky);
+  if (e->terms.depth > 0.0)
+    pags_json_put_number(&w, "view_depth", e->terms.depth);
+  if (e->terms.objects > 0.0)
+    pags_json_put_number(&w, "view_objects", e->terms.objects);
   return put_line(output, &w);
 }
 
-pags_result pags_output_log_density(pags_output *output, int64_t step, int64_t cloned, int64_t split, int64_t pruned,
-                                    int64_t wanted, int64_t gaussians) {
+pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
+                                    int64_t gaussians) {
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
   pags_json_put_integer(&w, "step", step);
   pags_json_put_integer(&w, "gaussians", gaussians);
-  pags_json_put_integer(&w, "cloned", cloned);
-  pags_json_put_integer(&w, "split", split);
-  pags_json_put_integer(&w, "pruned", pruned);
-  pags_json_put_integer(&w, "wanted", wanted);
+  pags_json_put_integer(&w, "cloned", change->cloned);
+  pags_json_put_integer(&w, "split", change->split);
+  pags_json_put_integer(&w, "pruned", change->pruned);
+  pags_json_put_integer(&w, "wanted", change->wanted);
   return put_line(output, &w);
 }
 
@@ -182,44 +191,101 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
   return result;
 }
 
-/* Views borrow the data set's names. */
-static pags_scene_view *list_views(const pags_dataset *dataset, int64_t count) {
-  pags_scene_view *views = calloc((size_t)(count > 0 ? count : 1), sizeof *views);
-  for (int64_t i = 0; views && i < count; i++) {
+/* Everything but arrays is borrowed from the data set and the state. */
+
+static char *borrow(const char *text) {
+  return (char *)(uintptr_t)text;
+}
+
+static pags_result list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
+  scene->view_count = pags_dataset_view_count(dataset);
+  scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
+  if (!scene->views)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
-    views[i] = (pags_scene_view){.name = (char *)(uintptr_t)view->name,
-                                 .camera = view->camera,
-                                 .test = view->test,
-                                 .sensor = -1,
-                                 .frame = -1,
-                                 .gain = {1, 1, 1}};
+    scene->views[i] = (pags_scene_view){.name = borrow(view->name),
+                                        .camera = view->camera,
+                                        .test = view->test,
+                                        .sensor = view->sensor,
+                                        .frame = view->frame};
+    pags_exposures_get(&state->exposures, dataset, i, scene->views[i].gain, scene->views[i].offset);
+    double time = view->camera.time;
+    if (!isfinite(time))
+      continue;
+    scene->time_begin = i == 0 ? time : fmin(scene->time_begin, time);
+    scene->time_end = i == 0 ? time : fmax(scene->time_end, time);
   }
-  return views;
+  return PAGS_OK;
+}
+
+static pags_result list_objects(const pags_train_state *state, pags_scene *scene) {
+  scene->object_count = state->tracks.count;
+  scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
+  if (!scene->objects)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)scene->object_count);
+  for (int64_t i = 0; i < scene->object_count; i++)
+    scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
+                                            .model = -1,
+                                            .critical = pags_category_is_critical(state->tracks.objects[i].category),
+                                            .rigid = 1};
+  return PAGS_OK;
+}
+
+/* Models' Gaussians are the state's; only their file names are new. */
+static pags_result list_models(const pags_train_state *state, pags_scene *scene) {
+  scene->models = calloc((size_t)state->model_count, sizeof *scene->models);
+  if (!scene->models)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)state->model_count);
+  for (int64_t i = 0; i < state->model_count; i++) {
+    const pags_train_model *m = &state->models[i];
+    const char *name = m->object < 0 ? "background" : state->tracks.objects[m->object].id;
+    scene->models[i] = (pags_model){.name = borrow(name), .gaussians = m->gaussians};
+    scene->models[i].file = m->object < 0 ? pags_text_copy("background.ply") : pags_scene_model_file(scene, name);
+    scene->model_count = i + 1;
+    if (!scene->models[i].file)
+      return pags_fail(PAGS_ERROR_MEMORY, "no memory for the name of a model");
+    if (m->object >= 0)
+      scene->objects[m->object].model = i;
+  }
+  return PAGS_OK;
+}
+
+static void free_lists(pags_scene *scene) {
+  for (int64_t i = 0; i < scene->model_count; i++)
+    free(scene->models[i].file);
+  free(scene->models);
+  free(scene->objects);
+  free(scene->views);
+  free(scene->notes);
 }
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
   const pags_train_config *config = &state->schedule.config;
-  char name[] = "background", file[] = "background.ply", text[PAGS_CONFIG_TEXT];
-  pags_model model = {.name = name, .file = file, .gaussians = state->gaussians};
+  char text[PAGS_CONFIG_TEXT];
   pags_config_write_json(config, text);
   pags_scene scene = {.up = pags_dataset_up(dataset),
                       .antialiased = config->antialiased,
                       .seed = config->seed,
-                      .dataset = (char *)(uintptr_t)pags_dataset_path(dataset),
+                      .dataset = borrow(pags_dataset_path(dataset)),
                       .config = text,
                       .iterations = state->step,
-                      .model_count = 1,
-                      .models = &model,
-                      .view_count = pags_dataset_view_count(dataset)};
+                      .fps = pags_dataset_fps(dataset),
+                      .sky = state->sky.sky};
   for (int k = 0; k < 3; k++) {
     scene.origin[k] = pags_dataset_origin(dataset)[k];
     scene.background[k] = (float)config->background[k];
   }
-  scene.views = list_views(dataset, scene.view_count);
-  if (!scene.views)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)scene.view_count);
-  pags_result result = pags_scene_save(output->folder, &scene);
-  free(scene.views);
+  pags_result result = list_views(dataset, state, &scene);
+  if (result == PAGS_OK)
+    result = list_objects(state, &scene);
+  if (result == PAGS_OK)
+    result = list_models(state, &scene);
+  if (result == PAGS_OK && scene.fps > 0.0)
+    result = pags_notes_write(dataset, state, &scene.notes);
+  if (result == PAGS_OK)
+    result = pags_scene_save(output->folder, &scene);
+  free_lists(&scene);
   return result;
 }
 

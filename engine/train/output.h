@@ -8,6 +8,7 @@
 #include <pags/frame.h>
 #include <pags/train.h>
 
+#include "train/pass.h"
 #include "train/state.h"
 
 typedef struct pags_output {
@@ -32,10 +33,14 @@ typedef struct pags_log_entry {
   int level, sh_degree;
   double loss, psnr;                               /* running */
   double step_loss, step_l1, step_ssim, step_psnr; /* of this step's view */
+  pags_terms terms;                                /* the same */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
-pags_result pags_output_log_density(pags_output *output, int64_t step, int64_t cloned, int64_t split, int64_t pruned,
-                                    int64_t wanted, int64_t gaussians);
+typedef struct pags_density_change { /* of all models together */
+  int64_t cloned, split, pruned, wanted;
+} pags_density_change;
+pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
+                                    int64_t gaussians);
 
 /* preview_STEP.png: the picture beside its photograph. */
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,

@@ -30,6 +30,8 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.sh_interval = at_least(scaled(config->sh_interval, s.length), 1);
   s.quarter_until = llround(config->quarter_until * (double)s.length);
   s.half_until = llround(config->half_until * (double)s.length);
+  s.tracks_from = scaled(config->tracks_from, s.length);
+  s.fourier_from = scaled(config->fourier_from, s.length);
   return s;
 }
 
@@ -46,6 +48,7 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
   rates[PAGS_RATE_OPACITY] = c->opacity_rate;
   rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
   rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = c->sh_dc_rate;
 }
 
 int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {

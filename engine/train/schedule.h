@@ -12,6 +12,7 @@ typedef enum pags_rate_group {
   PAGS_RATE_OPACITY,
   PAGS_RATE_SH_DC,
   PAGS_RATE_SH_REST,
+  PAGS_RATE_FOURIER,
   PAGS_RATE_GROUPS
 } pags_rate_group;
 
@@ -37,6 +38,7 @@ typedef struct pags_schedule {
   int64_t reset_every; /* a multiple of densify_every, so that a prune precedes each reset and none follows closely */
   int64_t sh_interval;
   int64_t quarter_until, half_until;
+  int64_t tracks_from, fourier_from;
 } pags_schedule;
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views);

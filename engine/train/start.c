@@ -1,10 +1,13 @@
 /* How a run begins: from nothing, or from its checkpoint. */
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/init.h"
+#include "train/lidar_start.h"
 #include "train/trainer.h"
 
 static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
@@ -25,6 +28,14 @@ static uint64_t fingerprint_of(const pags_dataset *dataset) {
     hash = hash_bytes(hash, sizes, sizeof sizes);
     hash = hash_bytes(hash, lens, sizeof lens);
     hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+  }
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *o = pags_dataset_object(dataset, i);
+    hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
+    for (int64_t k = 0; k < o->knot_count; k++) {
+      hash = hash_bytes(hash, &o->knots[k].time, sizeof o->knots[k].time);
+      hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
+    }
   }
   return hash;
 }
@@ -94,21 +105,117 @@ static pags_result first_gaussians(pags_trainer *t, const pags_train_config *con
   return result;
 }
 
-pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
-  int64_t cap = choose_cap(t, config);
+static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
+  pags_train_state *s = &t->state;
   pags_gaussians g;
-  double extent = pags_init_extent(t->dataset, t->views, t->view_count);
-  pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
-  PAGS_TRY(first_gaussians(t, config, cap > 0 ? cap : INT32_MAX - 64, extent, &g));
-  PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, &g));
-  t->state.cap = cap;
+  PAGS_TRY(first_gaussians(t, config, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, &g));
+  return pags_state_add_model(s, -1, extent, &g);
+}
+
+/* Driving sets. */
+
+/* Object numbers of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are found again by position. */
+typedef struct point_key {
+  float xyz[3];
+  int32_t object;
+} point_key;
+
+static int by_position(const void *a, const void *b) {
+  const point_key *x = a, *y = b;
+  for (int k = 0; k < 3; k++)
+    if (x->xyz[k] != y->xyz[k])
+      return x->xyz[k] < y->xyz[k] ? -1 : 1;
+  return 0;
+}
+
+static pags_result mark_objects(const pags_start_points *points, pags_gaussians *g) {
+  point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
+  pags_result result = keys ? pags_gaussians_add_object_id(g) : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+    keys[i] = (point_key){{points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]}, points->object[i]};
+  if (result == PAGS_OK)
+    qsort(keys, (size_t)points->count, sizeof *keys, by_position);
+  for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
+    point_key key = {{pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0};
+    const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
+    g->object_id[row] = found ? found->object : -1;
+  }
+  free(keys);
+  return result;
+}
+
+static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start, double extent) {
+  const pags_start_points *p = &start->background;
+  pags_train_state *s = &t->state;
+  pags_gaussians g;
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, t->tasks, &g));
+  pags_result result = p->object ? mark_objects(p, &g) : PAGS_OK;
+  if (result == PAGS_OK)
+    return pags_state_add_model(s, -1, extent, &g);
+  pags_gaussians_destroy(&g);
+  return result;
+}
+
+/* Half of the longest side of its box, as Street Gaussians has it. */
+static double object_extent(const pags_object *o) {
+  return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
+}
+
+static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_start_points *p) {
+  pags_train_state *s = &t->state;
+  const pags_object *o = &s->tracks.objects[object];
+  pags_gaussians g;
+  if (p->count == 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, p->count, object_extent(o), t->tasks, &g));
+  PAGS_TRY(pags_state_add_model(s, object, object_extent(o), &g));
+  pags_trainer_fit_box(s, s->model_count - 1);
   return PAGS_OK;
+}
+
+void pags_trainer_fit_box(pags_train_state *s, int64_t model) {
+  pags_train_model *m = &s->models[model];
+  for (int k = 0; m->object >= 0 && s->schedule.config.box_prune && k < 3; k++)
+    m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
+}
+
+static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
+  pags_train_state *s = &t->state;
+  pags_start start;
+  PAGS_TRY(pags_tracks_create(&s->tracks, t->dataset));
+  PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
+  s->lidar_points = start.lidar_points;
+  pags_result result = add_background(t, config, &start, extent);
+  for (int64_t i = 0; result == PAGS_OK && config->objects && i < start.object_count; i++)
+    result = add_object(t, config, i, &start.objects[i]);
+  pags_start_destroy(&start);
+  PAGS_TRY(result);
+  if (config->sky)
+    PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
+  if (config->exposure)
+    PAGS_TRY(pags_exposures_create(&s->exposures, pags_dataset_view_count(t->dataset)));
+  pags_log(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
+           (long long)s->models[0].gaussians.count,
+           (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count), (long long)s->model_count - 1,
+           s->sky.sky.size > 0 ? "modelled" : "not seen");
+  return PAGS_OK;
+}
+
+pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
+  int driving = pags_dataset_fps(t->dataset) > 0.0;
+  double extent = pags_init_extent(t->dataset, t->views, t->view_count);
+  if (driving)
+    extent = fmin(extent, config->extent_most);
+  pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
+  PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, 1 + pags_dataset_object_count(t->dataset)));
+  t->state.cap = choose_cap(t, config);
+  return driving ? start_driving(t, config, extent) : start_static(t, config, extent);
 }
 
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
-  PAGS_TRY(pags_checkpoint_load(path, &t->state, &fingerprint));
+  PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
   const char *field = pags_config_difference(config, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
@@ -122,8 +229,8 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (config->iterations < s->stop)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is of a run of %lld iterations; %lld asked for can't be fewer", path,
                      (long long)s->stop, (long long)config->iterations);
-  s->schedule.config.iterations = config->iterations;
-  s->schedule.config.schedule_iterations = s->schedule.length;
-  s->stop = config->iterations;
-  return pags_adam_retime(&s->adam, s->stop);
+  pags_schedule schedule = s->schedule;
+  schedule.config.iterations = config->iterations;
+  schedule.config.schedule_iterations = s->schedule.length;
+  return pags_state_retime(s, &schedule, config->iterations);
 }

@@ -2,19 +2,10 @@
 #ifndef PAGS_TRAIN_STATE_H
 #define PAGS_TRAIN_STATE_H
 
-#include <pags/frame.h>
-#include <pags/gaussians.h>
-#include <pags/tasks.h>
-
-#include "train/adam.h"
-#include "train/schedule.h"
-
-/* Statistics since the last densify, per row; zero beyond the rows in use. */
-typedef struct pags_density {
-  int64_t capacity;
-  float *gradient; /* sum of |dL/d mean2D|, NDC, over the views it was drawn in */
-  int32_t *seen;   /* how many */
-} pags_density;
+#include "train/exposure.h"
+#include "train/model.h"
+#include "train/sky_fit.h"
+#include "train/tracks.h"
 
 typedef struct pags_train_state {
   pags_schedule schedule;
@@ -24,26 +15,30 @@ typedef struct pags_train_state {
   int64_t cap;      /* the bound on Gaussians that the run keeps: max_gaussians or what max_memory allows; 0: none */
   int64_t clocked;  /* 1: the length was set from a clock, so it need not be the one asked for */
   double loss, mse; /* running means; 0 steps: 0 */
-  pags_gaussians gaussians;
-  pags_adam adam;
-  pags_density density;
-  pags_clusters clusters; /* derived: not in the checkpoint */
+  int64_t model_count;
+  pags_train_model *models; /* the background first; then objects in the data set's order */
+  pags_tracks tracks;       /* of all labelled boxes */
+  pags_sky_fit sky;         /* size 0: none */
+  double sky_share;         /* of the training photographs' pixels */
+  int64_t lidar_points;     /* that the background started from */
+  pags_exposures exposures; /* count 0: none */
 } pags_train_state;
 
-/* Takes over `g` (zeroed) as the start of a run of `stop` steps; on failure everything is freed. */
-pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, pags_gaussians *g);
+/* An empty run of `stop` steps with room for `models` models. */
+pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models);
 void pags_state_destroy(pags_train_state *state);
 
-/* Parameters and moments of all rows current as of the step done, for decisions that look at all of them. */
-void pags_state_settle(pags_train_state *state, pags_tasks *tasks);
+/* Takes over `g` as the next model. `extent`: metres. */
+pags_result pags_state_add_model(pags_train_state *state, int64_t object, double extent, pags_gaussians *g);
 
-/* Row i becomes the old row source[i] (all planes, moments, statistics); rows from `fresh` on start with moments of
- * zero. Capacity grows as needed. The clusters no longer fit: sort follows. */
-pags_result pags_state_gather(pags_train_state *state, const int64_t *source, int64_t count, int64_t fresh,
-                              pags_tasks *tasks);
-/* Morton order, clusters and bounds anew. The state must be settled. */
-pags_result pags_state_sort(pags_train_state *state, pags_tasks *tasks);
-/* Statistics back to zero. */
-void pags_state_clear_density(pags_train_state *state);
+int64_t pags_state_gaussian_count(const pags_train_state *state);
+/* Sets the step of the run and of its models. */
+void pags_state_set_step(pags_train_state *state, int64_t step);
+/* All models settled (see pags_model_settle). */
+void pags_state_settle(pags_train_state *state, pags_tasks *tasks);
+/* Parameters of all models current as of the step done; changes no bit of the run. */
+void pags_state_flush(pags_train_state *state, pags_tasks *tasks);
+/* A schedule of another length, everything settled; models keep their extents. */
+pags_result pags_state_retime(pags_train_state *state, const pags_schedule *schedule, int64_t stop);
 
 #endif

@@ -1,9 +1,8 @@
 /* The training loop.
  *
- * Step t: the view that the pass's permutation names, at the resolution of t; the frame forward, with owed updates
- * paid for each cluster in view; the loss; the frame backward, whose receiver moves each cluster's rows while their
- * gradients are in cache. Then, at the steps the schedule names, density control and the opacity reset, which look at
- * all rows and pay everything first. */
+ * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back (pass.c).
+ * Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and pay everything
+ * first. */
 #include "train/trainer.h"
 
 #include <assert.h>
@@ -15,7 +14,9 @@
 
 #include "base/log.h"
 #include "train/checkpoint.h"
+#include "train/config.h"
 #include "train/densify.h"
+#include "train/fourier.h"
 #include "train/mcmc.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
@@ -30,112 +31,6 @@ static double lap(double *since) {
   double now = pags_trainer_clock(), passed = now - *since;
   *since = now;
   return passed;
-}
-
-/* One pass. */
-
-static pags_frame_options frame_options(const pags_trainer *t, int64_t step) {
-  const pags_train_config *c = &t->state.schedule.config;
-  pags_frame_options o = pags_frame_options_default();
-  for (int k = 0; k < 3; k++) {
-    o.origin[k] = pags_dataset_origin(t->dataset)[k];
-    o.background[k] = (float)c->background[k];
-  }
-  o.near_plane = (float)c->near_plane;
-  o.low_pass = (float)c->low_pass;
-  o.antialiased = c->antialiased;
-  o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
-  o.keep_for_backward = 1;
-  o.absolute_gradient = c->absgrad;
-  return o;
-}
-
-typedef struct pass_context {
-  pags_trainer *trainer;
-  int64_t step;
-} pass_context;
-
-static void touch(void *user, int part, int64_t cluster, int worker) {
-  const pass_context *c = user;
-  pags_train_state *s = &c->trainer->state;
-  (void)part;
-  (void)worker;
-  pags_adam_touch(&s->adam, &s->gaussians, cluster, c->step);
-}
-
-static void add_statistics(pags_train_state *s, const pags_cluster_gradient *g) {
-  const float *pull = s->schedule.config.absgrad ? g->mean2d_abs : g->mean2d;
-  for (int i = 0; i < g->count; i++) {
-    if (!g->drawn[i])
-      continue;
-    s->density.gradient[g->first + i] += pull[i];
-    s->density.seen[g->first + i]++;
-  }
-}
-
-static int any_drawn(const pags_cluster_gradient *g) {
-  int any = 0;
-  for (int i = 0; i < g->count; i++)
-    any |= g->drawn[i];
-  return any;
-}
-
-/* A cluster in view that shows nothing goes on owing: whether it was in view must not change a bit. */
-static void receive(void *user, const pags_cluster_gradient *g, int worker) {
-  const pass_context *c = user;
-  pags_train_state *s = &c->trainer->state;
-  (void)worker;
-  if (c->trainer->measuring || !any_drawn(g))
-    return;
-  add_statistics(s, g);
-  if (s->schedule.config.strategy != PAGS_STRATEGY_MCMC) {
-    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, g->cluster, g->data, g->stride, g->planes);
-    return;
-  }
-  float data[PAGS_MAX_PLANES * LARGEST_CLUSTER];
-  memcpy(data, g->data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
-  pags_mcmc_regularise(s, g->first, g->count, data, g->stride);
-  pags_adam_update(&s->adam, &s->gaussians, &s->clusters, g->cluster, data, g->stride, g->planes);
-}
-
-static pags_result reserve_gradient(pags_trainer *t, const pags_picture *picture) {
-  int64_t floats = (int64_t)picture->stride * picture->height;
-  if (floats <= t->gradient_floats)
-    return PAGS_OK;
-  t->gradient_floats = 0;
-  for (int c = 0; c < 3; c++) {
-    free(t->gradient[c]);
-    t->gradient[c] = aligned_alloc(64, (size_t)floats * sizeof(float)); /* stride is a multiple of 16 */
-    if (!t->gradient[c])
-      return pags_fail(PAGS_ERROR_MEMORY, "no memory for gradients of a picture of %d x %d", picture->width,
-                       picture->height);
-  }
-  t->gradient_floats = floats;
-  return PAGS_OK;
-}
-
-pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) {
-  pags_train_state *s = &t->state;
-  double clock = pags_trainer_clock();
-  pass_context context = {t, step};
-  pags_frame_options options = frame_options(t, step);
-  pags_part part = {.gaussians = &s->gaussians, .clusters = &s->clusters};
-  part.world_from_model[0] = part.world_from_model[5] = part.world_from_model[10] = 1.0;
-  PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
-  t->ms.wait += lap(&clock);
-  v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
-  pags_adam_begin(&s->adam, step);
-  PAGS_TRY(pags_frame_render(t->frame, &part, 1, &v->camera, &options, touch, &context, &v->picture));
-  t->ms.forward += lap(&clock);
-  PAGS_TRY(reserve_gradient(t, &v->picture));
-  PAGS_TRY(pags_loss_evaluate(t->tasks, &v->picture, &v->photo, s->schedule.config.ssim_weight, t->gradient, &v->loss));
-  t->ms.loss += lap(&clock);
-  pags_picture_gradient gradient = {.rgb = {t->gradient[0], t->gradient[1], t->gradient[2]}};
-  int64_t bad = 0;
-  PAGS_TRY(pags_frame_backward(t->frame, &gradient, receive, &context, &bad));
-  t->bad_rows += bad;
-  t->ms.backward += lap(&clock);
-  return PAGS_OK;
 }
 
 /* One step. */
@@ -175,56 +70,84 @@ static void announce(pags_trainer *t, int64_t step, int level) {
 }
 
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
-  pags_train_state *s = context;
-  int64_t step = s->step, stride = s->adam.cluster_size;
-  int planes = pags_plane_count(pags_schedule_sh_degree(&s->schedule, step));
-  float data[PAGS_MAX_PLANES * LARGEST_CLUSTER];
+  pags_train_model *m = context;
+  int64_t step = m->step, stride = m->adam.cluster_size;
+  int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
+  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * LARGEST_CLUSTER];
   (void)worker;
   for (int64_t c = begin; c < end; c++) {
-    int64_t first = c * stride, rest = s->gaussians.count - first;
-    if (s->adam.moment_step[c] == step)
+    int64_t first = c * stride, rest = m->gaussians.count - first;
+    if (m->adam.moment_step[c] == step)
       continue;
-    memset(data, 0, (size_t)planes * (size_t)stride * sizeof(float));
-    pags_adam_touch(&s->adam, &s->gaussians, c, step);
-    pags_mcmc_regularise(s, first, (int)(rest < stride ? rest : stride), data, stride);
-    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, c, data, stride, planes);
+    memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
+    pags_adam_touch(&m->adam, &m->gaussians, c, step);
+    pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
+    pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes);
   }
 }
 
 /* Under MCMC the regularisers and the noise move rows that no view shows, too. */
-static pags_result move_unseen(pags_trainer *t) {
-  pags_train_state *s = &t->state;
-  if (!pags_parallel_for(t->tasks, s->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, s))
+static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
+  pags_adam_begin(&m->adam, m->step);
+  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, m))
     return pags_fail(PAGS_CANCELLED, "cancelled");
-  return pags_mcmc_noise(s, s->step, t->tasks);
+  return pags_mcmc_noise(m, m->step, t->tasks);
 }
 
-static pags_result densify(pags_trainer *t) {
-  pags_train_state *s = &t->state;
+static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
   pags_edits edits;
-  PAGS_TRY(pags_densify_decide(s, &edits));
-  pags_result result = pags_densify_apply(s, &edits, t->tasks);
-  if (result == PAGS_OK && t->output.stream)
-    result = pags_output_log_density(&t->output, s->step, edits.cloned, edits.split, edits.pruned, edits.wanted,
-                                     s->gaussians.count);
+  PAGS_TRY(pags_densify_decide(m, &edits));
+  pags_result result = pags_densify_apply(m, &edits, t->tasks);
+  change->cloned += edits.cloned;
+  change->split += edits.split;
+  change->pruned += edits.pruned;
+  change->wanted += edits.wanted;
   pags_edits_destroy(&edits);
   return result;
+}
+
+/* What the bound leaves to grow into is shared out in proportion to what the models have. */
+static void share_cap(pags_train_state *s) {
+  int64_t total = pags_state_gaussian_count(s), room = s->cap > total ? s->cap - total : 0;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    int64_t count = s->models[i].gaussians.count;
+    double share = (double)count / (double)(total > 0 ? total : 1);
+    s->models[i].cap = s->cap == 0 ? 0 : count + (int64_t)((double)room * share);
+  }
+}
+
+/* Density control of all models after the step just done, settled. */
+static pags_result refine(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
+  pags_density_change change = {0};
+  share_cap(s);
+  for (int64_t i = 0; i < s->model_count; i++)
+    PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
+  if (mcmc || !t->output.stream)
+    return PAGS_OK;
+  return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
 
 /* What the schedule names for the step just done. */
 static pags_result control_density(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
-  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
-  if (mcmc)
-    PAGS_TRY(move_unseen(t));
-  if (!due && !reset)
+  int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
+  for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
+    PAGS_TRY(move_unseen(t, &s->models[i]));
+  if (!due && !reset && !fourier)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);
   if (due)
-    PAGS_TRY(mcmc ? pags_mcmc_refine(s, t->tasks) : densify(t));
-  if (reset)
-    pags_densify_reset(s);
+    PAGS_TRY(refine(t));
+  if (fourier)
+    PAGS_TRY(pags_fourier_decide(t));
+  if (!reset)
+    return PAGS_OK;
+  for (int64_t i = 0; i < s->model_count; i++)
+    pags_densify_reset(&s->models[i]);
+  s->resets++;
   return PAGS_OK;
 }
 
@@ -248,7 +171,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   announce(t, step, v->level);
   PAGS_TRY(pags_trainer_pass(t, step, v));
   double clock = pags_trainer_clock();
-  t->state.step = step;
+  pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
   PAGS_TRY(control_density(t));
   t->ms.density += lap(&clock);
@@ -286,7 +209,7 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
   if (s->step == s->stop - s->stop / 10) {
     clock->tail = now;
     clock->tail_step = s->step;
-    clock->tail_heap_calls = pags_frame_heap_calls(t->frame);
+    clock->tail_heap_calls = pags_frame_heap_calls(t->pass.frame);
   }
 }
 
@@ -298,7 +221,7 @@ static pags_train_progress progress_of(const pags_trainer *t, const run_clock *c
   return (pags_train_progress){.step = s->step,
                                .iterations = s->stop,
                                .it_per_second = rate,
-                               .gaussians = s->gaussians.count,
+                               .gaussians = pags_state_gaussian_count(s),
                                .loss = s->loss,
                                .psnr = psnr_of(s->mse),
                                .seconds = seconds,
@@ -315,8 +238,8 @@ static int call_host(pags_trainer *t, run_clock *clock, int level) {
   if (o->progress)
     go_on = o->progress(o->progress_user, &progress);
   if (o->snapshot && o->snapshot_every > 0 && t->state.step % o->snapshot_every == 0) {
-    pags_adam_flush(&t->state.adam, &t->state.gaussians, t->state.step, t->tasks);
-    o->snapshot(o->snapshot_user, &progress, &t->state.gaussians, pags_dataset_origin(t->dataset));
+    pags_state_flush(&t->state, t->tasks);
+    o->snapshot(o->snapshot_user, &progress, &t->state.models[0].gaussians, pags_dataset_origin(t->dataset));
   }
   excuse(clock, since);
   return go_on && !(o->cancel && *o->cancel);
@@ -327,7 +250,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
   const pags_train_state *s = &t->state;
   if (o->log_every > 0 && s->step % o->log_every == 0)
     PAGS_TRY(pags_output_log(&t->output, &(pags_log_entry){.step = s->step,
-                                                           .gaussians = s->gaussians.count,
+                                                           .gaussians = pags_state_gaussian_count(s),
                                                            .level = v->level,
                                                            .sh_degree = pags_schedule_sh_degree(&s->schedule, s->step),
                                                            .loss = s->loss,
@@ -335,7 +258,8 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .step_loss = v->loss.loss,
                                                            .step_l1 = v->loss.l1,
                                                            .step_ssim = v->loss.ssim,
-                                                           .step_psnr = psnr_of(v->loss.mse)}));
+                                                           .step_psnr = psnr_of(v->loss.mse),
+                                                           .terms = v->terms}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop)
@@ -356,11 +280,11 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   pags_train_config config = s->schedule.config;
   config.iterations = steps;
   config.schedule_iterations = 0;
-  s->schedule = pags_schedule_make(&config, s->schedule.extent, s->schedule.views);
-  s->stop = steps;
+  pags_schedule schedule = pags_schedule_make(&config, s->schedule.extent, s->schedule.views);
   s->clocked = 1;
-  PAGS_TRY(pags_adam_retime(&s->adam, steps));
-  pags_adam_bound_all(&s->adam, &s->gaussians, &s->clusters, t->tasks);
+  PAGS_TRY(pags_state_retime(s, &schedule, steps));
+  for (int64_t i = 0; i < s->model_count; i++)
+    pags_adam_bound_all(&s->models[i].adam, &s->models[i].gaussians, &s->models[i].clusters, t->tasks);
   pags_log(PAGS_LOG_INFO, "time limit: %lld steps", (long long)steps);
   return PAGS_OK;
 }
@@ -396,7 +320,7 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
   r->finished = s->step >= s->stop;
   r->iterations = s->step;
-  r->gaussians = s->gaussians.count;
+  r->gaussians = pags_state_gaussian_count(s);
   r->seconds = (now - clock->begin) / 1e3;
   if (s->step > clock->tail_step)
     r->iterations_per_second = 1e3 * (double)(s->step - clock->tail_step) / fmax(now - clock->tail, 1e-6);
@@ -404,7 +328,7 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
   r->bad_rows = t->bad_rows;
-  r->heap_calls_steady = pags_frame_heap_calls(t->frame) - clock->tail_heap_calls;
+  r->heap_calls_steady = pags_frame_heap_calls(t->pass.frame) - clock->tail_heap_calls;
   r->ms_wait = t->ms.wait * per_step;
   r->ms_forward = t->ms.forward * per_step;
   r->ms_loss = t->ms.loss * per_step;
@@ -416,7 +340,7 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
-  pags_adam_flush(&s->adam, &s->gaussians, s->step, t->tasks);
+  pags_state_flush(s, t->tasks);
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;
   return pags_output_report(&t->output, r, t->tasks);
@@ -441,16 +365,17 @@ pags_train_options pags_train_options_default(void) {
       .image_cache = (uint64_t)1 << 30, .checkpoint_every = 1000, .log_every = 100, .preview_every = 1000};
 }
 
-static pags_result open_run(pags_trainer *t, const pags_train_config *config, pags_train_result *result) {
+static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {
   const pags_train_options *o = t->options;
   int found = 0;
-  PAGS_TRY(pags_train_config_check(config));
+  PAGS_TRY(pags_train_config_check(asked));
+  pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, &found));
   PAGS_TRY(pags_trainer_list_views(t));
-  PAGS_TRY(found ? pags_trainer_resume(t, config) : pags_trainer_start(t, config));
-  PAGS_TRY(pags_frame_create(t->tasks, &t->frame));
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
+  PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
+  PAGS_TRY(pags_pass_create(t));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
@@ -458,10 +383,8 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *config, pa
 static void close_run(pags_trainer *t, int failed) {
   pags_output_close(&t->output, failed);
   pags_photo_cache_destroy(t->cache);
-  pags_frame_destroy(t->frame);
+  pags_pass_destroy(t);
   pags_state_destroy(&t->state);
-  for (int c = 0; c < 3; c++)
-    free(t->gradient[c]);
   free(t->views);
   free(t->order);
   free(t);

@@ -4,6 +4,7 @@
 
 #include "train/loss.h"
 #include "train/output.h"
+#include "train/pass.h"
 #include "train/state.h"
 
 /* Views announced to the photo cache ahead of use. */
@@ -21,9 +22,7 @@ typedef struct pags_trainer {
   int64_t *order;      /* of the pass under way and the next: 2 x view_count */
   int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
-  pags_frame *frame;
-  float *gradient[3];      /* dLoss/d(rgb) */
-  int64_t gradient_floats; /* room in each plane */
+  pags_pass pass;
   int measuring;           /* 1: gradients are thrown away */
   int64_t bad_rows;        /* in this process */
   struct {
@@ -39,6 +38,7 @@ typedef struct pags_step_view {
   pags_photo photo;
   pags_picture picture;
   pags_loss loss;
+  pags_terms terms;
 } pags_step_view;
 
 /* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
@@ -53,6 +53,9 @@ pags_result pags_trainer_estimate(pags_trainer *trainer, int64_t iterations, dou
 pags_result pags_trainer_list_views(pags_trainer *trainer);
 pags_result pags_trainer_start(pags_trainer *trainer, const pags_train_config *config);
 pags_result pags_trainer_resume(pags_trainer *trainer, const pags_train_config *config);
+
+/* Gives an object's model the bounds of its box, where strays are to be pruned. */
+void pags_trainer_fit_box(pags_train_state *state, int64_t model);
 
 /* Milliseconds of a clock that only goes forward. */
 double pags_trainer_clock(void);

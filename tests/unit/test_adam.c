@@ -14,13 +14,13 @@
 #include "base/rng.h"
 #include "reference/reference_adam.h"
 #include "train/densify.h"
-#include "train/state.h"
+#include "train/model.h"
 
 enum { ROWS = 300, MOST_ROWS = 400, STEPS = 1000, DEGREE = 3, PLANES = 59, SEED = 7 };
 enum { DRAW_VALUE = 1 << 20, DRAW_VIEW, DRAW_GRADIENT };
 
 typedef struct run {
-  pags_train_state state;
+  pags_train_model state;
   pags_tasks *tasks;
   reference_adam dense; /* planes = 0 where not wanted */
   float *gradient;      /* of one cluster */
@@ -56,13 +56,13 @@ static void begin(run *r, pags_train_config config, int dense) {
     free(value);
   }
   pags_schedule schedule = pags_schedule_make(&config, 2.0, 10);
-  assert_int_equal(pags_state_create(&r->state, &schedule, STEPS, &g), PAGS_OK);
+  assert_int_equal(pags_model_create(&r->state, &schedule, STEPS, &g), PAGS_OK);
   r->gradient = calloc(PLANES * 64, sizeof(float));
   r->dense_gradient = calloc(PLANES * MOST_ROWS, sizeof(double));
 }
 
 static void end(run *r) {
-  pags_state_destroy(&r->state);
+  pags_model_destroy(&r->state);
   reference_adam_destroy(&r->dense);
   pags_tasks_destroy(r->tasks);
   free(r->gradient);
@@ -85,7 +85,7 @@ static float row_gradient(int64_t step, int64_t row, int plane) {
 }
 
 static void sparse_step(run *r, int64_t step, int touch_all) {
-  pags_train_state *s = &r->state;
+  pags_train_model *s = &r->state;
   int planes = pags_plane_count(pags_schedule_sh_degree(&s->schedule, step));
   memset(r->dense_gradient, 0, PLANES * MOST_ROWS * sizeof(double));
   pags_adam_begin(&s->adam, step);
@@ -118,17 +118,17 @@ static void dense_step(run *r, int64_t step) {
 
 /* Drops 7 rows, appends copies of 17 with zero moments, sorts; in both. */
 static void edit(run *r) {
-  pags_train_state *s = &r->state;
+  pags_train_model *s = &r->state;
   int64_t count = s->gaussians.count, source[MOST_ROWS], order[MOST_ROWS], kept = 0;
-  pags_state_settle(s, r->tasks);
+  pags_model_settle(s, r->tasks);
   for (int64_t i = 0; i < count; i++)
     if (i % 41 != 3)
       source[kept++] = i;
   for (int64_t i = 0; i < 17; i++)
     source[kept + i] = source[5 * i];
-  assert_int_equal(pags_state_gather(s, source, kept + 17, kept, r->tasks), PAGS_OK);
+  assert_int_equal(pags_model_gather(s, source, kept + 17, kept, r->tasks), PAGS_OK);
   assert_int_equal(pags_gaussians_morton_order(&s->gaussians, order), PAGS_OK);
-  assert_int_equal(pags_state_sort(s, r->tasks), PAGS_OK);
+  assert_int_equal(pags_model_sort(s, r->tasks), PAGS_OK);
   if (!r->dense.planes)
     return;
   double copies[17 * PLANES];
@@ -140,7 +140,7 @@ static void edit(run *r) {
 }
 
 static void reset(run *r) {
-  pags_state_settle(&r->state, r->tasks);
+  pags_model_settle(&r->state, r->tasks);
   pags_densify_reset(&r->state);
   if (!r->dense.planes)
     return;
@@ -185,7 +185,7 @@ static void equals_dense_after_1000_steps(void **unused) {
   end(&r);
 }
 
-static void assert_same(const pags_train_state *a, const pags_train_state *b) {
+static void assert_same(const pags_train_model *a, const pags_train_model *b) {
   assert_int_equal(a->gaussians.count, b->gaussians.count);
   for (int p = 0; p < PLANES; p++) {
     size_t bytes = (size_t)a->gaussians.count * sizeof(float);
@@ -212,7 +212,7 @@ static void flush_changes_no_bit(void **unused) {
 }
 
 static void check_bounds(const run *r) {
-  const pags_train_state *s = &r->state;
+  const pags_train_model *s = &r->state;
   for (int64_t i = 0; i < s->gaussians.count; i++) {
     for (int axis = 0; axis < 3; axis++) {
       float x = pags_plane(&s->gaussians, PAGS_MEAN + axis)[i];

@@ -35,20 +35,22 @@ static void make(pags_train_state *state) {
   assert_int_equal(pags_gaussians_create(&g, ROWS, 1), PAGS_OK);
   for (int p = 0; p < pags_plane_count(1); p++)
     fill(pags_plane(&g, p), (uint64_t)p);
-  assert_int_equal(pags_state_create(state, &schedule, 1000, &g), PAGS_OK);
+  assert_int_equal(pags_state_create(state, &schedule, 1000, 1), PAGS_OK);
+  assert_int_equal(pags_state_add_model(state, -1, 2.5, &g), PAGS_OK);
+  pags_train_model *m = &state->models[0];
   for (int p = 0; p < pags_plane_count(1); p++) {
-    fill(pags_plane(&state->adam.first, p), 100 + (uint64_t)p);
-    fill(pags_plane(&state->adam.second, p), 200 + (uint64_t)p);
+    fill(pags_plane(&m->adam.first, p), 100 + (uint64_t)p);
+    fill(pags_plane(&m->adam.second, p), 200 + (uint64_t)p);
   }
-  fill(state->density.gradient, 300);
-  state->density.seen[77] = 5;
-  state->step = 900;
+  fill(m->density.gradient, 300);
+  m->density.seen[77] = 5;
+  pags_state_set_step(state, 900);
   state->resets = 2;
   state->loss = 0.125;
   state->mse = 0.25;
   for (int c = 0; c < CLUSTERS; c++) {
-    state->adam.moment_step[c] = 800 + c;
-    state->adam.param_step[c] = 850 + c;
+    m->adam.moment_step[c] = 800 + c;
+    m->adam.param_step[c] = 850 + c;
   }
 }
 
@@ -58,21 +60,22 @@ static void comes_back_whole(void **unused) {
   uint64_t fingerprint = 0;
   make(&a);
   assert_int_equal(pags_checkpoint_save(path, &a, 0x1234567890abcdefu), PAGS_OK);
-  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_OK);
   assert_true(fingerprint == 0x1234567890abcdefu);
   assert_true(b.step == 900 && b.stop == 1000 && b.resets == 2 && b.loss == 0.125 && b.mse == 0.25);
   assert_true(b.schedule.extent == 2.5 && b.schedule.views == 44 && b.schedule.length == 777);
   assert_int_equal(b.schedule.config.absgrad, 1);
-  assert_int_equal(b.gaussians.count, ROWS);
+  const pags_train_model *m = &a.models[0], *n = &b.models[0];
+  assert_int_equal(n->gaussians.count, ROWS);
   for (int p = 0; p < pags_plane_count(1); p++) {
-    assert_memory_equal(pags_plane(&a.gaussians, p), pags_plane(&b.gaussians, p), ROWS * sizeof(float));
-    assert_memory_equal(pags_plane(&a.adam.first, p), pags_plane(&b.adam.first, p), ROWS * sizeof(float));
-    assert_memory_equal(pags_plane(&a.adam.second, p), pags_plane(&b.adam.second, p), ROWS * sizeof(float));
+    assert_memory_equal(pags_plane(&m->gaussians, p), pags_plane(&n->gaussians, p), ROWS * sizeof(float));
+    assert_memory_equal(pags_plane(&m->adam.first, p), pags_plane(&n->adam.first, p), ROWS * sizeof(float));
+    assert_memory_equal(pags_plane(&m->adam.second, p), pags_plane(&n->adam.second, p), ROWS * sizeof(float));
   }
-  assert_memory_equal(a.density.gradient, b.density.gradient, ROWS * sizeof(float));
-  assert_memory_equal(a.density.seen, b.density.seen, ROWS * sizeof(int32_t));
-  assert_memory_equal(a.adam.moment_step, b.adam.moment_step, CLUSTERS * sizeof(int32_t));
-  assert_memory_equal(a.adam.param_step, b.adam.param_step, CLUSTERS * sizeof(int32_t));
+  assert_memory_equal(m->density.gradient, n->density.gradient, ROWS * sizeof(float));
+  assert_memory_equal(m->density.seen, n->density.seen, ROWS * sizeof(int32_t));
+  assert_memory_equal(m->adam.moment_step, n->adam.moment_step, CLUSTERS * sizeof(int32_t));
+  assert_memory_equal(m->adam.param_step, n->adam.param_step, CLUSTERS * sizeof(int32_t));
   pags_state_destroy(&a);
   pags_state_destroy(&b);
 }
@@ -87,7 +90,7 @@ static void same_state_same_bytes(void **unused) {
   make(&a);
   assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
   assert_int_equal(pags_file_read(path, &first, &first_size), PAGS_OK);
-  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_OK);
   assert_int_equal(pags_checkpoint_save(path, &b, fingerprint), PAGS_OK);
   assert_int_equal(pags_file_read(path, &second, &second_size), PAGS_OK);
   assert_int_equal(first_size, second_size);
@@ -110,13 +113,13 @@ static void damage_is_found(void **unused) {
   for (size_t at = 0; at < size; at += 1 + size / 97) { /* one bit wrong */
     bytes[at] ^= 0x10;
     assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
-    assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+    assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
     assert_non_null(strstr(pags_error_message(), path));
     bytes[at] ^= 0x10;
   }
   for (size_t cut = 0; cut < size; cut += 1 + size / 41) { /* cut off */
     assert_int_equal(pags_file_write(path, bytes, cut), PAGS_OK);
-    assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+    assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
   }
   free(bytes);
   pags_state_destroy(&a);
@@ -128,9 +131,9 @@ static void impossible_steps_are_refused(void **unused) {
   pags_train_state a, b;
   uint64_t fingerprint;
   make(&a);
-  a.adam.param_step[1] = 901;
+  a.models[0].adam.param_step[1] = 901;
   assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
-  assert_int_equal(pags_checkpoint_load(path, &b, &fingerprint), PAGS_ERROR_FORMAT);
+  assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
   pags_state_destroy(&a);
 }
 

@@ -16,7 +16,7 @@ enum { ROWS = 100, AT = 400 };
 static const double extent = 10.0;
 
 typedef struct fixture {
-  pags_train_state state;
+  pags_train_model state;
   pags_tasks *tasks;
 } fixture;
 
@@ -35,9 +35,9 @@ static void begin(fixture *f, pags_train_config config) {
   }
   config.sh_degree = 1;
   pags_schedule schedule = pags_schedule_make(&config, extent, 10);
-  assert_int_equal(pags_state_create(&f->state, &schedule, 30000, &g), PAGS_OK);
+  assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
   f->state.step = AT;
-  pags_state_settle(&f->state, f->tasks);
+  pags_model_settle(&f->state, f->tasks);
   for (int i = 0; i < ROWS; i++) {
     pags_plane(&f->state.adam.first, PAGS_SH)[i] = (float)(i + 1);
     pags_plane(&f->state.adam.second, PAGS_SH)[i] = (float)(i + 1);
@@ -45,7 +45,7 @@ static void begin(fixture *f, pags_train_config config) {
 }
 
 static void end(fixture *f) {
-  pags_state_destroy(&f->state);
+  pags_model_destroy(&f->state);
   pags_tasks_destroy(f->tasks);
 }
 

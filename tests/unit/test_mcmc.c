@@ -15,7 +15,7 @@
 enum { ROWS = 200 };
 
 typedef struct fixture {
-  pags_train_state state;
+  pags_train_model state;
   pags_tasks *tasks;
 } fixture;
 
@@ -35,13 +35,13 @@ static void begin(fixture *f, int64_t cap) {
     pags_plane(&g, PAGS_OPACITY)[i] = i % 4 ? 1.0f : -7.0f; /* every fourth is dead */
   }
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
-  assert_int_equal(pags_state_create(&f->state, &schedule, 30000, &g), PAGS_OK);
+  assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
   f->state.step = 600;
-  pags_state_settle(&f->state, f->tasks);
+  pags_model_settle(&f->state, f->tasks);
 }
 
 static void end(fixture *f) {
-  pags_state_destroy(&f->state);
+  pags_model_destroy(&f->state);
   pags_tasks_destroy(f->tasks);
 }
 
@@ -78,7 +78,7 @@ static void the_dead_move_and_the_count_grows_to_its_bound(void **unused) {
   end(&f);
 }
 
-static double regulariser(const pags_train_state *s) {
+static double regulariser(const pags_train_model *s) {
   const pags_gaussians *g = &s->gaussians;
   double opacity = 0.0, sigma = 0.0;
   for (int64_t i = 0; i < g->count; i++) {

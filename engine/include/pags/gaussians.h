@@ -20,7 +20,8 @@ enum {
   PAGS_ROTATION = 6, /* quaternion w x y z, not necessarily of unit length */
   PAGS_OPACITY = 10, /* logit */
   PAGS_SH = 11, /* spherical harmonics, coefficient-major: plane PAGS_SH + 3*k + channel, k = 0 the constant term */
-  PAGS_MAX_PLANES = 59
+  PAGS_MAX_PLANES = 59,
+  PAGS_FOURIER_PLANES = 12 /* of `fourier`: k = 1..4, three channels each */
 };
 
 /* Coefficients per channel, planes in all. */

@@ -56,7 +56,7 @@ typedef struct pags_train_config {
   double init_scale_max; /* upper bound of the first sigma, times extent; default 0.1 */
 
   /* Colour */
-  int sh_degree;       /* highest degree, 0..3; default 3 */
+  int sh_degree;       /* highest degree, 0..3; default -1: 3 for static sets, 1 for driving ones */
   int64_t sh_interval; /* one degree more every so many steps of 30 000; default 1000 */
 
   /* Resolution: the first steps see shrunk photographs */
@@ -94,6 +94,28 @@ typedef struct pags_train_config {
   int antialiased;      /* 1: Mip-Splatting's 2D filter; default 0 */
   double background[3]; /* display-referred sRGB, default 0 0 0 */
   int cluster_size;     /* Gaussians culled together: a multiple of 16 up to 256; default 64 */
+
+  /* Driving sets. Weights and rates after Street Gaussians (Yan et al. 2024) unless said otherwise */
+  double extent_most; /* metres: the background's extent is no larger; default 20 */
+  int objects;        /* 1: tracks that move get Gaussians of their own; 0: all is background. Default 1 */
+  int box_prune;      /* 1: an object's Gaussians outside of its box, enlarged by half, are removed at each densify.
+                         Default 1 */
+  int tracks;         /* 1: poses of moving objects are optimised. Default 1 */
+  int64_t tracks_from;           /* of 30 000: held fixed until then; default 3000 */
+  double track_translation_rate; /* metres a step, falling to a tenth; default 5e-3 */
+  double track_rotation_rate;    /* radians a step, falling to a tenth; default 1e-3 */
+  int fourier;                   /* 1: objects' colour may change over time where that pays. Default 1 */
+  int64_t fourier_from;          /* of 30 000: when that is decided; default 15000 */
+  double fourier_gain;           /* dB that it must promise on the object's pixels; default 0.1 */
+  int sky;                       /* 1: a cube map where training views show sky; 0: none. Default 1 */
+  double sky_rate;               /* of texels, falling to a hundredth; default 0.01 */
+  double sky_weight;             /* of the sky opacity term; default 0.05 */
+  int lidar_start;               /* 1: LiDAR points to start from. Default 1 */
+  double depth_weight;           /* of the LiDAR depth term, per metre; default 0.01 */
+  double depth_share;            /* of samples that count, the best ones; default 0.95 */
+  double object_weight;          /* of the object opacity term, from densify_until on; default 0.1 */
+  int exposure;                  /* 1: a gain and an offset per photograph and channel. Default 1 */
+  double exposure_rate;          /* of these, falling to a tenth; default 1e-3 */
 } pags_train_config;
 
 PAGS_API pags_train_config pags_train_config_default(void);

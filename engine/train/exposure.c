@@ -1,0 +1,171 @@
+/* Exposure of photographs. */
+#include "train/exposure.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+static const double final_share = 0.1; /* of the rate, at the schedule's end; log-linear */
+
+pags_result pags_exposures_create(pags_exposures *exposures, int64_t views) {
+  *exposures = (pags_exposures){.count = views, .items = calloc((size_t)(views > 0 ? views : 1), sizeof(pags_exposure))};
+  if (!exposures->items)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for exposures of %lld views", (long long)views);
+  for (int64_t i = 0; i < views; i++)
+    for (int c = 0; c < 3; c++)
+      exposures->items[i].value[c] = 1.0;
+  return PAGS_OK;
+}
+
+void pags_exposures_destroy(pags_exposures *exposures) {
+  free(exposures->items);
+  *exposures = (pags_exposures){0};
+}
+
+typedef struct exposure_job {
+  const pags_exposure *exposure;
+  const pags_picture *picture;
+  float *const *planes;
+  double (*rows)[6]; /* sums of each row */
+} exposure_job;
+
+enum { ROW_GRAIN = 32 };
+
+static void apply_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const exposure_job *job = context;
+  const int64_t stride = job->picture->stride;
+  (void)worker;
+  for (int c = 0; c < 3; c++) {
+    const float gain = (float)job->exposure->value[c], offset = (float)job->exposure->value[3 + c];
+    const float *from = job->picture->rgb[c];
+    float *to = job->planes[c];
+    for (int64_t i = begin * stride; i < end * stride; i++)
+      to[i] = gain * from[i] + offset;
+  }
+}
+
+pags_result pags_exposure_apply(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+                                float *const out[3]) {
+  exposure_job job = {.exposure = exposure, .picture = picture, .planes = out};
+  return pags_parallel_for(tasks, picture->height, ROW_GRAIN, apply_rows, &job) ? PAGS_OK
+                                                                              : pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+enum { CHAINS = 16 }; /* partial sums side by side, so that the compiler may use vectors */
+
+/* Sums of g x and of g over a row, and g times the gain. The padding's gradient is zero. */
+static void row_backward(const float *x, float *g, int width, float gain, double *gx, double *sum) {
+  float a[CHAINS] = {0.0f}, b[CHAINS] = {0.0f};
+  for (int i = 0; i < width; i += CHAINS)
+    for (int k = 0; k < CHAINS; k++) {
+      a[k] += g[i + k] * x[i + k];
+      b[k] += g[i + k];
+      g[i + k] *= gain;
+    }
+  *gx = *sum = 0.0;
+  for (int k = 0; k < CHAINS; k++) {
+    *gx += (double)a[k];
+    *sum += (double)b[k];
+  }
+}
+
+static void backward_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const exposure_job *job = context;
+  const pags_picture *p = job->picture;
+  (void)worker;
+  for (int64_t y = begin; y < end; y++)
+    for (int c = 0; c < 3; c++)
+      row_backward(p->rgb[c] + y * p->stride, job->planes[c] + y * p->stride, p->stride,
+                   (float)job->exposure->value[c], &job->rows[y][c], &job->rows[y][3 + c]);
+}
+
+pags_result pags_exposure_backward(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+                                   float *const gradient[3], double out[6]) {
+  pags_arena *arena = pags_tasks_arena(tasks, 0);
+  const pags_arena_mark mark = pags_arena_save(arena);
+  exposure_job job = {.exposure = exposure, .picture = picture, .planes = gradient};
+  job.rows = pags_arena_alloc(arena, (size_t)picture->height, sizeof *job.rows);
+  pags_result result = job.rows ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %d rows", picture->height);
+  if (result == PAGS_OK && !pags_parallel_for(tasks, picture->height, ROW_GRAIN, backward_rows, &job))
+    result = pags_fail(PAGS_CANCELLED, "cancelled");
+  for (int k = 0; k < 6; k++)
+    out[k] = 0.0;
+  for (int y = 0; result == PAGS_OK && y < picture->height; y++)
+    for (int k = 0; k < 6; k++)
+      out[k] += job.rows[y][k];
+  pags_arena_release(arena, mark);
+  return result;
+}
+
+static void hold_means(pags_exposures *exposures, const pags_dataset *dataset) {
+  double mean[6] = {0.0};
+  int64_t training = 0;
+  for (int64_t i = 0; i < exposures->count; i++) {
+    if (pags_dataset_view(dataset, i)->test)
+      continue;
+    training++;
+    for (int k = 0; k < 6; k++)
+      mean[k] += exposures->items[i].value[k];
+  }
+  for (int k = 0; k < 6; k++)
+    mean[k] = mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
+  for (int64_t i = 0; i < exposures->count; i++)
+    for (int k = 0; k < 6 && !pags_dataset_view(dataset, i)->test; k++)
+      exposures->items[i].value[k] -= mean[k];
+}
+
+void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
+                           const pags_schedule *schedule, int64_t step) {
+  const pags_train_config *c = &schedule->config;
+  pags_exposure *e = &exposures->items[view];
+  double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure_rate * pow(final_share, t);
+  for (int k = 0; k < 6; k++)
+    if (!isfinite(gradient[k]))
+      return;
+  e->count++;
+  for (int k = 0; k < 6; k++) {
+    e->first[k] = c->beta1 * e->first[k] + (1.0 - c->beta1) * gradient[k];
+    e->second[k] = c->beta2 * e->second[k] + (1.0 - c->beta2) * gradient[k] * gradient[k];
+    double first = e->first[k] / (1.0 - pow(c->beta1, (double)e->count));
+    double second = e->second[k] / (1.0 - pow(c->beta2, (double)e->count));
+    e->value[k] -= rate * first / (sqrt(second) + 1e-15);
+  }
+  hold_means(exposures, dataset);
+}
+
+/* Nearest training view of the same sensor before (sign -1) or after (+1); -1: none. */
+static int64_t neighbour(const pags_dataset *dataset, int64_t view, int sign) {
+  const pags_view *from = pags_dataset_view(dataset, view);
+  int64_t best = -1;
+  double least = INFINITY;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *v = pags_dataset_view(dataset, i);
+    double apart = (v->camera.time - from->camera.time) * sign;
+    if (v->test || v->sensor != from->sensor || !(apart > 0.0 && apart < least))
+      continue;
+    least = apart;
+    best = i;
+  }
+  return best;
+}
+
+void pags_exposures_get(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double gain[3],
+                        double offset[3]) {
+  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
+  if (exposures->count > 0 && !pags_dataset_view(dataset, view)->test) {
+    for (int k = 0; k < 6; k++)
+      value[k] = exposures->items[view].value[k];
+  } else if (exposures->count > 0) {
+    int64_t before = neighbour(dataset, view, -1), after = neighbour(dataset, view, 1);
+    int64_t a = before >= 0 ? before : after, b = after >= 0 ? after : before;
+    if (a >= 0) {
+      double ta = pags_dataset_view(dataset, a)->camera.time, tb = pags_dataset_view(dataset, b)->camera.time;
+      double u = tb > ta ? (pags_dataset_view(dataset, view)->camera.time - ta) / (tb - ta) : 0.0;
+      for (int k = 0; k < 6; k++)
+        value[k] = (1.0 - u) * exposures->items[a].value[k] + u * exposures->items[b].value[k];
+    }
+  }
+  for (int c = 0; c < 3; c++) {
+    gain[c] = value[c];
+    offset[c] = value[3 + c];
+  }
+}

@@ -1,0 +1,41 @@
+/* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB. The means over all
+ * training photographs are held at 1 and 0 after every step, so that the scene keeps its colours. */
+#ifndef PAGS_TRAIN_EXPOSURE_H
+#define PAGS_TRAIN_EXPOSURE_H
+
+#include <pags/dataset.h>
+#include <pags/frame.h>
+#include <pags/tasks.h>
+
+#include "train/schedule.h"
+
+typedef struct pags_exposure {
+  double value[6]; /* gains, then offsets */
+  double first[6], second[6];
+  int64_t count; /* gradients so far */
+} pags_exposure;
+
+typedef struct pags_exposures {
+  int64_t count;        /* views of the data set; 0: not modelled */
+  pags_exposure *items; /* by view; those held out stay at identity */
+} pags_exposures;
+
+pags_result pags_exposures_create(pags_exposures *exposures, int64_t views);
+void pags_exposures_destroy(pags_exposures *exposures);
+
+/* out = gain * picture + offset; planes of the picture's stride. */
+pags_result pags_exposure_apply(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+                                float *const out[3]);
+/* From the gradient by the exposed picture to that by the picture (in place), and by gains and offsets. Sums are by row, in order. */
+pags_result pags_exposure_backward(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+                                   float *const gradient[3], double out[6]);
+
+/* Adam for one view, then the means over the training views put back. */
+void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
+                           const pags_schedule *schedule, int64_t step);
+
+/* Of any view: its own, or, held out, interpolated in time between training views of the same sensor. */
+void pags_exposures_get(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double gain[3],
+                        double offset[3]);
+
+#endif

@@ -1,0 +1,169 @@
+/* The model of a run: rows that move together through parameters, moments and statistics. */
+#include "train/model.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static pags_result reserve_density(pags_density *density, int64_t capacity) {
+  if (capacity <= density->capacity)
+    return PAGS_OK;
+  float *gradient = calloc((size_t)capacity, sizeof(float));
+  int32_t *seen = calloc((size_t)capacity, sizeof(int32_t));
+  if (!gradient || !seen) {
+    free(gradient);
+    free(seen);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for statistics of %lld Gaussians", (long long)capacity);
+  }
+  if (density->capacity > 0) {
+    memcpy(gradient, density->gradient, (size_t)density->capacity * sizeof(float));
+    memcpy(seen, density->seen, (size_t)density->capacity * sizeof(int32_t));
+  }
+  free(density->gradient);
+  free(density->seen);
+  *density = (pags_density){.capacity = capacity, .gradient = gradient, .seen = seen};
+  return PAGS_OK;
+}
+
+static pags_result reserve(pags_train_model *model, int64_t capacity) {
+  PAGS_TRY(pags_gaussians_reserve(&model->gaussians, capacity));
+  PAGS_TRY(pags_adam_reserve(&model->adam, capacity));
+  return reserve_density(&model->density, model->gaussians.stride);
+}
+
+static pags_result make_clusters(pags_train_model *model, pags_tasks *tasks) {
+  pags_clusters_destroy(&model->clusters);
+  PAGS_TRY(pags_clusters_create(&model->clusters, model->gaussians.count, model->schedule.config.cluster_size));
+  pags_adam_bound_all(&model->adam, &model->gaussians, &model->clusters, tasks);
+  return PAGS_OK;
+}
+
+pags_result pags_model_create(pags_train_model *model, const pags_schedule *schedule, int64_t stop, pags_gaussians *g) {
+  *model = (pags_train_model){
+      .object = -1, .schedule = *schedule, .cap = schedule->config.max_gaussians, .fourier_gain = NAN, .gaussians = *g};
+  *g = (pags_gaussians){0};
+  pags_result result = pags_adam_create(&model->adam, &model->schedule, &model->gaussians, 0, stop);
+  if (result == PAGS_OK)
+    result = reserve_density(&model->density, model->gaussians.stride);
+  if (result == PAGS_OK)
+    result = make_clusters(model, NULL);
+  if (result != PAGS_OK)
+    pags_model_destroy(model);
+  return result;
+}
+
+void pags_model_destroy(pags_train_model *model) {
+  pags_gaussians_destroy(&model->gaussians);
+  pags_adam_destroy(&model->adam);
+  pags_clusters_destroy(&model->clusters);
+  free(model->density.gradient);
+  free(model->density.seen);
+  *model = (pags_train_model){0};
+}
+
+void pags_model_settle(pags_train_model *model, pags_tasks *tasks) {
+  pags_adam_settle(&model->adam, &model->gaussians, model->step, tasks);
+}
+
+void pags_model_clear_density(pags_train_model *model) {
+  memset(model->density.gradient, 0, (size_t)model->density.capacity * sizeof(float));
+  memset(model->density.seen, 0, (size_t)model->density.capacity * sizeof(int32_t));
+}
+
+/* One column of 4-byte values after another: all that a row consists of. */
+typedef struct column {
+  void *data;
+  int moment; /* 1: fresh rows start at zero */
+} column;
+
+enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 4 };
+
+static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
+  int n = 0, planes = pags_plane_count(model->gaussians.sh_degree);
+  for (int p = 0; p < planes; p++) {
+    columns[n++] = (column){pags_plane(&model->gaussians, p), 0};
+    columns[n++] = (column){pags_plane(&model->adam.first, p), 1};
+    columns[n++] = (column){pags_plane(&model->adam.second, p), 1};
+  }
+  for (int p = 0; model->gaussians.fourier && p < PAGS_FOURIER_PLANES; p++) {
+    columns[n++] = (column){model->gaussians.fourier + p * model->gaussians.stride, 0};
+    columns[n++] = (column){model->adam.first.fourier + p * model->adam.first.stride, 1};
+    columns[n++] = (column){model->adam.second.fourier + p * model->adam.second.stride, 1};
+  }
+  columns[n++] = (column){model->density.gradient, 0};
+  columns[n++] = (column){model->density.seen, 0};
+  if (model->gaussians.s_sem)
+    columns[n++] = (column){model->gaussians.s_sem, 0};
+  if (model->gaussians.object_id)
+    columns[n++] = (column){model->gaussians.object_id, 0};
+  return n;
+}
+
+typedef struct gather_job {
+  column columns[MAX_COLUMNS];
+  const int64_t *source;
+  int64_t count, fresh, old_count;
+  uint32_t *scratch; /* count per worker */
+} gather_job;
+
+static void gather_columns(void *context, int64_t begin, int64_t end, int worker) {
+  gather_job *job = context;
+  uint32_t *scratch = job->scratch + worker * job->count;
+  for (int64_t c = begin; c < end; c++) {
+    uint32_t *data = job->columns[c].data;
+    int64_t copied = job->columns[c].moment ? job->fresh : job->count;
+    for (int64_t i = 0; i < copied; i++)
+      scratch[i] = data[job->source[i]];
+    memcpy(data, scratch, (size_t)copied * sizeof(uint32_t));
+    int64_t written = job->old_count > job->count ? job->old_count : job->count;
+    memset(data + copied, 0, (size_t)(written - copied) * sizeof(uint32_t));
+  }
+}
+
+pags_result pags_model_gather(pags_train_model *model, const int64_t *source, int64_t count, int64_t fresh,
+                              pags_tasks *tasks) {
+  assert(fresh <= count);
+  if (count >
+      model->gaussians.stride) /* half as much again, so that growth by shares copies each row a few times only */
+    PAGS_TRY(reserve(model, count + count / 2));
+  int workers = pags_tasks_workers(tasks);
+  gather_job *job = malloc(sizeof *job);
+  uint32_t *scratch = malloc((size_t)workers * (size_t)(count > 0 ? count : 1) * sizeof(uint32_t));
+  if (!job || !scratch) {
+    free(job);
+    free(scratch);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to reorder %lld Gaussians", (long long)count);
+  }
+  int n = list_columns(model, job->columns);
+  job->source = source;
+  job->count = count;
+  job->fresh = fresh;
+  job->old_count = model->gaussians.count;
+  job->scratch = scratch;
+  bool done = pags_parallel_for(tasks, n, 1, gather_columns, job);
+  free(scratch);
+  free(job);
+  model->gaussians.count = count;
+  if (!done) /* some columns moved, some not: nothing may be saved from here on */
+    return pags_fail(PAGS_CANCELLED, "cancelled while Gaussians were reordered");
+  return pags_adam_regroup(&model->adam, count, model->step);
+}
+
+pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
+  int64_t count = model->gaussians.count;
+  int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
+  if (!order)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to sort %lld Gaussians", (long long)count);
+  pags_result result = pags_gaussians_morton_order(&model->gaussians, order);
+  if (result == PAGS_OK)
+    result = pags_model_gather(model, order, count, count, tasks);
+  free(order);
+  return result == PAGS_OK ? make_clusters(model, tasks) : result;
+}
+
+pags_result pags_model_add_fourier(pags_train_model *model) {
+  PAGS_TRY(pags_gaussians_add_fourier(&model->gaussians));
+  PAGS_TRY(pags_gaussians_add_fourier(&model->adam.first));
+  return pags_gaussians_add_fourier(&model->adam.second);
+}

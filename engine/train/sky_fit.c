@@ -1,0 +1,149 @@
+/* Fitting the sky's cube map (Street Gaussians: Adam, rate 0.01 to 1e-4 log-linear). */
+#include "train/sky_fit.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 512, ROW_GRAIN = 8, PROBE = 8 };
+static const double least_share = 1e-3;
+static const double final_share = 0.01; /* of the rate, at the schedule's end */
+
+/* Sums over the sky pixels of one photograph. */
+static void add_photo(const pags_photo *photo, double colour[3], int64_t *sky, int64_t *all) {
+  *all += (int64_t)photo->width * photo->height;
+  for (int y = 0; photo->labels && y < photo->height; y++)
+    for (int x = 0; x < photo->width; x++) {
+      int64_t at = (int64_t)y * photo->stride + x;
+      if (!(photo->labels[at] & PAGS_LABEL_SKY) || (photo->mask && !photo->mask[at]))
+        continue;
+      for (int c = 0; c < 3; c++)
+        colour[c] += photo->rgb[(int64_t)c * photo->height * photo->stride + at] / 255.0;
+      ++*sky;
+    }
+}
+
+static int choose_size(const pags_dataset *dataset) {
+  double focal = 0.0;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
+    focal = fmax(focal, pags_dataset_view(dataset, i)->camera.fx);
+  int size = LEAST_SIZE; /* a face of N texels spans 2 focal lengths of pixels at its middle */
+  while (size < MOST_SIZE && 2 * size <= focal)
+    size *= 2;
+  return size;
+}
+
+pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share) {
+  double colour[3] = {0.0, 0.0, 0.0};
+  int64_t sky = 0, all = 0;
+  *fit = (pags_sky_fit){0};
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    pags_photo photo;
+    if (pags_dataset_view(dataset, i)->test)
+      continue;
+    PAGS_TRY(pags_photo_cache_get(photos, i, LOOK_SHRINK, &photo));
+    add_photo(&photo, colour, &sky, &all);
+  }
+  *share = all > 0 ? (double)sky / (double)all : 0.0;
+  if (*share < least_share)
+    return PAGS_OK;
+  PAGS_TRY(pags_sky_fit_prepare(fit, choose_size(dataset), dataset));
+  int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
+  for (int64_t i = 0; i < texels; i++)
+    for (int c = 0; c < 3; c++)
+      fit->sky.texels[3 * i + c] = (float)(colour[c] / (double)sky);
+  return PAGS_OK;
+}
+
+/* Face and row of texels of a direction, as in pags/sky.h. */
+static int row_of(const double d[3], int size, int *face) {
+  int axis = fabs(d[0]) >= fabs(d[1]) && fabs(d[0]) >= fabs(d[2]) ? 0 : fabs(d[1]) >= fabs(d[2]) ? 1 : 2;
+  double m = fabs(d[axis]), t = axis == 1 ? (d[1] > 0.0 ? d[2] : -d[2]) : -d[1];
+  *face = 2 * axis + (d[axis] < 0.0);
+  int row = m > 0.0 ? (int)floor((t / m + 1.0) * 0.5 * size) : 0;
+  return row < 0 ? 0 : row >= size ? size - 1 : row;
+}
+
+/* Marks the rows that a camera's rays reach, on a grid of PROBE pixels, with the rows a probe may miss around each. */
+static void mark_view(pags_sky_fit *fit, const pags_camera *camera) {
+  const double *m = camera->world_from_camera;
+  int size = fit->sky.size;
+  int reach = 2 + (int)ceil(PROBE * size / camera->fy);
+  for (int y = 0; y <= camera->height + PROBE - 1; y += PROBE)
+    for (int x = 0; x <= camera->width + PROBE - 1; x += PROBE) {
+      double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy, d[3];
+      int face;
+      for (int k = 0; k < 3; k++)
+        d[k] = m[4 * k] * u + m[4 * k + 1] * v + m[4 * k + 2];
+      int row = row_of(d, size, &face);
+      for (int i = row - reach < 0 ? 0 : row - reach; i <= row + reach && i < size; i++)
+        fit->seen[face * size + i] = 1;
+    }
+}
+
+pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset *dataset) {
+  *fit = (pags_sky_fit){0};
+  PAGS_TRY(pags_sky_create(&fit->sky, size));
+  size_t floats = (size_t)18 * (size_t)size * (size_t)size;
+  fit->first = calloc(floats, sizeof(float));
+  fit->second = calloc(floats, sizeof(float));
+  fit->gradient = calloc(floats, sizeof(float));
+  fit->seen = calloc((size_t)6 * (size_t)size, 1);
+  if (!fit->first || !fit->second || !fit->gradient || !fit->seen) {
+    pags_sky_fit_destroy(fit);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side", size);
+  }
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
+    if (!pags_dataset_view(dataset, i)->test)
+      mark_view(fit, &pags_dataset_view(dataset, i)->camera);
+  return PAGS_OK;
+}
+
+void pags_sky_fit_destroy(pags_sky_fit *fit) {
+  pags_sky_destroy(&fit->sky);
+  free(fit->first);
+  free(fit->second);
+  free(fit->gradient);
+  free(fit->seen);
+  *fit = (pags_sky_fit){0};
+}
+
+typedef struct update_job {
+  pags_sky_fit *fit;
+  float beta1, beta2, rate, correction2, epsilon;
+} update_job;
+
+static void update_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const update_job *job = context;
+  pags_sky_fit *f = job->fit;
+  int64_t floats = 3 * (int64_t)f->sky.size;
+  (void)worker;
+  for (int64_t row = begin; row < end; row++) {
+    for (int64_t i = row * floats; f->seen[row] && i < (row + 1) * floats; i++) {
+      float g = f->gradient[i];
+      if (g == 0.0f || !isfinite(g)) /* not in view: left alone, moments too */
+        continue;
+      f->first[i] = job->beta1 * f->first[i] + (1.0f - job->beta1) * g;
+      f->second[i] = job->beta2 * f->second[i] + (1.0f - job->beta2) * g * g;
+      f->sky.texels[i] -= job->rate * f->first[i] / (sqrtf(f->second[i] * job->correction2) + job->epsilon);
+    }
+    if (f->seen[row])
+      memset(f->gradient + row * floats, 0, (size_t)floats * sizeof(float));
+  }
+}
+
+pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
+  const pags_train_config *c = &schedule->config;
+  double t = fmin((double)step / (double)schedule->length, 1.0);
+  fit->updates++;
+  double correction1 = 1.0 / (1.0 - pow(c->beta1, (double)fit->updates));
+  update_job job = {.fit = fit,
+                    .beta1 = (float)c->beta1,
+                    .beta2 = (float)c->beta2,
+                    .rate = (float)(c->sky_rate * pow(final_share, t) * correction1),
+                    .correction2 = (float)(1.0 / (1.0 - pow(c->beta2, (double)fit->updates))),
+                    .epsilon = 1e-15f};
+  return pags_parallel_for(tasks, 6 * (int64_t)fit->sky.size, ROW_GRAIN, update_rows, &job)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "cancelled");
+}

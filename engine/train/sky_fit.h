@@ -1,0 +1,30 @@
+/* The sky in training: its resolution, its first colour, and Adam over the texels that training views can see. */
+#ifndef PAGS_TRAIN_SKY_FIT_H
+#define PAGS_TRAIN_SKY_FIT_H
+
+#include <pags/dataset.h>
+#include <pags/sky.h>
+#include <pags/tasks.h>
+
+#include "train/schedule.h"
+
+typedef struct pags_sky_fit {
+  pags_sky sky;          /* size 0: the scene has none */
+  float *first, *second; /* Adam's moments, laid out as the texels; they move only when a gradient arrives */
+  float *gradient;       /* of one step; all zero between steps */
+  uint8_t *seen;         /* per row of texels of each face: 1 where a training view may show it. Derived */
+  int64_t updates;
+} pags_sky_fit;
+
+/* Decides by the labels of the training photographs, seen at an eighth of their size: below a thousandth of all pixels there is
+ * no sky (size 0). Else texels as large as two to four pixels of the sharpest camera, 64 to 512 a side, of the mean colour of what is
+ * labelled sky. `share` receives that share of pixels. */
+pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share);
+/* Zero moments and buffers for a sky of `size`, as loaded from a checkpoint. */
+pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset *dataset);
+void pags_sky_fit_destroy(pags_sky_fit *fit);
+
+/* One Adam step with fit->gradient, which is zeroed. */
+pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks);
+
+#endif
