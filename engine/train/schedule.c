@@ -21,6 +21,8 @@ static int64_t at_least(int64_t value, int64_t least) {
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = *config, .extent = extent, .views = views};
+  if (s.config.sh_degree < 0)
+    s.config.sh_degree = 3; /* not resolved: as for static sets */
   s.length = config->schedule_iterations > 0 ? config->schedule_iterations : config->iterations;
   s.densify_from = scaled(config->densify_from, s.length);
   s.densify_until = scaled(config->densify_until, s.length);

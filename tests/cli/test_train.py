@@ -80,7 +80,7 @@ class Train(Case):
         self.assertGreater(len(config), 40)
         for field in config:
             name = "background" if field.startswith("background") else named.get(field, field.replace("_", "-"))
-            self.assertIn(f" --{name}", shown)
+            self.assertTrue(f" --{name}" in shown or f" --no-{name}" in shown, f"no option sets {field}")
 
     def test_eval_of_a_downscaled_scene_finds_its_size(self):
         out = self.path("scene")
