@@ -219,9 +219,27 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   return result;
 }
 
+/* Cameras that look along a street have no common middle: from above, round a place ahead of the middle of the drive. */
+static pags_result orbit_of_drive(const pags_scene *scene, orbit *out) {
+  enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough for the sides that cameras saw */
+  vec3 base = column(&scene->views[0].camera, 3), sum = {0, 0, 0};
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    sum =
+        add(sum, add(sub(column(&scene->views[i].camera, 3), base), scale(column(&scene->views[i].camera, 2), AHEAD)));
+  *out = (orbit){.centre = add(base, scale(sum, 1.0 / (double)scene->view_count)),
+                 .up = scene_up(scene),
+                 .radius = RADIUS,
+                 .height = HEIGHT,
+                 .half_arc = pi,
+                 .lens = scene->views[0].camera};
+  return PAGS_OK;
+}
+
 pags_result pags_path_orbit(const pags_scene *scene, int64_t frames, pags_path *out) {
   orbit around = {0};
-  PAGS_TRY(scene->view_count > 1 ? orbit_of_views(scene, &around) : orbit_of_gaussians(scene, &around));
+  PAGS_TRY(pags_scene_is_drive(scene) ? orbit_of_drive(scene, &around)
+           : scene->view_count > 1    ? orbit_of_views(scene, &around)
+                                      : orbit_of_gaussians(scene, &around));
   PAGS_TRY(create_path(frames, out));
   vec3 u, v;
   horizontal_axes(around.up, &u, &v);
