@@ -7,7 +7,7 @@ import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info"]
-OPTIONAL_VERBS = ["synth", "bench"]  # not in every build
+OPTIONAL_VERBS = ["import", "synth", "bench"]  # not in every build
 
 
 class Usage(Case):
@@ -98,7 +98,7 @@ class Usage(Case):
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
         bench = [["bench", what] for what in ["stages", "roofline", "error", "train"]]
-        for verb, *what in [*[[verb] for verb in VERBS], ["synth"], *bench]:
+        for verb, *what in [*[[verb] for verb in VERBS], ["import"], ["synth"], *bench]:
             shown = run(verb, *what, "--help").stdout  # nothing where this build lacks it
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):

@@ -1,0 +1,122 @@
+"""pags import: a small tree of KITTI's tracking benchmark made here; stopping and going on; what is missing."""
+
+import json
+import os
+import random
+import signal
+import struct
+import subprocess
+import time
+
+import fixtures
+from fixtures import Case, files_below, png_bytes, read, run, write
+
+WIDTH, HEIGHT, FOCAL = 64, 24, 40.0
+RIGHT = -0.5 * FOCAL
+
+
+def row(values):
+    return " ".join(f"{value:.12e}" for value in values) + "\n"
+
+
+def calibration():
+    text = ""
+    for camera, shift in enumerate([0.0, RIGHT, 2.4, 2.4 + RIGHT]):
+        text += f"P{camera}: " + row([FOCAL, 0, WIDTH / 2, shift, 0, FOCAL, HEIGHT / 2, 0, 0, 0, 1, 0])
+    text += "R_rect " + row([1, 0, 0, 0, 1, 0, 0, 0, 1])
+    text += "Tr_velo_cam " + row([0, -1, 0, 0, 0, 0, -1, -0.1, 1, 0, 0, -0.3])
+    return text + "Tr_imu_velo " + row([1, 0, 0, -0.8, 0, 1, 0, 0.3, 0, 0, 1, -0.8])
+
+
+def make_tree(folder, frames):
+    """A car that goes north at 10 m/s behind one that goes at 12 m/s."""
+    dice = random.Random(0)
+    picture = png_bytes(WIDTH, HEIGHT, dice.randbytes(WIDTH * HEIGHT * 3))
+    oxts = labels = ""
+    for t in range(frames):
+        for camera in ["image_02", "image_03"]:
+            write(os.path.join(folder, f"{camera}/0000/{t:06d}.png"), picture)
+        points = [struct.pack("<4f", dice.uniform(5, 40), dice.uniform(-9, 9), dice.uniform(-2, 2), 0.5) for _ in range(50)]
+        write(os.path.join(folder, f"velodyne/0000/{t:06d}.bin"), b"".join(points))
+        oxts += " ".join([repr(49 + t * 9e-6), "8.4", "110", "0", "0", repr(1.5707963267948966), "10"] + ["0"] * 23) + "\n"
+        labels += f"{t} 0 Car 0 0 0 1 2 3 4 1.5 1.6 4 1 1.6 {10 + 0.2 * t} {-1.5707963267948966}\n"
+    write(os.path.join(folder, "calib/0000.txt"), calibration())
+    write(os.path.join(folder, "oxts/0000.txt"), oxts)
+    write(os.path.join(folder, "label_02/0000.txt"), labels)
+    return folder
+
+
+class Import(Case):
+    def setUp(self):
+        super().setUp()
+        if run("import", "--help").returncode:
+            self.skipTest("this build has no pags import")
+
+    def same(self, a, b):
+        self.assertEqual(files_below(a), files_below(b))
+        for name in files_below(a):
+            self.assertEqual(read(os.path.join(a, name)), read(os.path.join(b, name)), name)
+
+    def test_kitti(self):
+        raw, out = make_tree(self.path("raw"), 6), self.path("out")
+        said = json.loads(self.succeeds("import", "kitti", raw, "-o", out, "--json", "-").stdout)
+        self.assertEqual((said["kind"], said["dataset"]), ("kitti", out))
+        names = files_below(out)
+        for t in range(6):
+            for name in [f"images/{t:03d}_0.png", f"images/{t:03d}_1.png", f"ego_pose/{t:03d}.txt", f"lidar/{t:03d}.bin"]:
+                self.assertIn(name, names)
+        # To the north at 10 m/s: y grows by one metre a frame, 9e-6 degrees at KITTI's radius being 1.0019 m.
+        pose = [float(word) for word in read(os.path.join(out, "ego_pose/005.txt")).split()]
+        self.assertAlmostEqual(pose[7], 5 * 1.00187, 3)
+        self.assertAlmostEqual(pose[3], 0, 9)
+        description = json.loads(read(os.path.join(out, "dataset.json")))
+        self.assertEqual((description["kind"], description["object_forward"], description["fps"]), ("kitti", "+x", 10))
+        self.assertRegex(self.succeeds("info", out).stdout, r"format +kitti")
+        before = {name: os.stat(os.path.join(out, name)).st_mtime_ns for name in names}
+        self.succeeds("import", "kitti", raw, "-o", out)
+        self.assertEqual(before, {name: os.stat(os.path.join(out, name)).st_mtime_ns for name in files_below(out)})
+
+    def test_interrupted_goes_on(self):
+        raw, out, whole = make_tree(self.path("raw"), 40), self.path("out"), self.path("whole")
+        running = subprocess.Popen([fixtures.PAGS, "import", "kitti", raw, "-o", out], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        while running.poll() is None and not os.path.exists(os.path.join(out, "images/003_0.png")):
+            time.sleep(0.001)
+        running.send_signal(signal.SIGINT)
+        error = running.communicate(timeout=60)[1].decode()
+        self.assertEqual(running.returncode, 3, error)
+        self.assertIn("goes on from here", error)
+        self.assertFalse(os.path.exists(os.path.join(out, "dataset.json")))
+        self.succeeds("import", "kitti", raw, "-o", out)
+        self.succeeds("import", "kitti", raw, "-o", whole)
+        self.same(out, whole)
+
+    def test_what_is_missing(self):
+        raw, out = make_tree(self.path("raw"), 3), self.path("out")
+        os.remove(os.path.join(raw, "image_03/0000/000001.png"))
+        self.fails(["import", "kitti", raw, "-o", out], raw, "lacks image_03/0000/000001.png")
+        os.remove(os.path.join(raw, "oxts/0000.txt"))
+        os.remove(os.path.join(raw, "calib/0000.txt"))
+        self.fails(["import", "kitti", raw, "-o", out], raw, "calib/0000.txt", "oxts/0000.txt")
+        self.fails(["import", "kitti", self.path("none"), "-o", out], "none")
+        self.fails(["import", "waymo", self.path("none"), "-o", out], "none")
+        self.assertFalse(os.path.exists(out))
+
+    def test_folder_of_another(self):
+        raw = make_tree(self.path("raw"), 3)
+        self.write("out/notes.txt", "mine")
+        out = self.path("out")
+        self.fails(["import", "kitti", raw, "-o", out], out, "--overwrite")
+        self.succeeds("import", "kitti", raw, "-o", out, "--overwrite", "--frames", "1-2")
+        self.assertIn("notes.txt", files_below(out))
+        self.assertNotIn("images/002_0.png", files_below(out))
+
+    def test_usage(self):
+        self.fails(["import", "nuscenes", "x", "-o", "y"], "kitti or waymo", "'nuscenes'", code=2)
+        for frames in ["3-2", "a", "-3", "1-2-3"]:
+            self.fails(["import", "kitti", "x", "-o", "y", f"--frames={frames}"], "--frames: expected A-B", code=2)
+        self.fails(["import", "waymo", "x", "-o", "y", "--sequence", "1"], "--sequence", code=2)
+        self.fails(["import", "kitti"], "RAW is missing", code=2)
+
+
+if __name__ == "__main__":
+    fixtures.main()
