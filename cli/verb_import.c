@@ -4,14 +4,11 @@
 #include "verbs.h"
 
 #include <pags/import.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 typedef struct import_arguments {
   pags_session session;
   const char *output;
-  const char *frames;
   pags_import_options options;
 } import_arguments;
 
@@ -28,8 +25,12 @@ static const pags_option options[] = {
     PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
               "image_02, 1 image_03"),
-    PAGS_TEXT("frames", 0, AT(frames), "A-B", "all",
-              "frames to import, both included; A- to the end; they count from 0 in DATASET"),
+    {.name = "frames",
+     .type = PAGS_OPTION_SPAN,
+     .offset = AT(options.frame_first),
+     .metavar = "A-B",
+     .fallback = "all",
+     .help = "frames to import, both included; A- to the end; they count from 0 in DATASET"},
     PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
               "kitti: the sequence (0000), or of raw recordings the drive (0001)"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
@@ -58,27 +59,6 @@ static const pags_verb verb = {.name = "import",
                                    "where it was when the same command is given again.",
                                .positionals = positionals,
                                .options = options};
-
-/* "A-B", "A-" or "A": false for anything else. */
-static bool parse_frames(const char *text, int64_t *first, int64_t *last) {
-  char *end = NULL;
-  if (*text < '0' || *text > '9')
-    return false;
-  *first = strtoll(text, &end, 10);
-  *last = *first;
-  if (!*end)
-    return true;
-  if (*end != '-')
-    return false;
-  const char *second = end + 1;
-  *last = -1;
-  if (!*second)
-    return true;
-  if (*second < '0' || *second > '9')
-    return false;
-  *last = strtoll(second, &end, 10);
-  return !*end && *last >= *first;
-}
 
 /* ---- Progress ---- */
 
@@ -148,9 +128,6 @@ int pags_verb_import(int argc, char **argv) {
       kind = &kinds[i];
   if (!kind)
     return pags_usage_error(&verb, "KIND: expected kitti or waymo, got '%s'", parsed.positionals[0]);
-  if (arguments.frames &&
-      !parse_frames(arguments.frames, &arguments.options.frame_first, &arguments.options.frame_last))
-    return pags_usage_error(&verb, "--frames: expected A-B with A <= B, or A-, got '%s'", arguments.frames);
   if (arguments.options.sequence && kind->import == pags_import_waymo)
     return pags_usage_error(&verb, "--sequence: a segment of Waymo is one sequence; give its file");
   pags_result result = pags_session_begin(&arguments.session);
