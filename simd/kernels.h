@@ -170,9 +170,9 @@ typedef struct pags_kernels {
   /* rgb += transmittance * sky over a whole tile with its top left pixel at (x0, y0), to which the planes point; sky.inl. */
   void (*sky_blend)(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,
                     const float *transmittance, float *const rgb[3]);
-  /* What sky_blend takes for the tile's pixels, 256 of each, row after row: top left texel of four (the others: + 1, + size,
-   * + size + 1; at size 1 none), shares of the right and of the lower ones in [0, 1]. */
-  void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int32_t *texel, float *along, float *down);
+  /* What sky_blend takes for the tile's rows y0, y0 + step, ... (1 + 15 / step of them): of each pixel, row after row, the top left texel of
+   * four (the others: + 1, + size, + size + 1; at size 1 it stands for all) and the four weights, weight[k] that of the k-th. */
+  void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *texel, float *const weight[4]);
 
   /* Sums `slots` of each drawn row and goes on to the raw parameters (shade's and project's backward). Rows whose key is
    * UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not finite (and set to zero). */

@@ -46,38 +46,53 @@ V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
   return c;
 }
 
-static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int32_t *texel, float *along, float *down) {
-  for (int y = 0; y < PAGS_TILE; y++) {
-    const sky_cells16 c = sky_cells_of(rays, x0, y0 + y);
-    i_store(texel + y * PAGS_TILE, c.texel);
-    v_store(along + y * PAGS_TILE, c.along);
-    v_store(down + y * PAGS_TILE, c.down);
+/* Times `t`; 16 floats from weight to weight where the caller has no say. */
+V_INLINE void sky_weights(const sky_cells16 *c, vf t, float *const weight[4]) {
+  const vf lower = v_mul(t, c->down), upper = v_sub(t, lower);
+  v_store(weight[0], v_fnma(upper, c->along, upper));
+  v_store(weight[1], v_mul(upper, c->along));
+  v_store(weight[2], v_fnma(lower, c->along, lower));
+  v_store(weight[3], v_mul(lower, c->along));
+}
+
+static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *texel, float *const weight[4]) {
+  for (int row = 0; row * step < PAGS_TILE; row++) {
+    const sky_cells16 c = sky_cells_of(rays, x0, y0 + row * step);
+    float *const to[4] = {weight[0] + row * PAGS_TILE, weight[1] + row * PAGS_TILE, weight[2] + row * PAGS_TILE,
+                          weight[3] + row * PAGS_TILE};
+    i_store(texel + row * PAGS_TILE, c.texel);
+    sky_weights(&c, v_set(1.0f), to);
   }
 }
 
-/* Four weights a pixel, then pixel by pixel: twelve gathers of a lane each took three times as long. */
+/* Pixel by pixel, red, green, blue and what comes after them at once: gathers of a lane each take five times as long. After the map's very
+ * last texel nothing comes, so that the cell it belongs to is copied first. */
 static void sky_blend(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,
                       const float *transmittance, float *const rgb[3]) {
-  const int right = rays->size > 1 ? 3 : 0, below = right * rays->size;
+  const int right = rays->size > 1, below = right * rays->size;
+  const int32_t last = 6 * rays->size * rays->size - 1 - right - below;
+  float corner[4][4] = {{0.0f}};
+  for (int k = 0; k < 3; k++) {
+    corner[0][k] = texels[3 * (int64_t)last + k], corner[1][k] = texels[3 * (int64_t)(last + right) + k];
+    corner[2][k] = texels[3 * (int64_t)(last + below) + k], corner[3][k] = texels[3 * (int64_t)(last + below + right) + k];
+  }
   for (int y = 0; y < PAGS_TILE; y++) {
     const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
-    const vf t = v_load(transmittance + y * stride);
-    const vf lower = v_mul(t, cells.down), upper = v_sub(t, lower);
     int32_t texel[V_LANES];
-    float weight[4][V_LANES], colour[3][V_LANES];
+    float weight[4 * V_LANES], colour[4 * V_LANES];
+    float *const to[4] = {weight, weight + 16, weight + 32, weight + 48};
     i_store(texel, cells.texel);
-    v_store(weight[1], v_mul(upper, cells.along));
-    v_store(weight[0], v_fnma(upper, cells.along, upper));
-    v_store(weight[3], v_mul(lower, cells.along));
-    v_store(weight[2], v_fnma(lower, cells.along, lower));
+    sky_weights(&cells, v_load(transmittance + y * stride), to);
     for (int k = 0; k < V_LANES; k++) {
-      const float *const top = texels + 3 * (int64_t)texel[k], *const bottom = top + below;
-      const float a = weight[0][k], b = weight[1][k], c = weight[2][k], d = weight[3][k];
-      colour[0][k] = (a * top[0] + b * top[right]) + (c * bottom[0] + d * bottom[right]);
-      colour[1][k] = (a * top[1] + b * top[right + 1]) + (c * bottom[1] + d * bottom[right + 1]);
-      colour[2][k] = (a * top[2] + b * top[right + 2]) + (c * bottom[2] + d * bottom[right + 2]);
+      const float *const at = texels + 3 * (int64_t)texel[k], *const under = at + 3 * below;
+      if (texel[k] == last)
+        v_mix4(colour + 4 * k, corner[0], corner[1], corner[2], corner[3], weight + k);
+      else
+        v_mix4(colour + 4 * k, at, at + 3 * right, under, under + 3 * right, weight + k);
     }
+    vf sky[3];
+    v_columns3(colour, &sky[0], &sky[1], &sky[2]);
     for (int c = 0; c < 3; c++)
-      v_store(rgb[c] + y * stride, v_add(v_load(rgb[c] + y * stride), v_load(colour[c])));
+      v_store(rgb[c] + y * stride, v_add(v_load(rgb[c] + y * stride), sky[c]));
   }
 }

@@ -11,6 +11,8 @@
  *   v_to_i          rounds to the nearest, ties to even; |x| < 2^31 is the caller's duty
  *   sums            ((lane i + lane i+8) + 4) + 2) + 1, always that tree
  *   loads, stores   need no alignment
+ *   v_mix4          out[j] = a[j] w[0] + b[j] w[16] + c[j] w[32] + d[j] w[48], j < 4, summed in this order with v_fma
+ *   v_columns3      16 groups of four floats: the first, second and third of each
  * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
 #ifndef PAGS_SIMD_VEC_H
 #define PAGS_SIMD_VEC_H

@@ -109,6 +109,32 @@ static inline vm m_test_u16(const uint16_t *masks, int b) {
               _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(hi, bit), bit))};
 }
 
+#if defined(PAGS_FUSED)
+#define V_FMA4(x, y, z) _mm_fmadd_ps(x, y, z)
+#else
+#define V_FMA4(x, y, z) _mm_add_ps(_mm_mul_ps(x, y), z)
+#endif
+static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
+  __m128 sum = _mm_mul_ps(_mm_loadu_ps(a), _mm_set1_ps(w[0]));
+  sum = V_FMA4(_mm_loadu_ps(b), _mm_set1_ps(w[16]), sum);
+  sum = V_FMA4(_mm_loadu_ps(c), _mm_set1_ps(w[32]), sum);
+  _mm_storeu_ps(out, V_FMA4(_mm_loadu_ps(d), _mm_set1_ps(w[48]), sum));
+}
+/* Eight groups: rows of four are paired across the halves, so that two rounds of unpacking give columns in order. */
+static inline void v_columns3_8(const float *p, __m256 *x, __m256 *y, __m256 *z) {
+  __m256 r[4]; /* group k and k + 4 */
+  for (int k = 0; k < 4; k++)
+    r[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 4 * k)), _mm_loadu_ps(p + 4 * k + 16), 1);
+  const __m256 xy02 = _mm256_unpacklo_ps(r[0], r[2]), xy13 = _mm256_unpacklo_ps(r[1], r[3]);
+  *x = _mm256_unpacklo_ps(xy02, xy13);
+  *y = _mm256_unpackhi_ps(xy02, xy13);
+  *z = _mm256_unpacklo_ps(_mm256_unpackhi_ps(r[0], r[2]), _mm256_unpackhi_ps(r[1], r[3]));
+}
+static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+  v_columns3_8(p, &x->a, &y->a, &z->a);
+  v_columns3_8(p + 32, &x->b, &y->b, &z->b);
+}
+
 static inline __m128 v_quarter(vf x) {
   const __m256 h = _mm256_add_ps(x.a, x.b);
   return _mm_add_ps(_mm256_castps256_ps128(h), _mm256_extractf128_ps(h, 1));

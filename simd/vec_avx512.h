@@ -82,6 +82,27 @@ static inline vm m_test_u16(const uint16_t *masks, int b) {
   return _mm512_test_epi32_mask(wide, _mm512_set1_epi32(1 << b));
 }
 
+#if defined(PAGS_FUSED)
+#define V_FMA4(x, y, z) _mm_fmadd_ps(x, y, z)
+#else
+#define V_FMA4(x, y, z) _mm_add_ps(_mm_mul_ps(x, y), z)
+#endif
+static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
+  __m128 sum = _mm_mul_ps(_mm_loadu_ps(a), _mm_set1_ps(w[0]));
+  sum = V_FMA4(_mm_loadu_ps(b), _mm_set1_ps(w[16]), sum);
+  sum = V_FMA4(_mm_loadu_ps(c), _mm_set1_ps(w[32]), sum);
+  _mm_storeu_ps(out, V_FMA4(_mm_loadu_ps(d), _mm_set1_ps(w[48]), sum));
+}
+static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+  const __m512i first = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 0, 4, 8, 12, 16, 20, 24, 28);
+  const vf a = v_load(p), b = v_load(p + 16), c = v_load(p + 32), d = v_load(p + 48);
+  vf *const out[3] = {x, y, z};
+  for (int k = 0; k < 3; k++) {
+    const __m512i at = _mm512_add_epi32(first, _mm512_set1_epi32(k));
+    *out[k] = _mm512_shuffle_f32x4(_mm512_permutex2var_ps(a, at, b), _mm512_permutex2var_ps(c, at, d), 0x44);
+  }
+}
+
 /* Lane i of the result is the sum of the lanes of a[i], 12 vectors; lanes 12..15 are 0. */
 static inline vf v_fold16(vf a, vf b) {
   return _mm512_add_ps(_mm512_shuffle_f32x4(a, b, 0x44), _mm512_shuffle_f32x4(a, b, 0xEE));

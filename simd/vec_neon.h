@@ -113,6 +113,24 @@ static inline vm m_test_u16(const uint16_t *masks, int b) {
   V_DO(vm, vtstq_u32(vmovl_u16(vld1_u16(masks + 4 * k)), bit));
 }
 
+#if defined(PAGS_FUSED)
+#define V_FMA4(x, y, z) vfmaq_n_f32(z, x, y)
+#else
+#define V_FMA4(x, y, z) vaddq_f32(vmulq_n_f32(x, y), z)
+#endif
+static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
+  float32x4_t sum = vmulq_n_f32(vld1q_f32(a), w[0]);
+  sum = V_FMA4(vld1q_f32(b), w[16], sum);
+  sum = V_FMA4(vld1q_f32(c), w[32], sum);
+  vst1q_f32(out, V_FMA4(vld1q_f32(d), w[48], sum));
+}
+static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+  for (int k = 0; k < 4; k++) {
+    const float32x4x4_t columns = vld4q_f32(p + 16 * k);
+    x->r[k] = columns.val[0], y->r[k] = columns.val[1], z->r[k] = columns.val[2];
+  }
+}
+
 static inline float32x4_t v_quarter(vf x) {
   return vaddq_f32(vaddq_f32(x.r[0], x.r[2]), vaddq_f32(x.r[1], x.r[3]));
 }

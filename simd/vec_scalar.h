@@ -98,6 +98,15 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
 }
 static inline vm m_test_u16(const uint16_t *masks, int b) { V_DO(vm, 0u - (uint32_t)(masks[k] >> b & 1)); }
 
+static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
+  for (int j = 0; j < 4; j++)
+    out[j] = d[j] * w[48] + (c[j] * w[32] + (b[j] * w[16] + a[j] * w[0]));
+}
+static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+  for (int k = 0; k < V_LANES; k++)
+    x->l[k] = p[4 * k], y->l[k] = p[4 * k + 1], z->l[k] = p[4 * k + 2];
+}
+
 static inline float v_sum(vf x) {
   float l[8];
   for (int k = 0; k < 8; k++)

@@ -46,35 +46,51 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile) {
                             rgb);
 }
 
-typedef struct tile_cells {
-  int32_t texel[PAGS_TILE_PIXELS];
-  float along[PAGS_TILE_PIXELS], down[PAGS_TILE_PIXELS];
-  int x0, y0, width, height; /* of the part within the picture */
-} tile_cells;
-
-static void find_cells(const pags_frame *f, int64_t tile, tile_cells *cells) {
-  cells->x0 = tile_x(f, tile), cells->y0 = tile_y(f, tile);
-  const int width = f->camera.width - cells->x0, height = f->camera.height - cells->y0;
-  cells->width = width < PAGS_TILE ? width : PAGS_TILE;
-  cells->height = height < PAGS_TILE ? height : PAGS_TILE;
-  f->kernels->sky_cells(&f->rays, cells->x0, cells->y0, cells->texel, cells->along, cells->down);
-}
-
 /* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */
 static int cell_reach(int size) { return size > 1 ? size + 1 : 0; }
 
+/* Runs of texels first..last, both included. */
+static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
+  const uint64_t upto = UINT64_MAX >> (MOST_RUNS - 1 - (last >> run_bits));
+  return upto & UINT64_MAX << (first >> run_bits);
+}
+
+/* A face's directions are a convex cone: where a tile's four corners lie on one face, so do all its pixels, and in between of the corners'
+ * rows. A row more on either side is for rounding. Elsewhere every pixel is looked at. */
+static uint64_t tile_runs(const sky_context *c, int64_t tile) {
+  enum { LAST = PAGS_TILE - 1 };
+  const pags_frame *const f = c->frame;
+  const int size = f->rays.size, x0 = tile_x(f, tile), y0 = tile_y(f, tile);
+  const int64_t face_texels = (int64_t)size * size;
+  int32_t texel[PAGS_TILE_PIXELS];
+  float unused[4][PAGS_TILE_PIXELS];
+  float *const weight[4] = {unused[0], unused[1], unused[2], unused[3]};
+  f->kernels->sky_cells(&f->rays, x0, y0, LAST, texel, weight);
+  const int32_t corner[4] = {texel[0], texel[LAST], texel[PAGS_TILE], texel[PAGS_TILE + LAST]};
+  const int64_t face = corner[0] / face_texels;
+  int64_t first = corner[0], last = corner[0];
+  bool one_face = true;
+  for (int k = 1; k < 4; k++) {
+    one_face &= corner[k] / face_texels == face;
+    first = corner[k] < first ? corner[k] : first;
+    last = corner[k] > last ? corner[k] : last;
+  }
+  if (one_face) {
+    first -= 2 * size, last += 3 * size;
+    return runs_between(first > 0 ? first : 0, last < 6 * face_texels ? last : 6 * face_texels - 1, c->run_bits);
+  }
+  uint64_t seen = 0;
+  f->kernels->sky_cells(&f->rays, x0, y0, 1, texel, weight);
+  for (int i = 0; i < PAGS_TILE_PIXELS; i++) /* those beyond the picture's edge do no harm */
+    seen |= runs_between(texel[i], texel[i] + cell_reach(size), c->run_bits);
+  return seen;
+}
+
 static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
   const sky_context *const c = context;
-  const int reach = cell_reach(c->frame->rays.size);
   (void)worker;
-  for (int64_t tile = begin; tile < end; tile++) {
-    tile_cells cells;
-    find_cells(c->frame, tile, &cells);
-    uint64_t seen = 0;
-    for (int i = 0; i < PAGS_TILE_PIXELS; i++) /* those beyond the picture's edge do no harm */
-      seen |= UINT64_C(1) << (cells.texel[i] >> c->run_bits) | UINT64_C(1) << ((cells.texel[i] + reach) >> c->run_bits);
-    c->runs_seen[tile] = seen;
-  }
+  for (int64_t tile = begin; tile < end; tile++)
+    c->runs_seen[tile] = tile_runs(c, tile);
 }
 
 typedef struct texel_run {
@@ -83,48 +99,62 @@ typedef struct texel_run {
   float *gradient;     /* of all texels */
 } texel_run;
 
-static void add_texel(float *texel, float weight, const float *colour) {
-  for (int k = 0; k < 3; k++)
-    texel[k] += weight * colour[k];
+static void add_texel(const texel_run *run, int32_t texel, const float *colour) {
+  if (texel < run->first || texel >= run->last)
+    return;
+  float *const to = run->gradient + 3 * (int64_t)texel;
+  to[0] += colour[0], to[1] += colour[1], to[2] += colour[2];
 }
 
-/* `colour` = T dL/drgb of a pixel. */
-static void add_cell(const texel_run *run, int32_t texel, float along, float down, const float *colour) {
-  const float right = along * down, left = down - right; /* of the lower two */
-  const float weight[4] = {1.0f - along - left, along - right, left, right};
-  if (run->size == 1) {
-    if (texel >= run->first && texel < run->last)
-      add_texel(run->gradient + 3 * (int64_t)texel, 1.0f, colour);
-    return;
+/* `corner`: what a cell's four texels get, red, green, blue and nothing. */
+static void add_cell(const texel_run *run, int32_t texel, float corner[4][4]) {
+  const int right = run->size > 1, below = right * run->size;
+  add_texel(run, texel, corner[0]);
+  add_texel(run, texel + right, corner[1]);
+  add_texel(run, texel + below, corner[2]);
+  add_texel(run, texel + below + right, corner[3]);
+}
+
+/* T dL/drgb of a tile's row, channel by channel; values that aren't finite count for nothing, as with Gaussians. */
+static void row_colours(const sky_context *c, int64_t at, float colour[3][PAGS_TILE]) {
+  const float *const t = frame_plane(c->frame, PLANE_T) + at;
+  for (int k = 0; k < 3; k++) {
+    const float *const gradient = c->gradient->rgb[k] + at;
+    for (int x = 0; x < PAGS_TILE; x++) {
+      const float product = t[x] * gradient[x];
+      colour[k][x] = fabsf(product) < 3e38f ? product : 0.0f;
+    }
   }
-  const int32_t corner[4] = {texel, texel + 1, texel + run->size, texel + run->size + 1};
-  if (corner[0] >= run->first && corner[3] < run->last) {
-    float *const top = run->gradient + 3 * (int64_t)texel, *const bottom = top + 3 * (int64_t)run->size;
-    add_texel(top, weight[0], colour);
-    add_texel(top + 3, weight[1], colour);
-    add_texel(bottom, weight[2], colour);
-    add_texel(bottom + 3, weight[3], colour);
-    return;
+}
+
+/* Neighbours in a cell are summed before they go to memory. weight[k * PAGS_TILE_PIXELS]: of corner k. */
+static void add_row(const texel_run *run, int width, const int32_t *texel, const float *weight,
+                    float colour[3][PAGS_TILE]) {
+  for (int x = 0; x < width;) {
+    const int32_t here = texel[x];
+    float corner[4][4] = {{0.0f}};
+    do {
+      const float rgb[4] = {colour[0][x], colour[1][x], colour[2][x], 0.0f};
+      for (int k = 0; k < 4; k++)
+        for (int j = 0; j < 4; j++)
+          corner[k][j] += weight[k * PAGS_TILE_PIXELS + x] * rgb[j];
+    } while (++x < width && texel[x] == here);
+    add_cell(run, here, corner);
   }
-  for (int k = 0; k < 4; k++)
-    if (corner[k] >= run->first && corner[k] < run->last)
-      add_texel(run->gradient + 3 * (int64_t)corner[k], weight[k], colour);
 }
 
 static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
   const pags_frame *const f = c->frame;
-  tile_cells cells;
-  find_cells(f, tile, &cells);
-  for (int y = 0; y < cells.height; y++) {
-    const int64_t at = (int64_t)(cells.y0 + y) * f->stride + cells.x0;
-    const float *const t = frame_plane(f, PLANE_T) + at;
-    const float *const r = c->gradient->rgb[0] + at, *const g = c->gradient->rgb[1] + at, *const b = c->gradient->rgb[2] + at;
-    for (int x = 0; x < cells.width; x++) {
-      const int i = y * PAGS_TILE + x;
-      const float colour[3] = {t[x] * r[x], t[x] * g[x], t[x] * b[x]};
-      if (fabsf(colour[0]) + fabsf(colour[1]) + fabsf(colour[2]) < 3e38f) /* as Gaussians' rows that aren't finite count for nothing */
-        add_cell(run, cells.texel[i], cells.along[i], cells.down[i], colour);
-    }
+  const int x0 = tile_x(f, tile), y0 = tile_y(f, tile), width = f->camera.width - x0, height = f->camera.height - y0;
+  int32_t texel[PAGS_TILE_PIXELS];
+  float weight[4 * PAGS_TILE_PIXELS];
+  float *const corners[4] = {weight, weight + PAGS_TILE_PIXELS, weight + 2 * PAGS_TILE_PIXELS, weight + 3 * PAGS_TILE_PIXELS};
+  f->kernels->sky_cells(&f->rays, x0, y0, 1, texel, corners);
+  for (int y = 0; y < PAGS_TILE && y < height; y++) {
+    float colour[3][PAGS_TILE];
+    row_colours(c, (int64_t)(y0 + y) * f->stride + x0, colour);
+    add_row(run, width < PAGS_TILE ? width : PAGS_TILE, texel + y * PAGS_TILE,
+            weight + y * PAGS_TILE, colour);
   }
 }
 

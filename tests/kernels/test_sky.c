@@ -128,31 +128,58 @@ static void test_blend(const pags_kernels *k) {
   CHECK(checked > 40 * 7 * 250);
 }
 
+typedef struct cells {
+  int32_t *texel;
+  float *weight[4];
+} cells;
+
+static cells find_cells(const pags_kernels *k, const sky_case *s, int step) {
+  const int count = (1 + 15 / step) * 16;
+  cells c = {.texel = CHECK_NEW(int32_t, count)};
+  for (int w = 0; w < 4; w++)
+    c.weight[w] = CHECK_NEW(float, count);
+  k->sky_cells(&s->rays, X0, Y0, step, c.texel, c.weight);
+  return c;
+}
+
+static void check_cell(const cells *c, int i, int size) {
+  const int step = size > 1;
+  float sum = 0.0f;
+  for (int w = 0; w < 4; w++) {
+    CHECK(c->weight[w][i] >= 0.0f && c->weight[w][i] <= 1.0f);
+    sum += c->weight[w][i];
+  }
+  CHECK(fabsf(sum - 1.0f) < 1e-6f);
+  CHECK(c->texel[i] >= 0 && c->texel[i] < 6 * size * size);
+  CHECK(c->texel[i] % size + step < size && c->texel[i] / size % size + step < size);
+}
+
 /* Cells lie within their face, and say what blending takes. */
 static void test_cells(const pags_kernels *k) {
   for (int round = 0; round < 40; round++)
     for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
       const sky_case s = make_case(sizes[n], round & 1);
-      const int size = sizes[n], step = size > 1;
-      int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
-      float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
+      const int size = sizes[n], right = size > 1, below = right * size, corner[4] = {0, right, below, below + right};
       tile t = make_tile();
       for (int c = 0; c < 4; c++)
         for (int i = 0; i < PLANE; i++)
           t.plane[c][i] = c == 3 ? 1.0f : 0.0f;
-      k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+      const cells all = find_cells(k, &s, 1), some = find_cells(k, &s, 15);
       blend(k, &s, &t);
       for (int i = 0; i < PIXELS; i++) {
-        CHECK(along[i] >= 0.0f && along[i] <= 1.0f && down[i] >= 0.0f && down[i] <= 1.0f);
-        CHECK(texel[i] >= 0 && texel[i] < 6 * size * size);
-        CHECK(texel[i] % size + step < size && texel[i] / size % size + step < size);
+        check_cell(&all, i, size);
         for (int c = 0; c < 3; c++) {
-          const float *const at = s.texels + 3 * texel[i] + c;
-          const double a = (double)along[i], d = (double)down[i];
-          const double top = (1 - a) * (double)at[0] + a * (double)at[3 * step];
-          const double bottom = (1 - a) * (double)at[3 * step * size] + a * (double)at[3 * step * (size + 1)];
-          CHECK(fabs((double)t.plane[c][i / 16 * STRIDE + i % 16] - (1 - d) * top - d * bottom) <= 1e-6);
+          double want = 0.0;
+          for (int w = 0; w < 4; w++)
+            want += (double)all.weight[w][i] * (double)s.texels[3 * (all.texel[i] + corner[w]) + c];
+          CHECK(fabs((double)t.plane[c][i / 16 * STRIDE + i % 16] - want) <= 1e-6);
         }
+      }
+      for (int i = 0; i < 32; i++) {
+        const int same = i / 16 * 240 + i % 16;
+        CHECK(some.texel[i] == all.texel[same]);
+        for (int w = 0; w < 4; w++)
+          CHECK(some.weight[w][i] == all.weight[w][same]);
       }
       check_release();
     }
@@ -165,16 +192,29 @@ static void test_nonsense(const pags_kernels *k) {
     sky_case s = make_case(sizes[check_below(5)], false);
     for (int v = 0; v < 9; v++)
       (v < 3 ? s.rays.forward : v < 6 ? s.rays.across : s.rays.downwards)[v % 3] = values[check_below(7)];
-    int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
-    float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
     const tile t = make_tile();
-    k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+    const cells c = find_cells(k, &s, 1);
     blend(k, &s, &t);
-    const int size = s.rays.size, step = size > 1;
-    for (int i = 0; i < PIXELS; i++) {
-      CHECK(texel[i] >= 0 && texel[i] + step * (size + 1) < 6 * size * size);
-      CHECK(along[i] >= 0.0f && along[i] <= 1.0f && down[i] >= 0.0f && down[i] <= 1.0f);
-    }
+    for (int i = 0; i < PIXELS; i++)
+      check_cell(&c, i, s.rays.size);
+    check_release();
+  }
+}
+
+/* The cell after whose last texel the map ends. */
+static void test_last_cell(const pags_kernels *k) {
+  for (size_t n = 0; n < sizeof sizes / sizeof *sizes; n++) {
+    sky_case s = make_case(sizes[n], false);
+    for (int j = 0; j < 3; j++)
+      s.rays.across[j] = s.rays.downwards[j] = 0.0f;
+    s.rays.forward[0] = s.rays.forward[1] = s.rays.forward[2] = -1.0f; /* -Z: right is -x, down is -y */
+    s.rays.forward[2] = -1.0001f;
+    tile t = make_tile();
+    for (int i = 0; i < PLANE; i++)
+      t.plane[0][i] = t.plane[1][i] = t.plane[2][i] = 0.0f, t.plane[3][i] = 1.0f;
+    blend(k, &s, &t);
+    for (int c = 0; c < 3; c++)
+      CHECK(fabsf(t.plane[c][0] - s.texels[18 * sizes[n] * sizes[n] - 3 + c]) < 1e-6f);
     check_release();
   }
 }
@@ -182,14 +222,16 @@ static void test_nonsense(const pags_kernels *k) {
 static void test_bench(const pags_kernels *k) {
   const sky_case s = make_case(256, false);
   const tile t = make_tile();
-  int32_t *const texel = CHECK_NEW(int32_t, PIXELS);
-  float *const along = CHECK_NEW(float, PIXELS), *const down = CHECK_NEW(float, PIXELS);
+  const cells c = find_cells(k, &s, 1);
   CHECK_BENCH("sky_blend", PIXELS, "pixel") blend(k, &s, &t);
-  CHECK_BENCH("sky_cells", PIXELS, "pixel") k->sky_cells(&s.rays, X0, Y0, texel, along, down);
+  CHECK_BENCH("sky_cells", PIXELS, "pixel") k->sky_cells(&s.rays, X0, Y0, 1, c.texel, c.weight);
 }
 
 int main(int argc, char **argv) {
-  static const check_case cases[] = {
-      {"sky blend", test_blend}, {"sky cells", test_cells}, {"sky nonsense", test_nonsense}, {"sky bench", test_bench}};
+  static const check_case cases[] = {{"sky blend", test_blend},
+                                     {"sky cells", test_cells},
+                                     {"sky last cell", test_last_cell},
+                                     {"sky nonsense", test_nonsense},
+                                     {"sky bench", test_bench}};
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -170,6 +170,29 @@ static void test_memory(const pags_kernels *k) {
     CHECK(l < 12 ? out[l] == twelve[l] : plain_bits(out[l]) == 0);
 }
 
+static void test_rows_of_four(const pags_kernels *k) {
+  const vec_ops *const ops = ops_of(k);
+  float *const rows = CHECK_NEW(float, 64), *const columns = CHECK_NEW(float, 48), *const out = CHECK_NEW(float, 4);
+  float *const weights = CHECK_NEW(float, 49);
+  for (int round = 0; round < 200; round++) {
+    for (int i = 0; i < 64; i++)
+      rows[i] = check_normal();
+    for (int i = 0; i < 49; i++)
+      weights[i] = check_normal();
+    ops->columns3(rows, columns);
+    for (int i = 0; i < 48; i++)
+      CHECK(columns[i] == rows[4 * (i % 16) + i / 16]);
+    ops->mix4(out, rows + 1, rows + 30, rows + 17, rows + 60, weights);
+    for (int j = 0; j < 4; j++) {
+      float want = rows[1 + j] * weights[0];
+      want = plain_fma(rows[30 + j], weights[16], want, ops->fused);
+      want = plain_fma(rows[17 + j], weights[32], want, ops->fused);
+      want = plain_fma(rows[60 + j], weights[48], want, ops->fused);
+      CHECK_SAME("mix4", out + j, &want, 1);
+    }
+  }
+}
+
 static float plain_sum(const float *x) {
   float s[VEC_LANES];
   memcpy(s, x, sizeof s);
@@ -264,6 +287,7 @@ static void test_log2(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"lanes", test_lanes}, {"masks", test_masks}, {"compress", test_compress}, {"memory", test_memory},
+      {"rows of four", test_rows_of_four},
       {"sums", test_sums},   {"exp2", test_exp2},   {"exp", test_exp},           {"log2", test_log2},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));

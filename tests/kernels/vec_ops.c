@@ -63,6 +63,16 @@ static unsigned test_u16(const uint16_t *masks, int bit) {
 static int compress(int32_t *out, unsigned chosen, const int32_t *in) {
   return i_compress(out, m_from_bits(chosen), i_load(in));
 }
+static void mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
+  v_mix4(out, a, b, c, d, w);
+}
+static void columns3(const float *in, float *out) {
+  vf x, y, z;
+  v_columns3(in, &x, &y, &z);
+  v_store(out, x);
+  v_store(out + V_LANES, y);
+  v_store(out + 2 * V_LANES, z);
+}
 static void load_u8(const uint8_t *in, float *out) {
   v_store(out, v_load_u8(in));
 }
@@ -108,6 +118,8 @@ const vec_ops vec_ops_scalar = {
     .sign_bits = sign_bits,
     .test_u16 = test_u16,
     .compress = compress,
+    .mix4 = mix4,
+    .columns3 = columns3,
     .load_u8 = load_u8,
     .load_4x4 = load_4x4,
     .store_4x4 = store_4x4,

@@ -67,6 +67,8 @@ typedef struct vec_ops {
   unsigned (*sign_bits)(const float *in);
   unsigned (*test_u16)(const uint16_t *masks, int bit);
   int (*compress)(int32_t *out, unsigned chosen, const int32_t *in);
+  void (*mix4)(float *out, const float *a, const float *b, const float *c, const float *d, const float *w);
+  void (*columns3)(const float *in, float *out); /* 64 floats to 48 */
   void (*load_u8)(const uint8_t *in, float *out);
   void (*load_4x4)(const float *in, int64_t stride, float *out);
   void (*store_4x4)(float *out, int64_t stride, const float *in);
