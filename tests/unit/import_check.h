@@ -116,9 +116,9 @@ static inline void check_import_objects(const raw_kitti *raw, const pags_dataset
   }
 }
 
-/* The mask that ought to be there, from the source's own boxes and camera; a few pixels whose centres lie on an
- * outline may differ. */
-static inline void check_import_mask(const raw_kitti *raw, const char *folder, int frame) {
+/* The mask that ought to be there, from the source's own boxes and camera; at most this share of its pixels, and a few
+ * whose centres lie on an outline, may differ. */
+static inline void check_import_mask(const raw_kitti *raw, const char *folder, int frame, double share) {
   const pags_camera *camera = &view_of(raw->dataset, raw->sensor, frame)->camera;
   char path[512];
   pags_image mask;
@@ -140,14 +140,15 @@ static inline void check_import_mask(const raw_kitti *raw, const char *folder, i
   assert_true(mask.width == camera->width && mask.height == camera->height);
   for (int64_t i = 0; i < (int64_t)camera->width * camera->height; i++)
     differ += plane[i] != ((const uint8_t *)mask.data)[i];
-  if (differ > 4 + (int64_t)camera->width * camera->height / 2000)
+  if ((double)differ > 4 + share * camera->width * camera->height)
     fail_msg("%s: %lld pixels differ from the boxes' outlines", path, (long long)differ);
   pags_image_destroy(&mask);
   free(plane);
 }
 
 /* Opens the import in `folder` and compares all of it. */
-static inline import_error check_import(const raw_kitti *raw, const char *folder, double size_slack) {
+static inline import_error check_import(const raw_kitti *raw, const char *folder, double size_slack,
+                                        double mask_share) {
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *imported;
   import_error error = {0};
@@ -158,7 +159,7 @@ static inline import_error check_import(const raw_kitti *raw, const char *folder
   check_import_sweeps(raw, imported, origin, &error);
   check_import_objects(raw, imported, origin, size_slack, &error);
   for (int t = 0; t < pags_dataset_sweep_count(raw->dataset); t++)
-    check_import_mask(raw, folder, t);
+    check_import_mask(raw, folder, t, mask_share);
   pags_dataset_close(imported);
   return error;
 }

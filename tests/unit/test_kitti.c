@@ -31,7 +31,7 @@ static pags_result import(const char *from, const char *to, const pags_import_op
 
 static import_error check(const raw_kitti *raw, const char *name, double size_slack) {
   char *folder = path_of(name);
-  const import_error error = check_import(raw, folder, size_slack);
+  const import_error error = check_import(raw, folder, size_slack, 0);
   free(folder);
   return error;
 }
