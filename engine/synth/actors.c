@@ -38,7 +38,7 @@ static void make_cast(pags_street *street, cast *out) {
   for (int i = 0; i < CAR_KINDS; i++) {
     out->cars[i] = pags_street_mesh(street);
     if (!street->failed)
-      pags_car_add(&street->meshes[out->cars[i]], &street->materials, &dice, out->car_sizes[i]);
+      pags_car_add(&street->meshes[out->cars[i]], &street->materials, &dice, i, out->car_sizes[i]);
   }
   for (int i = 0; i < PERSON_KINDS; i++)
     out->people[i] = make_person(street, &dice, PAGS_CLASS_PERSON);
@@ -104,6 +104,7 @@ static double meeting(const pags_street *street, int index, int count, double ga
 
 typedef struct part {
   int index, count; /* which of how many that do the same */
+  int look;         /* chooses a model */
 } part;
 
 static void drive_ahead(pags_street *street, const cast *models, pags_dice *dice, part p, int right) {
@@ -116,17 +117,17 @@ static void drive_ahead(pags_street *street, const cast *models, pags_dice *dice
                    .sway = 0.8,
                    .sway_rate = 0.9,
                    .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)},
-      pags_dice_pick(dice, CAR_KINDS));
+      p.look % CAR_KINDS);
 }
 
-static void drive_towards(pags_street *street, const cast *models, pags_dice *dice, part p) {
+static void drive_towards(pags_street *street, const cast *models, part p) {
   const double speed = 9.0, met = meeting(street, p.index, p.count, 0.45) + 0.3;
   add_car(street, models,
           (pags_actor){.moving = 1,
                        .start = {pags_street_ego_x(met) + speed * met, (double)PAGS_ONCOMING_LANE},
                        .heading = PI,
                        .speed = speed},
-          pags_dice_pick(dice, CAR_KINDS));
+          p.look % CAR_KINDS);
 }
 
 static void walk(pags_street *street, const cast *models, pags_dice *dice, part p, int left) {
@@ -134,7 +135,7 @@ static void walk(pags_street *street, const cast *models, pags_dice *dice, part 
   const double speed = away ? 1.3 : 1.4, met = meeting(street, p.index, p.count, 0.3), direction = away ? 1.0 : -1.0;
   const double kerb = left ? (double)PAGS_KERB_LEFT : (double)PAGS_KERB_RIGHT;
   const double y = kerb + (left ? 1.0 : -1.0) * (away ? 1.5 : 2.6);
-  add_person(street, &models->people[pags_dice_pick(dice, PERSON_KINDS)],
+  add_person(street, &models->people[p.look % PERSON_KINDS],
              (pags_actor){.moving = 1,
                           .start = {pags_street_ego_x(met) + 8.0 - direction * speed * met, y},
                           .heading = away ? 0.0 : PI,
@@ -151,7 +152,7 @@ static void cross(pags_street *street, const cast *models, pags_dice *dice, part
   const double x = (double)street->markings.first_crossing - spacing * (crossings - 1 - chosen);
   const double row = p.index / crossings; /* several on one crossing go side by side and after another */
   const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* in the middle of the recording car's lane */
-  add_person(street, &models->people[pags_dice_pick(dice, PERSON_KINDS)],
+  add_person(street, &models->people[p.look % PERSON_KINDS],
              (pags_actor){.moving = 1,
                           .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
                           .heading = 0.5 * PI,
@@ -162,7 +163,7 @@ static void cross(pags_street *street, const cast *models, pags_dice *dice, part
 
 static void ride(pags_street *street, const cast *models, pags_dice *dice, part p) {
   const double speed = 5.5, met = meeting(street, p.index, p.count, 0.7) + 0.25 * street->duration;
-  add_person(street, &models->riders[pags_dice_pick(dice, RIDER_KINDS)],
+  add_person(street, &models->riders[p.look % RIDER_KINDS],
              (pags_actor){.moving = 1,
                           .start = {pags_street_ego_x(met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
                           .speed = speed,
@@ -174,17 +175,17 @@ static void ride(pags_street *street, const cast *models, pags_dice *dice, part 
 static void set_going(pags_street *street, const cast *models) {
   enum { ROLES = 8 };
   pags_dice dice = {street->options->seed, STREAM_MOVING, 0};
-  const int objects = street->options->objects;
+  const int objects = street->options->objects, first = pags_dice_pick(&dice, CAR_KINDS);
   for (int i = 0; i < objects; i++) {
     const int role = i % ROLES, turn = i / ROLES,
               both = (objects + ROLES - 1 - 1) / ROLES + (objects + ROLES - 1 - 4) / ROLES;
-    const part p = {turn, (objects + ROLES - 1 - role) / ROLES};
+    const part p = {turn, (objects + ROLES - 1 - role) / ROLES, first + 3 * i}; /* 3: neighbours in a lane differ */
     switch (role) {
       case 0: drive_ahead(street, models, &dice, p, 1); break;
-      case 1: drive_towards(street, models, &dice, (part){2 * turn, both}); break;
+      case 1: drive_towards(street, models, (part){2 * turn, both, p.look}); break;
       case 2: walk(street, models, &dice, p, 0); break;
       case 3: ride(street, models, &dice, p); break;
-      case 4: drive_towards(street, models, &dice, (part){2 * turn + 1, both}); break;
+      case 4: drive_towards(street, models, (part){2 * turn + 1, both, p.look}); break;
       case 5: cross(street, models, &dice, p); break;
       case 6: walk(street, models, &dice, p, 1); break;
       default: drive_ahead(street, models, &dice, p, 0); break;

@@ -13,7 +13,7 @@ typedef struct house {
   float ground, storey; /* heights, metres */
   float window_width, window_height;
   float shade; /* moves the texture's coordinates, so that no two houses share a pattern */
-  uint16_t wall, trim, glass, door, roof, shop_glass, sign;
+  uint16_t wall, trim, glass, door, roof, shop_glass, sign, iron;
 } house;
 
 static const float up[3] = {0.0f, 0.0f, 1.0f};
@@ -114,6 +114,43 @@ static void door_bay(const house *h, float u0, float u1, float z1) {
   block(h, hole[0] - 0.2f, hole[1] + 0.2f, 2.5f, 2.62f, 0.7f, h->trim);
 }
 
+/* Something like letters in a row on the board over a shop. */
+static void letters(const house *h, float z0, float z1) {
+  const int count = 4 + pags_dice_pick(h->dice, 6);
+  const float middle = h->plot->width * pags_dice_between(h->dice, 0.3f, 0.7f), step = 0.8f * (z1 - z0);
+  for (int i = 0; i < count; i++) {
+    const float u = middle + step * ((float)i - 0.5f * (float)count),
+                wide = step * pags_dice_between(h->dice, 0.35f, 0.75f);
+    const int shape = pags_dice_pick(h->dice, 3);
+    if (u < 0.5f || u + wide > h->plot->width - 0.5f)
+      continue;
+    block(h, u, u + 0.25f * wide, z0, z1, 0.15f, h->trim);
+    block(h, u, u + wide, shape == 1 ? z0 : z1 - 0.2f * (z1 - z0), shape == 1 ? z0 + 0.2f * (z1 - z0) : z1, 0.15f,
+          h->trim);
+    if (shape == 2)
+      block(h, u + 0.75f * wide, u + wide, z0, z1, 0.15f, h->trim);
+  }
+}
+
+/* A slab with a railing before a window. */
+static void balcony(const house *h, float u0, float u1, float z) {
+  block(h, u0, u1, z - 0.12f, z, 0.95f, h->trim);
+  for (int i = 0; i < 2; i++) { /* the rails at the sides */
+    const float u = i ? u1 - 0.03f : u0;
+    block(h, u, u + 0.03f, z + 0.95f, z + 1.0f, 0.95f, h->iron);
+  }
+  for (float u = u0; u < u1; u += 0.13f) {
+    float foot[3], top[3];
+    at(h, u + 0.02f, -0.92f, z, foot);
+    at(h, u + 0.02f, -0.92f, z + 0.95f, top);
+    pags_mesh_tube(h->mesh, foot, top, 0.012f, 0.012f, 4, h->iron);
+  }
+  float from[3], to[3];
+  at(h, u0, -0.92f, z + 0.97f, from);
+  at(h, u1, -0.92f, z + 0.97f, to);
+  pags_mesh_tube(h->mesh, from, to, 0.03f, 0.03f, 6, h->iron);
+}
+
 /* A shop over the whole front: panes between pillars, a board above, an awning. */
 static void shop_floor(const house *h) {
   const float step = h->plot->width / (float)h->bays;
@@ -126,6 +163,7 @@ static void shop_floor(const house *h) {
     pane(h, hole[0], hole[1], hole[2], hole[3], 0.25f, 2, h->shop_glass);
   }
   block(h, 0.3f, h->plot->width - 0.3f, h->ground - 0.75f, h->ground - 0.2f, 0.12f, h->sign);
+  letters(h, h->ground - 0.64f, h->ground - 0.32f);
   if (pags_dice_pick(h->dice, 2)) {
     float corner[3], along[3], slope[3];
     at(h, 0.4f, 0.0f, h->ground - 0.85f, corner);
@@ -234,6 +272,7 @@ static void choose_materials(house *h, pags_materials *materials) {
   h->shop_glass = pags_materials_add(materials, &glass);
   const float *door = doors[pags_dice_pick(h->dice, 4)], *sign = signs[pags_dice_pick(h->dice, 6)];
   h->door = pags_materials_plain(materials, PAGS_CLASS_BUILDING, door[0], door[1], door[2]);
+  h->iron = pags_materials_plain(materials, PAGS_CLASS_BUILDING, 0.05f, 0.055f, 0.055f);
   h->sign = pags_materials_plain(materials, PAGS_CLASS_BUILDING, sign[0], sign[1], sign[2]);
 }
 
@@ -262,13 +301,20 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
     shop_floor(&h);
   else
     living_floor(&h);
+  const int balconies = pags_dice_pick(dice, 3) ? -1 : pags_dice_pick(dice, h.bays); /* the bay that has them */
   const float step = plot->width / (float)h.bays,
               top = h.ground + h.storey * (float)(h.floors - 1) + (tiled ? 0.2f : 0.9f);
   for (int f = 1; f < h.floors; f++)
     for (int i = 0; i < h.bays; i++) {
       const float z = h.ground + h.storey * (float)(f - 1);
       window_bay(&h, step * (float)i, step * (float)(i + 1), z, z + h.storey);
+      if (i == balconies)
+        balcony(&h, step * (float)i + 0.2f, step * (float)(i + 1) - 0.2f, z + 0.1f);
     }
+  float foot[3], gutter[3];
+  at(&h, 0.12f, -0.07f, 0.0f, foot);
+  at(&h, 0.12f, -0.07f, top - 0.3f, gutter);
+  pags_mesh_tube(mesh, foot, gutter, 0.05f, 0.05f, 8, h.iron);
   piece(&h, 0.0f, plot->width, h.ground + h.storey * (float)(h.floors - 1), top, 0.0f, h.wall);
   block(&h, -0.02f, plot->width + 0.02f, h.ground - 0.1f, h.ground + 0.08f, 0.1f, h.trim);
   block(&h, -0.03f, plot->width + 0.03f, top - 0.35f, top - 0.12f, 0.22f, h.trim);

@@ -87,7 +87,9 @@ static void add_wheels(pags_mesh *mesh, const car_parts *parts, float length, fl
     const float arch[3] = {x, outer - 0.018f * side, 0.34f}, behind[3] = {x, outer - 0.3f * side, 0.34f};
     pags_mesh_tube(mesh, behind, arch, 0.38f, 0.38f, 20, parts->black);
     pags_mesh_tube(mesh, inner, rim, 0.32f, 0.32f, 20, parts->black);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.004f * side, 0.32f}, 0.21f, 0.18f, 16, parts->hub);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.004f * side, 0.32f}, 0.22f, 0.20f, 16, parts->hub);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.006f * side, 0.32f}, 0.17f, 0.17f, 16, parts->black);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.010f * side, 0.32f}, 0.14f, 0.06f, 16, parts->hub);
   }
 }
 
@@ -99,22 +101,22 @@ static void add_details(pags_mesh *mesh, const car_parts *parts, float length, f
                         parts->white);
     pags_mesh_ellipsoid(mesh, (float[3]){-nose + 0.045f, s * y * 1.05f, 0.78f}, (float[3]){0.06f, 0.13f, 0.09f}, 10,
                         parts->red);
-    pags_mesh_box(mesh, (float[3]){nose * 0.36f, s * (0.5f * width + 0.06f), 0.99f}, (float[3]){0.06f, 0.09f, 0.07f},
+    pags_mesh_box(mesh, (float[3]){nose * 0.36f, s * (0.5f * width + 0.06f), 0.99f}, (float[3]){0.05f, 0.075f, 0.055f},
                   parts->paint);
     pags_mesh_box(mesh, (float[3]){-0.42f, s * (0.5f * width - 0.012f), 0.80f}, (float[3]){0.09f, 0.012f, 0.018f},
                   parts->hub);
   }
-  pags_mesh_box(mesh, (float[3]){nose - 0.035f, 0, 0.52f}, (float[3]){0.03f, 0.42f, 0.07f}, parts->black);
-  pags_mesh_box(mesh, (float[3]){nose - 0.008f, 0, 0.40f}, (float[3]){0.008f, 0.26f, 0.055f}, parts->plate);
-  pags_mesh_box(mesh, (float[3]){-nose + 0.012f, 0, 0.60f}, (float[3]){0.012f, 0.26f, 0.055f}, parts->plate);
+  pags_mesh_box(mesh, (float[3]){nose - 0.060f, 0, 0.36f}, (float[3]){0.03f, 0.46f, 0.06f}, parts->black);
+  pags_mesh_box(mesh, (float[3]){nose + 0.004f, 0, 0.50f}, (float[3]){0.008f, 0.26f, 0.055f}, parts->plate);
+  pags_mesh_box(mesh, (float[3]){-nose - 0.004f, 0, 0.60f}, (float[3]){0.008f, 0.26f, 0.055f}, parts->plate);
 }
 
-static void choose_parts(car_parts *parts, pags_materials *materials, pags_dice *dice) {
+static void choose_parts(car_parts *parts, pags_materials *materials, pags_dice *dice, int kind) {
   static const float paints[10][3] = {{0.62f, 0.62f, 0.60f}, {0.03f, 0.03f, 0.035f}, {0.28f, 0.29f, 0.31f},
-                                      {0.45f, 0.03f, 0.03f}, {0.04f, 0.10f, 0.32f},  {0.10f, 0.12f, 0.13f},
-                                      {0.50f, 0.42f, 0.28f}, {0.05f, 0.20f, 0.13f},  {0.55f, 0.30f, 0.04f},
-                                      {0.20f, 0.36f, 0.48f}};
-  const float *color = paints[pags_dice_pick(dice, 10)];
+                                      {0.45f, 0.03f, 0.03f}, {0.04f, 0.10f, 0.32f},  {0.09f, 0.10f, 0.11f},
+                                      {0.44f, 0.45f, 0.46f}, {0.05f, 0.17f, 0.12f},  {0.50f, 0.34f, 0.07f},
+                                      {0.16f, 0.29f, 0.40f}};
+  const float *color = paints[kind % 10];
   pags_material paint = {.finish = PAGS_FINISH_PAINT, .label = PAGS_CLASS_CAR, .gloss = 0.05f};
   for (int c = 0; c < 3; c++)
     paint.color[c] = color[c] * pags_dice_between(dice, 0.9f, 1.1f);
@@ -122,17 +124,17 @@ static void choose_parts(car_parts *parts, pags_materials *materials, pags_dice 
   parts->paint = pags_materials_add(materials, &paint);
   parts->glass = pags_materials_add(materials, &glass);
   parts->black = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.025f, 0.025f, 0.027f);
-  parts->hub = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.42f, 0.43f, 0.45f);
+  parts->hub = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.34f, 0.35f, 0.37f);
   parts->white = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.85f, 0.85f, 0.80f);
   parts->red = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.52f, 0.02f, 0.02f);
   parts->plate = pags_materials_plain(materials, PAGS_CLASS_CAR, 0.70f, 0.70f, 0.62f);
 }
 
-void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, float size[3]) {
+void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, int kind, float size[3]) {
   car_parts parts;
   const float length = pags_dice_between(dice, 4.1f, 4.75f), width = pags_dice_between(dice, 1.74f, 1.86f);
   const float height = pags_dice_between(dice, 1.42f, 1.56f);
-  choose_parts(&parts, materials, dice);
+  choose_parts(&parts, materials, dice, kind);
   add_body(mesh, &parts, length, width);
   add_cabin(mesh, &parts, length, width, height, pags_dice_pick(dice, 2));
   add_wheels(mesh, &parts, length, width);

@@ -5,7 +5,7 @@
 
 #include "synth/models.h"
 
-enum { MOST_MATERIALS = 65535, LEAVES = 2600 };
+enum { MOST_MATERIALS = 65535, LEAVES = 5400 };
 
 void pags_materials_destroy(pags_materials *materials) {
   free(materials->list);
@@ -53,7 +53,7 @@ static void add_leaf(pags_mesh *mesh, pags_dice *dice, const clump *part, const 
   ball_point(dice, x);
   ball_point(dice, y);
   const float push = powf(at[0] * at[0] + at[1] * at[1] + at[2] * at[2] + 1e-6f, -0.3f); /* towards the clump's skin */
-  const float size = pags_dice_between(dice, 0.13f, 0.24f);
+  const float size = pags_dice_between(dice, 0.10f, 0.19f);
   for (int k = 0; k < 3; k++) {
     at[k] = part->center[k] + part->radius * at[k] * push;
     normal[k] = at[k] - crown[k];
@@ -72,9 +72,9 @@ static void add_leaf(pags_mesh *mesh, pags_dice *dice, const clump *part, const 
 }
 
 void pags_tree_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice) {
-  enum { CLUMPS = 9 };
+  enum { CLUMPS = 13 };
   const float green = pags_dice_between(dice, 0.14f, 0.22f),
-              crown[3] = {0.0f, 0.0f, pags_dice_between(dice, 4.3f, 5.0f)};
+              crown[3] = {0.0f, 0.0f, pags_dice_between(dice, 4.5f, 5.2f)};
   const pags_material bark = {.finish = PAGS_FINISH_MOTTLED,
                               .label = PAGS_CLASS_VEGETATION,
                               .color = {0.16f, 0.11f, 0.07f},
@@ -82,8 +82,8 @@ void pags_tree_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice) 
                               .size = 0.12f};
   const pags_material leaves = {.finish = PAGS_FINISH_LEAF,
                                 .label = PAGS_CLASS_VEGETATION,
-                                .color = {0.55f * green, green, 0.22f * green},
-                                .second = {0.85f * green, 1.35f * green, 0.3f * green}};
+                                .color = {0.62f * green, green, 0.28f * green},
+                                .second = {0.92f * green, 1.3f * green, 0.38f * green}};
   const uint16_t wood = pags_materials_add(materials, &bark), leaf = pags_materials_add(materials, &leaves);
   const float root[3] = {0.0f, 0.0f, 0.0f}, fork[3] = {0.06f, -0.04f, 2.7f};
   pags_mesh_tube(mesh, root, fork, 0.17f, 0.11f, 9, wood);
@@ -91,9 +91,9 @@ void pags_tree_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice) 
     clump part;
     float offset[3];
     ball_point(dice, offset);
-    part.radius = pags_dice_between(dice, 0.75f, 1.15f);
+    part.radius = pags_dice_between(dice, 0.65f, 1.1f);
     for (int k = 0; k < 3; k++)
-      part.center[k] = crown[k] + offset[k] * (k == 2 ? 1.35f : 1.25f);
+      part.center[k] = crown[k] + offset[k] * (k == 2 ? 1.5f : 1.6f);
     pags_mesh_tube(mesh, fork, part.center, 0.06f, 0.02f, 5, wood);
     for (int j = 0; j < LEAVES / CLUMPS; j++)
       add_leaf(mesh, dice, &part, crown, i * LEAVES + j, leaf);

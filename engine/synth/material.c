@@ -28,8 +28,7 @@ static float noise2(float x, float y, float size, float width, uint64_t seed) {
   const float keep = clamp01(2.0f - 2.0f * width / size);
   if (keep <= 0.0f)
     return 0.0f;
-  const float p[3] = {x / size, y / size, 0.5f};
-  return keep * (2.0f * pags_noise(p, seed) - 1.0f);
+  return keep * (2.0f * pags_noise2(x / size, y / size, (uint32_t)seed * 0x9e3779b1u) - 1.0f);
 }
 
 /* Random number in [0, 1) of a cell. */
@@ -59,48 +58,56 @@ static float pulse_train(float x, float duty, float width) {
   return (train_integral(x + 0.5f * w, duty) - train_integral(x - 0.5f * w, duty)) / w;
 }
 
-/* Share of the paint of lane lines and zebra crossings at (x, y). */
-static float marking_share(const pags_markings *markings, float x, float y, float width) {
-  const float phase = (x - markings->first_crossing) / markings->spacing;
-  const float from_zebra = (phase - floorf(phase + 0.5f)) * markings->spacing;
-  const float zebra = pulse(from_zebra, -0.5f * PAGS_ZEBRA, 0.5f * PAGS_ZEBRA, width);
-  const float inside = pulse(y, PAGS_PARKING_RIGHT + 0.2f, PAGS_PARKING_LEFT - 0.2f, width);
-  float share = zebra * inside * pulse_train(y / 1.1f + 0.2f, 0.5f, width / 1.1f);
-  const float clear = 1.0f - pulse(from_zebra, -0.5f * PAGS_ZEBRA - 2.0f, 0.5f * PAGS_ZEBRA + 2.0f, width);
-  const float dashes = pulse_train(x / 9.0f, 0.4f, width / 9.0f);
-  share += clear * (pulse(y, 0.08f, 0.2f, width) + pulse(y, -0.2f, -0.08f, width)); /* double line in the middle */
-  share += clear * dashes * pulse(y, PAGS_LANE_EDGE - 0.07f, PAGS_LANE_EDGE + 0.07f, width);
-  share += clear * (pulse(y, PAGS_PARKING_LEFT - 0.1f, PAGS_PARKING_LEFT, width) +
-                    pulse(y, PAGS_PARKING_RIGHT, PAGS_PARKING_RIGHT + 0.1f, width));
-  const float stop = pulse(from_zebra, -0.5f * PAGS_ZEBRA - 1.5f, -0.5f * PAGS_ZEBRA - 1.1f, width);
-  share += stop * pulse(y, PAGS_PARKING_RIGHT + 0.2f, -0.25f, width);
-  const float bays = pulse_train(x / PAGS_PARKING_BAY, 0.1f / PAGS_PARKING_BAY, width / PAGS_PARKING_BAY);
-  share += clear * bays *
-           (pulse(y, PAGS_PARKING_LEFT, PAGS_KERB_LEFT, width) + pulse(y, PAGS_KERB_RIGHT, PAGS_PARKING_RIGHT, width));
+/* Across the road within [lo, hi]. */
+static float line(const pags_touch *touch, const pags_footprint *print, float lo, float hi) {
+  return pulse(touch->point[1], lo, hi, print->y);
+}
+
+/* Share of the paint of lane lines, parking bays and zebra crossings. */
+static float marking_share(const pags_markings *markings, const pags_touch *touch, const pags_footprint *print) {
+  const float x = touch->point[0], phase = (x - markings->first_crossing) / markings->spacing;
+  const float from_zebra = (phase - floorf(phase + 0.5f)) * markings->spacing, half = 0.5f * PAGS_ZEBRA;
+  const float clear = 1.0f - pulse(from_zebra, -half - 2.0f, half + 2.0f, print->x);
+  const float dashes = pulse_train(x / 9.0f, 0.4f, print->x / 9.0f);
+  const float bays = pulse_train(x / PAGS_PARKING_BAY, 0.1f / PAGS_PARKING_BAY, print->x / PAGS_PARKING_BAY);
+  float share = pulse(from_zebra, -half, half, print->x) *
+                line(touch, print, PAGS_PARKING_RIGHT + 0.2f, PAGS_PARKING_LEFT - 0.2f) *
+                pulse_train(touch->point[1] / 1.1f + 0.2f, 0.5f, print->y / 1.1f);
+  share +=
+      clear * (line(touch, print, 0.08f, 0.2f) + line(touch, print, -0.2f, -0.08f)); /* double line in the middle */
+  share += clear * dashes * line(touch, print, PAGS_LANE_EDGE - 0.07f, PAGS_LANE_EDGE + 0.07f);
+  share += clear * (line(touch, print, PAGS_PARKING_LEFT - 0.1f, PAGS_PARKING_LEFT) +
+                    line(touch, print, PAGS_PARKING_RIGHT, PAGS_PARKING_RIGHT + 0.1f));
+  share +=
+      pulse(from_zebra, -half - 1.5f, -half - 1.1f, print->x) * line(touch, print, PAGS_PARKING_RIGHT + 0.2f, -0.25f);
+  share +=
+      clear * bays *
+      (line(touch, print, PAGS_PARKING_LEFT, PAGS_KERB_LEFT) + line(touch, print, PAGS_KERB_RIGHT, PAGS_PARKING_RIGHT));
   return clamp01(share);
 }
 
-static void asphalt(const pags_material *m, const pags_markings *markings, const pags_touch *touch, float width,
-                    uint64_t seed, float color[3]) {
-  static const float paint[3] = {0.72f, 0.71f, 0.67f};
+static void asphalt(const pags_material *m, const pags_markings *markings, const pags_touch *touch,
+                    const pags_footprint *print, uint64_t seed, float color[3]) {
+  static const float paint[3] = {0.70f, 0.69f, 0.65f};
   const float x = touch->point[0], y = touch->point[1];
-  const float coarse = noise2(x, y * 3.0f, 5.0f, width, seed), fine = noise2(x, y, 0.07f, width, seed + 1);
-  const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.8f : 1.0f; /* mended here and there */
+  const float coarse = noise2(x, y * 3.0f, 5.0f, print->x, seed), fine = noise2(x, y, 0.07f, print->x, seed + 1);
+  const float patch = cell_value(x / 7.0f, y / 3.3f, seed + 2) < 0.12f ? 0.82f : 1.0f; /* mended here and there */
   const float tracks = 0.06f * cosf(3.8080f * (y + 1.65f)); /* worn by wheels, a period a half lane */
   const float light = patch * (1.0f + 0.16f * coarse + 0.14f * fine + tracks);
   for (int c = 0; c < 3; c++)
     color[c] = m->color[c] * light;
-  const float worn = clamp01(0.9f + 0.35f * noise2(x, y, 0.35f, width, seed + 3));
-  mix_color(color, paint, worn * marking_share(markings, x, y, width), color);
+  const float worn = clamp01(0.9f + 0.35f * noise2(x, y, 0.35f, print->x, seed + 3));
+  mix_color(color, paint, worn * marking_share(markings, touch, print), color);
 }
 
-static void paving(const pags_material *m, const pags_touch *touch, float width, uint64_t seed, float color[3]) {
-  const float row = touch->point[1] / m->size, shift = 0.5f * fmodf(floorf(row), 2.0f);
-  const float column = touch->point[0] / (1.5f * m->size) + shift, w = width / m->size;
-  const float keep = clamp01(1.5f - w);
-  const float joint = fmaxf(pulse_train(row, 0.035f, w), pulse_train(column, 0.025f, w));
+static void paving(const pags_material *m, const pags_touch *touch, const pags_footprint *print, uint64_t seed,
+                   float color[3]) {
+  const float row = touch->point[1] / m->size, shift = 0.5f * fmodf(floorf(row), 2.0f), length = 1.5f * m->size;
+  const float column = touch->point[0] / length + shift, keep = clamp01(1.5f - print->x / m->size);
+  const float joint =
+      fmaxf(pulse_train(row, 0.035f, print->y / m->size), pulse_train(column, 0.025f, print->x / length));
   const float tone = keep * (cell_value(column, row, seed + 4) - 0.5f);
-  const float dirt = noise2(touch->point[0], touch->point[1], 1.7f, width, seed + 5);
+  const float dirt = noise2(touch->point[0], touch->point[1], 1.7f, print->x, seed + 5);
   for (int c = 0; c < 3; c++)
     color[c] = mix(m->color[c] * (1.0f + 0.22f * tone + 0.14f * dirt), m->second[c], joint);
 }
@@ -176,10 +183,11 @@ static void leaf(const pags_material *m, const pags_touch *touch, uint64_t seed,
 }
 
 void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
-                         float width, uint64_t seed, float color[3]) {
+                         const pags_footprint *footprint, uint64_t seed, float color[3]) {
+  const float width = footprint->mean;
   switch (material->finish) {
-    case PAGS_FINISH_ASPHALT: asphalt(material, markings, touch, width, seed, color); break;
-    case PAGS_FINISH_PAVING: paving(material, touch, width, seed, color); break;
+    case PAGS_FINISH_ASPHALT: asphalt(material, markings, touch, footprint, seed, color); break;
+    case PAGS_FINISH_PAVING: paving(material, touch, footprint, seed, color); break;
     case PAGS_FINISH_BRICK: brick(material, touch, width, seed, color); break;
     case PAGS_FINISH_PLASTER: plaster(material, touch, width, seed, color); break;
     case PAGS_FINISH_TILES: tiles(material, touch, width, seed, color); break;

@@ -51,8 +51,14 @@ typedef struct pags_markings {
   float first_crossing, spacing; /* x of a zebra crossing's middle, metres between one and the next */
 } pags_markings;
 
-/* Reflectance; `width` is about how much of the surface, metres, one sample stands for: finer patterns fade to their mean. */
+/* How much of a surface one sample stands for, metres: patterns finer than that fade to their mean. */
+typedef struct pags_footprint {
+  float mean; /* the geometric mean of its two sides */
+  float x, y; /* its extent along the world's x and y */
+} pags_footprint;
+
+/* Reflectance. */
 void pags_material_color(const pags_material *material, const pags_markings *markings, const pags_touch *touch,
-                         float width, uint64_t seed, float color[3]);
+                         const pags_footprint *footprint, uint64_t seed, float color[3]);
 
 #endif

@@ -32,8 +32,8 @@ void pags_lamp_add(pags_mesh *mesh, pags_materials *materials);
 void pags_sign_add(pags_mesh *mesh, pags_materials *materials, int kind);
 void pags_bin_add(pags_mesh *mesh, pags_materials *materials);
 
-/* Ground at z = 0, middle at x = y = 0, front at +x. `size` receives length, width, height of a box around it. */
-void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, float size[3]);
+/* Ground at z = 0, middle at x = y = 0, front at +x. Of 10 paints by `kind`. `size` receives length, width, height of a box around it. */
+void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, int kind, float size[3]);
 void pags_bicycle_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice);
 
 /* A person in parts, each in its own mesh: trunk and head about the feet's middle; an arm and a leg hanging from the origin. */

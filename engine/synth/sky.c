@@ -22,8 +22,8 @@ static float clouds(const float d[3], uint64_t seed) {
   const float height = d[2] + 0.12f;
   float sum = 0.0f, weight = 0.5f, size = 0.9f;
   for (int i = 0; i < 4; i++, weight *= 0.5f, size *= 0.48f) {
-    const float p[3] = {d[0] / height / size, d[1] / height / size, 3.7f * (float)i};
-    sum += weight * pags_noise(p, seed + 101 + (uint64_t)i);
+    sum += weight *
+           pags_noise2(d[0] / height / size, d[1] / height / size, (uint32_t)seed * 0x9e3779b1u + 101u + (uint32_t)i);
   }
   return smooth(0.44f, 0.68f, sum) * smooth(0.02f, 0.2f, d[2]);
 }

@@ -163,8 +163,10 @@ static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, in
   const uint32_t face = ray->hit.primID[i];
   const float flat[3] = {ray->hit.Ng_x[i], ray->hit.Ng_y[i], ray->hit.Ng_z[i]};
   float weight[4], smooth[3] = {0};
-  *out = (pags_touch){
-      .distance = ray->ray.tfar[i], .placement = (int)ray->hit.instID[0][i], .material = mesh->materials[face]};
+  *out = (pags_touch){.distance = ray->ray.tfar[i],
+                      .placement = (int)ray->hit.instID[0][i],
+                      .face = face,
+                      .material = mesh->materials[face]};
   weigh_corners(ray->hit.u[i], ray->hit.v[i], weight);
   for (int c = 0; c < 4; c++) {
     const pags_vertex *vertex = &mesh->vertices[mesh->faces[4 * face + (uint32_t)c]];
@@ -190,7 +192,10 @@ unsigned pags_stage_trace(const pags_stage *stage, const pags_rays *rays, pags_t
   for (int i = 0; i < PAGS_PACKET; i++)
     ray.hit.geomID[i] = ray.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
 #if PAGS_EMBREE >= 4
-  rtcIntersect8(valid, stage->scene, &ray, NULL);
+  struct RTCIntersectArguments arguments;
+  rtcInitIntersectArguments(&arguments);
+  arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  rtcIntersect8(valid, stage->scene, &ray, &arguments);
 #else
   struct RTCIntersectContext context;
   rtcInitIntersectContext(&context);
@@ -207,16 +212,22 @@ unsigned pags_stage_trace(const pags_stage *stage, const pags_rays *rays, pags_t
   return met;
 }
 
-unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, float reach) {
+unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, bool parallel) {
   struct RTCRay8 ray;
   int valid[PAGS_PACKET] __attribute__((aligned(32)));
   unsigned blocked = 0;
-  load_rays(rays, 1e-4f, reach, &ray, valid);
+  load_rays(rays, 1e-4f, INFINITY, &ray, valid);
 #if PAGS_EMBREE >= 4
-  rtcOccluded8(valid, stage->scene, &ray, NULL);
+  struct RTCOccludedArguments arguments;
+  rtcInitOccludedArguments(&arguments);
+  if (parallel)
+    arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+  rtcOccluded8(valid, stage->scene, &ray, &arguments);
 #else
   struct RTCIntersectContext context;
   rtcInitIntersectContext(&context);
+  if (parallel)
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
   rtcOccluded8(valid, stage->scene, &context, &ray);
 #endif
   for (int i = 0; i < PAGS_PACKET; i++)

@@ -23,6 +23,7 @@ typedef struct pags_rays {
 typedef struct pags_touch {
   float distance; /* in lengths of the direction */
   int placement;
+  uint32_t face;
   uint16_t material;
   float point[3];  /* world */
   float flat[3];   /* the face's unit normal, towards the ray's origin; world */
@@ -42,7 +43,7 @@ pags_result pags_stage_commit(pags_stage *stage, int first, int count);
 
 /* The nearest surfaces; returns a bit for each ray that met one. By several threads at once, as is blocked. */
 unsigned pags_stage_trace(const pags_stage *stage, const pags_rays *rays, pags_touch touches[PAGS_PACKET]);
-/* Bits of the rays that meet anything up to `reach` (in lengths of the direction). */
-unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, float reach);
+/* Bits of the rays that meet anything beyond 0.1 mm; `parallel` rays are traced faster as one bundle. */
+unsigned pags_stage_blocked(const pags_stage *stage, const pags_rays *rays, bool parallel);
 
 #endif

@@ -15,6 +15,8 @@ typedef struct pags_texture {
 
 /* Smooth noise in [0, 1]: random values at whole numbers, blended by smooth steps. */
 float pags_noise(const float p[3], uint64_t seed);
+/* The same in a plane, of other random values. */
+float pags_noise2(float x, float y, uint32_t seed);
 
 /* The colour at `p`, metres. */
 void pags_texture_at(const pags_texture *texture, const float p[3], uint64_t seed, float color[3]);

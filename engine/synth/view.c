@@ -50,22 +50,49 @@ static void light_rays(const draw_job *job, const pags_touch *touches, unsigned 
   }
 }
 
+/* What a surface adds to a picture by itself: its reflectance, and what it mirrors, weighted. */
+typedef struct surface {
+  float reflectance[3], mirrored[3];
+} surface;
+
 static void mirror(const pags_material *material, const pags_touch *touch, const float unit[3], uint64_t seed,
-                   float color[3]) {
+                   surface *out) {
   const float facing = -dot(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
   const float share = material->gloss + 0.5f * (1.0f - material->gloss) * away * away * away * away * away;
-  float direction[3], seen[3];
+  float direction[3];
   for (int k = 0; k < 3; k++)
     direction[k] = unit[k] + 2.0f * facing * touch->normal[k];
-  pags_sky_mirrored(direction, seed, seen);
-  for (int c = 0; c < 3; c++)
-    color[c] = color[c] * (1.0f - share) + share * seen[c];
+  pags_sky_mirrored(direction, seed, out->mirrored);
+  for (int c = 0; c < 3; c++) {
+    out->reflectance[c] *= 1.0f - share;
+    out->mirrored[c] *= share;
+  }
+}
+
+/* Of a sample that is `side` wide at a distance of 1 and seen along `unit`: long on surfaces seen at a slant. */
+static pags_footprint footprint_of(const pags_touch *touch, const float unit[3], float side) {
+  const float slant = fmaxf(fabsf(dot(unit, touch->flat)), 0.03f), across = touch->distance * side,
+              along = across / slant;
+  const float level = sqrtf(unit[0] * unit[0] + unit[1] * unit[1]) + 1e-6f;
+  const float x = fabsf(unit[0]) / level, y = fabsf(unit[1]) / level;
+  return (pags_footprint){.mean = across / sqrtf(slant), .x = along * x + across * y, .y = along * y + across * x};
+}
+
+static void look_at(const draw_job *job, const pags_touch *touch, const float direction[3], float side, surface *out) {
+  const pags_material *material = &job->street->materials.list[touch->material];
+  const float length = sqrtf(dot(direction, direction));
+  const float unit[3] = {direction[0] / length, direction[1] / length, direction[2] / length};
+  const pags_footprint footprint = footprint_of(touch, unit, side);
+  *out = (surface){{0}, {0}};
+  pags_material_color(material, &job->street->markings, touch, &footprint, job->seed, out->reflectance);
+  if (material->gloss > 0.0f)
+    mirror(material, touch, unit, job->seed, out);
 }
 
 /* Light on a surface: `sunny` and `open` say whether the sun and the sky in direction `way` are seen. */
 static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
-  static const float above[3] = {0.40f, 0.47f, 0.60f}, bounced[3] = {0.11f, 0.10f, 0.09f},
-                     below[3] = {0.14f, 0.13f, 0.12f};
+  static const float above[3] = {0.45f, 0.52f, 0.65f}, bounced[3] = {0.17f, 0.155f, 0.135f},
+                     below[3] = {0.16f, 0.15f, 0.14f};
   float sun = dot(touch->normal, pags_sun), sky = dot(touch->normal, way);
   sun = !sunny ? 0.0f : leaf ? 0.25f + 0.75f * fabsf(sun) : sun > 0.0f ? sun : 0.0f;
   sky = (leaf ? 0.3f + 0.5f * fabsf(sky) : sky > 0.0f ? sky : 0.0f) * sky_norm;
@@ -82,51 +109,67 @@ static lighting find_light(const draw_job *job, const pags_touch *touches, unsig
   pags_rays rays;
   lighting out;
   light_rays(job, touches, met, &pags_sun, 0, &rays);
-  out.sunny = rays.active & ~pags_stage_blocked(job->stage, &rays, INFINITY);
+  out.sunny = rays.active & ~pags_stage_blocked(job->stage, &rays, true);
   light_rays(job, touches, met, sky_ways, 1, &rays);
-  out.open = rays.active & ~pags_stage_blocked(job->stage, &rays, INFINITY);
+  out.open = rays.active & ~pags_stage_blocked(job->stage, &rays, false);
   return out;
 }
 
-static void shade(const draw_job *job, const pags_touch *touch, const float direction[3], float pixel, int sunny,
-                  int open, const float way[3], float color[3]) {
+static void add_haze(float distance, float color[3]) {
   static const float haze[3] = {0.62f, 0.68f, 0.75f};
-  const pags_material *material = &job->street->materials.list[touch->material];
-  const float length = sqrtf(dot(direction, direction)), distance = touch->distance * length;
-  const float unit[3] = {direction[0] / length, direction[1] / length, direction[2] / length};
-  /* A pixel's width there, wider on surfaces seen at a slant: the geometric mean of the footprint's two sides. */
-  const float slant = fmaxf(fabsf(dot(unit, touch->flat)), 0.05f), width = touch->distance * pixel / sqrtf(slant);
-  float light[3];
-  pags_material_color(material, &job->street->markings, touch, width, job->seed, color);
-  light_on(touch, material->finish == PAGS_FINISH_LEAF, sunny, open, way, light);
-  for (int c = 0; c < 3; c++)
-    color[c] *= light[c];
-  if (material->gloss > 0.0f)
-    mirror(material, touch, unit, job->seed, color);
   const float clear = expf(-distance / 900.0f);
   for (int c = 0; c < 3; c++)
     color[c] = color[c] * clear + haze[c] * (1.0f - clear);
+}
+
+/* Colours of the samples that met something. Every other sample borrows its neighbour's surface if both are on one face, and
+ * each look is filtered over half a pixel's width. */
+static void add_surfaces(const draw_job *job, const pags_camera *camera, const pags_rays *rays,
+                         const pags_touch *touches, unsigned met, float sum[3]) {
+  const lighting light = find_light(job, touches, met);
+  surface seen = {{0}, {0}};
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    const pags_touch *touch = &touches[i];
+    float color[3];
+    if (!(met >> i & 1u))
+      continue;
+    const bool borrowed =
+        i & 1 && met >> (i - 1) & 1u && touch->face == touch[-1].face && touch->placement == touch[-1].placement;
+    if (!borrowed)
+      look_at(job, touch, rays->direction[i], (float)(0.5 / camera->fx), &seen);
+    const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
+    light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], color);
+    for (int c = 0; c < 3; c++)
+      color[c] = color[c] * seen.reflectance[c] + seen.mirrored[c];
+    add_haze(touch->distance * sqrtf(dot(rays->direction[i], rays->direction[i])), color);
+    for (int c = 0; c < 3; c++)
+      sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
+  }
+}
+
+/* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
+static void add_sky(const draw_job *job, const pags_rays *rays, unsigned sky, float sum[3]) {
+  float mean[3] = {0}, color[3], count = 0.0f;
+  for (int i = 0; i < PAGS_PACKET; i++)
+    if (sky >> i & 1u) {
+      count += 1.0f;
+      for (int k = 0; k < 3; k++)
+        mean[k] += rays->direction[i][k];
+    }
+  const float length = sqrtf(dot(mean, mean));
+  pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
+  for (int c = 0; c < 3; c++)
+    sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
 }
 
 /* Adds eight samples' colours. */
 static void add_samples(const draw_job *job, const pags_camera *camera, const pags_rays *rays, float sum[3]) {
   pags_touch touches[PAGS_PACKET];
   const unsigned met = pags_stage_trace(job->stage, rays, touches);
-  const lighting light = find_light(job, touches, met);
-  for (int i = 0; i < PAGS_PACKET; i++) {
-    float color[3];
-    if (!(rays->active >> i & 1u))
-      continue;
-    if (met >> i & 1u) {
-      shade(job, &touches[i], rays->direction[i], (float)(1.0 / camera->fx), light.sunny >> i & 1u,
-            light.open >> i & 1u, sky_ways[i], color);
-    } else {
-      const float *d = rays->direction[i], length = sqrtf(dot(d, d));
-      pags_sky_color((float[3]){d[0] / length, d[1] / length, d[2] / length}, job->seed, color);
-    }
-    for (int c = 0; c < 3; c++)
-      sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
-  }
+  if (met)
+    add_surfaces(job, camera, rays, touches, met, sum);
+  if (met != rays->active)
+    add_sky(job, rays, rays->active & ~met, sum);
 }
 
 /* A number in [0, 1) of a pixel, to shift its samples by: what is too fine becomes noise instead of stripes. */

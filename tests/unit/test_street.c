@@ -1,6 +1,7 @@
 /* The street: every file of a driving set is there, the same for any number of threads; LiDAR, boxes, masks and depth agree
  * with each other; noise goes only where it is asked for. */
 #include <pags/camera.h>
+#include <pags/dataset.h>
 #include <pags/image.h>
 #include <pags/synth.h>
 #include <pags/tasks.h>
@@ -394,6 +395,42 @@ static void test_noise(void **state) {
   pags_json_destroy(plain);
 }
 
+/* As the trainer gets it. */
+static void test_reads_back(void **state) {
+  (void)state;
+  const int provided = PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR | PAGS_PROVIDES_SKY_MASKS | PAGS_PROVIDES_SEMANTIC |
+                       PAGS_PROVIDES_DYNAMIC_MASKS;
+  const pags_dataset_options options = pags_dataset_options_default();
+  pags_dataset *dataset = NULL;
+  int moving = 0, held_out = 0;
+  if (pags_dataset_open(scratch("street"), &options, &dataset) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  assert_int_equal(pags_dataset_provides(dataset), provided);
+  assert_int_equal(pags_dataset_view_count(dataset), FRAMES * CAMERAS);
+  assert_int_equal(pags_dataset_sweep_count(dataset), FRAMES);
+  assert_true(pags_dataset_up(dataset) == PAGS_UP_Z && pags_dataset_fps(dataset) == 10.0);
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    const pags_camera camera = read_camera("street", view->frame, view->sensor);
+    for (int k = 0; k < 12; k++)
+      assert_true(fabs(view->camera.world_from_camera[k] - camera.world_from_camera[k]) < 1e-9);
+    assert_true(fabs(view->camera.cx - camera.cx) < 1e-9 && fabs(view->camera.time - view->frame / 10.0) < 1e-9);
+    held_out += view->test;
+  }
+  assert_int_equal(held_out, CAMERAS); /* frame 4 */
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *object = pags_dataset_object(dataset, i);
+    moving += object->moving;
+    assert_true(object->category != PAGS_CATEGORY_OTHER);
+    if (object->category == PAGS_CATEGORY_VEHICLE)
+      assert_true(object->size[0] > 4.0 && object->size[1] < 2.3); /* x is forward */
+    if (object->moving)
+      assert_true(strncmp(object->id, "moving", 6) == 0);
+  }
+  assert_true(moving >= 4 && moving <= 8); /* half a second is too short for some to move far */
+  pags_dataset_close(dataset);
+}
+
 static int stop_at_once(void *user, double fraction, const char *what) {
   (void)fraction;
   (void)what;
@@ -425,8 +462,9 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_lidar), cmocka_unit_test(test_masks_and_boxes),
-                                     cmocka_unit_test(test_noise), cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files),   cmocka_unit_test(test_threads),
+                                     cmocka_unit_test(test_lidar),   cmocka_unit_test(test_masks_and_boxes),
+                                     cmocka_unit_test(test_noise),   cmocka_unit_test(test_reads_back),
+                                     cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_sets, remove_sets);
 }
