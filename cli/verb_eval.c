@@ -45,6 +45,9 @@ static const pags_option options[] = {
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "leave out views whose photograph is missing"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL,
               "take cameras from this COLMAP model; for scenes trained with it too"),
+
+    PAGS_GROUP("Driving sets, as for train"),
+    PAGS_DRIVING_OPTIONS(AT(options)),
     PAGS_SESSION_OPTIONS(eval_arguments),
     {0}};
 

@@ -40,6 +40,7 @@ static const pags_option options[] = {
                "of data sets: as for train"),
     PAGS_TEXT("colmap", 0, AT(options.colmap), "FOLDER", NULL, "of data sets: as for train"),
     PAGS_FLAG("allow-missing", 0, AT(options.allow_missing), "of data sets: as for train"),
+    PAGS_DRIVING_OPTIONS(AT(options)),
     PAGS_SESSION_OPTIONS(info_arguments),
     {0}};
 
@@ -47,7 +48,7 @@ static const pags_positional positionals[] = {
     {"ANY", "a data set, scene folder, splat file, camera or path file, checkpoint or image"}, {NULL, NULL}};
 
 static const pags_verb verb = {.name = "info",
-                               .usage = "ANY [--memory] [--overlay FOLDER] [--json FILE|-]",
+                               .usage = "ANY [--memory] [--objects] [--overlay FOLDER] [--json FILE|-]",
                                .about = "Says what a file or folder is, by its content, and what it holds.",
                                .positionals = positionals,
                                .options = options};

@@ -1,0 +1,95 @@
+"""pags eval of a driving scene and pags info --overlay of its data set, on a small street made here."""
+
+import json
+import os
+import shutil
+import tempfile
+
+import fixtures
+
+REGIONS = ["critical", "noncritical", "moving", "vehicles", "pedestrians", "cyclists"]
+
+
+class Eval(fixtures.Case):
+    @classmethod
+    def setUpClass(cls):
+        holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
+        cls.addClassCleanup(holder.cleanup)
+        cls.street = os.path.join(holder.name, "street")
+        cls.scene = os.path.join(holder.name, "scene")
+        made = fixtures.run(
+            *["synth", "street", "-o", cls.street, "--size", "128x72", "--frames", "9", "--cameras", "1"],
+            *["--samples", "2", "--objects", "3", "--lidar-points", "3000", "--pose-noise", "0.1", "--yaw-noise", "2"],
+        )
+        assert made.returncode == 0, made.stderr
+        trained = fixtures.run("train", cls.street, "-o", cls.scene, "--iterations", "30", "-q")
+        assert trained.returncode == 0, trained.stderr
+
+    def test_figures_of_a_driving_scene(self):
+        figures = json.loads(self.succeeds("eval", self.scene, "--shift", "--json", "-").stdout)
+        self.assertEqual((figures["train"]["views"], figures["test"]["views"]), (7, 2))
+        for split in ["train", "test"]:
+            of = figures[split]
+            for name in ["psnr", "psnr_critical", "psnr_noncritical", "psnr_moving", "psnr_vehicles"]:
+                self.assertGreater(of[name], 5, name)
+                self.assertGreater(of[name.replace("psnr", "ssim")], 0, name)
+            for name in REGIONS:
+                self.assertIn(f"psnr_{name}", of)
+                self.assertIn(f"ssim_{name}", of["per_view"][0])
+            self.assertGreater(of["depth"]["samples"], 100)
+            self.assertLess(of["depth"]["median"], of["depth"]["mean"])
+            self.assertLess(of["depth"]["mean_95"], of["depth"]["mean"])
+            self.assertGreater(of["depth"]["within_5_percent"], 0.2)
+        names = [shift["name"] for shift in figures["shift"]]
+        self.assertEqual(names, ["right1", "right2", "right3", "up1"])
+        for shift in figures["shift"]:
+            self.assertGreater(shift["views"], 0)
+            self.assertGreater(shift["psnr"], 5)
+
+    def test_errors_of_noisy_poses(self):
+        poses = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["poses"]
+        self.assertGreater(poses["objects"], 0)
+        # Sigma 0.1 m on x and y is 0.125 m on the mean; 2 degrees are 1.6.
+        self.assertGreater(poses["absolute"]["label_metres"], 0.06)
+        self.assertLess(poses["absolute"]["label_metres"], 0.25)
+        self.assertGreater(poses["absolute"]["label_degrees"], 0.7)
+        self.assertLess(poses["absolute"]["label_degrees"], 3.5)
+        for kind in ["absolute", "relative"]:
+            of = poses[kind]
+            self.assertAlmostEqual(of["recovered_metres"], 1 - of["metres"] / of["label_metres"], places=9)
+
+    def test_shift_needs_truth(self):
+        street = self.path("plain")
+        shutil.copytree(self.street, street, ignore=shutil.ignore_patterns("truth"))
+        self.fails(["eval", self.scene, "--dataset", street, "--shift"], street, "truth/shift")
+        figures = json.loads(self.succeeds("eval", self.scene, "--dataset", street, "--json", "-").stdout)
+        self.assertIsNone(figures["poses"])
+        self.assertIsNone(figures["shift"])
+
+    def test_overlay_agrees(self):
+        folder = self.path("overlay")
+        facts = json.loads(self.succeeds("info", self.street, "--overlay", folder, "--json", "-").stdout)
+        overlay = facts["overlay"]
+        self.assertEqual(overlay["pictures"], 9)
+        self.assertEqual(len(os.listdir(folder)), 9)
+        self.assertGreater(overlay["front_cosine"], 0.98)
+        self.assertGreater(overlay["lidar_in_boxes"], 0.8)
+        self.assertLess(overlay["lidar_under_sky"], 0.02)
+        self.assertEqual(overlay["warnings"], [])
+        self.assertGreaterEqual(facts["objects_moving"]["all"], 2)
+
+    def test_overlay_warns_of_a_wrong_front(self):
+        street = self.path("turned")
+        shutil.copytree(self.street, street, ignore=shutil.ignore_patterns("truth"))
+        path = os.path.join(street, "dataset.json")
+        text = fixtures.read(path).decode()
+        self.assertIn('"+x"', text)
+        with open(path, "w") as file:
+            file.write(text.replace('"+x"', '"+y"'))
+        facts = json.loads(self.succeeds("info", street, "--overlay", self.path("turned_out"), "--json", "-").stdout)
+        self.assertLess(facts["overlay"]["front_cosine"], 0.5)
+        self.assertTrue(any("object_forward" in warning for warning in facts["overlay"]["warnings"]))
+
+
+if __name__ == "__main__":
+    fixtures.main()
