@@ -96,6 +96,12 @@ static pags_result read_draft(const char *path, const pags_dataset_options *opti
     return read_named_model(path, options->colmap, draft);
   if (pags_dir_exists(path))
     return read_folder(path, options, draft);
+  if (strcmp(pags_path_name(path), "dataset.json") == 0) {
+    char *folder = pags_path_folder(path);
+    pags_result result = folder ? pags_driving_read(folder, options, draft) : pags_draft_memory(path);
+    free(folder);
+    return result;
+  }
   if (strcmp(pags_path_extension(path), ".json") == 0)
     return pags_transforms_read(path, draft);
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);

@@ -333,9 +333,9 @@ static pags_result find_masks(pags_driving *driving, pags_draft_view *view) {
   return PAGS_OK;
 }
 
-/* `name` NULL: there is no such picture. */
+/* `name` NULL: there is no such picture; it would have this extension. */
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
-                            pags_draft *draft) {
+                            const char *extension, pags_draft *draft) {
   pags_draft_view *view = pags_draft_add(draft);
   if (!view)
     return pags_draft_memory(driving->root);
@@ -345,7 +345,7 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   view->sized = true;
   view->image_path =
       name ? pags_draft_text("%s/images/%s", driving->root, name)
-           : pags_draft_text("%s/images/%0*d_%d.jpg", driving->root, driving->digits, frame, sensor->number);
+           : pags_draft_text("%s/images/%0*d_%d%s", driving->root, driving->digits, frame, sensor->number, extension);
   view->where = pags_draft_text("%s/images", driving->root);
   if (!view->image_path || !view->where)
     return pags_draft_memory(driving->root);
@@ -359,13 +359,14 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
 
 /* Every camera at every time step, in that order. */
 static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count, pags_draft *draft) {
+  const char *extension = pags_path_extension(pictures[0].name);
   int64_t at = 0;
   for (int64_t i = 0; i < driving->step_count; i++)
     for (int64_t j = 0; j < driving->sensor_count; j++) {
       const pags_sensor *sensor = &driving->sensors[j];
       int frame = driving->steps[i].frame;
       bool found = at < count && pictures[at].frame == frame && pictures[at].camera == sensor->number;
-      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, draft));
+      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, draft));
       at += found;
     }
   return PAGS_OK;
@@ -423,8 +424,9 @@ static pags_result note_labels(pags_driving *driving, const pags_draft *draft) {
                              : dynamic > 0 ? (boxes ? "from dynamic_masks and boxes" : "from dynamic_masks")
                              : boxes       ? "from boxes"
                                            : "unknown (neither masks nor boxes)"));
-  if (semantic > 0 && !boxes)
-    return pags_driving_note(driving, "no boxes: pixels of dynamic classes are left out of the loss");
+  if ((semantic > 0 || dynamic > 0) && !boxes)
+    return pags_driving_note(driving,
+                             "no boxes: pixels of dynamic classes and of dynamic_masks are left out of the loss");
   return PAGS_OK;
 }
 

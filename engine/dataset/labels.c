@@ -4,7 +4,6 @@
  * into the finished photograph: the box of time step t as it stands, for every camera. */
 #include "dataset/labels.h"
 
-
 #include <assert.h>
 #include <stdlib.h>
 #include <string.h>
@@ -38,26 +37,28 @@ static pags_result load(const char *path, const pags_lens *lens, pags_image *out
   return result;
 }
 
-/* Sets `bits` where the mask is white. */
-static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels) {
-  pags_image mask;
-  PAGS_TRY(load(path, lens, &mask));
-  const uint8_t *from = mask.data;
-  for (size_t i = 0; i < area(lens); i++)
+/* Sets `bits` where the mask is white, and clears `mask` there where it isn't NULL. */
+static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels, uint8_t *mask) {
+  pags_image white;
+  PAGS_TRY(load(path, lens, &white));
+  const uint8_t *from = white.data;
+  for (size_t i = 0; i < area(lens); i++) {
     labels[i] |= from[i] >= 128 ? bits : 0;
-  pags_image_destroy(&mask);
+    if (mask && from[i] >= 128)
+      mask[i] = 0;
+  }
+  pags_image_destroy(&white);
   return PAGS_OK;
 }
 
-/* `without`: dynamic classes are left out of the loss, since there are no boxes to model them by. */
-static pags_result add_semantic(const pags_draft_view *view, bool without, uint8_t *labels, uint8_t *mask) {
+static pags_result add_semantic(const pags_draft_view *view, uint8_t *labels, uint8_t *mask) {
   pags_image classes;
   uint8_t sky = view->sky_path ? 0 : PAGS_LABEL_SKY;
   PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
   const uint8_t *from = classes.data;
   for (size_t i = 0; i < area(&view->lens); i++) {
     labels[i] |= from[i] == CLASS_SKY ? sky : is_dynamic(from[i]) ? PAGS_LABEL_CRITICAL : 0;
-    if (without && is_dynamic(from[i]))
+    if (mask && is_dynamic(from[i]))
       mask[i] = 0;
   }
   pags_image_destroy(&classes);
@@ -87,17 +88,19 @@ static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, p
   return PAGS_OK;
 }
 
+/* Without boxes there is nothing to model moving things by: what masks know of them is left out of the loss. */
 static pags_result load_files(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
                               pags_image *mask) {
-  bool without = view->semantic_path && !(driving->provides & PAGS_PROVIDES_BOXES);
+  bool without = (view->semantic_path || view->dynamic_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
   if (without)
     PAGS_TRY(make_mask(&view->lens, mask));
+  uint8_t *left_out = without ? mask->data : NULL;
   if (view->sky_path)
-    PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels));
+    PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
   if (view->semantic_path)
-    PAGS_TRY(add_semantic(view, without, labels, mask->data));
+    PAGS_TRY(add_semantic(view, labels, left_out));
   if (view->dynamic_path)
-    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL, labels));
+    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL, labels, left_out));
   return PAGS_OK;
 }
 

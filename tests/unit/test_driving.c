@@ -1,6 +1,7 @@
 /* Driving sets: every kind's conventions on a set with known truth, options, errors; PandaSet's scene 002. */
 #include <pags/dataset.h>
 
+#include "dataset/internal.h"
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 
@@ -213,7 +214,9 @@ static void without_times_and_boxes(void **state) {
   scratch s;
   scratch_begin(&s);
   tree_write_cameras(&s, &tree_kinds[1]);
-  scratch_ok(pags_dataset_open(s.folder, &options, &dataset)); /* TTT_C files say that it is PandaSet's */
+  tree_text(&s, "dataset.json", "{}");
+  scratch_ok(pags_dataset_open(scratch_path(&s, "dataset.json"), &options,
+                               &dataset)); /* TTT_C files say that it is PandaSet's */
   assert_string_equal(pags_dataset_kind(dataset), "pandaset");
   assert_int_equal(pags_dataset_provides(dataset), 0);
   assert_true(pags_dataset_fps(dataset) == 10);
@@ -230,7 +233,7 @@ static void bad_files_are_explained(void **state) {
   static const struct {
     const char *file, *text, *message;
   } cases[] = {
-      {"images/003_1.png", NULL, "images/003_1.jpg"},
+      {"images/003_1.png", NULL, "images/003_1.png"},
       {"intrinsics/1.txt", NULL, "intrinsics/1.txt"},
       {"intrinsics/1.txt", "1 2 3\n", "found 3"},
       {"intrinsics/1.txt", "1 2\n3 x 5", "intrinsics/1.txt:2: expected a number, found 'x'"},
@@ -457,7 +460,8 @@ static void check_labels(scratch *s, const char *files, int shrink) {
       if (label_at(&photo, x, y) != expected)
         fail_msg("%s / %d: label %d at %d %d, expected %d", files, shrink, label_at(&photo, x, y), x, y, expected);
       seen |= expected;
-      bool used = !(semantic && !boxes && classes(u, v) >= 11 && classes(u, v) <= 18);
+      bool used =
+          boxes || !((semantic && classes(u, v) >= 11 && classes(u, v) <= 18) || (dynamic && white_right(u, v)));
       if (shrink == 1)
         assert_int_equal(photo.mask ? photo.mask[y * photo.stride + x] : 255, used ? 255 : 0);
     }
@@ -486,6 +490,69 @@ static void labels_come_from_what_there_is(void **state) {
       check_labels(&s, sets[i], shrink);
       scratch_end(&s);
     }
+}
+
+/* The budget holds with label planes, too, and all of them come out the same as with plenty. */
+static void budgets_count_labels(void **state) {
+  (void)state;
+  pags_dataset *dataset;
+  scratch s;
+  scratch_begin(&s);
+  tree_write(&s, &tree_kinds[1]);
+  for (int t = 0; t < TREE_FRAMES; t++) {
+    char name[64];
+    snprintf(name, sizeof name, "semantic/%03d_0.png", t);
+    write_grey(&s, name, classes);
+  }
+  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
+  /* Three photographs with a label plane; a decode holds the source's six bytes a pixel besides. */
+  const uint64_t room = 3 * (5 * 48 * TREE_HEIGHT + 64) + 6 * 48 * TREE_HEIGHT;
+  for (int round = 0; round < 3; round++) {
+    uint64_t budget = room + (uint64_t)round * 9000, used, peak, decoded;
+    pags_tasks *tasks = pags_tasks_create(2);
+    pags_photo_cache *cache;
+    int64_t order[TREE_FRAMES * TREE_CAMERAS];
+    scratch_ok(pags_photo_cache_create(dataset, tasks, budget, &cache));
+    for (int i = 0; i < TREE_FRAMES * TREE_CAMERAS; i++)
+      order[i] = i * 3 % (TREE_FRAMES * TREE_CAMERAS);
+    pags_photo_cache_prefetch(cache, order, TREE_FRAMES * TREE_CAMERAS, 1);
+    for (int i = 0; i < TREE_FRAMES * TREE_CAMERAS; i++) {
+      pags_photo photo, alone;
+      with_photo(dataset, order[i], 1, copy_photo, &alone);
+      scratch_ok(pags_photo_cache_get(cache, order[i], 1, &photo));
+      assert_memory_equal(photo.labels, alone.labels, (size_t)(photo.stride * photo.height));
+      drop_photo(&alone);
+      pags_photo_cache_figures(cache, &used, &peak, &decoded);
+      assert_true(used >= 4 * 48 * TREE_HEIGHT && peak <= budget);
+    }
+    pags_photo_cache_destroy(cache);
+    pags_tasks_destroy(tasks);
+  }
+  pags_dataset_close(dataset);
+  scratch_end(&s);
+}
+
+static void missing_pictures_may_be_left_out(void **state) {
+  (void)state;
+  pags_dataset_options options = with_kind("kitti");
+  pags_dataset *dataset;
+  scratch s;
+  scratch_begin(&s);
+  tree_write(&s, &tree_kinds[2]);
+  scratch_ok(pags_remove_tree(scratch_path(&s, "images/001_0.png")));
+  options.allow_missing = 1;
+  scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
+  assert_true(pags_dataset_missing(dataset) == 1 && pags_dataset_view_count(dataset) == 9);
+  for (int i = 0; i < 9; i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    int place = i < 2 ? i : i + 1;
+    double pose[12];
+    assert_true(view->frame == place / 2 && view->sensor == place % 2 && view->camera.time == 100 + 0.5 * view->frame);
+    tree_view(view->frame, view->sensor, pose);
+    expect_matrix(view->camera.world_from_camera, pose);
+  }
+  pags_dataset_close(dataset);
+  scratch_end(&s);
 }
 
 static void a_mask_of_another_size_is_refused(void **state) {
@@ -809,6 +876,8 @@ int main(void) {
       cmocka_unit_test(without_times_and_boxes),
       cmocka_unit_test(bad_files_are_explained),
       cmocka_unit_test(labels_come_from_what_there_is),
+      cmocka_unit_test(budgets_count_labels),
+      cmocka_unit_test(missing_pictures_may_be_left_out),
       cmocka_unit_test(a_mask_of_another_size_is_refused),
       cmocka_unit_test(labels_are_undistorted),
       cmocka_unit_test(sky_is_guessed_from_the_laser),
