@@ -654,7 +654,7 @@ static int drive_frame;
 static uint8_t paint_drive(int x, int y, int c) {
   bool bonnet = y > 150 + (x - 160) * (x - 160) / 400;
   unsigned seed =
-      (unsigned)(x / 4 * 73856093) ^ (unsigned)(y / 4 * 19349663) ^ (unsigned)(bonnet ? 0 : drive_frame * 83492791);
+      (unsigned)(x / 4) * 73856093u ^ (unsigned)(y / 4) * 19349663u ^ (bonnet ? 0 : (unsigned)drive_frame * 83492791u);
   seed = (seed ^ seed >> 13) * 1274126177u;
   return (uint8_t)((seed >> 16 & 127) + (unsigned)c);
 }
