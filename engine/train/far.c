@@ -9,7 +9,7 @@
 #include "train/paint.h"
 
 /* Cells about a pixel that must be empty. */
-enum { CLEAR = 2, TRIES = 8 };
+enum { CLEAR = 2, TRIES = 24 };
 
 #define STREAM UINT64_C(0x6661720000000000)
 
