@@ -193,6 +193,36 @@ static void test_bare_sky(void **state) {
   fixture_destroy(&f);
 }
 
+/* A frame shows what pags_sky_sample says, but where rounding may choose the other face. */
+static void test_sky_is_the_scene_s(void **state) {
+  (void)state;
+  fixture f = fixture_create(14, 0);
+  pags_sky sky = reference_random_sky(&f.random, 9);
+  f.options.sky = &sky;
+  f.camera.fx *= 0.3, f.camera.fy *= 0.3;
+  frame_result result = run_finite(&f);
+  int compared = 0;
+  for (int k = 0; k < PIXELS; k++) {
+    const double ray[3] = {(k % WIDTH + 0.5 - f.camera.cx) / f.camera.fx, (k / WIDTH + 0.5 - f.camera.cy) / f.camera.fy, 1};
+    double direction[3], margin = 1;
+    for (int axis = 0; axis < 3; axis++) {
+      const double *r = f.camera.world_from_camera + 4 * axis;
+      direction[axis] = r[0] * ray[0] + r[1] * ray[1] + r[2] * ray[2];
+    }
+    for (int axis = 0; axis < 3; axis++)
+      margin = fmin(margin, fabs(fabs(direction[axis]) / fmax(fabs(direction[(axis + 1) % 3]), 1e-9) - 1));
+    float rgb[3];
+    pags_sky_sample(&sky, direction, rgb);
+    compared += margin > 1e-5;
+    for (int channel = 0; channel < 3 && margin > 1e-5; channel++)
+      assert_true(fabsf(result.rgb[channel * PIXELS + k] - rgb[channel]) < 2e-5f);
+  }
+  assert_true(compared > PIXELS * 9 / 10);
+  frame_result_destroy(&result);
+  free(sky.texels);
+  fixture_destroy(&f);
+}
+
 /* Pixels whose gradient isn't finite leave no mark on the texels. */
 static void test_sky_without_nan(void **state) {
   (void)state;
@@ -614,6 +644,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_threads_change_no_sky),
       cmocka_unit_test(test_bare_sky),
+      cmocka_unit_test(test_sky_is_the_scene_s),
       cmocka_unit_test(test_sky_without_nan),
       cmocka_unit_test(test_threads_change_nothing),
       cmocka_unit_test(test_clusters_and_order_change_nothing),
