@@ -304,7 +304,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   if (held)
     add_held(p, m, model, g, copy);
   if (m->object >= 0)
-    pags_pose_gradient(data, g->stride, &m->gaussians, g->first, g->count, p->pose[model][g->cluster]);
+    pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count, p->pose[model][g->cluster]);
   if (mcmc)
     pags_mcmc_regularise(m, g->first, g->count, copy, g->stride);
   if (m->gaussians.fourier)

@@ -136,11 +136,10 @@ PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_g
 
 /* The gradient by the pose of a part whose world_from_model becomes world_from_model * exp(increment) (pags/object.h) at increment 0:
  * out[0..2] by the rotation (axis times angle), out[3..5] by the translation, both in the model's frame. Adds the rows
- * [first, first + count) of `gaussians`, whose gradients are `data` and `stride` of their pags_cluster_gradient, in double and row
- * after row: clusters added in a fixed order give the same bits. The parameters must be those that were drawn. Exact for the translation,
- * and for the rotation at SH degree 0; at higher degrees the turning of the harmonics with the part is left out. */
-PAGS_API void pags_pose_gradient(const float *data, int64_t stride, const pags_gaussians *gaussians, int64_t first, int count,
-                                 double out[6]);
+ * [first, first + count) of `gaussians`, whose gradients are `data`, `stride` and `planes` of their pags_cluster_gradient, in double and
+ * row after row: clusters added in a fixed order give the same bits. The parameters must be those that were drawn. */
+PAGS_API void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians, int64_t first,
+                                 int count, double out[6]);
 
 PAGS_API const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame);
 PAGS_API uint64_t pags_frame_heap_calls(const pags_frame *frame); /* made so far, for the test of steady state */
