@@ -8,8 +8,8 @@
 
 typedef struct pags_depth_errors {
   int64_t count, room;
-  double *errors;   /* |rendered - measured|, metres; freed by destroy */
-  int64_t within;   /* of them, at most 5 % of the measured depth */
+  double *errors;    /* |rendered - measured|, metres; freed by destroy */
+  int64_t within;    /* of them, at most 5 % of the measured depth */
   int64_t unblended; /* points on pixels where nothing was drawn */
 } pags_depth_errors;
 

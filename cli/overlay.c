@@ -114,8 +114,7 @@ static int place_of(const overlay *o, double time, const double world[3]) {
 
 static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo, const pags_depth_sample *sample) {
   double world[3];
-  unsigned labels =
-      photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
+  unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
   unproject(&view->camera, sample, world);
   int place = place_of(o, view->camera.time, world);
   o->in_boxes.of += place > 0;
@@ -263,18 +262,23 @@ static void put_warnings(const overlay *o, double cosine, pags_facts *facts) {
   const struct {
     bool holds;
     const char *text;
-  } warnings[] = {
-      {cosine < 0.5, "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
-      {share_value(o->under_sky) > 0.05, "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
-                                         "lidar_frame of dataset.json (--kind) may be wrong"},
-      {share_value(o->in_boxes) < 0.5, "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
-                                       "LiDAR or their times may be wrong"},
-      {share_value(o->on_vehicles) < 0.5, "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
-                                          "photographs: extrinsics or times may be wrong"},
-      {share_value(o->union_) < 0.5, "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
-                                     "extrinsics or object_forward may be wrong"},
-      {lidar && !o->points, "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
-      {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
+  } warnings[] = {{cosine < 0.5,
+                   "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
+                  {share_value(o->under_sky) > 0.05,
+                   "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
+                   "lidar_frame of dataset.json (--kind) may be wrong"},
+                  {share_value(o->in_boxes) < 0.5,
+                   "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
+                   "LiDAR or their times may be wrong"},
+                  {share_value(o->on_vehicles) < 0.5,
+                   "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
+                   "photographs: extrinsics or times may be wrong"},
+                  {share_value(o->union_) < 0.5,
+                   "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
+                   "extrinsics or object_forward may be wrong"},
+                  {lidar && !o->points,
+                   "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
+                  {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
   pags_facts_begin_list(facts, "warnings");
   for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i)
     if (warnings[i].holds)

@@ -57,8 +57,8 @@ static void draw_edge(pags_image *image, const pags_camera *camera, const double
   draw_line(image, pixels[0], pixels[1], rgb);
 }
 
-void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12], const double size[3],
-                   const uint8_t rgb[3]) {
+void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12],
+                   const double size[3], const uint8_t rgb[3]) {
   double inverse[12], m[12], corners[8][3];
   pags_rigid_inverse(camera->world_from_camera, inverse);
   pags_rigid_multiply(inverse, world_from_object, m);

@@ -19,8 +19,7 @@ static offset offset_of(const double truth[12], const double pose[12]) {
   double inverse[12], between[12];
   pags_rigid_inverse(truth, inverse);
   pags_rigid_multiply(inverse, pose, between);
-  return (offset){{between[3], between[7], between[11]},
-                  atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
+  return (offset){{between[3], between[7], between[11]}, atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
 }
 
 static double length(const double p[3]) {
@@ -113,7 +112,8 @@ static pags_result add_knot(reading *r, const pags_knot *knot, const pags_json_v
 }
 
 /* One member of instances_info.json; objects that the scene doesn't move are passed over. */
-static pags_result add_object(reading *r, const pags_scene *scene, const pags_json_value *entry, pags_pose_errors *out) {
+static pags_result add_object(reading *r, const pags_scene *scene, const pags_json_value *entry,
+                              pags_pose_errors *out) {
   const char *id;
   const pags_json_value *annotations, *frames, *poses;
   PAGS_TRY(pags_json_string(r->json, entry, "id", &id));
@@ -206,8 +206,9 @@ static void put_kind(pags_json_writer *writer, const char *key, double metres, d
                        label_metres > least_metres ? pags_pose_errors_recovered(label_metres, metres) : (double)NAN);
   pags_json_put_number(writer, "label_degrees", label_degrees);
   pags_json_put_number(writer, "degrees", degrees);
-  pags_json_put_number(writer, "recovered_degrees",
-                       label_degrees > least_degrees ? pags_pose_errors_recovered(label_degrees, degrees) : (double)NAN);
+  pags_json_put_number(
+      writer, "recovered_degrees",
+      label_degrees > least_degrees ? pags_pose_errors_recovered(label_degrees, degrees) : (double)NAN);
   pags_json_end_object(writer);
 }
 

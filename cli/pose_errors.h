@@ -8,9 +8,9 @@
 /* Means over the trained knots of moving objects. The `relative` ones are after each track's mean error, in the object's frame, has been taken
  * away: where in its box a thing stands is a matter of convention, which no photograph decides. */
 typedef struct pags_pose_errors {
-  int64_t objects, knots; /* 0: there is no truth */
-  double label_metres, label_degrees;         /* of the poses as labelled */
-  double metres, degrees;                     /* of the poses as trained */
+  int64_t objects, knots;             /* 0: there is no truth */
+  double label_metres, label_degrees; /* of the poses as labelled */
+  double metres, degrees;             /* of the poses as trained */
   double label_relative_metres, label_relative_degrees;
   double relative_metres, relative_degrees;
 } pags_pose_errors;

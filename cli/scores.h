@@ -30,7 +30,8 @@ pags_view_score pags_view_score_make(const char *name, int test);
 
 /* Which regions each pixel counts in: bit r for region r. `mask` (one byte a pixel) and `labels` (`stride` bytes a row) may be NULL; without
  * labels there is the whole only. */
-void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride, uint16_t *regions);
+void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
+                       uint16_t *regions);
 
 typedef struct pags_mean_score {
   int64_t views;

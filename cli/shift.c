@@ -159,7 +159,8 @@ pags_result pags_shift_measure(const char *dataset, double downscale, pags_compo
   pags_result result =
       pags_dir_exists(folder)
           ? pags_dir_list_read(folder, &list)
-          : pags_fail(PAGS_ERROR_FORMAT, "%s: has no pictures from shifted cameras, expected a folder truth/shift", dataset);
+          : pags_fail(PAGS_ERROR_FORMAT, "%s: has no pictures from shifted cameras, expected a folder truth/shift",
+                      dataset);
   if (result == PAGS_OK) {
     result = measure_all(&s, &list, out);
     pags_dir_list_destroy(&list);

@@ -32,8 +32,7 @@ static const pags_option options[] = {
               "weights of SqueezeNet LPIPS v0.1 (.npz)"),
     PAGS_TEXT("images", 0, AT(images), "FOLDER", NULL,
               "write NAME_render.png and NAME_photo.png of every view compared"),
-    PAGS_FLAG("shift", 0, AT(shift),
-              "of synthetic data: compare with the true pictures from shifted cameras, too"),
+    PAGS_FLAG("shift", 0, AT(shift), "of synthetic data: compare with the true pictures from shifted cameras, too"),
     PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "memory for decoded photographs"),
@@ -60,7 +59,8 @@ static const pags_verb verb = {
         "Renders a scene's training and held-out views and compares each with its photograph, undistorted and "
         "downscaled as for training. Renderings are clamped to [0, 1] and compared as float, not rounded to 8 bits. "
         "Means are over views, pixels outside of a view's mask left out. LPIPS is SqueezeNet's and not comparable "
-        "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and cyclists; "
+        "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and "
+        "cyclists; "
         "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
         "each over the views that have such pixels; depth beside LiDAR; with the exposures found in training; and of "
         "synthetic data the error of the tracks' poses, as labelled and as trained.",
@@ -156,8 +156,8 @@ static pags_result compare_picture(evaluation *self, const pags_truth_view *at, 
   pags_result result = measure(self, at->scene_view, &render, photo, score);
   pags_image_destroy(&render);
   if (result == PAGS_OK && picture->depth)
-    result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->truth.dataset, at->index, picture,
-                                   photo->mask);
+    result =
+        pags_depth_errors_add(&self->depth_errors[at->test != 0], self->truth.dataset, at->index, picture, photo->mask);
   if (result == PAGS_OK)
     ++self->count;
   return result;
@@ -253,9 +253,11 @@ static pags_result write_json(const evaluation *self) {
 static void print_poses(const pags_session *session, const pags_pose_errors *e) {
   if (!e->knots)
     return;
-  pags_say(session, "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+  pags_say(session,
+           "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
            (long long)e->objects, e->label_metres, e->label_degrees, e->metres, e->degrees);
-  pags_say(session, "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
+  pags_say(session,
+           "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
            e->label_relative_metres, e->label_relative_degrees, e->relative_metres, e->relative_degrees);
 }
 

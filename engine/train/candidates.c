@@ -33,7 +33,7 @@ typedef struct box {
   int moving;
   double object_from_sweep[12];
   double half[3];
-  double reach2; /* square of the radius of the sphere about it */
+  double reach2;    /* square of the radius of the sphere about it */
   double middle[3]; /* in the sweep's frame */
 } box;
 

@@ -45,10 +45,12 @@ pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, co
                                   double side);
 
 /* Removes points of the background that lie where the cameras have been: nothing that stands there, but the recording car itself. */
-pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count);
+pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes,
+                                       int64_t eye_count);
 
 /* Removes points of the background whose three nearest neighbours are more than four times as far away as is usual at their
  * distance from the eyes. */
-pags_result pags_candidates_remove_outliers(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count);
+pags_result pags_candidates_remove_outliers(pags_candidates *points, pags_tasks *tasks, const float *eyes,
+                                            int64_t eye_count);
 
 #endif

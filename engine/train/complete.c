@@ -67,7 +67,8 @@ pags_result pags_candidates_complete(const pags_dataset *dataset, int64_t most, 
   /* All thinning first: a mirror image knows its source by row. */
   int64_t objects = pags_dataset_object_count(dataset);
   int64_t *measured = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *measured);
-  pags_result result = measured ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)objects);
+  pags_result result =
+      measured ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)objects);
   for (int64_t i = 0; measured && i < objects; i++)
     measured[i] = pags_dataset_object(dataset, i)->moving ? thin(points, (int32_t)i, most) : most;
   for (int64_t i = 0; result == PAGS_OK && i < objects; i++) {

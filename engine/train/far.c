@@ -32,7 +32,8 @@ static double depth_below(const pags_occlusion *o, int x, int y) {
 }
 
 static int usable(const pags_photo *photo, int x, int y) {
-  const int never = PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
+  const int never =
+      PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
   int64_t at = (int64_t)y * photo->stride + x;
   return !(photo->mask && !photo->mask[at]) && !(photo->labels && photo->labels[at] & never);
 }
@@ -46,8 +47,8 @@ static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, do
   return 1 / (1 / from + draw[1] * (1 / fmax(farthest, 1.01 * from) - 1 / from));
 }
 
-static void emit(const pags_photo *photo, const pags_camera *camera, const double *origin, double u, double v, double depth,
-                 pags_far_points *far) {
+static void emit(const pags_photo *photo, const pags_camera *camera, const double *origin, double u, double v,
+                 double depth, pags_far_points *far) {
   const double *m = camera->world_from_camera;
   double x = (u - camera->cx) / camera->fx * depth, y = (v - camera->cy) / camera->fy * depth;
   for (int k = 0; k < 3; k++)
@@ -59,8 +60,8 @@ static void emit(const pags_photo *photo, const pags_camera *camera, const doubl
   far->count++;
 }
 
-void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion, const double *origin,
-                   uint64_t from, int64_t count, pags_far_points *far) {
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion,
+                   const double *origin, uint64_t from, int64_t count, pags_far_points *far) {
   for (int64_t i = 0; i < count; i++) {
     uint64_t b = from << 32 | (uint64_t)i;
     for (uint64_t t = 0; t < TRIES; t++) {

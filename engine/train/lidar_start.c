@@ -75,8 +75,7 @@ static pags_result list_eyes(const pags_dataset *dataset, float **eyes, int64_t 
     if (view->test)
       continue;
     for (int k = 0; k < 3; k++)
-      (*eyes)[3 * *count + k] =
-          (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
+      (*eyes)[3 * *count + k] = (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
     ++*count;
   }
   return PAGS_OK;
@@ -176,7 +175,8 @@ static void mean_eye(const float *eyes, int64_t count, double middle[3]) {
 }
 
 /* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all. */
-static pags_result scene_radius(const pags_candidates *points, const double middle[3], double *radius, double *largest) {
+static pags_result scene_radius(const pags_candidates *points, const double middle[3], double *radius,
+                                double *largest) {
   double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
   int64_t count = 0;
   if (!all)
@@ -222,12 +222,12 @@ typedef struct extra_points {
 } extra_points;
 
 /* Structure from motion, or, where there is neither that nor LiDAR, points matched between photographs. */
-static pags_result find_extra(const pags_dataset *dataset, const pags_train_config *config, int64_t lidar, pags_tasks *tasks,
-                              extra_points *out) {
+static pags_result find_extra(const pags_dataset *dataset, const pags_train_config *config, int64_t lidar,
+                              pags_tasks *tasks, extra_points *out) {
   int random;
   *out = (extra_points){0};
   pags_dataset_points(dataset, &out->count, &out->xyz, &out->rgb, &random);
-  if (!random)
+  if (!random && out->count > 0)
     return PAGS_OK;
   if (lidar > 0) {
     out->count = 0;
@@ -292,8 +292,8 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
   return PAGS_OK;
 }
 
-static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks, work *w,
-                        pags_start *out) {
+static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
+                        work *w, pags_start *out) {
   double middle[3], largest = INFINITY;
   out->object_count = pags_dataset_object_count(dataset);
   out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
@@ -306,8 +306,8 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   return put_background(dataset, &w->points, &w->extra, middle, largest, &w->far, out);
 }
 
-pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
-                              pags_start *out) {
+pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                              pags_tasks *tasks, pags_start *out) {
   work w = {.far = {.wanted = FAR_POINTS, .seed = config->seed}};
   *out = (pags_start){0};
   pags_result result = make(dataset, config, lidar, tasks, &w, out);

@@ -8,9 +8,10 @@
 
 typedef struct pags_start_points {
   int64_t count;
-  float *xyz;      /* 3 a point: background: relative to the data set's origin; objects: in the object's frame, metres */
-  uint8_t *rgb;    /* 3 a point */
-  int32_t *object; /* background only: index of the data set's object in whose box a parked thing's point lies, else -1; NULL in
+  float *xyz;   /* 3 a point: background: relative to the data set's origin; objects: in the object's frame, metres */
+  uint8_t *rgb; /* 3 a point */
+  int32_t *
+      object; /* background only: index of the data set's object in whose box a parked thing's point lies, else -1; NULL in
                       those of objects */
 } pags_start_points;
 
@@ -23,8 +24,8 @@ typedef struct pags_start {
 
 /* Uses training time steps and training views only. `lidar`: 0 leaves the LiDAR out (for measuring what it brings). The same points
  * for any number of threads. */
-pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
-                              pags_start *out);
+pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                              pags_tasks *tasks, pags_start *out);
 void pags_start_destroy(pags_start *start);
 
 #endif

@@ -5,11 +5,11 @@
 #include <pags/base.h>
 
 typedef struct pags_occlusion {
-  int width, height;     /* px of the picture */
-  int columns, rows;     /* cells of PAGS_OCCLUSION_CELL px */
-  double focal;          /* px */
-  float *depth;          /* the nearest point that covers the cell's middle, camera z; infinity: none */
-  int64_t room;          /* cells allocated */
+  int width, height; /* px of the picture */
+  int columns, rows; /* cells of PAGS_OCCLUSION_CELL px */
+  double focal;      /* px */
+  float *depth;      /* the nearest point that covers the cell's middle, camera z; infinity: none */
+  int64_t room;      /* cells allocated */
 } pags_occlusion;
 
 enum { PAGS_OCCLUSION_CELL = 2 };

@@ -13,8 +13,8 @@
 enum { BLOCK = 4096, LONGEST_SIDE = 1200 };
 
 static const uint64_t cache_bytes = (uint64_t)128 << 20;
-static const float near_time = 0.5f;   /* seconds: half the weight */
-static const float doubtful = 1e-3f;   /* weight of a pixel that probably shows something else */
+static const float near_time = 0.5f;  /* seconds: half the weight */
+static const float doubtful = 1e-3f;  /* weight of a pixel that probably shows something else */
 static const double near_plane = 0.1; /* metres */
 
 typedef struct owner_pose {
@@ -171,8 +171,8 @@ static pags_result allocate(painter *p, int64_t **views, pags_far_points *far) {
              : pags_fail(PAGS_ERROR_MEMORY, "no memory to colour %lld points", (long long)p->points->count);
 }
 
-pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks, pags_candidates *points, int64_t measured,
-                                  pags_far_points *far) {
+pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks, pags_candidates *points,
+                                  int64_t measured, pags_far_points *far) {
   painter p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
   pags_photo_cache *photos = NULL;
   int64_t *views = NULL, count = 0;

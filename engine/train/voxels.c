@@ -156,7 +156,8 @@ static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count) {
+pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes,
+                                       int64_t eye_count) {
   int64_t kept = 0;
   uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
   if (!inside)
@@ -180,7 +181,8 @@ static int compare_floats(const void *a, const void *b) {
 }
 
 /* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
-static void find_limits(const uint8_t *level, const float *square, int64_t count, float *scratch, float limits[LEVELS]) {
+static void find_limits(const uint8_t *level, const float *square, int64_t count, float *scratch,
+                        float limits[LEVELS]) {
   for (int l = 0; l < LEVELS; l++) {
     int64_t n = 0;
     for (int64_t i = 0; i < count; i++)

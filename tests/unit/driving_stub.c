@@ -55,8 +55,8 @@ pags_dataset *stub_open(void) {
     const double sweep[12] = {1, 0, 0, stub_origin[0] + 0.5 * t, 0, 1, 0, stub_origin[1] + 2, 0, 0, 1, 2.5};
     pags_view *v = &d->views[t];
     *v = (pags_view){.name = d->names[t], .image_path = d->names[t], .test = t == STUB_HELD_OUT, .frame = t};
-    v->camera = (pags_camera){.width = STUB_WIDTH, .height = STUB_HEIGHT, .fx = 120, .fy = 120, .cx = 80, .cy = 48,
-                              .time = 0.1 * t};
+    v->camera = (pags_camera){
+        .width = STUB_WIDTH, .height = STUB_HEIGHT, .fx = 120, .fy = 120, .cx = 80, .cy = 48, .time = 0.1 * t};
     memcpy(v->camera.world_from_camera, camera, sizeof camera);
     d->sweeps[t] = (pags_sweep){.frame = t, .test = t == STUB_HELD_OUT, .time = 0.1 * t, .path = d->names[t]};
     memcpy(d->sweeps[t].world_from_sweep, sweep, sizeof sweep);
@@ -90,8 +90,8 @@ static double enter_box(const pags_object *o, int step, const double from[3], co
   return low < high ? low : INFINITY;
 }
 
-double stub_trace(const pags_dataset *d, int step, const double from[3], const double direction[3], int skip, int *object,
-                  const uint8_t **colour) {
+double stub_trace(const pags_dataset *d, int step, const double from[3], const double direction[3], int skip,
+                  int *object, const uint8_t **colour) {
   double nearest = INFINITY, wall = (stub_origin[0] + 30 - from[0]) / direction[0];
   *object = -1;
   *colour = stub_sky;
@@ -187,17 +187,16 @@ pags_result pags_dataset_sweep_load(const pags_dataset *d, int64_t index, int64_
 }
 
 void pags_dataset_points(const pags_dataset *d, int64_t *count, const float **xyz, const uint8_t **rgb, int *random) {
-  static const float nowhere[3] = {0, 0, 0};
   (void)d;
-  *count = 1;
-  *xyz = nowhere;
-  *rgb = stub_magenta;
-  *random = 1;
+  *count = 0;
+  *xyz = NULL;
+  *rgb = NULL;
+  *random = 0;
 }
 
 /* The first inside of the car's way, the second on the wall. */
-pags_result pags_dataset_match_points(const pags_dataset *d, pags_tasks *tasks, int64_t count, uint64_t seed, float **xyz,
-                                      uint8_t **rgb) {
+pags_result pags_dataset_match_points(const pags_dataset *d, pags_tasks *tasks, int64_t count, uint64_t seed,
+                                      float **xyz, uint8_t **rgb) {
   static const float on_wall[3] = {30, 1, 2}, in_car[3] = {12, 0, 0.5f};
   (void)d, (void)tasks, (void)seed;
   *xyz = malloc((size_t)count * 3 * sizeof **xyz);

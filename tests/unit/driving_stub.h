@@ -20,8 +20,8 @@ pags_dataset *stub_open(void);
 void stub_close(pags_dataset *dataset);
 
 /* What a ray meets at a step: camera z, or distance along a unit direction; infinity for sky. `skip`: bit i leaves out object i. */
-double stub_trace(const pags_dataset *dataset, int step, const double from[3], const double direction[3], int skip, int *object,
-                  const uint8_t **colour);
+double stub_trace(const pags_dataset *dataset, int step, const double from[3], const double direction[3], int skip,
+                  int *object, const uint8_t **colour);
 
 /* Camera z of the first surface behind a pixel. */
 double stub_depth(const pags_dataset *dataset, int step, double u, double v, int skip);
