@@ -10,7 +10,7 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is no Debian; please see to these yourself:"
   echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
   echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4,"
-  echo "  protobuf-c with protoc-c, cmocka, Python 3;"
+  echo "  protobuf-c with protoc-c, expat, cmocka, Python 3;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64"
   exit 0
 fi
