@@ -288,6 +288,27 @@ static double time_of(const source *s, const char *key, int camera, int64_t fram
   return v && v->type == PAGS_JSON_NUMBER ? v->number : fallback;
 }
 
+static const char *photo_path(source *s, int64_t t, int camera) {
+  if (pags_file_exists(name_of(s, "images/%03d_%d.jpg", (int)t, camera)))
+    return s->path;
+  return name_of(s, "images/%03d_%d.png", (int)t, camera);
+}
+
+/* The photograph as it is, or made a JPEG. */
+static ProtobufCBinaryData jpeg_of(source *s, int64_t t, int camera) {
+  char path[PATH_SIZE + 16];
+  pags_image image;
+  if (strcmp(pags_path_extension(photo_path(s, t, camera)), ".jpg") == 0)
+    return read_file(s, s->path);
+  snprintf(path, sizeof path, "%s.raw.jpg", s->path);
+  check(pags_image_load(s->path, PAGS_U8, 3, &image));
+  check(pags_image_save(path, &image));
+  pags_image_destroy(&image);
+  const ProtobufCBinaryData jpeg = read_file(s, path);
+  remove(path);
+  return jpeg;
+}
+
 static void add_camera(source *s, Pags__Waymo__Frame *frame, int camera) {
   /* Columns of OpenCV's axes in Waymo's: x forward = z, y left = -x, z up = -y. */
   static const double cv_from_waymo[12] = {0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 0};
@@ -295,7 +316,7 @@ static void add_camera(source *s, Pags__Waymo__Frame *frame, int camera) {
   int width, height;
   read_numbers(name_of(s, "intrinsics/%d.txt", camera), 9, intrinsics);
   read_numbers(name_of(s, "extrinsics/%d.txt", camera), 12, extrinsics);
-  check(pags_image_size(name_of(s, "images/000_%d.jpg", camera), &width, &height));
+  check(pags_image_size(photo_path(s, 0, camera), &width, &height));
   pags_rigid_multiply(extrinsics, cv_from_waymo, waymo);
   Pags__Waymo__CameraCalibration *c = raw_waymo_alloc(s->w, 1, sizeof *c);
   pags__waymo__camera_calibration__init(c);
@@ -344,7 +365,7 @@ static Pags__Waymo__CameraImage *image_of(source *s, int64_t t, int camera, cons
   m->has_name = m->has_image = m->has_pose_timestamp = m->has_shutter = 1;
   m->has_camera_trigger_time = m->has_camera_readout_done_time = 1;
   m->name = camera + 1;
-  m->image = read_file(s, name_of(s, "images/%03d_%d.jpg", (int)t, camera));
+  m->image = jpeg_of(s, t, camera);
   m->pose = raw_transform(s->w, ego);
   m->pose_timestamp = time_of(s, "cameras", camera, t, time_of(s, "frames", -1, t, 0));
   m->shutter = time_of(s, "shutter", camera, t, 0.002);
