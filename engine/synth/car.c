@@ -83,13 +83,13 @@ static void add_cabin(pags_mesh *mesh, car_parts *parts, float length, float wid
 static void add_wheels(pags_mesh *mesh, const car_parts *parts, float length, float width) {
   for (int i = 0; i < 4; i++) {
     const float x = (i & 1 ? 0.30f : -0.30f) * length, side = i & 2 ? 1.0f : -1.0f, outer = 0.5f * width * side;
-    const float inner[3] = {x, outer - 0.24f * side, 0.32f}, rim[3] = {x, outer - 0.01f * side, 0.32f};
-    const float arch[3] = {x, outer - 0.018f * side, 0.34f}, behind[3] = {x, outer - 0.3f * side, 0.34f};
+    const float inner[3] = {x, outer - 0.24f * side, 0.32f}, rim[3] = {x, outer + 0.010f * side, 0.32f};
+    const float arch[3] = {x, outer + 0.004f * side, 0.34f}, behind[3] = {x, outer - 0.3f * side, 0.34f};
     pags_mesh_tube(mesh, behind, arch, 0.38f, 0.38f, 20, parts->black);
     pags_mesh_tube(mesh, inner, rim, 0.32f, 0.32f, 20, parts->black);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.004f * side, 0.32f}, 0.22f, 0.20f, 16, parts->hub);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.006f * side, 0.32f}, 0.17f, 0.17f, 16, parts->black);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.010f * side, 0.32f}, 0.14f, 0.06f, 16, parts->hub);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.014f * side, 0.32f}, 0.22f, 0.20f, 16, parts->hub);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.016f * side, 0.32f}, 0.17f, 0.17f, 16, parts->black);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.020f * side, 0.32f}, 0.14f, 0.06f, 16, parts->hub);
   }
 }
 

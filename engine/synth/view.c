@@ -16,6 +16,7 @@ typedef struct draw_job {
   const pags_stage *stage;
   pags_street_view *views;
   int blocks; /* of rows, a view */
+  int step;   /* of the lattice of samples */
   uint64_t seed;
 } draw_job;
 
@@ -172,31 +173,37 @@ static void add_samples(const draw_job *job, const pags_camera *camera, const pa
     add_sky(job, rays, rays->active & ~met, sum);
 }
 
-/* A number in [0, 1) of a pixel, to shift its samples by: what is too fine becomes noise instead of stripes. */
-static double pixel_shift(int x, int y, uint32_t salt) {
-  uint32_t h = (uint32_t)x * 0x9e3779b1u ^ (uint32_t)y * 0x85ebca77u ^ salt;
-  h = (h ^ h >> 16) * 0x7feb352du;
-  h = (h ^ h >> 15) * 0x846ca68bu;
-  return (double)(h >> 8) * 0x1p-24;
-}
-
 static void set_origin(const pags_camera *camera, pags_rays *rays) {
   for (int i = 0; i < PAGS_PACKET; i++)
     for (int k = 0; k < 3; k++)
       rays->origin[i][k] = (float)camera->world_from_camera[4 * k + 3];
 }
 
-/* Positions in the pixel: Roberts' R2 sequence, which fills the square evenly for any number of samples. */
+/* Steps of a lattice of n samples that has one in each of n rows and n columns and whose mean is the pixel's middle: near the golden
+ * section of n and without a common divisor. */
+static int lattice_step(int n) {
+  for (int step = (int)(0.618 * n); step > 1; step--) {
+    int a = n, b = step;
+    while (b) {
+      const int rest = a % b;
+      a = b;
+      b = rest;
+    }
+    if (a == 1)
+      return step;
+  }
+  return 1;
+}
+
 static void draw_pixel(const draw_job *job, const pags_street_view *view, int x, int y, pags_rays *rays) {
   const int samples = job->street->options->samples;
-  const double shift[2] = {pixel_shift(x, y, 0x51ed270bu), pixel_shift(x, y, 0x1b873593u)};
   uint8_t *out = view->rgb + 3 * ((int64_t)y * view->camera.width + x);
   float sum[3] = {0};
   for (int first = 0; first < samples; first += PAGS_PACKET) {
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < samples; i++) {
-      const double at = first + i, dx = shift[0] + at * 0.7548776662466927, dy = shift[1] + at * 0.5698402909980532;
-      pags_camera_ray(&view->camera, x + dx - floor(dx), y + dy - floor(dy), rays->direction[i]);
+      const int row = (int)((int64_t)(first + i) * job->step % samples);
+      pags_camera_ray(&view->camera, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
       rays->active |= 1u << i;
     }
     add_samples(job, &view->camera, rays, sum);
@@ -248,6 +255,7 @@ static void draw_rows(void *context, int64_t begin, int64_t end, int worker) {
 pags_result pags_street_draw(const pags_street *street, const pags_stage *stage, pags_street_view *views, int count,
                              pags_tasks *tasks) {
   draw_job job = {.street = street, .stage = stage, .views = views, .seed = street->options->seed};
+  job.step = lattice_step(street->options->samples);
   job.blocks = (street->options->height + ROWS - 1) / ROWS;
   return pags_parallel_for(tasks, (int64_t)job.blocks * count, 1, draw_rows, &job)
              ? PAGS_OK
