@@ -1,0 +1,193 @@
+/* Training of a driving scene: a small street with moving cars. What it is made of, that its bits follow from data,
+ * configuration and seed alone, and that each part can be left out. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <pags/scene.h>
+#include <pags/synth.h>
+#include <pags/train.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "scratch_folder.h"
+
+enum { FRAMES = 12, ITERATIONS = 120 };
+
+static pags_tasks *tasks;
+static pags_dataset *dataset;
+
+static int make_street(void **unused) {
+  (void)unused;
+  pags_street_options options = pags_street_options_default();
+  pags_dataset_options reading = pags_dataset_options_default();
+  options.width = 96;
+  options.height = 64;
+  options.frames = FRAMES;
+  options.cameras = 1;
+  options.samples = 2;
+  options.objects = 3;
+  options.lidar_points = 4000;
+  options.shifts = 0;
+  tasks = pags_tasks_create(2);
+  if (!tasks || scratch_make() != 0 ||
+      pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
+    return -1;
+  return pags_dataset_open(scratch("street"), &reading, &dataset) == PAGS_OK ? 0 : -1;
+}
+
+static int remove_street(void **unused) {
+  (void)unused;
+  pags_dataset_close(dataset);
+  pags_tasks_destroy(tasks);
+  return scratch_remove();
+}
+
+static pags_train_config quick(void) {
+  pags_train_config config = pags_train_config_default();
+  config.iterations = ITERATIONS;
+  config.resolution_floor = 24;
+  return config;
+}
+
+static pags_train_result train(const pags_train_config *config, const char *name, pags_tasks *with, int64_t every,
+                               int resume) {
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  options.dataset = dataset;
+  options.output = scratch(name);
+  options.tasks = with;
+  options.checkpoint_every = every;
+  options.preview_every = 0;
+  options.log_every = 1;
+  options.resume = resume;
+  if (pags_train(config, &options, &result) != PAGS_OK)
+    fail_msg("%s", pags_error_message());
+  return result;
+}
+
+static void assert_same_file(const char *a, const char *b, const char *file) {
+  char left[1024], right[1024];
+  uint8_t *x, *y;
+  size_t m, n;
+  snprintf(left, sizeof left, "%s/%s", scratch(a), file);
+  snprintf(right, sizeof right, "%s/%s", scratch(b), file);
+  assert_int_equal(pags_file_read(left, &x, &m), PAGS_OK);
+  assert_int_equal(pags_file_read(right, &y, &n), PAGS_OK);
+  if (m != n || memcmp(x, y, m) != 0)
+    fail_msg("%s differs from %s", left, right);
+  free(x);
+  free(y);
+}
+
+static void assert_same_run(const char *a, const char *b) {
+  assert_same_file(a, b, "scene.json");
+  assert_same_file(a, b, "background.ply");
+  assert_same_file(a, b, "sky.npy");
+  assert_same_file(a, b, "log.jsonl");
+  pags_scene scene;
+  assert_int_equal(pags_scene_load(scratch(a), &scene), PAGS_OK);
+  assert_true(scene.model_count > 1);
+  for (int64_t i = 1; i < scene.model_count; i++)
+    assert_same_file(a, b, scene.models[i].file);
+  pags_scene_destroy(&scene);
+}
+
+static void scene_has_what_the_street_has(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  pags_scene scene;
+  pags_train_result result = train(&config, "whole", tasks, 1000, 0);
+  assert_int_equal(result.finished, 1);
+  assert_int_equal(result.bad_rows, 0);
+  assert_true(result.psnr > 18.0); /* a picture of the mean colour reaches about 13 dB */
+  assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
+  assert_true(scene.sky.size > 0);
+  assert_int_equal(scene.object_count, pags_dataset_object_count(dataset));
+  assert_true(scene.time_end > scene.time_begin);
+  int64_t moving = 0, moved = 0, parked = 0;
+  for (int64_t i = 0; i < scene.object_count; i++) {
+    const pags_scene_object *o = &scene.objects[i];
+    moving += o->model >= 0;
+    assert_true(o->model < 0 || o->record.moving);
+    for (int64_t k = 0; k < o->record.knot_count; k++)
+      moved += o->model >= 0 && fabs(o->record.knots[k].translation[0]) > 0.0;
+  }
+  for (int64_t i = 0; scene.models[0].gaussians.object_id && i < scene.models[0].gaussians.count; i++)
+    parked += scene.models[0].gaussians.object_id[i] >= 0;
+  assert_true(moving >= 1 && moving == scene.model_count - 1);
+  assert_true(moved > 0);  /* poses were optimised */
+  assert_true(parked > 0); /* and parked cars can be told from the street */
+  pags_scene_destroy(&scene);
+}
+
+static void threads_and_interruptions_change_no_bit(void **unused) {
+  (void)unused;
+  pags_train_config config = quick(), half = quick();
+  pags_tasks *one = pags_tasks_create(1);
+  train(&config, "one", one, 1000, 0);
+  train(&config, "two", tasks, 37, 0);
+  assert_same_run("one", "two");
+  half.schedule_iterations = ITERATIONS;
+  half.iterations = 71; /* past the start of tracks, before the end of densifying */
+  train(&half, "resumed", tasks, 1000, 0);
+  half.iterations = ITERATIONS;
+  pags_train_result result = train(&half, "resumed", one, 1000, 1);
+  assert_int_equal(result.resumed, 1);
+  assert_same_file("one", "resumed", "background.ply");
+  assert_same_file("one", "resumed", "log.jsonl");
+  assert_same_file("one", "resumed", "sky.npy");
+  pags_tasks_destroy(one);
+}
+
+static void parts_can_be_left_out(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  pags_scene scene;
+  config.iterations = 20;
+  config.objects = config.sky = config.exposure = config.lidar_start = 0;
+  config.depth_weight = 0.0;
+  train(&config, "bare", tasks, 1000, 0);
+  assert_int_equal(pags_scene_load(scratch("bare"), &scene), PAGS_OK);
+  assert_int_equal(scene.model_count, 1);
+  assert_int_equal(scene.sky.size, 0);
+  for (int64_t i = 0; i < scene.view_count; i++)
+    assert_true(scene.views[i].gain[0] == 1.0 && scene.views[i].offset[0] == 0.0);
+  pags_scene_destroy(&scene);
+}
+
+/* Exposures of held-out views lie between their neighbours', and the mean over training views stays what it was. */
+static void exposures_keep_their_mean(void **unused) {
+  (void)unused;
+  pags_scene scene;
+  double gain = 0.0;
+  int64_t training = 0;
+  assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
+  for (int64_t i = 0; i < scene.view_count; i++) {
+    const pags_scene_view *v = &scene.views[i];
+    if (!v->test) {
+      gain += v->gain[1];
+      training++;
+      continue;
+    }
+    assert_true(i > 0 && i + 1 < scene.view_count);
+    double a = v[-1].gain[1], b = v[1].gain[1];
+    assert_true(v->gain[1] >= fmin(a, b) - 1e-12 && v->gain[1] <= fmax(a, b) + 1e-12);
+  }
+  assert_true(fabs(gain / (double)training - 1.0) < 1e-9);
+  pags_scene_destroy(&scene);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(scene_has_what_the_street_has),
+      cmocka_unit_test(exposures_keep_their_mean),
+      cmocka_unit_test(threads_and_interruptions_change_no_bit),
+      cmocka_unit_test(parts_can_be_left_out),
+  };
+  return cmocka_run_group_tests(tests, make_street, remove_street);
+}
