@@ -107,10 +107,11 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
   return PAGS_OK;
 }
 
-/* Withdraws all prunes. */
-static void spare_all(pags_edits *edits) {
-  pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
-           (long long)(edits->count - edits->pruned), (long long)edits->count);
+/* Withdraws all prunes. Objects far away may well start from so few. */
+static void spare_all(const pags_train_model *model, pags_edits *edits) {
+  if (model->object < 0)
+    pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
+             (long long)(edits->count - edits->pruned), (long long)edits->count);
   for (int64_t row = 0; row < edits->count; row++)
     if (edits->kind[row] == PAGS_EDIT_PRUNE)
       edits->kind[row] = PAGS_EDIT_KEEP;
@@ -132,7 +133,7 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits
   }
   edits->wanted = edits->cloned + edits->split;
   if (edits->pruned > 0 && count - edits->pruned < least_survivors)
-    spare_all(edits);
+    spare_all(model, edits);
   int64_t cap = model->cap;
   int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
   room = room < 0 ? 0 : room;
