@@ -24,6 +24,17 @@ enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
 
 static const float *at_tile(const float *plane, int64_t at) { return plane ? plane + at : NULL; }
 
+/* Depth gradients are sparse (LiDAR): tiles without any go the way without depth, which gives the same bits. */
+static const float *tile_gradient(const pags_frame *f, const float *plane, int64_t at) {
+  if (!plane)
+    return NULL;
+  for (int y = 0; y < PAGS_TILE; y++)
+    for (int x = 0; x < PAGS_TILE; x++)
+      if (plane[at + (int64_t)y * f->stride + x] != 0.0f)
+        return plane + at;
+  return NULL;
+}
+
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
   const backward_context *const c = context;
   const pags_frame *const f = c->frame;
@@ -46,7 +57,7 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
                            .transmittance = frame_plane(f, PLANE_T) + at,
                            .depth_sum = frame_plane(f, PLANE_DEPTH_SUM) + at,
                            .transmittance_gradient = at_tile(c->gradient->transmittance, at),
-                           .depth_gradient = at_tile(c->gradient->depth_sum, at)};
+                           .depth_gradient = tile_gradient(f, c->gradient->depth_sum, at)};
     for (int k = 0; k < 3; k++) {
       in.rgb[k] = frame_plane(f, PLANE_R + k) + at;
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
