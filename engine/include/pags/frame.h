@@ -1,4 +1,4 @@
-/* One frame: cull -> project -> shade -> bin -> raster, and the way back.
+/* One frame: cull -> project -> shade -> bin -> raster and sky, and the way back.
  *
  * A pags_frame owns the memory of a frame and is used again and again; from the third frame of a kind on it makes no heap
  * call. Results are the same bits for any number of threads, any cluster size and any order of the Gaussians whose depths are
@@ -118,7 +118,8 @@ typedef struct pags_cluster_gradient {
   int count;     /* members */
   int stride;    /* floats from plane to plane, multiple of 16, >= count */
   int planes;    /* pags_plane_count(active degree): planes beyond are zero and not stored */
-  const float *data;       /* plane p of member i: data[p * stride + i]; 0 for members not drawn */
+  const float *data;       /* plane p of member i: data[p * stride + i]; 0 for members not drawn. The constant colour term's is by the
+                              term that was shown: the part's dc where it has one */
   const float *mean2d;     /* |dL/d mean2D| in NDC units (pixel gradient times W/2, H/2), 0 if not drawn */
   const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad), if asked for */
   const float *radius;     /* 3 sigma of the larger axis in px; 0 if not drawn */
