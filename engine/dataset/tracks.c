@@ -150,6 +150,32 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
   return PAGS_OK;
 }
 
+/* Whether it moves is a matter of its whole track, not of the time steps that happen to be used. */
+static pags_result classify(const reader *r, const pags_json_value *instance, pags_object *object) {
+  annotation at = {NULL, NULL, NULL};
+  pags_object whole = {0};
+  int64_t count = 0;
+  PAGS_TRY(begin_annotations(r, instance, &at, &count));
+  whole.knots = calloc((size_t)count + 1, sizeof *whole.knots);
+  if (!whole.knots)
+    return pags_draft_memory(pags_json_path(r->info));
+  pags_result result = PAGS_OK;
+  for (; at.frame && result == PAGS_OK; at.frame = at.frame->next, at.pose = at.pose->next) {
+    pags_knot *knot = &whole.knots[whole.knot_count++];
+    double frame;
+    result = pags_json_as_number(r->info, at.frame, "frame_idx", &frame);
+    if (result == PAGS_OK)
+      result = take_pose(r, at.pose, knot->world_from_object);
+    knot->frame = result == PAGS_OK ? (int32_t)frame : 0;
+  }
+  qsort(whole.knots, (size_t)whole.knot_count, sizeof *whole.knots, by_frame);
+  if (result == PAGS_OK)
+    pags_object_classify_motion(&whole);
+  object->moving = whole.moving;
+  free(whole.knots);
+  return result;
+}
+
 /* Converters write ids as texts or as numbers. */
 static pags_result take_id(const reader *r, const pags_json_value *instance, char **out) {
   const pags_json_value *id = pags_json_member(instance, "id");
@@ -173,9 +199,7 @@ static pags_result read_instance(const reader *r, const pags_json_value *instanc
     return pags_draft_memory(pags_json_path(r->info));
   object->category = pags_category_of(class_name);
   PAGS_TRY(read_knots(r, instance, number, object));
-  if (object->knot_count > 0)
-    pags_object_classify_motion(object);
-  return PAGS_OK;
+  return object->knot_count > 0 ? classify(r, instance, object) : PAGS_OK;
 }
 
 static pags_result check_id(const reader *r, const pags_json_value *instance, const pags_object *object) {
