@@ -24,13 +24,10 @@ static void append(pags_facts *facts, const char *text, size_t length) {
   facts->text[facts->size] = 0;
 }
 
-PAGS_PRINTF(3, 4)
-static void line(pags_facts *facts, const char *key, const char *format, ...) {
+PAGS_PRINTF(3, 0)
+static void line_of(pags_facts *facts, const char *key, const char *format, va_list list) {
   char buffer[1280], value[1100], name[64];
-  va_list list;
-  va_start(list, format);
   vsnprintf(value, sizeof value, format, list);
-  va_end(list);
   snprintf(name, sizeof name, "%s", key);
   for (char *c = name; *c; ++c)
     if (*c == '_')
@@ -38,6 +35,21 @@ static void line(pags_facts *facts, const char *key, const char *format, ...) {
   int length = *value ? snprintf(buffer, sizeof buffer, "%*s%-*s %s\n", facts->indent, "", KEY_WIDTH, name, value)
                       : snprintf(buffer, sizeof buffer, "%*s%s\n", facts->indent, "", name);
   append(facts, buffer, (size_t)(length < (int)sizeof buffer ? length : (int)sizeof buffer - 1));
+}
+
+PAGS_PRINTF(3, 4)
+static void line(pags_facts *facts, const char *key, const char *format, ...) {
+  va_list list;
+  va_start(list, format);
+  line_of(facts, key, format, list);
+  va_end(list);
+}
+
+void pags_facts_line(pags_facts *facts, const char *key, const char *format, ...) {
+  va_list list;
+  va_start(list, format);
+  line_of(facts, key, format, list);
+  va_end(list);
 }
 
 void pags_facts_begin(pags_facts *facts) {

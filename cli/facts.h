@@ -24,6 +24,9 @@ void pags_facts_bytes(pags_facts *facts, const char *key, double value);
 void pags_facts_flag(pags_facts *facts, const char *key, bool value);
 void pags_facts_vector(pags_facts *facts, const char *key, const double *values, int count);
 
+/* A line for people alone; what machines read of it goes to `json` by the caller. */
+void pags_facts_line(pags_facts *facts, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);
+
 void pags_facts_begin_group(pags_facts *facts, const char *key); /* an object */
 void pags_facts_end_group(pags_facts *facts);
 void pags_facts_begin_list(pags_facts *facts, const char *key);  /* an array of items */

@@ -4,6 +4,7 @@
 #include "path.h"
 
 #include <base/file.h>
+#include <base/text.h>
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/train.h>
@@ -49,6 +50,28 @@ static pags_result file_bytes(const char *path, const char *file, bool folder, u
   return result;
 }
 
+/* One line for people: there may be a hundred. */
+static void put_object_model(pags_facts *facts, const pags_model *model, const pags_scene_object *owner,
+                             uint64_t bytes) {
+  const pags_gaussians *g = &model->gaussians;
+  char size[32];
+  pags_facts_line(facts, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
+                  (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
+                  g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
+  pags_json_writer *w = &facts->json;
+  pags_json_begin_object(w, NULL);
+  pags_json_put_string(w, "name", model->name);
+  pags_json_put_string(w, "file", model->file);
+  pags_json_put_integer(w, "gaussians", g->count);
+  pags_json_put_integer(w, "sh_degree", g->sh_degree);
+  pags_json_put_unsigned(w, "bytes", bytes);
+  pags_json_put_string(w, "object", owner->record.id);
+  pags_json_put_string(w, "class", owner->record.class_name);
+  pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
+  pags_json_put_bool(w, "rigid", owner->rigid != 0);
+  pags_json_end_object(w);
+}
+
 static pags_result put_models(pags_facts *facts, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
@@ -59,18 +82,16 @@ static pags_result put_models(pags_facts *facts, const char *path, const pags_sc
     uint64_t bytes;
     PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
+    if (owner) {
+      put_object_model(facts, model, owner, bytes);
+      continue;
+    }
     pags_facts_begin_item(facts, model->name);
     if (folder)
       pags_facts_text(facts, "file", model->file);
     pags_facts_count(facts, "gaussians", model->gaussians.count);
     pags_facts_count(facts, "sh_degree", model->gaussians.sh_degree);
     pags_facts_bytes(facts, "bytes", (double)bytes);
-    if (owner) {
-      pags_facts_text(facts, "object", owner->record.id);
-      pags_facts_text(facts, "class", owner->record.class_name);
-      pags_facts_flag(facts, "fourier_colour", model->gaussians.fourier != NULL);
-      pags_facts_flag(facts, "rigid", owner->rigid != 0);
-    }
     pags_facts_end_item(facts);
   }
   pags_facts_end_list(facts);
@@ -236,35 +257,57 @@ static void put_views(pags_facts *facts, const pags_scene *scene) {
   pags_facts_count(facts, "height", scene->views[0].camera.height);
 }
 
-/* Strings and numbers of an array on one line. */
-static void join(const pags_json_value *array, char *text, size_t size) {
-  size_t used = 0;
-  text[0] = 0;
-  for (const pags_json_value *v = array->first; v && used < size; v = v->next)
-    used += (size_t)snprintf(text + used, size - used, "%s%s", v == array->first ? "" : ", ",
-                             v->text      ? v->text
-                             : v->boolean ? "yes"
-                                          : "no");
+static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
+  switch (v->type) {
+    case PAGS_JSON_STRING: return v->text;
+    case PAGS_JSON_NUMBER: snprintf(text, PAGS_DOUBLE_TEXT, "%.6g", v->number); return text;
+    case PAGS_JSON_BOOL: return v->boolean ? "yes" : "no";
+    case PAGS_JSON_NULL: return "-";
+    case PAGS_JSON_ARRAY:
+    case PAGS_JSON_OBJECT: break;
+  }
+  return "...";
 }
 
-/* What training noted, key by key: the notes are the trainer's to choose. */
-static void put_notes(pags_facts *facts, const pags_json_value *object) {
+/* Members or elements on one line, but for the one called `but`. */
+static void join(const pags_json_value *parent, const char *but, char *text, size_t size) {
+  size_t used = 0;
+  text[0] = 0;
+  for (const pags_json_value *v = parent->first; v && used < size; v = v->next) {
+    char number[PAGS_DOUBLE_TEXT];
+    if (!v->key || !but || strcmp(v->key, but) != 0)
+      used += (size_t)snprintf(text + used, size - used, "%s%s%s%s", used ? ", " : "", v->key ? v->key : "",
+                               v->key ? " " : "", spoken(v, number));
+  }
+}
+
+/* An array of objects: a line each, beginning with its id. */
+static void list_notes(pags_facts *facts, const pags_json_value *array) {
+  char text[1000];
+  pags_facts_line(facts, array->key, "%s", "");
+  facts->indent += 2;
+  for (const pags_json_value *v = array->first; v; v = v->next) {
+    const pags_json_value *id = pags_json_member(v, "id");
+    join(v, "id", text, sizeof text);
+    pags_facts_line(facts, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
+  }
+  facts->indent -= 2;
+}
+
+/* What training noted, key by key, for people: the notes are the trainer's to choose. */
+static void say_notes(pags_facts *facts, const pags_json_value *object) {
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
-    switch (v->type) {
-      case PAGS_JSON_STRING: pags_facts_text(facts, v->key, v->text); break;
-      case PAGS_JSON_NUMBER: pags_facts_number(facts, v->key, v->number); break;
-      case PAGS_JSON_BOOL: pags_facts_flag(facts, v->key, v->boolean); break;
-      case PAGS_JSON_OBJECT:
-        pags_facts_begin_group(facts, v->key);
-        put_notes(facts, v);
-        pags_facts_end_group(facts);
-        break;
-      case PAGS_JSON_ARRAY:
-        join(v, text, sizeof text);
-        pags_facts_text(facts, v->key, text);
-        break;
-      case PAGS_JSON_NULL: break;
+    if (v->type == PAGS_JSON_OBJECT) {
+      join(v, NULL, text, sizeof text);
+      pags_facts_line(facts, v->key, "%s", text);
+    } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
+      list_notes(facts, v);
+    } else if (v->type == PAGS_JSON_ARRAY) {
+      for (const pags_json_value *e = v->first; e; e = e->next)
+        pags_facts_line(facts, e == v->first ? v->key : "", "%s", spoken(e, text));
+    } else {
+      pags_facts_line(facts, v->key, "%s", spoken(v, text));
     }
   }
 }
@@ -274,9 +317,11 @@ static pags_result put_modelled(pags_facts *facts, const pags_scene *scene) {
   if (!scene->notes)
     return PAGS_OK;
   PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
-  pags_facts_begin_group(facts, "modelled");
-  put_notes(facts, pags_json_root(json));
-  pags_facts_end_group(facts);
+  pags_facts_line(facts, "modelled", "%s", "");
+  facts->indent += 2;
+  say_notes(facts, pags_json_root(json));
+  facts->indent -= 2;
+  pags_json_put_raw(&facts->json, "modelled", scene->notes);
   pags_json_destroy(json);
   return PAGS_OK;
 }

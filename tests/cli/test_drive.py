@@ -79,7 +79,11 @@ def make_drive(folder):
             {"name": "car", "file": "objects/car.ply", "gaussians": 1, "sh_degree": 0},
         ],
         "sky": "sky.npy",
-        "modelled": {"sky": "seen in 40 % of the pixels", "fourier": {"kept": 0, "why": ["no gain"]}},
+        "modelled": {
+            "sky": "seen in 40 % of the pixels",
+            "fourier": {"kept": 0, "why": ["no gain"]},
+            "objects": [{"id": "c=2", "modelled": True, "why": "moves"}],
+        },
         "objects": [
             {**record, "id": "p,1", "moving": False, "model": None, "knots": [knot(0, 1, False)]},
             {**record, "id": "c=2", "moving": True, "model": "car", "knots": [knot(i, 4 - 4 * i, True) for i in range(3)]},
@@ -202,12 +206,15 @@ class Drive(Case):
         wanted = {"name": "vehicle", "count": 2, "moving": 1, "parked": 1, "own_models": 1, "rigid_models": 1}
         self.assertEqual({key: vehicles[key] for key in wanted}, wanted)
         self.assertEqual(facts["models"][1]["object"], "c=2")
-        self.assertEqual(facts["modelled"]["fourier"], {"kept": 0, "why": "no gain"})
+        self.assertEqual(facts["modelled"]["fourier"], {"kept": 0, "why": ["no gain"]})
         self.assertEqual((facts["tracks"]["knots"], facts["exposure"]["views"]), (3, 2))
         self.assertNotIn("every_object", facts)
         listed = json.loads(self.succeeds("info", self.scene, "--objects", "--json", "-").stdout)["every_object"]
         self.assertEqual([(o["name"], o["model"], o["gaussians"]) for o in listed], [("p,1", "background", 1), ("c=2", "car", 1)])
-        self.assertIn("seen in 40 % of the pixels", self.succeeds("info", self.scene).stdout)
+        text = self.succeeds("info", self.scene).stdout
+        self.assertRegex(text, r"(?m)^  sky +seen in 40 % of the pixels$")
+        self.assertRegex(text, r"(?m)^    c=2 +modelled yes, why moves$")
+        self.assertRegex(text, r"(?m)^  car +Car, 1 Gaussians of SH degree 0, ")
 
     def test_bad_scene(self):
         text = read(os.path.join(self.scene, "scene.json")).decode()
