@@ -14,7 +14,7 @@ struct pags_waymo_box {
   int64_t frame, order; /* order: of the label among all */
   int64_t track;        /* order of the first label of its id */
   int type;
-  double time, speed;
+  double time;
   double world_from_object[12];
   double size[3];
 };
@@ -38,11 +38,6 @@ static int is_usable(const Pags__Waymo__Label *label) {
   return b && is_usable_id(label->id) && isfinite(b->center_x) && isfinite(b->center_y) && isfinite(b->center_z) &&
          isfinite(b->heading) && b->length > 0 && b->width > 0 && b->height > 0 && b->length < 1e4 && b->width < 1e4 &&
          b->height < 1e4;
-}
-
-static double speed_of(const Pags__Waymo__Label *label) {
-  const Pags__Waymo__Metadata *m = label->metadata;
-  return m ? sqrt(m->speed_x * m->speed_x + m->speed_y * m->speed_y) : 0;
 }
 
 /* The box's frame in the vehicle's: turned about z, its origin at the middle. */
@@ -80,7 +75,6 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
                             .order = boxes->count,
                             .type = label->type,
                             .time = time,
-                            .speed = speed_of(label),
                             .size = {label->box->length, label->box->width, label->box->height}};
     if (!box->id)
       return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
@@ -131,10 +125,7 @@ static void fill_track(const pags_waymo_box *boxes, int64_t count, pags_layout_t
       object->size[k] += boxes[i].size[k] / (double)count;
     }
   }
-  if (count > 1)
-    pags_object_classify_motion(object);
-  else
-    object->moving = boxes->speed > 1;
+  pags_object_classify_motion(object);
 }
 
 static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const char *where, pags_layout_track *track) {

@@ -98,21 +98,17 @@ static Pags__Waymo__Label *label(int i) {
   char id[8];
   Pags__Waymo__Label *l = raw_waymo_alloc(&memory, 1, sizeof *l);
   Pags__Waymo__Box *b = raw_waymo_alloc(&memory, 1, sizeof *b);
-  Pags__Waymo__Metadata *m = raw_waymo_alloc(&memory, 1, sizeof *m);
   pags__waymo__label__init(l);
   pags__waymo__box__init(b);
-  pags__waymo__metadata__init(m);
   snprintf(id, sizeof id, "id%d", i);
   l->box = b;
-  l->metadata = m;
   l->id = raw_waymo_text(&memory, id);
   l->has_type = b->has_center_x = b->has_center_y = b->has_center_z = 1;
-  b->has_length = b->has_width = b->has_height = b->has_heading = m->has_speed_x = 1;
+  b->has_length = b->has_width = b->has_height = b->has_heading = 1;
   l->type = i % 5;
   b->center_x = 5 * i;
   b->length = b->width = b->height = 2;
   b->heading = i;
-  m->speed_x = 2;
   return l;
 }
 
