@@ -1,7 +1,7 @@
 # A thin front for CMake's presets.
 #   make         configure and build (build/pags)
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
-#   make demo    set up, build, and train and render a small scene of our own making
+#   make demo    set up, build, and record, train and render a street of our own making
 #   make check   set up, build, run all tests
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make clean   remove build/
