@@ -18,7 +18,7 @@ step() {
 }
 
 step $pags synth street -o "$out/data"
-step $pags train "$out/data" -o "$out/scene" --iterations "$iterations" --max-gaussians 150000 --json "$out/train.json"
+step $pags train "$out/data" -o "$out/scene" --iterations "$iterations" --max-gaussians 250000 --json "$out/train.json"
 step $pags render "$out/scene" --path ego -o "$out/drive"
 step $pags render "$out/scene" --path ego --shift 2 -o "$out/drive_right"
 step $pags eval "$out/scene" --shift --images "$out/compared" --split test --json "$out/eval.json"
