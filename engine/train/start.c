@@ -183,6 +183,8 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   pags_train_state *s = &t->state;
   pags_start start;
   PAGS_TRY(pags_tracks_create(&s->tracks, t->dataset));
+  if (config->tracks)
+    PAGS_TRY(pags_tracks_smooth(&s->tracks));
   PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
   s->lidar_points = start.lidar_points;
   pags_result result = add_background(t, config, &start, extent);

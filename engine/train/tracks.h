@@ -25,6 +25,9 @@ void pags_tracks_destroy(pags_tracks *tracks);
 /* Knot of an object at exactly this time step; -1: none. */
 int64_t pags_tracks_knot(const pags_object *object, int frame);
 
+/* Increments to begin with: they take the jitter out of the labels of what moves (track_smooth.c). */
+pags_result pags_tracks_smooth(pags_tracks *tracks);
+
 /* One Adam step (Kingma and Ba) of one knot from dL/d(rotation, translation) of the perturbation world_from_model *
  * exp(xi): the gradient of pags_pose_gradient. Increments are small, so that exp(increment) exp(xi) is the increment plus
  * xi, its translation turned by the increment. */

@@ -103,8 +103,8 @@ typedef struct pags_train_config {
   int tracks;         /* 1: poses of moving objects are optimised. Default 1 */
   int64_t tracks_from;           /* of 30 000: held fixed until then; default 3000 */
   double track_translation_rate; /* metres a step in a run that visits each photograph 100 times (inversely more or less in
-                                    others, by 4 at most), falling to a tenth; default 0.01 */
-  double track_rotation_rate;    /* radians, likewise; default 4e-3 */
+                                    others, by 4 at most), falling to a tenth; default 3e-3 */
+  double track_rotation_rate;    /* radians, likewise; default 3e-4 */
   int fourier;                   /* 1: objects' colour may change over time where that pays. Default 1 */
   int64_t fourier_from;          /* of 30 000: when that is decided; default 15000 */
   double fourier_gain;           /* dB that it must promise on the object's pixels; default 0.1 */
