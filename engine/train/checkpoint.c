@@ -18,7 +18,7 @@ static const char magic[8] = "PAGSRUN2";
 
 /* RUN0. */
 typedef struct run_record {
-  int64_t step, stop, resets, cap, clocked, views, models, knots, sky_size, sky_updates, exposures, lidar_points;
+  int64_t step, stop, resets, cap, clocked, views, models, knots, sky_size, exposures, lidar_points;
   double extent, loss, mse, sky_share;
   uint64_t fingerprint;
 } run_record;
@@ -155,7 +155,6 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
                        .models = s->model_count,
                        .knots = knots_of(&s->tracks),
                        .sky_size = s->sky.sky.size,
-                       .sky_updates = s->sky.updates,
                        .exposures = s->exposures.count,
                        .lidar_points = s->lidar_points,
                        .extent = s->schedule.extent,
@@ -170,11 +169,12 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(put_model(w, &s->models[i]));
   PAGS_TRY(put_tracks(w, &s->tracks));
-  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)sky));
+  PAGS_TRY(open_section(w, "SKY0", 3 * (uint64_t)sky + sky / 6));
   if (sky > 0) {
     PAGS_TRY(put(w, s->sky.sky.texels, sky));
     PAGS_TRY(put(w, s->sky.first, sky));
     PAGS_TRY(put(w, s->sky.second, sky));
+    PAGS_TRY(put(w, s->sky.visits, sky / 6));
   }
   PAGS_TRY(close_section(w));
   PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, (size_t)s->exposures.count * sizeof(pags_exposure)));
@@ -254,7 +254,7 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
   return r->step >= 0 && r->stop >= r->step && r->stop <= 2000000000 && r->views >= 1 && isfinite(r->extent) &&
          r->extent > 0 && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
          (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 && r->sky_size <= 4096 &&
-         r->sky_updates >= 0 && (r->sky_size == 0 || dataset);
+         (r->sky_size == 0 || dataset);
 }
 
 static int is_sound_model(const model_record *m, const run_record *r, const pags_train_config *config, int64_t before,
@@ -352,14 +352,14 @@ static pags_result get_tracks(section_reader *r, pags_tracks *tracks) {
 static pags_result get_sky(section_reader *r, const run_record *run, const pags_dataset *dataset, pags_sky_fit *fit) {
   const uint8_t *payload = NULL;
   size_t bytes = sky_bytes(run->sky_size);
-  PAGS_TRY(next_sized(r, "SKY0", 3 * (uint64_t)bytes, &payload));
+  PAGS_TRY(next_sized(r, "SKY0", 3 * (uint64_t)bytes + bytes / 6, &payload));
   if (run->sky_size == 0)
     return PAGS_OK;
   PAGS_TRY(pags_sky_fit_prepare(fit, (int)run->sky_size, dataset));
-  fit->updates = run->sky_updates;
   memcpy(fit->sky.texels, payload, bytes);
   memcpy(fit->first, payload + bytes, bytes);
   memcpy(fit->second, payload + 2 * bytes, bytes);
+  memcpy(fit->visits, payload + 3 * bytes, bytes / 6);
   return PAGS_OK;
 }
 

@@ -5,7 +5,7 @@
  * model: MODL the numbers of model_record, planes of count floats: GAUS the parameters, MOM1 and MOM2 the moments (Fourier
  * terms behind the others); STEP the two steps of each cluster (what rows owe is stored as owed), STAT the densify
  * statistics, OBJI the Gaussians' object numbers where they have any. TRAK holds increments and moments of all knots (labels
- * come from the data set), SKY0 texels and moments, EXPO the exposures, END! nothing. Sections come in this order. */
+ * come from the data set), SKY0 texels, moments and visits, EXPO the exposures, END! nothing. Sections come in this order. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H
 

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 512, ROW_GRAIN = 8, PROBE = 8 };
+enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024, ROW_GRAIN = 8, PROBE = 8 };
 static const double least_share = 1e-3;
 static const double final_share = 0.01; /* of the rate, at the schedule's end */
 
@@ -28,7 +28,7 @@ static int choose_size(const pags_dataset *dataset) {
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
     focal = fmax(focal, pags_dataset_view(dataset, i)->camera.fx);
   int size = LEAST_SIZE; /* a face of N texels spans 2 focal lengths of pixels at its middle */
-  while (size < MOST_SIZE && 2 * size <= focal)
+  while (size < MOST_SIZE && size <= focal)
     size *= 2;
   return size;
 }
@@ -88,8 +88,9 @@ pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset
   fit->first = calloc(floats, sizeof(float));
   fit->second = calloc(floats, sizeof(float));
   fit->gradient = calloc(floats, sizeof(float));
+  fit->visits = calloc(floats / 3, sizeof *fit->visits);
   fit->seen = calloc((size_t)6 * (size_t)size, 1);
-  if (!fit->first || !fit->second || !fit->gradient || !fit->seen) {
+  if (!fit->first || !fit->second || !fit->gradient || !fit->visits || !fit->seen) {
     pags_sky_fit_destroy(fit);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side", size);
   }
@@ -104,44 +105,63 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   free(fit->first);
   free(fit->second);
   free(fit->gradient);
+  free(fit->visits);
   free(fit->seen);
   *fit = (pags_sky_fit){0};
 }
 
+enum { CORRECTIONS = 8192 };
+
 typedef struct update_job {
   pags_sky_fit *fit;
-  float beta1, beta2, rate, correction2, epsilon;
+  float beta1, beta2, rate, epsilon;
+  const float (*correction)[2]; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
 } update_job;
+
+static void update_texel(const update_job *job, int64_t texel) {
+  pags_sky_fit *f = job->fit;
+  const float *g = f->gradient + 3 * texel;
+  if ((g[0] == 0.0f && g[1] == 0.0f && g[2] == 0.0f) || !isfinite(g[0]) || !isfinite(g[1]) || !isfinite(g[2]))
+    return; /* not in view: left alone, moments too */
+  if (f->visits[texel] < UINT16_MAX)
+    f->visits[texel]++;
+  const float *c = job->correction[f->visits[texel] < CORRECTIONS ? f->visits[texel] : CORRECTIONS - 1];
+  for (int64_t i = 3 * texel; i < 3 * texel + 3; i++) {
+    f->first[i] = job->beta1 * f->first[i] + (1.0f - job->beta1) * f->gradient[i];
+    f->second[i] = job->beta2 * f->second[i] + (1.0f - job->beta2) * f->gradient[i] * f->gradient[i];
+    f->sky.texels[i] -= job->rate * f->first[i] * c[0] / (sqrtf(f->second[i] * c[1]) + job->epsilon);
+  }
+}
 
 static void update_rows(void *context, int64_t begin, int64_t end, int worker) {
   const update_job *job = context;
   pags_sky_fit *f = job->fit;
-  int64_t floats = 3 * (int64_t)f->sky.size;
+  int64_t size = f->sky.size;
   (void)worker;
   for (int64_t row = begin; row < end; row++) {
-    for (int64_t i = row * floats; f->seen[row] && i < (row + 1) * floats; i++) {
-      float g = f->gradient[i];
-      if (g == 0.0f || !isfinite(g)) /* not in view: left alone, moments too */
-        continue;
-      f->first[i] = job->beta1 * f->first[i] + (1.0f - job->beta1) * g;
-      f->second[i] = job->beta2 * f->second[i] + (1.0f - job->beta2) * g * g;
-      f->sky.texels[i] -= job->rate * f->first[i] / (sqrtf(f->second[i] * job->correction2) + job->epsilon);
-    }
-    if (f->seen[row])
-      memset(f->gradient + row * floats, 0, (size_t)floats * sizeof(float));
+    if (!f->seen[row])
+      continue;
+    for (int64_t texel = row * size; texel < (row + 1) * size; texel++)
+      update_texel(job, texel);
+    memset(f->gradient + 3 * row * size, 0, 3 * (size_t)size * sizeof(float));
   }
 }
 
 pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
   const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0);
-  fit->updates++;
-  double correction1 = 1.0 / (1.0 - pow(c->beta1, (double)fit->updates));
+  double t = fmin((double)step / (double)schedule->length, 1.0), power1 = 1.0, power2 = 1.0;
+  float correction[CORRECTIONS][2] = {{1.0f, 1.0f}};
+  for (int k = 1; k < CORRECTIONS; k++) {
+    power1 *= c->beta1;
+    power2 *= c->beta2;
+    correction[k][0] = (float)(1.0 / (1.0 - power1));
+    correction[k][1] = (float)(1.0 / (1.0 - power2));
+  }
   update_job job = {.fit = fit,
                     .beta1 = (float)c->beta1,
                     .beta2 = (float)c->beta2,
-                    .rate = (float)(c->sky_rate * pow(final_share, t) * correction1),
-                    .correction2 = (float)(1.0 / (1.0 - pow(c->beta2, (double)fit->updates))),
+                    .rate = (float)(c->sky_rate * pow(final_share, t)),
+                    .correction = (const float(*)[2])correction,
                     .epsilon = 1e-15f};
   return pags_parallel_for(tasks, 6 * (int64_t)fit->sky.size, ROW_GRAIN, update_rows, &job)
              ? PAGS_OK

@@ -11,13 +11,13 @@
 typedef struct pags_sky_fit {
   pags_sky sky;          /* size 0: the scene has none */
   float *first, *second; /* Adam's moments, laid out as the texels; they move only when a gradient arrives */
+  uint16_t *visits;      /* per texel: gradients so far, which is what the moments' bias is corrected by; stays at 65535 */
   float *gradient;       /* of one step; all zero between steps */
   uint8_t *seen;         /* per row of texels of each face: 1 where a training view may show it. Derived */
-  int64_t updates;
 } pags_sky_fit;
 
 /* Decides by the labels of the training photographs, seen at an eighth of their size: below a thousandth of all pixels there is
- * no sky (size 0). Else texels as large as two to four pixels of the sharpest camera, 64 to 512 a side, of the mean colour of what is
+ * no sky (size 0). Else texels as large as one to two pixels of the sharpest camera, 64 to 1024 a side, of the mean colour of what is
  * labelled sky. `share` receives that share of pixels. */
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share);
 /* Zero moments and buffers for a sky of `size`, as loaded from a checkpoint. */
