@@ -257,12 +257,13 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
          (r->sky_size == 0 || dataset);
 }
 
-static int is_sound_model(const model_record *m, const run_record *r, const pags_train_config *config, int64_t before,
-                          int64_t objects) {
-  return m->object > before - (before < 0) && (before < -1 ? m->object == -1 : m->object >= 0) && m->object < objects &&
-         m->count >= 0 && m->count <= INT32_MAX - 64 && m->sh_degree == config->sh_degree && isfinite(m->extent) &&
-         m->extent > 0 && m->clusters == (m->count + config->cluster_size - 1) / config->cluster_size &&
-         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1) && r->models >= 1;
+/* The background (object -1) comes first, then objects in rising order; `before` is the last one's, -2 before the first. */
+static int is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
+  int in_order = before == -2 ? m->object == -1 : m->object > before;
+  return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
+         m->sh_degree == config->sh_degree && isfinite(m->extent) && m->extent > 0 &&
+         m->clusters == (m->count + config->cluster_size - 1) / config->cluster_size &&
+         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1);
 }
 
 /* Steps that no run leaves would send replay over the ends of its tables. */
@@ -306,14 +307,14 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
   return PAGS_OK;
 }
 
-static pags_result get_model(section_reader *r, const run_record *run, pags_train_state *s) {
+static pags_result get_model(section_reader *r, pags_train_state *s) {
   const pags_train_config *config = &s->schedule.config;
   const uint8_t *payload = NULL;
   model_record record;
   int64_t before = s->model_count > 0 ? s->models[s->model_count - 1].object : -2;
   PAGS_TRY(next_sized(r, "MODL", sizeof record, &payload));
   memcpy(&record, payload, sizeof record);
-  if (!is_sound_model(&record, run, config, before, s->tracks.count))
+  if (!is_sound_model(&record, config, before, s->tracks.count))
     return out_of_range(r, "MODL");
   /* Before memory is asked for: can the file hold that many? */
   if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->sh_degree) >
@@ -409,7 +410,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   s->lidar_points = record.lidar_points;
   *fingerprint = record.fingerprint;
   for (int64_t i = 0; i < record.models; i++)
-    PAGS_TRY(get_model(r, &record, s));
+    PAGS_TRY(get_model(r, s));
   PAGS_TRY(get_tracks(r, &s->tracks));
   PAGS_TRY(get_sky(r, &record, dataset, &s->sky));
   PAGS_TRY(get_exposures(r, &record, &s->exposures));

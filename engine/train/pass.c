@@ -134,8 +134,6 @@ static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t k
   const pags_train_model *m = &t->state.models[model];
   pags_part *part = &p->parts[p->part_count];
   *part = (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id};
-  if (m->gaussians.fourier)
-    part->dc = p->dc[model];
   memcpy(part->world_from_model, world_from_model, sizeof part->world_from_model);
   p->part_model[p->part_count] = model;
   p->part_knot[p->part_count++] = knot;

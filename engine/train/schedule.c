@@ -8,6 +8,7 @@
 #include <math.h>
 
 #include "base/rng.h"
+#include "train/config.h"
 
 static const double reference_iterations = 30000.0;
 
@@ -20,9 +21,7 @@ static int64_t at_least(int64_t value, int64_t least) {
 }
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
-  pags_schedule s = {.config = *config, .extent = extent, .views = views};
-  if (s.config.sh_degree < 0)
-    s.config.sh_degree = 3; /* not resolved: as for static sets */
+  pags_schedule s = {.config = pags_config_resolve(config, 0), .extent = extent, .views = views};
   s.length = config->schedule_iterations > 0 ? config->schedule_iterations : config->iterations;
   s.densify_from = scaled(config->densify_from, s.length);
   s.densify_until = scaled(config->densify_until, s.length);

@@ -106,16 +106,16 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   free(fit->second);
   free(fit->gradient);
   free(fit->visits);
+  free(fit->correction);
   free(fit->seen);
   *fit = (pags_sky_fit){0};
 }
 
-enum { CORRECTIONS = 8192 };
+enum { CORRECTIONS = 8192 }; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
 
 typedef struct update_job {
   pags_sky_fit *fit;
   float beta1, beta2, rate, epsilon;
-  const float (*correction)[2]; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
 } update_job;
 
 static void update_texel(const update_job *job, int64_t texel) {
@@ -125,7 +125,7 @@ static void update_texel(const update_job *job, int64_t texel) {
     return; /* not in view: left alone, moments too */
   if (f->visits[texel] < UINT16_MAX)
     f->visits[texel]++;
-  const float *c = job->correction[f->visits[texel] < CORRECTIONS ? f->visits[texel] : CORRECTIONS - 1];
+  const float *c = f->correction[f->visits[texel] < CORRECTIONS ? f->visits[texel] : CORRECTIONS - 1];
   for (int64_t i = 3 * texel; i < 3 * texel + 3; i++) {
     f->first[i] = job->beta1 * f->first[i] + (1.0f - job->beta1) * f->gradient[i];
     f->second[i] = job->beta2 * f->second[i] + (1.0f - job->beta2) * f->gradient[i] * f->gradient[i];
@@ -147,21 +147,30 @@ static void update_rows(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
-  const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0), power1 = 1.0, power2 = 1.0;
-  float correction[CORRECTIONS][2] = {{1.0f, 1.0f}};
+static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *c) {
+  double power1 = 1.0, power2 = 1.0;
+  fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
+  if (!fit->correction)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the sky's optimiser");
+  fit->correction[0][0] = fit->correction[0][1] = 1.0f;
   for (int k = 1; k < CORRECTIONS; k++) {
     power1 *= c->beta1;
     power2 *= c->beta2;
-    correction[k][0] = (float)(1.0 / (1.0 - power1));
-    correction[k][1] = (float)(1.0 / (1.0 - power2));
+    fit->correction[k][0] = (float)(1.0 / (1.0 - power1));
+    fit->correction[k][1] = (float)(1.0 / (1.0 - power2));
   }
+  return PAGS_OK;
+}
+
+pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
+  const pags_train_config *c = &schedule->config;
+  double t = fmin((double)step / (double)schedule->length, 1.0);
+  if (!fit->correction)
+    PAGS_TRY(make_corrections(fit, c));
   update_job job = {.fit = fit,
                     .beta1 = (float)c->beta1,
                     .beta2 = (float)c->beta2,
                     .rate = (float)(c->sky_rate * pow(final_share, t)),
-                    .correction = (const float(*)[2])correction,
                     .epsilon = 1e-15f};
   return pags_parallel_for(tasks, 6 * (int64_t)fit->sky.size, ROW_GRAIN, update_rows, &job)
              ? PAGS_OK

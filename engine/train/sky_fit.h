@@ -13,6 +13,7 @@ typedef struct pags_sky_fit {
   float *first, *second; /* Adam's moments, laid out as the texels; they move only when a gradient arrives */
   uint16_t *visits;      /* per texel: gradients so far, which is what the moments' bias is corrected by; stays at 65535 */
   float *gradient;       /* of one step; all zero between steps */
+  float (*correction)[2]; /* of the moments, by visits; made at the first update. Derived */
   uint8_t *seen;         /* per row of texels of each face: 1 where a training view may show it. Derived */
 } pags_sky_fit;
 

@@ -136,7 +136,7 @@ double stub_depth(const pags_dataset *d, int step, double u, double v, int skip)
 
 const char *pags_dataset_path(const pags_dataset *d) {
   (void)d;
-  return "stub";
+  return "in memory";
 }
 int64_t pags_dataset_view_count(const pags_dataset *d) {
   (void)d;
