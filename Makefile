@@ -4,9 +4,11 @@
 #   make demo    set up, build, and record, train and render a street of our own making
 #   make check   set up, build, run all tests
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
+#   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
 JOBS ?= $(shell nproc)
+PREFIX ?= /usr/local
 
 all:
 	cmake --preset release
@@ -31,7 +33,10 @@ bench: build/demo/scene/scene.json
 build/demo/scene/scene.json:
 	$(MAKE) demo
 
+install: all
+	cmake --install build --prefix $(PREFIX)
+
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check bench clean
+.PHONY: all setup demo check bench install clean

@@ -56,15 +56,3 @@ void pags_normals_from_depth(const pags_picture *picture, const pags_camera *cam
         out[k][(int64_t)y * picture->stride + x] = (float)(m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]);
     }
 }
-
-void pags_heat_color(float value, float rgb[3]) {
-  static const float stops[5][3] = {{0.05f, 0.03f, 0.20f},
-                                    {0.42f, 0.06f, 0.43f},
-                                    {0.83f, 0.21f, 0.30f},
-                                    {0.98f, 0.58f, 0.15f},
-                                    {0.99f, 0.97f, 0.65f}};
-  float at = value > 0 ? (value < 1 ? 4 * value : 4) : 0; /* NaN: 0 */
-  int first = at < 3 ? (int)at : 3;
-  for (int c = 0; c < 3; ++c)
-    rgb[c] = stops[first][c] + (at - (float)first) * (stops[first + 1][c] - stops[first][c]);
-}

@@ -3,15 +3,16 @@
 set -u
 
 needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libcmocka-dev python3"
-# The NEON kernels' tests; everything else does without.
-wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user"
+# The NEON kernels' tests, the Python module, Blender's tests; everything else does without.
+wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is no Debian; please see to these yourself:"
   echo "  a C17 and C++17 compiler (gcc 12 or clang 14 or later), CMake 3.24, make, pkg-config,"
   echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4,"
   echo "  protobuf-c with protoc-c, expat, cmocka, Python 3;"
-  echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64"
+  echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
+  echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick"
   exit 0
 fi
 
@@ -58,5 +59,5 @@ if [ -n "$missing_needed" ] && ! install $missing_needed; then
 fi
 # shellcheck disable=SC2086
 if [ -n "$missing_wanted" ] && ! install $missing_wanted; then
-  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests"
+  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests, the Python module or Blender's tests"
 fi

@@ -7,6 +7,7 @@
 
 #include <float.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,6 +39,8 @@ struct pags_composition {
   group *groups;
   addition *additions;
   pags_part *parts; /* room for every group and addition */
+  pags_part *placed_parts;
+  int64_t placed_capacity;
 };
 
 static pags_result out_of_memory(const pags_composition *c) {
@@ -204,6 +207,7 @@ void pags_composition_destroy(pags_composition *composition) {
   free(composition->groups);
   free(composition->additions);
   free(composition->parts);
+  free(composition->placed_parts);
   pags_scene_destroy(&composition->scene);
   free(composition);
 }
@@ -391,10 +395,8 @@ static void evaluate_dc(const pags_scene *scene, group *g, double time) {
   g->dc_time = time;
 }
 
-static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
-  pags_part *part = &c->parts[*count];
-  if (g->gaussians.count == 0 || !place(c, g, motion, time, part->world_from_model))
-    return;
+/* All of a part but its place. */
+static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
   if (g->dc)
     evaluate_dc(&c->scene, g, time);
   part->gaussians = &g->gaussians;
@@ -402,6 +404,13 @@ static void put_part(pags_composition *c, group *g, const double *motion, double
   part->id = g->id;
   part->first_id = g->id[0];
   part->dc = g->dc;
+}
+
+static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
+  pags_part *part = &c->parts[*count];
+  if (g->gaussians.count == 0 || !place(c, g, motion, time, part->world_from_model))
+    return;
+  fill_part(c, g, time, part);
   ++*count;
 }
 
@@ -415,6 +424,94 @@ void pags_compose(pags_composition *composition, double time, const pags_part **
   for (int64_t i = 0; i < c->addition_count; ++i)
     put_part(c, &c->groups[c->additions[i].group], c->additions[i].motion, when, part_count);
   *parts = c->parts;
+}
+
+int pags_composition_is_tracked(const pags_composition *composition, int64_t object) {
+  return composition->scene.objects[object].model >= 0;
+}
+
+void pags_composition_rest_pose(const pags_composition *composition, int64_t object, double out[12]) {
+  const pags_scene *scene = &composition->scene;
+  if (!pags_object_pose(&scene->objects[object].record, scene->time_begin, out))
+    nearest_pose(&scene->objects[object].record, scene->time_begin, out);
+}
+
+/* Whether a placement of `object` draws this group; -1 draws what no object's does. */
+static bool is_placed_by(const pags_composition *c, const group *g, int64_t object) {
+  return object < 0 ? g->object < 0 || !follows_edits(c, g, g->object) : follows_edits(c, g, object);
+}
+
+static pags_result check_placements(const pags_composition *c, const pags_placement *placements, int64_t count) {
+  for (int64_t i = 0; i < count; ++i) {
+    double pose[12];
+    char what[64];
+    if (placements[i].object < -1 || placements[i].object >= c->scene.object_count)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "placement %lld: expected one of the scene's %lld objects or -1, found %lld",
+                       (long long)i, (long long)c->scene.object_count, (long long)placements[i].object);
+    snprintf(what, sizeof what, "placement %lld", (long long)i);
+    memcpy(pose, placements[i].world_from_object, sizeof pose);
+    PAGS_TRY(pags_rigid_check(pose, what));
+  }
+  return PAGS_OK;
+}
+
+static pags_result reserve_placed(pags_composition *c, const pags_placement *placements, int64_t count) {
+  int64_t needed = 0;
+  for (int64_t i = 0; i < count; ++i)
+    for (int64_t g = 0; g < c->group_count; ++g)
+      needed += is_placed_by(c, &c->groups[g], placements[i].object);
+  if (needed > INT32_MAX)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld parts are more than can be drawn at once", (long long)needed);
+  if (needed <= c->placed_capacity)
+    return PAGS_OK;
+  pags_part *parts = calloc((size_t)needed, sizeof *parts);
+  if (!parts)
+    return out_of_memory(c);
+  free(c->placed_parts);
+  c->placed_parts = parts;
+  c->placed_capacity = needed;
+  return PAGS_OK;
+}
+
+/* world_from_model, relative to the origin, of a group that a checked placement draws. */
+static void place_at(const pags_composition *c, const group *g, const pags_placement *placement, double out[12]) {
+  double there[12], rest[12], back[12];
+  memcpy(there, placement->world_from_object, sizeof there);
+  pags_rigid_check(there, "placement");
+  for (int k = 0; k < 3; ++k)
+    for (int j = 0; placement->object < 0 && j < 3; ++j) /* p -> R (p + origin) + t - origin */
+      there[4 * k + 3] += there[4 * k + j] * c->scene.origin[j];
+  for (int k = 0; k < 3; ++k)
+    there[4 * k + 3] -= c->scene.origin[k];
+  memcpy(out, there, sizeof there);
+  if (placement->object < 0 || g->tracked)
+    return;
+  pags_composition_rest_pose(c, g->object, rest);
+  for (int k = 0; k < 3; ++k)
+    rest[4 * k + 3] -= c->scene.origin[k];
+  pags_rigid_inverse(rest, back);
+  pags_rigid_multiply(there, back, out);
+}
+
+pags_result pags_compose_placed(pags_composition *composition, double time, const pags_placement *placements,
+                                int64_t count, const pags_part **parts, int *part_count) {
+  pags_composition *c = composition;
+  double when = isnan(time) ? c->scene.time_begin : time;
+  *parts = NULL;
+  *part_count = 0;
+  PAGS_TRY(check_placements(c, placements, count));
+  PAGS_TRY(reserve_placed(c, placements, count));
+  for (int64_t i = 0; i < count; ++i)
+    for (int64_t k = 0; k < c->group_count; ++k) {
+      group *g = &c->groups[k];
+      if (g->gaussians.count == 0 || !is_placed_by(c, g, placements[i].object))
+        continue;
+      pags_part *part = &c->placed_parts[(*part_count)++];
+      fill_part(c, g, when, part);
+      place_at(c, g, &placements[i], part->world_from_model);
+    }
+  *parts = c->placed_parts;
+  return PAGS_OK;
 }
 
 void pags_composition_objects(const pags_composition *composition, int32_t *object_of) {

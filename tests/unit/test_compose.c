@@ -340,6 +340,38 @@ static void steady_composition_keeps_its_memory(void **state) {
   pags_composition_destroy(c);
 }
 
+/* Placements of the tracks' own poses give the tracks' picture; others move, leave out and repeat. */
+static void placements_are_drawn_where_they_say(void **state) {
+  (void)state;
+  pags_composition *c = compose_scene(make_scene());
+  pags_placement placements[4] = {{-1, {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}, {PARKED, {0}}, {CAR, {0}}, {CAR, {0}}};
+  const pags_part *tracks, *parts;
+  int track_count, count;
+  assert_true(pags_composition_is_tracked(c, CAR) && !pags_composition_is_tracked(c, PARKED));
+  pags_composition_rest_pose(c, PARKED, placements[1].world_from_object);
+  assert_true(pags_object_pose(&pags_composition_scene(c)->objects[CAR].record, 101, placements[2].world_from_object));
+  assert_int_equal(pags_compose_placed(c, 101, placements, 3, &parts, &count), PAGS_OK);
+  pags_compose(c, 101, &tracks, &track_count);
+  assert_int_equal(count, track_count);
+  for (int p = 0; p < count; ++p)
+    for (int k = 0; k < 12; ++k)
+      assert_true(fabs(parts[p].world_from_model[k] - tracks[p].world_from_model[k]) < 1e-9);
+  placements[1].world_from_object[7] += 2;
+  memcpy(&placements[3], &placements[2], sizeof placements[3]);
+  placements[3].world_from_object[11] += 5;
+  assert_int_equal(pags_compose_placed(c, 101, placements + 1, 3, &parts, &count), PAGS_OK);
+  assert_int_equal(count, 3);
+  assert_true(fabs(parts[0].world_from_model[7] - 2) < 1e-6);
+  assert_true(fabs(parts[2].world_from_model[11] - parts[1].world_from_model[11] - 5) < 1e-6);
+  placements[0].object = 2;
+  assert_int_equal(pags_compose_placed(c, 101, placements, 1, &parts, &count), PAGS_ERROR_ARGUMENT);
+  placements[0].object = CAR;
+  placements[0].world_from_object[0] = 2;
+  assert_int_not_equal(pags_compose_placed(c, 101, placements, 1, &parts, &count), PAGS_OK);
+  assert_int_equal(count, 0);
+  pags_composition_destroy(c);
+}
+
 static int setup(void **state) {
   (void)state;
   tasks = pags_tasks_create(2);
@@ -366,6 +398,7 @@ int main(void) {
       cmocka_unit_test(ids_and_objects_are_those_of_the_files),
       cmocka_unit_test(cutting_changes_no_bit),
       cmocka_unit_test(steady_composition_keeps_its_memory),
+      cmocka_unit_test(placements_are_drawn_where_they_say),
   };
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -54,11 +54,33 @@ PAGS_API pags_result pags_composition_edit(pags_composition *composition, const 
  * composition's, valid until its next compose, edit or destroy. */
 PAGS_API void pags_compose(pags_composition *composition, double time, const pags_part **parts, int *part_count);
 
+/* One object drawn where the caller says. */
+typedef struct pags_placement {
+  int64_t object;               /* index in the scene's objects; -1: everything that belongs to none of them */
+  double world_from_object[12]; /* where the object's frame is, absolute; for -1: how the world itself is moved. Rigid */
+} pags_placement;
+
+/* What is to be drawn at `time` when a host (an editor, a simulator) keeps the objects' places: the placements and nothing else,
+ * whatever tracks and edits say. An object may come several times. A parked object is carried from its rest pose
+ * (pags_composition_rest_pose); `time` is for colours that change. The parts are the composition's as those of pags_compose are.
+ * PAGS_ERROR_ARGUMENT for an object that the scene doesn't have or a pose that is no rigid motion; PAGS_ERROR_MEMORY. */
+PAGS_API pags_result pags_compose_placed(pags_composition *composition, double time, const pags_placement *placements,
+                                         int64_t count, const pags_part **parts, int *part_count);
+
+/* Where an object whose Gaussians lie in the background was when they were put there: its pose at the scene's begin, or at its
+ * label nearest to it. For an object with a model of its own the same rule says where it comes in first. */
+PAGS_API void pags_composition_rest_pose(const pags_composition *composition, int64_t object, double out[12]);
+/* 1: the object has a model of its own and follows its track; 0: its Gaussians lie in the background. */
+PAGS_API int pags_composition_is_tracked(const pags_composition *composition, int64_t object);
+
 /* Per id: index of the object, -1 for none. Room for gaussian_count entries. */
 PAGS_API void pags_composition_objects(const pags_composition *composition, int32_t *object_of);
 /* Per id: s_sem where it is known, else 1 for Gaussians of critical objects and 0 for others. Returns 0, and nothing but
  * zeros, when the scene has neither. */
 PAGS_API int pags_composition_priorities(const pags_composition *composition, float *priority_of);
+
+/* A priority as a colour, display-referred: dark violet at 0 over red to pale yellow at 1. Values beyond are held; NaN is 0. */
+PAGS_API void pags_heat_color(float value, float rgb[3]);
 
 #ifdef __cplusplus
 }

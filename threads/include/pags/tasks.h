@@ -14,6 +14,10 @@
 extern "C" {
 #endif
 
+#if defined(__GNUC__)
+#pragma GCC visibility push(default) /* part of the public API, as PAGS_API marks it elsewhere */
+#endif
+
 typedef struct pags_tasks pags_tasks;
 typedef struct pags_arena pags_arena;
 
@@ -95,6 +99,10 @@ void pags_arena_release(pags_arena *arena, pags_arena_mark mark);
 /* Most bytes that were ever in use at once, and heap calls made so far (for the test that steady state makes none). */
 size_t pags_arena_high_water(const pags_arena *arena);
 uint64_t pags_arena_heap_calls(const pags_arena *arena);
+
+#if defined(__GNUC__)
+#pragma GCC visibility pop
+#endif
 
 #ifdef __cplusplus
 }

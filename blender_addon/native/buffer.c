@@ -1,0 +1,106 @@
+/* Memory of the engine's as Python sees it: no copy, read-only. */
+#include "native.h"
+
+#include <stdlib.h>
+
+enum { MAX_DIMENSIONS = 3 };
+
+typedef struct native_buffer {
+  PyObject_HEAD
+  PyObject *owner; /* NULL: `data` is ours */
+  void *data;
+  char format[2];
+  int dimensions;
+  Py_ssize_t item, shape[MAX_DIMENSIONS], strides[MAX_DIMENSIONS];
+} native_buffer;
+
+static Py_ssize_t item_size(char format) {
+  return format == 'd' || format == 'q' ? 8 : format == 'B' ? 1 : 4;
+}
+
+static PyObject *create(const native_state *state, PyObject *owner, void *data, char format, int dimensions,
+                        const Py_ssize_t *shape) {
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->buffer, Py_tp_alloc);
+  native_buffer *self = (native_buffer *)alloc(state->buffer, 0);
+  if (!self)
+    return NULL;
+  Py_XINCREF(owner);
+  self->owner = owner;
+  self->data = data;
+  self->format[0] = format;
+  self->dimensions = dimensions;
+  self->item = item_size(format);
+  Py_ssize_t stride = self->item;
+  for (int d = dimensions - 1; d >= 0; --d) {
+    self->shape[d] = shape[d];
+    self->strides[d] = stride;
+    stride *= shape[d];
+  }
+  return (PyObject *)self;
+}
+
+PyObject *native_buffer_new(const native_state *state, PyObject *owner, const void *data, char format, int dimensions,
+                            const Py_ssize_t *shape) {
+  return create(state, owner, (void *)(size_t)data, format, dimensions, shape);
+}
+
+PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions, const Py_ssize_t *shape) {
+  PyObject *self = create(state, NULL, data, format, dimensions, shape);
+  if (!self)
+    free(data);
+  return self;
+}
+
+static void buffer_dealloc(PyObject *object) {
+  native_buffer *self = (native_buffer *)object;
+  PyTypeObject *type = Py_TYPE(object);
+  if (self->owner)
+    Py_DECREF(self->owner);
+  else
+    free(self->data);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
+static int buffer_get(PyObject *object, Py_buffer *view, int flags) {
+  native_buffer *self = (native_buffer *)object;
+  if (flags & PyBUF_WRITABLE) {
+    PyErr_SetString(PyExc_BufferError, "pictures of the engine are read-only; copy them");
+    return -1;
+  }
+  *view = (Py_buffer){.buf = self->data, .itemsize = self->item, .readonly = 1, .ndim = self->dimensions};
+  view->len = self->item;
+  for (int d = 0; d < self->dimensions; ++d)
+    view->len *= self->shape[d];
+  view->format = flags & PyBUF_FORMAT ? self->format : NULL;
+  view->shape = flags & PyBUF_ND ? self->shape : NULL;
+  view->strides = (flags & PyBUF_STRIDES) == PyBUF_STRIDES ? self->strides : NULL;
+  Py_INCREF(object);
+  view->obj = object;
+  return 0;
+}
+
+static PyObject *buffer_shape(PyObject *object, void *closure) {
+  native_buffer *self = (native_buffer *)object;
+  (void)closure;
+  PyObject *shape = PyTuple_New(self->dimensions);
+  for (int d = 0; shape && d < self->dimensions; ++d)
+    PyTuple_SetItem(shape, d, PyLong_FromSsize_t(self->shape[d]));
+  return shape;
+}
+
+static Py_ssize_t buffer_length(PyObject *object) {
+  return ((native_buffer *)object)->shape[0];
+}
+
+static PyGetSetDef buffer_getset[] = {{"shape", buffer_shape, NULL, "sizes, the last varying fastest", NULL}, {0}};
+static PyType_Slot buffer_slots[] = {{Py_tp_dealloc, buffer_dealloc},
+                                     {Py_bf_getbuffer, buffer_get},
+                                     {Py_tp_getset, buffer_getset},
+                                     {Py_sq_length, buffer_length},
+                                     {Py_tp_doc, "Memory of the engine's: memoryview(x) or numpy.asarray(x) see it without a copy."},
+                                     {0, NULL}};
+PyType_Spec native_buffer_spec = {.name = "pags.Buffer",
+                                  .basicsize = sizeof(native_buffer),
+                                  .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,
+                                  .slots = buffer_slots};

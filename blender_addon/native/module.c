@@ -1,0 +1,122 @@
+/* The module `pags`: what the add-on and plain Python see of the engine. */
+#include "native.h"
+
+#include <pags/tasks.h>
+
+static struct PyModuleDef module_definition;
+
+native_state *native_state_of(PyObject *self) {
+  return PyType_GetModuleState(Py_TYPE(self));
+}
+
+PyObject *native_raise_text(const native_state *state, pags_result code, const char *text) {
+  PyObject *type = code == PAGS_CANCELLED ? state->cancelled : state->error;
+  PyObject *error = code == PAGS_ERROR_MEMORY ? NULL : PyObject_CallFunction(type, "s", text);
+  if (code == PAGS_ERROR_MEMORY)
+    PyErr_SetString(PyExc_MemoryError, text);
+  if (!error)
+    return NULL;
+  PyObject *name = PyUnicode_FromString(pags_result_name(code));
+  if (name && PyObject_SetAttrString(error, "code", name) == 0)
+    PyErr_SetObject(type, error);
+  Py_XDECREF(name);
+  Py_DECREF(error);
+  return NULL;
+}
+
+PyObject *native_raise(const native_state *state, pags_result code) {
+  return native_raise_text(state, code, pags_error_message());
+}
+
+static PyObject *available_threads(PyObject *module, PyObject *unused) {
+  (void)module;
+  (void)unused;
+  return PyLong_FromLong(pags_available_threads());
+}
+
+static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec, const char *name) {
+  PyObject *type = PyType_FromModuleAndSpec(module, spec, NULL);
+  if (type && PyModule_AddObjectRef(module, name, type) == 0)
+    return (PyTypeObject *)type;
+  Py_XDECREF(type);
+  return NULL;
+}
+
+static PyObject *add_exception(PyObject *module, const char *full, const char *name, const char *about, PyObject *base) {
+  PyObject *type = PyErr_NewExceptionWithDoc(full, about, base, NULL);
+  if (type && PyModule_AddObjectRef(module, name, type) == 0)
+    return type;
+  Py_XDECREF(type);
+  return NULL;
+}
+
+static int module_exec(PyObject *module) {
+  native_state *state = PyModule_GetState(module);
+  state->error = add_exception(module, "pags.Error", "Error",
+                               "What the engine found wrong, in its words; `code` names the kind.", PyExc_RuntimeError);
+  if (!state->error)
+    return -1;
+  state->cancelled = add_exception(module, "pags.Cancelled", "Cancelled", "The work was cancelled.", state->error);
+  state->buffer = add_type(module, &native_buffer_spec, "Buffer");
+  state->scene = add_type(module, &native_scene_spec, "Scene");
+  state->renderer = add_type(module, &native_renderer_spec, "Renderer");
+  state->job = add_type(module, &native_job_spec, "Job");
+  state->picture = add_type(module, &native_picture_spec, "Picture");
+  if (!state->cancelled || !state->buffer || !state->scene || !state->renderer || !state->job || !state->picture)
+    return -1;
+  return PyModule_AddStringConstant(module, "version", PAGS_VERSION_STRING);
+}
+
+static int module_traverse(PyObject *module, visitproc visit, void *arg) {
+  native_state *state = PyModule_GetState(module);
+  Py_VISIT(state->error);
+  Py_VISIT(state->cancelled);
+  Py_VISIT(state->buffer);
+  Py_VISIT(state->scene);
+  Py_VISIT(state->renderer);
+  Py_VISIT(state->job);
+  Py_VISIT(state->picture);
+  return 0;
+}
+
+static int module_clear(PyObject *module) {
+  native_state *state = PyModule_GetState(module);
+  Py_CLEAR(state->error);
+  Py_CLEAR(state->cancelled);
+  Py_CLEAR(state->buffer);
+  Py_CLEAR(state->scene);
+  Py_CLEAR(state->renderer);
+  Py_CLEAR(state->job);
+  Py_CLEAR(state->picture);
+  return 0;
+}
+
+static PyMethodDef methods[] = {
+    {"load", native_scene_load, METH_VARARGS, "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat)."},
+    {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
+     "render(scene, camera, threads=0, **as for Renderer.submit) -> Picture\n\nDraws once and waits."},
+    {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
+     "pick(scene, camera, x, y, threads=0, **as for Renderer.submit) -> dict or None\n\nWhat is seen at pixel (x, y), row 0 at "
+     "the top: id of the Gaussian that weighs most, object (number or None), priority, depth (metres along the camera's axis), "
+     "point (world, metres)."},
+    {"available_threads", available_threads, METH_NOARGS, "Processors that this process may use."},
+    {0}};
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, module_exec}, {0, NULL}};
+static struct PyModuleDef module_definition = {
+    PyModuleDef_HEAD_INIT,
+    .m_name = "pags",
+    .m_doc = "Priority-Adaptive Gaussian Splatting on CPUs.\n\n"
+             "Cameras are dictionaries: width, height, fx, fy, cx, cy (pixels; corners at 0 and width), world_from_camera (12 "
+             "numbers,\n3 x 4 row by row; x right, y down, z forward; metres) and time (seconds; may be left out).",
+    .m_size = sizeof(native_state),
+    .m_methods = methods,
+    .m_slots = slots,
+    .m_traverse = module_traverse,
+    .m_clear = module_clear};
+
+/* The macro says what is to be visible. */
+PyMODINIT_FUNC PyInit_pags(void);
+PyMODINIT_FUNC PyInit_pags(void) {
+  return PyModuleDef_Init(&module_definition);
+}

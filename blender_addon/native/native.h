@@ -1,0 +1,108 @@
+/* What the parts of the Python module share. The module is limited-API Python (abi3) over the public C API.
+ *
+ * Scenes, renderers, jobs and pictures are Python objects that own what they stand for. Whatever may take time runs with the
+ * interpreter lock released; the engine's threads never touch Python. */
+#ifndef PAGS_NATIVE_H
+#define PAGS_NATIVE_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#include <pags/compose.h>
+#include <pags/frame.h>
+#include <pthread.h>
+#include <stdbool.h>
+
+typedef struct native_state {
+  PyObject *error, *cancelled; /* exceptions */
+  PyTypeObject *buffer, *scene, *renderer, *job, *picture;
+} native_state;
+
+/* The state of the module that defined the object's type. */
+native_state *native_state_of(PyObject *self);
+
+/* Raises the engine's last message of this thread; returns NULL. */
+PyObject *native_raise(const native_state *state, pags_result code);
+PyObject *native_raise_text(const native_state *state, pags_result code, const char *text);
+
+/* ---- Buffers ---- */
+
+/* A read-only block of memory with a shape, seen through the buffer protocol; `owner` keeps the memory alive. */
+PyObject *native_buffer_new(const native_state *state, PyObject *owner, const void *data, char format, int dimensions,
+                            const Py_ssize_t *shape);
+/* The same of memory that the buffer frees. Takes `data` over, on failure as well. */
+PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions, const Py_ssize_t *shape);
+extern PyType_Spec native_buffer_spec;
+
+/* ---- Scenes ---- */
+
+typedef struct native_scene {
+  PyObject_HEAD
+  pags_composition *composition;
+  pthread_mutex_t lock; /* of the composition and of what is below */
+  bool has_lock;
+  int32_t *object_of;  /* by id; filled when first asked for */
+  float *priority_of;
+  float *size_of;      /* largest sigma, metres */
+} native_scene;
+
+extern PyType_Spec native_scene_spec;
+PyObject *native_scene_load(PyObject *module, PyObject *arguments);
+/* With the scene's lock held, any thread: fills the table. */
+pags_result native_scene_need_objects(native_scene *scene);
+pags_result native_scene_need_priorities(native_scene *scene);
+pags_result native_scene_need_sizes(native_scene *scene);
+
+/* ---- Values from Python; each raises and returns false ---- */
+
+bool native_read_camera(PyObject *value, pags_camera *out);
+bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, double *out);
+PyObject *native_camera_dict(const pags_camera *camera);
+/* Puts a new reference into a dictionary and drops it; false when `value` is NULL or memory is out. */
+bool native_put(PyObject *dict, const char *key, PyObject *value);
+PyObject *native_numbers(const double *values, Py_ssize_t count);
+
+/* ---- Pictures ---- */
+
+typedef enum native_mode { MODE_RGB, MODE_PRIORITY, MODE_CRITICAL, MODE_DEPTH, MODE_SIZE, MODE_COUNT } native_mode;
+enum { OUTPUT_RGBA = 1, OUTPUT_DEPTH = 2, OUTPUT_OBJECT = 4, OUTPUT_ID = 8, OUTPUT_PRIORITY = 16, OUTPUT_HEAT = 32,
+       OUTPUT_KINDS = 6 };
+
+/* How planes are to be handed over. */
+typedef struct native_layout {
+  int x, y, width, height; /* window of the picture, row 0 at the top */
+  unsigned outputs;
+  native_mode mode;
+  bool linear;      /* colours decoded from sRGB to linear light */
+  bool flip;        /* bottom row first, as Blender has it */
+  bool transparent; /* alpha as drawn, colours premultiplied; else alpha is 1 */
+  float depth_empty;       /* depth where nothing was blended */
+  float depth_scale;
+  const float *object_values; /* by object; NULL: its number + 1; elsewhere 0 */
+} native_layout;
+
+typedef struct native_planes {
+  int width, height;
+  float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
+  int32_t *id;
+  pags_frame_stats stats;
+  double ms; /* from the job's begin to its end */
+} native_planes;
+
+/* Which outputs need depth and id of the frame. */
+bool native_layout_needs_extras(const native_layout *layout);
+/* Fills `out` on the renderer's threads; the scene's tables must be there. PAGS_ERROR_MEMORY or PAGS_CANCELLED. */
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
+                               const native_layout *layout, native_planes *out);
+void native_planes_free(native_planes *planes);
+/* Takes the planes over. */
+PyObject *native_picture_new(const native_state *state, native_planes *planes);
+extern PyType_Spec native_picture_spec;
+
+/* ---- Renderers and jobs ---- */
+
+extern PyType_Spec native_renderer_spec, native_job_spec;
+PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords);
+PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords);
+
+#endif

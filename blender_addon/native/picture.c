@@ -1,0 +1,278 @@
+/* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's planes, on the
+ * engine's threads; Python sees the result without a copy. */
+#include "native.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/tasks.h>
+
+/* sRGB to linear light for [0, 1] by a table between whose entries a line runs: its error is under h^2 / 8 times the largest second
+ * derivative above the knee, 2e-8. */
+enum { TABLE = 4096, ROWS = 8 };
+
+typedef struct decoder {
+  float table[TABLE + 2];
+} decoder;
+
+static float decode_exactly(float v) {
+  return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
+
+static void decoder_init(decoder *d) {
+  for (int i = 0; i < TABLE + 2; ++i)
+    d->table[i] = decode_exactly((float)i / TABLE);
+}
+
+static float decode(const decoder *d, float v) {
+  if (!(v > 0)) /* NaN: 0 */
+    return 0;
+  if (v > 1)
+    return decode_exactly(v < 1e4f ? v : 1e4f);
+  float at = v * TABLE;
+  int i = (int)at;
+  return d->table[i] + (at - (float)i) * (d->table[i + 1] - d->table[i]);
+}
+
+typedef struct fill {
+  const pags_picture *picture;
+  const native_scene *scene;
+  const native_layout *layout;
+  native_planes *out;
+  decoder decoder;
+} fill;
+
+bool native_layout_needs_extras(const native_layout *layout) {
+  bool rgba = layout->outputs & OUTPUT_RGBA;
+  return (layout->outputs & ~(unsigned)OUTPUT_RGBA) != 0 || (rgba && layout->mode != MODE_RGB);
+}
+
+/* A length on a logarithmic scale from `least` (0) to `most` (1). */
+static float on_scale(float length, float least, float most) {
+  return length > 0 ? logf(length / least) / logf(most / least) : 0;
+}
+
+static bool is_critical(const native_scene *scene, int32_t id) {
+  int32_t object = scene->object_of[id];
+  return object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
+}
+
+/* Display-referred colour of a mode other than RGB, for what is seen there. */
+static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
+  const pags_picture *p = f->picture;
+  float grey = 0.299f * p->rgb[0][at] + 0.587f * p->rgb[1][at] + 0.114f * p->rgb[2][at];
+  switch (f->layout->mode) {
+    case MODE_PRIORITY: pags_heat_color(f->scene->priority_of[id], rgb); return;
+    case MODE_DEPTH: pags_heat_color(1 - on_scale(p->depth[at], 1, 200), rgb); return;
+    case MODE_SIZE: pags_heat_color(on_scale(f->scene->size_of[id], 0.003f, 3), rgb); return;
+    default: break;
+  }
+  bool critical = is_critical(f->scene, id);
+  rgb[0] = critical ? 0.5f + 0.5f * grey : 0.35f * grey;
+  rgb[1] = critical ? 0.45f * grey : 0.35f * grey;
+  rgb[2] = critical ? 0.1f * grey : 0.4f * grey;
+}
+
+static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3], float *out) {
+  float cover = f->layout->transparent ? alpha : 1;
+  for (int c = 0; c < 3; ++c) {
+    /* Premultiplied as it is; light is decoded of the colour itself. */
+    float own = f->layout->transparent && cover > 0 ? rgb[c] / cover : rgb[c];
+    float light = f->layout->linear ? decode(&f->decoder, own) : own;
+    out[c] = f->layout->transparent ? light * cover : light;
+  }
+  out[3] = cover;
+  (void)at;
+}
+
+static void put_color(const fill *f, int64_t at, float *out) {
+  const pags_picture *p = f->picture;
+  float alpha = 1 - p->transmittance[at], rgb[3] = {p->rgb[0][at], p->rgb[1][at], p->rgb[2][at]};
+  if (f->layout->mode != MODE_RGB) {
+    float shown[3] = {0, 0, 0};
+    if (p->id[at] >= 0)
+      mode_color(f, at, p->id[at], shown);
+    for (int c = 0; c < 3; ++c)
+      rgb[c] = alpha * shown[c];
+  }
+  put_rgba(f, at, alpha, rgb, out);
+}
+
+static float object_value(const fill *f, int32_t id) {
+  int32_t object = id < 0 ? -1 : f->scene->object_of[id];
+  return object < 0 ? 0 : f->layout->object_values ? f->layout->object_values[object] : (float)(object + 1);
+}
+
+static void put_heat(const fill *f, int64_t at, float *out) {
+  int32_t id = f->picture->id[at];
+  float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
+  if (id >= 0)
+    pags_heat_color(f->scene->priority_of[id], rgb);
+  for (int c = 0; c < 3; ++c)
+    rgb[c] *= alpha;
+  put_rgba(f, at, alpha, rgb, out);
+}
+
+static void fill_row(const fill *f, int y) {
+  const native_layout *l = f->layout;
+  const native_planes *o = f->out;
+  int64_t from = (int64_t)(l->y + y) * f->picture->stride + l->x;
+  int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
+  for (int x = 0; x < l->width; ++x, ++from, ++to) {
+    int32_t id = f->picture->id ? f->picture->id[from] : -1;
+    if (o->rgba)
+      put_color(f, from, o->rgba + 4 * to);
+    if (o->depth)
+      o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
+    if (o->object)
+      o->object[to] = object_value(f, id);
+    if (o->priority)
+      o->priority[to] = id < 0 ? 0 : f->scene->priority_of[id];
+    if (o->heat)
+      put_heat(f, from, o->heat + 4 * to);
+    if (o->id)
+      o->id[to] = id;
+  }
+}
+
+static void fill_rows(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  for (int64_t y = begin; y < end; ++y)
+    fill_row(context, (int)y);
+}
+
+static bool allocate(const native_layout *layout, native_planes *out) {
+  struct {
+    unsigned output;
+    size_t floats;
+    void *block;
+  } wanted[] = {{OUTPUT_RGBA, 4, NULL},   {OUTPUT_HEAT, 4, NULL},     {OUTPUT_DEPTH, 1, NULL},
+                {OUTPUT_OBJECT, 1, NULL}, {OUTPUT_PRIORITY, 1, NULL}, {OUTPUT_ID, 1, NULL}};
+  bool good = true;
+  for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; ++i)
+    if (layout->outputs & wanted[i].output) {
+      wanted[i].block = malloc((size_t)layout->width * (size_t)layout->height * wanted[i].floats * sizeof(float));
+      good = good && wanted[i].block;
+    }
+  *out = (native_planes){.width = layout->width, .height = layout->height};
+  out->rgba = wanted[0].block;
+  out->heat = wanted[1].block;
+  out->depth = wanted[2].block;
+  out->object = wanted[3].block;
+  out->priority = wanted[4].block;
+  out->id = wanted[5].block;
+  return good;
+}
+
+pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
+                               const native_layout *layout, native_planes *out) {
+  fill f = {.picture = picture, .scene = scene, .layout = layout, .out = out};
+  if (!allocate(layout, out)) {
+    native_planes_free(out);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", layout->width, layout->height);
+  }
+  decoder_init(&f.decoder);
+  if (pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f))
+    return PAGS_OK;
+  native_planes_free(out);
+  return pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+void native_planes_free(native_planes *planes) {
+  free(planes->rgba);
+  free(planes->depth);
+  free(planes->object);
+  free(planes->priority);
+  free(planes->heat);
+  free(planes->id);
+  *planes = (native_planes){0};
+}
+
+/* ---- The Python object ---- */
+
+typedef struct native_picture {
+  PyObject_HEAD
+  native_planes planes;
+} native_picture;
+
+PyObject *native_picture_new(const native_state *state, native_planes *planes) {
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->picture, Py_tp_alloc);
+  native_picture *self = (native_picture *)alloc(state->picture, 0);
+  if (self)
+    self->planes = *planes;
+  else
+    native_planes_free(planes);
+  *planes = (native_planes){0};
+  return (PyObject *)self;
+}
+
+static void picture_dealloc(PyObject *object) {
+  PyTypeObject *type = Py_TYPE(object);
+  native_planes_free(&((native_picture *)object)->planes);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
+enum { PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID };
+
+static PyObject *picture_plane(PyObject *object, void *closure) {
+  native_planes *p = &((native_picture *)object)->planes;
+  const void *const blocks[] = {p->rgba, p->depth, p->object, p->priority, p->heat, p->id};
+  int which = *(const int *)closure;
+  int channels = which == PLANE_RGBA || which == PLANE_HEAT ? 4 : 1;
+  const Py_ssize_t shape[3] = {p->height, p->width, channels};
+  if (!blocks[which])
+    Py_RETURN_NONE;
+  return native_buffer_new(native_state_of(object), object, blocks[which], which == PLANE_ID ? 'i' : 'f',
+                           channels > 1 ? 3 : 2, shape);
+}
+
+static PyObject *picture_size(PyObject *object, void *closure) {
+  const native_planes *p = &((native_picture *)object)->planes;
+  return PyLong_FromLong(closure ? p->height : p->width);
+}
+
+static PyObject *picture_stats(PyObject *object, void *closure) {
+  const native_planes *p = &((native_picture *)object)->planes;
+  const pags_frame_stats *s = &p->stats;
+  double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster;
+  PyObject *dict = PyDict_New();
+  (void)closure;
+  bool good = dict && native_put(dict, "ms", PyFloat_FromDouble(frame)) &&
+              native_put(dict, "ms_job", PyFloat_FromDouble(p->ms)) &&
+              native_put(dict, "ms_raster", PyFloat_FromDouble(s->ms_raster)) &&
+              native_put(dict, "gaussians", PyLong_FromLongLong(s->gaussians)) &&
+              native_put(dict, "loaded", PyLong_FromLongLong(s->loaded)) &&
+              native_put(dict, "shaded", PyLong_FromLongLong(s->shaded)) &&
+              native_put(dict, "binned", PyLong_FromLongLong(s->binned)) &&
+              native_put(dict, "pairs_binned", PyLong_FromLongLong(s->pairs_binned));
+  if (good)
+    return dict;
+  Py_XDECREF(dict);
+  return NULL;
+}
+
+static const int plane_numbers[] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE_PRIORITY, PLANE_HEAT, PLANE_ID};
+#define PLANE(which) ((void *)(size_t)&plane_numbers[which])
+
+static PyGetSetDef picture_getset[] = {
+    {"width", picture_size, NULL, "pixels", NULL},
+    {"height", picture_size, NULL, "pixels", PLANE(0)},
+    {"stats", picture_stats, NULL, "dictionary: ms of the frame and of the whole job, Gaussians that exist, loaded, shaded, ...", NULL},
+    {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for", PLANE(PLANE_RGBA)},
+    {"depth", picture_plane, NULL, "Buffer [height][width] float32, along the camera's axis", PLANE(PLANE_DEPTH)},
+    {"object", picture_plane, NULL, "Buffer [height][width] float32: number of the object + 1, or its given value; 0: none", PLANE(PLANE_OBJECT)},
+    {"priority", picture_plane, NULL, "Buffer [height][width] float32, 0 to 1", PLANE(PLANE_PRIORITY)},
+    {"heat", picture_plane, NULL, "Buffer [height][width][4] float32: the priority as colours", PLANE(PLANE_HEAT)},
+    {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none", PLANE(PLANE_ID)},
+    {0}};
+static PyType_Slot picture_slots[] = {{Py_tp_dealloc, picture_dealloc},
+                                      {Py_tp_getset, picture_getset},
+                                      {Py_tp_doc, "What was drawn."},
+                                      {0, NULL}};
+PyType_Spec native_picture_spec = {.name = "pags.Picture",
+                                   .basicsize = sizeof(native_picture),
+                                   .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,
+                                   .slots = picture_slots};

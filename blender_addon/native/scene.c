@@ -1,0 +1,394 @@
+/* Scene: a composition with its lock, what it holds told to Python, and a light sample of its Gaussians. */
+#include "native.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
+static native_scene *create(native_state *state) {
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->scene, Py_tp_alloc);
+  native_scene *self = (native_scene *)alloc(state->scene, 0);
+  if (self && pthread_mutex_init(&self->lock, NULL) == 0)
+    self->has_lock = true;
+  else if (self)
+    PyErr_SetString(PyExc_MemoryError, "no lock can be had");
+  if (!self || self->has_lock)
+    return self;
+  Py_DECREF(self);
+  return NULL;
+}
+
+PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
+  native_state *state = PyModule_GetState(module);
+  PyObject *bytes;
+  if (!PyArg_ParseTuple(arguments, "O&:load", PyUnicode_FSConverter, &bytes))
+    return NULL;
+  native_scene *self = create(state);
+  pags_result result = PAGS_OK;
+  const char *path = PyBytes_AsString(bytes);
+  if (self) {
+    Py_BEGIN_ALLOW_THREADS
+    result = pags_composition_load(path, &self->composition);
+    Py_END_ALLOW_THREADS
+  }
+  Py_DECREF(bytes);
+  if (!self || result == PAGS_OK)
+    return (PyObject *)self;
+  native_raise(state, result);
+  Py_DECREF(self);
+  return NULL;
+}
+
+static void scene_dealloc(PyObject *object) {
+  native_scene *self = (native_scene *)object;
+  PyTypeObject *type = Py_TYPE(object);
+  pags_composition_destroy(self->composition);
+  if (self->has_lock)
+    pthread_mutex_destroy(&self->lock);
+  free(self->object_of);
+  free(self->priority_of);
+  free(self->size_of);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
+/* ---- Tables by id ---- */
+
+static pags_result allocate(const native_scene *scene, void **table) {
+  *table = malloc(4 * ((size_t)pags_composition_gaussian_count(scene->composition) + 1));
+  return *table ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a table of the scene's Gaussians");
+}
+
+pags_result native_scene_need_objects(native_scene *scene) {
+  void *table = scene->object_of;
+  if (table)
+    return PAGS_OK;
+  PAGS_TRY(allocate(scene, &table));
+  pags_composition_objects(scene->composition, table);
+  scene->object_of = table;
+  return PAGS_OK;
+}
+
+pags_result native_scene_need_priorities(native_scene *scene) {
+  void *table = scene->priority_of;
+  if (table)
+    return PAGS_OK;
+  PAGS_TRY(allocate(scene, &table));
+  pags_composition_priorities(scene->composition, table); /* zeros where nothing is known */
+  scene->priority_of = table;
+  return PAGS_OK;
+}
+
+static void fill_sizes(const pags_part *part, float *size_of) {
+  const pags_gaussians *g = part->gaussians;
+  for (int64_t i = 0; i < g->count; ++i) {
+    float largest = pags_plane(g, PAGS_SCALE)[i];
+    for (int k = 1; k < 3; ++k)
+      largest = fmaxf(largest, pags_plane(g, PAGS_SCALE + k)[i]);
+    size_of[part->id ? part->id[i] : part->first_id + (int32_t)i] = expf(largest);
+  }
+}
+
+/* All parts of an object (-1: of none), in its own frame. */
+static pags_result parts_of(native_scene *scene, int64_t object, const pags_part **parts, int *count) {
+  pags_placement placement = {.object = object};
+  const double *origin = pags_composition_scene(scene->composition)->origin;
+  memcpy(placement.world_from_object, identity, sizeof identity);
+  for (int k = 0; k < 3 && object >= 0; ++k)
+    placement.world_from_object[4 * k + 3] = origin[k]; /* parts are relative to it */
+  return pags_compose_placed(scene->composition, (double)NAN, &placement, 1, parts, count);
+}
+
+pags_result native_scene_need_sizes(native_scene *scene) {
+  const pags_part *parts;
+  int count;
+  void *table = scene->size_of;
+  if (table)
+    return PAGS_OK;
+  PAGS_TRY(allocate(scene, &table));
+  pags_result result = PAGS_OK;
+  for (int64_t o = -1; o < pags_composition_scene(scene->composition)->object_count && result == PAGS_OK; ++o) {
+    result = parts_of(scene, o, &parts, &count);
+    for (int p = 0; p < count && result == PAGS_OK; ++p)
+      fill_sizes(&parts[p], table);
+  }
+  if (result == PAGS_OK)
+    scene->size_of = table;
+  else
+    free(table);
+  return result;
+}
+
+/* ---- What the scene holds ---- */
+
+static const pags_scene *scene_of(PyObject *self) {
+  return pags_composition_scene(((native_scene *)self)->composition);
+}
+
+static PyObject *text_or_none(const char *text) {
+  if (text)
+    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
+  Py_INCREF(Py_None);
+  return Py_None;
+}
+
+static PyObject *scene_info(PyObject *self, void *closure) {
+  static const char *const ups[] = {"unknown", "z", "-y"};
+  const pags_scene *s = scene_of(self);
+  const pags_composition *c = ((native_scene *)self)->composition;
+  PyObject *dict = PyDict_New();
+  (void)closure;
+  bool good = dict && native_put(dict, "gaussians", PyLong_FromLongLong(pags_composition_gaussian_count(c))) &&
+              native_put(dict, "bytes", PyLong_FromSize_t(pags_composition_bytes(c))) &&
+              native_put(dict, "origin", native_numbers(s->origin, 3)) &&
+              native_put(dict, "up", PyUnicode_FromString(ups[s->up])) &&
+              native_put(dict, "time_begin", PyFloat_FromDouble(s->time_begin)) &&
+              native_put(dict, "time_end", PyFloat_FromDouble(s->time_end)) &&
+              native_put(dict, "fps", PyFloat_FromDouble(s->fps)) &&
+              native_put(dict, "antialiased", PyBool_FromLong(s->antialiased)) &&
+              native_put(dict, "sky", PyBool_FromLong(s->sky.size > 0)) &&
+              native_put(dict, "models", PyLong_FromLongLong(s->model_count)) &&
+              native_put(dict, "iterations", PyLong_FromLongLong(s->iterations)) &&
+              native_put(dict, "dataset", text_or_none(s->dataset)) && native_put(dict, "config", text_or_none(s->config));
+  if (good)
+    return dict;
+  Py_XDECREF(dict);
+  return NULL;
+}
+
+/* Gaussians that a placement of the object draws. */
+static int64_t count_gaussians(native_scene *self, int64_t object) {
+  const pags_part *parts;
+  int count;
+  int64_t sum = 0;
+  pthread_mutex_lock(&self->lock);
+  if (parts_of(self, object, &parts, &count) != PAGS_OK)
+    count = 0;
+  for (int p = 0; p < count; ++p)
+    sum += parts[p].gaussians->count;
+  pthread_mutex_unlock(&self->lock);
+  return sum;
+}
+
+static PyObject *object_dict(native_scene *self, int64_t index) {
+  const pags_scene *s = pags_composition_scene(self->composition);
+  const pags_scene_object *o = &s->objects[index];
+  PyObject *dict = PyDict_New();
+  int64_t gaussians;
+  Py_BEGIN_ALLOW_THREADS
+  gaussians = count_gaussians(self, index);
+  Py_END_ALLOW_THREADS
+  bool good = dict && native_put(dict, "id", text_or_none(o->record.id)) &&
+              native_put(dict, "class", text_or_none(o->record.class_name)) &&
+              native_put(dict, "category", PyUnicode_FromString(pags_category_name(o->record.category))) &&
+              native_put(dict, "critical", PyBool_FromLong(o->critical)) &&
+              native_put(dict, "moving", PyBool_FromLong(o->record.moving)) &&
+              native_put(dict, "rigid", PyBool_FromLong(o->rigid)) &&
+              native_put(dict, "size", native_numbers(o->record.size, 3)) &&
+              native_put(dict, "tracked", PyBool_FromLong(o->model >= 0)) &&
+              native_put(dict, "gaussians", PyLong_FromLongLong(gaussians));
+  if (good)
+    return dict;
+  Py_XDECREF(dict);
+  return NULL;
+}
+
+static PyObject *scene_objects(PyObject *self, void *closure) {
+  int64_t count = scene_of(self)->object_count;
+  PyObject *list = PyList_New((Py_ssize_t)count);
+  (void)closure;
+  for (int64_t i = 0; list && i < count; ++i) {
+    PyObject *dict = object_dict((native_scene *)self, i);
+    if (!dict)
+      Py_CLEAR(list);
+    else
+      PyList_SetItem(list, (Py_ssize_t)i, dict);
+  }
+  return list;
+}
+
+static PyObject *view_dict(const pags_scene_view *view) {
+  PyObject *dict = native_camera_dict(&view->camera);
+  bool good = dict && native_put(dict, "name", text_or_none(view->name)) &&
+              native_put(dict, "test", PyBool_FromLong(view->test)) &&
+              native_put(dict, "sensor", PyLong_FromLong(view->sensor)) &&
+              native_put(dict, "frame", PyLong_FromLong(view->frame)) &&
+              native_put(dict, "gain", native_numbers(view->gain, 3)) &&
+              native_put(dict, "offset", native_numbers(view->offset, 3));
+  if (good)
+    return dict;
+  Py_XDECREF(dict);
+  return NULL;
+}
+
+static PyObject *scene_views(PyObject *self, void *closure) {
+  const pags_scene *s = scene_of(self);
+  PyObject *list = PyList_New((Py_ssize_t)s->view_count);
+  (void)closure;
+  for (int64_t i = 0; list && i < s->view_count; ++i) {
+    PyObject *dict = view_dict(&s->views[i]);
+    if (!dict)
+      Py_CLEAR(list);
+    else
+      PyList_SetItem(list, (Py_ssize_t)i, dict);
+  }
+  return list;
+}
+
+/* Raises and returns -2 where it is none. */
+static int64_t read_object(PyObject *self, long long object, int64_t least) {
+  if (object >= least && object < scene_of(self)->object_count)
+    return object;
+  PyErr_Format(PyExc_IndexError, "the scene has %lld objects; there is no number %lld",
+               (long long)scene_of(self)->object_count, object);
+  return -2;
+}
+
+static PyObject *scene_pose(PyObject *self, PyObject *arguments) {
+  const pags_composition *c = ((native_scene *)self)->composition;
+  long long number;
+  double time, pose[12];
+  if (!PyArg_ParseTuple(arguments, "Ld:pose", &number, &time))
+    return NULL;
+  int64_t object = read_object(self, number, 0);
+  if (object < 0)
+    return NULL;
+  if (!pags_composition_is_tracked(c, object))
+    pags_composition_rest_pose(c, object, pose);
+  else if (!pags_object_pose(&scene_of(self)->objects[object].record, time, pose))
+    Py_RETURN_NONE;
+  return native_numbers(pose, 12);
+}
+
+static PyObject *scene_track(PyObject *self, PyObject *arguments) {
+  long long number;
+  if (!PyArg_ParseTuple(arguments, "L:track", &number))
+    return NULL;
+  int64_t object = read_object(self, number, 0);
+  if (object < 0)
+    return NULL;
+  const pags_object *record = &scene_of(self)->objects[object].record;
+  double *rows = malloc((size_t)record->knot_count * 13 * sizeof *rows);
+  if (!rows)
+    return PyErr_NoMemory();
+  for (int64_t i = 0; i < record->knot_count; ++i) {
+    rows[13 * i] = record->knots[i].time;
+    pags_object_pose(record, record->knots[i].time, rows + 13 * i + 1);
+  }
+  const Py_ssize_t shape[2] = {(Py_ssize_t)record->knot_count, 13};
+  return native_buffer_own(native_state_of(self), rows, 'd', 2, shape);
+}
+
+/* ---- A light sample ---- */
+
+static float logistic(float x) {
+  return 1 / (1 + expf(-x));
+}
+
+static float to_linear(float v) {
+  v = v > 0 ? (v < 1 ? v : 1) : 0; /* NaN: 0 */
+  return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+}
+
+/* The colour term that is shown: at the scene's begin where it changes. */
+static float shown_dc(const pags_part *part, int channel, int64_t i) {
+  const pags_gaussians *g = part->gaussians;
+  return part->dc ? part->dc[channel * g->stride + i] : pags_plane(g, PAGS_SH + channel)[i];
+}
+
+static void put_point(const pags_part *part, int64_t i, float *point, float *color) {
+  const pags_gaussians *g = part->gaussians;
+  const double *m = part->world_from_model;
+  double p[3];
+  for (int k = 0; k < 3; ++k)
+    p[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
+  for (int k = 0; k < 3; ++k)
+    point[k] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
+  for (int c = 0; c < 3; ++c)
+    color[c] = to_linear(0.5f + 0.28209479f * shown_dc(part, c, i));
+  color[3] = 1;
+}
+
+/* Of each part, which lies along a Morton curve, every so-manieth Gaussian that can be seen: even over the surface. */
+static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t budget, float *points, float *colors) {
+  int64_t visible = 0, seen = 0, taken = 0;
+  for (int pass = 0; pass < 2; ++pass)
+    for (int p = 0; p < part_count; ++p)
+      for (int64_t i = 0; i < parts[p].gaussians->count; ++i) {
+        if (logistic(pags_plane(parts[p].gaussians, PAGS_OPACITY)[i]) < 0.2f)
+          continue;
+        if (pass == 0)
+          ++visible;
+        else if ((visible <= budget || (seen * budget) / visible >= taken) && taken < budget) {
+          put_point(&parts[p], i, points + 3 * taken, colors + 4 * taken);
+          ++taken;
+        }
+        seen += pass;
+      }
+  return (Py_ssize_t)taken;
+}
+
+static PyObject *scene_points(PyObject *object, PyObject *arguments) {
+  native_scene *self = (native_scene *)object;
+  native_state *state = native_state_of(object);
+  long long number, budget;
+  if (!PyArg_ParseTuple(arguments, "LL:points", &number, &budget))
+    return NULL;
+  int64_t which = read_object(object, number, -1);
+  if (which < -1)
+    return NULL;
+  int64_t most = pags_composition_gaussian_count(self->composition);
+  budget = budget < 1 ? 1 : budget < most ? budget : most;
+  float *points = malloc((size_t)(budget + 1) * 3 * sizeof *points);
+  float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
+  Py_ssize_t taken = 0;
+  pags_result result = points && colors ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a sample");
+  Py_BEGIN_ALLOW_THREADS
+  pthread_mutex_lock(&self->lock);
+  const pags_part *parts;
+  int count;
+  if (result == PAGS_OK)
+    result = parts_of(self, which, &parts, &count);
+  if (result == PAGS_OK)
+    taken = sample(parts, count, budget, points, colors);
+  pthread_mutex_unlock(&self->lock);
+  Py_END_ALLOW_THREADS
+  if (result != PAGS_OK) {
+    free(points);
+    free(colors);
+    return native_raise(state, result);
+  }
+  const Py_ssize_t point_shape[2] = {taken, 3}, color_shape[2] = {taken, 4};
+  PyObject *first = native_buffer_own(state, points, 'f', 2, point_shape);
+  PyObject *second = native_buffer_own(state, colors, 'f', 2, color_shape);
+  PyObject *pair = first && second ? PyTuple_Pack(2, first, second) : NULL;
+  Py_XDECREF(first);
+  Py_XDECREF(second);
+  return pair;
+}
+
+static PyGetSetDef scene_getset[] = {
+    {"info", scene_info, NULL, "dictionary: gaussians, bytes, origin, up, time_begin, time_end, fps, sky, ...", NULL},
+    {"objects", scene_objects, NULL, "list of dictionaries: id, class, category, critical, moving, tracked, size, gaussians", NULL},
+    {"views", scene_views, NULL, "list of cameras with name, test, sensor, frame, gain, offset", NULL},
+    {0}};
+static PyMethodDef scene_methods[] = {
+    {"pose", scene_pose, METH_VARARGS,
+     "pose(object, time) -> 12 numbers or None\n\nworld_from_object, metres; of a parked object always its rest pose; None where "
+     "a tracked one isn't there."},
+    {"track", scene_track, METH_VARARGS, "track(object) -> Buffer [knots][13]: time and world_from_object at each label"},
+    {"points", scene_points, METH_VARARGS,
+     "points(object, budget) -> (Buffer [n][3] metres, Buffer [n][4] linear RGBA)\n\nAn even sample of at most `budget` Gaussians "
+     "in the object's frame; object -1: what belongs to none, relative to the scene's origin."},
+    {0}};
+static PyType_Slot scene_slots[] = {{Py_tp_dealloc, scene_dealloc},
+                                    {Py_tp_getset, scene_getset},
+                                    {Py_tp_methods, scene_methods},
+                                    {Py_tp_doc, "A scene ready for drawing."},
+                                    {0, NULL}};
+PyType_Spec native_scene_spec = {.name = "pags.Scene",
+                                 .basicsize = sizeof(native_scene),
+                                 .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,
+                                 .slots = scene_slots};

@@ -1,0 +1,14 @@
+/* Priorities as colours. */
+#include <pags/compose.h>
+
+void pags_heat_color(float value, float rgb[3]) {
+  static const float stops[5][3] = {{0.05f, 0.03f, 0.20f},
+                                    {0.42f, 0.06f, 0.43f},
+                                    {0.83f, 0.21f, 0.30f},
+                                    {0.98f, 0.58f, 0.15f},
+                                    {0.99f, 0.97f, 0.65f}};
+  float at = value > 0 ? (value < 1 ? 4 * value : 4) : 0; /* NaN: 0 */
+  int first = at < 3 ? (int)at : 3;
+  for (int c = 0; c < 3; ++c)
+    rgb[c] = stops[first][c] + (at - (float)first) * (stops[first + 1][c] - stops[first][c]);
+}

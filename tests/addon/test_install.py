@@ -1,0 +1,82 @@
+"""What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads pictures."""
+
+import os
+import re
+import subprocess
+import sys
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path.insert(0, os.path.join(HERE, "..", "cli"))
+BUILD = sys.argv.pop(2)
+COMPILER = sys.argv.pop(2)
+
+import fixtures  # noqa: E402
+from fixtures import Case, ply_bytes, run, some_splats  # noqa: E402
+
+SOURCE = r"""
+#include <pags/compose.h>
+#include <pags/tasks.h>
+#include <stdio.h>
+int main(int argc, char **argv) {
+  pags_composition *composition;
+  pags_tasks *tasks = pags_tasks_create(1);
+  if (argc < 2 || pags_composition_load(argv[1], &composition) != PAGS_OK) {
+    printf("%s", pags_error_message());
+    return 1;
+  }
+  printf("%lld", (long long)pags_composition_gaussian_count(composition));
+  pags_composition_destroy(composition);
+  pags_tasks_destroy(tasks);
+  return 0;
+}
+"""
+
+
+class Install(Case):
+    def test_all_of_it(self):
+        prefix = self.path("usr")
+        subprocess.run(["cmake", "--install", BUILD, "--prefix", prefix], check=True, capture_output=True)
+        splats = self.write("some.ply", ply_bytes(some_splats()))
+        self.c_program(prefix, splats)
+        self.library(prefix)
+        self.python(prefix, splats)
+        fixtures.PAGS, program = os.path.join(prefix, "bin", "pags"), fixtures.PAGS
+        done = run("render", splats, "-o", self.path("out"), "--frames", 1)
+        fixtures.PAGS = program
+        self.assertEqual(done.returncode, 0, done.stderr)
+
+    def c_program(self, prefix, splats):
+        environment = {**os.environ, "PKG_CONFIG_PATH": os.path.join(prefix, "lib", "pkgconfig")}
+        answer = subprocess.run(["pkg-config", "--cflags", "--libs", "pags"], env=environment, capture_output=True, text=True)
+        self.assertEqual(answer.returncode, 0, answer.stderr)
+        source = self.write("user.c", SOURCE)
+        command = [COMPILER, "-std=c17", source, "-o", self.path("user"), *answer.stdout.split()]
+        built = subprocess.run(command, capture_output=True, text=True)
+        self.assertEqual(built.returncode, 0, built.stderr)
+        environment["LD_LIBRARY_PATH"] = os.path.join(prefix, "lib")
+        ran = subprocess.run([self.path("user"), splats], env=environment, capture_output=True, text=True)
+        self.assertEqual((ran.returncode, ran.stdout), (0, "40"))
+        ran = subprocess.run([self.path("user"), self.path("none")], env=environment, capture_output=True, text=True)
+        self.assertIn("none", ran.stdout)
+
+    def library(self, prefix):
+        """A versioned library with a soname, that shows nothing but ours."""
+        folder = os.path.join(prefix, "lib")
+        real = os.path.realpath(os.path.join(folder, "libpags.so"))
+        self.assertRegex(os.path.basename(real), r"^libpags\.so\.\d+\.\d+\.\d+$")
+        dynamic = subprocess.run(["readelf", "-d", real], capture_output=True, text=True).stdout
+        self.assertRegex(dynamic, r"soname: \[libpags\.so\.\d+\.\d+\]")
+        listed = subprocess.run(["nm", "-D", "--defined-only", real], capture_output=True, text=True).stdout
+        names = [line.split()[-1] for line in listed.splitlines()]
+        self.assertIn("pags_compose_placed", names)
+        self.assertEqual([name for name in names if not name.startswith("pags_")], [])
+
+    def python(self, prefix, splats):
+        module = [os.path.dirname(os.path.join(w, f)) for w, _, fs in os.walk(prefix) for f in fs if re.match(r"pags\.abi3", f)]
+        code = f"import sys; sys.path.insert(0, {module[0]!r}); import pags; print(pags.load({splats!r}).info['gaussians'])"
+        ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+        self.assertEqual(ran.stdout.strip(), "40", ran.stderr)
+
+
+if __name__ == "__main__":
+    fixtures.main()
