@@ -10,7 +10,7 @@
 #include "train/config.h"
 #include "train/trainer.h"
 
-static const char magic[8] = "PAGSRUN2";
+static const char magic[8] = "PAGSRUN3";
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "checkpoints are written as little endian memory"
@@ -128,8 +128,12 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
 /* One knot as it lies in TRAK. */
 typedef struct knot_record {
   double increment[6]; /* rotation, translation */
-  pags_track_moments moments;
+  pags_moments moments;
 } knot_record;
+
+static size_t exposure_bytes(const pags_exposures *exposures) {
+  return (size_t)(exposures->count + exposures->sensors) * sizeof(pags_exposure);
+}
 
 static pags_result put_tracks(section_writer *w, const pags_tracks *tracks) {
   PAGS_TRY(open_section(w, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record)));
@@ -177,7 +181,7 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
     PAGS_TRY(put(w, s->sky.visits, sky / 6));
   }
   PAGS_TRY(close_section(w));
-  PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, (size_t)s->exposures.count * sizeof(pags_exposure)));
+  PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
   return put_whole(w, "END!", "", 0);
 }
 
@@ -364,14 +368,14 @@ static pags_result get_sky(section_reader *r, const run_record *run, const pags_
   return PAGS_OK;
 }
 
-static pags_result get_exposures(section_reader *r, const run_record *run, pags_exposures *exposures) {
+static pags_result get_exposures(section_reader *r, const run_record *run, const pags_dataset *dataset,
+                                 pags_exposures *exposures) {
   const uint8_t *payload = NULL;
-  size_t bytes = (size_t)run->exposures * sizeof(pags_exposure);
-  PAGS_TRY(next_sized(r, "EXPO", bytes, &payload));
-  if (run->exposures == 0)
-    return PAGS_OK;
-  PAGS_TRY(pags_exposures_create(exposures, run->exposures));
-  memcpy(exposures->items, payload, bytes);
+  if (run->exposures > 0)
+    PAGS_TRY(pags_exposures_create(exposures, dataset));
+  PAGS_TRY(next_sized(r, "EXPO", exposure_bytes(exposures), &payload));
+  if (run->exposures > 0)
+    memcpy(exposures->items, payload, exposure_bytes(exposures));
   return PAGS_OK;
 }
 
@@ -382,7 +386,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   uint64_t size = 0;
   run_record record;
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN2",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN3",
                      r->path);
   r->at += sizeof magic;
   PAGS_TRY(next(r, "CONF", &payload, &size));
@@ -413,7 +417,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
     PAGS_TRY(get_model(r, s));
   PAGS_TRY(get_tracks(r, &s->tracks));
   PAGS_TRY(get_sky(r, &record, dataset, &s->sky));
-  PAGS_TRY(get_exposures(r, &record, &s->exposures));
+  PAGS_TRY(get_exposures(r, &record, dataset, &s->exposures));
   return next_sized(r, "END!", 0, &payload);
 }
 
@@ -445,7 +449,7 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
   uint64_t size = 0;
   char tag[4] = "";
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN2",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN3",
                      r->path);
   r->at += sizeof magic;
   while (memcmp(tag, "END!", 4) != 0) {

@@ -1,6 +1,6 @@
 /* A run on disk: one file from which it goes on to the same bits.
  *
- * "PAGSRUN2", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload
+ * "PAGSRUN3", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload
  * (u32); all little endian. CONF is the configuration as text, RUN0 the numbers of run_record in checkpoint.c. Then for each
  * model: MODL the numbers of model_record, planes of count floats: GAUS the parameters, MOM1 and MOM2 the moments (Fourier
  * terms behind the others); STEP the two steps of each cluster (what rows owe is stored as owed), STAT the densify

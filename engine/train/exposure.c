@@ -6,11 +6,21 @@
 
 static const double final_share = 0.1; /* of the rate, at the schedule's end; log-linear */
 
-pags_result pags_exposures_create(pags_exposures *exposures, int64_t views) {
-  *exposures = (pags_exposures){.count = views, .items = calloc((size_t)(views > 0 ? views : 1), sizeof(pags_exposure))};
+static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
+  int sensor = pags_dataset_view(dataset, view)->sensor;
+  return sensor < 0 ? 0 : 1 + (int64_t)sensor;
+}
+
+pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset) {
+  *exposures = (pags_exposures){.count = pags_dataset_view_count(dataset), .sensors = 1};
+  for (int64_t i = 0; i < exposures->count; i++) {
+    int64_t camera = camera_of(dataset, i);
+    exposures->sensors = camera < exposures->sensors ? exposures->sensors : camera + 1;
+  }
+  exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof(pags_exposure));
   if (!exposures->items)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for exposures of %lld views", (long long)views);
-  for (int64_t i = 0; i < views; i++)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for exposures of %lld views", (long long)exposures->count);
+  for (int64_t i = 0; i < exposures->count; i++)
     for (int c = 0; c < 3; c++)
       exposures->items[i].value[c] = 1.0;
   return PAGS_OK;
@@ -21,8 +31,14 @@ void pags_exposures_destroy(pags_exposures *exposures) {
   *exposures = (pags_exposures){0};
 }
 
+void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]) {
+  const pags_exposure *camera = exposures->items + exposures->count + camera_of(dataset, view);
+  for (int k = 0; k < 6; k++)
+    value[k] = exposures->items[view].value[k] + camera->value[k];
+}
+
 typedef struct exposure_job {
-  const pags_exposure *exposure;
+  const double *value;
   const pags_picture *picture;
   float *const *planes;
   double (*rows)[6]; /* sums of each row */
@@ -35,7 +51,7 @@ static void apply_rows(void *context, int64_t begin, int64_t end, int worker) {
   const int64_t stride = job->picture->stride;
   (void)worker;
   for (int c = 0; c < 3; c++) {
-    const float gain = (float)job->exposure->value[c], offset = (float)job->exposure->value[3 + c];
+    const float gain = (float)job->value[c], offset = (float)job->value[3 + c];
     const float *from = job->picture->rgb[c];
     float *to = job->planes[c];
     for (int64_t i = begin * stride; i < end * stride; i++)
@@ -43,9 +59,8 @@ static void apply_rows(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-pags_result pags_exposure_apply(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
-                                float *const out[3]) {
-  exposure_job job = {.exposure = exposure, .picture = picture, .planes = out};
+pags_result pags_exposure_apply(const double value[6], const pags_picture *picture, pags_tasks *tasks, float *const out[3]) {
+  exposure_job job = {.value = value, .picture = picture, .planes = out};
   return pags_parallel_for(tasks, picture->height, ROW_GRAIN, apply_rows, &job) ? PAGS_OK
                                                                               : pags_fail(PAGS_CANCELLED, "cancelled");
 }
@@ -75,14 +90,14 @@ static void backward_rows(void *context, int64_t begin, int64_t end, int worker)
   for (int64_t y = begin; y < end; y++)
     for (int c = 0; c < 3; c++)
       row_backward(p->rgb[c] + y * p->stride, job->planes[c] + y * p->stride, p->stride,
-                   (float)job->exposure->value[c], &job->rows[y][c], &job->rows[y][3 + c]);
+                   (float)job->value[c], &job->rows[y][c], &job->rows[y][3 + c]);
 }
 
-pags_result pags_exposure_backward(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+pags_result pags_exposure_backward(const double value[6], const pags_picture *picture, pags_tasks *tasks,
                                    float *const gradient[3], double out[6]) {
   pags_arena *arena = pags_tasks_arena(tasks, 0);
   const pags_arena_mark mark = pags_arena_save(arena);
-  exposure_job job = {.exposure = exposure, .picture = picture, .planes = gradient};
+  exposure_job job = {.value = value, .picture = picture, .planes = gradient};
   job.rows = pags_arena_alloc(arena, (size_t)picture->height, sizeof *job.rows);
   pags_result result = job.rows ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %d rows", picture->height);
   if (result == PAGS_OK && !pags_parallel_for(tasks, picture->height, ROW_GRAIN, backward_rows, &job))
@@ -96,39 +111,37 @@ pags_result pags_exposure_backward(const pags_exposure *exposure, const pags_pic
   return result;
 }
 
+/* The cameras' parts take back what the mean has moved by. */
 static void hold_means(pags_exposures *exposures, const pags_dataset *dataset) {
-  double mean[6] = {0.0};
+  double mean[6] = {0.0}, value[6];
   int64_t training = 0;
   for (int64_t i = 0; i < exposures->count; i++) {
     if (pags_dataset_view(dataset, i)->test)
       continue;
     training++;
+    pags_exposures_value(exposures, dataset, i, value);
     for (int k = 0; k < 6; k++)
-      mean[k] += exposures->items[i].value[k];
+      mean[k] += value[k];
   }
+  for (int64_t i = exposures->count; i < exposures->count + exposures->sensors; i++)
+    for (int k = 0; k < 6; k++)
+      exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
+}
+
+static void move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
+  double direction[6];
+  if (!pags_moments_step(&e->moments, gradient, config, direction))
+    return;
   for (int k = 0; k < 6; k++)
-    mean[k] = mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
-  for (int64_t i = 0; i < exposures->count; i++)
-    for (int k = 0; k < 6 && !pags_dataset_view(dataset, i)->test; k++)
-      exposures->items[i].value[k] -= mean[k];
+    e->value[k] -= rate * direction[k];
 }
 
 void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
-  pags_exposure *e = &exposures->items[view];
   double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure_rate * pow(final_share, t);
-  for (int k = 0; k < 6; k++)
-    if (!isfinite(gradient[k]))
-      return;
-  e->count++;
-  for (int k = 0; k < 6; k++) {
-    e->first[k] = c->beta1 * e->first[k] + (1.0 - c->beta1) * gradient[k];
-    e->second[k] = c->beta2 * e->second[k] + (1.0 - c->beta2) * gradient[k] * gradient[k];
-    double first = e->first[k] / (1.0 - pow(c->beta1, (double)e->count));
-    double second = e->second[k] / (1.0 - pow(c->beta2, (double)e->count));
-    e->value[k] -= rate * first / (sqrt(second) + 1e-15);
-  }
+  move(&exposures->items[view], gradient, c, rate);
+  move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
   hold_means(exposures, dataset);
 }
 
@@ -150,18 +163,19 @@ static int64_t neighbour(const pags_dataset *dataset, int64_t view, int sign) {
 
 void pags_exposures_get(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double gain[3],
                         double offset[3]) {
-  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
+  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0}, late[6];
   if (exposures->count > 0 && !pags_dataset_view(dataset, view)->test) {
-    for (int k = 0; k < 6; k++)
-      value[k] = exposures->items[view].value[k];
+    pags_exposures_value(exposures, dataset, view, value);
   } else if (exposures->count > 0) {
     int64_t before = neighbour(dataset, view, -1), after = neighbour(dataset, view, 1);
     int64_t a = before >= 0 ? before : after, b = after >= 0 ? after : before;
     if (a >= 0) {
       double ta = pags_dataset_view(dataset, a)->camera.time, tb = pags_dataset_view(dataset, b)->camera.time;
       double u = tb > ta ? (pags_dataset_view(dataset, view)->camera.time - ta) / (tb - ta) : 0.0;
+      pags_exposures_value(exposures, dataset, a, value);
+      pags_exposures_value(exposures, dataset, b, late);
       for (int k = 0; k < 6; k++)
-        value[k] = (1.0 - u) * exposures->items[a].value[k] + u * exposures->items[b].value[k];
+        value[k] += u * (late[k] - value[k]);
     }
   }
   for (int c = 0; c < 3; c++) {

@@ -1,5 +1,7 @@
-/* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB. The means over all
- * training photographs are held at 1 and 0 after every step, so that the scene keeps its colours. */
+/* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB. It is the sum
+ * of a part of the camera's, which every photograph of that camera moves, and a small one of the photograph's own, which has
+ * no more than some tens of visits in a run: cameras of one rig differ far more than the photographs of a camera do. The
+ * means over all training photographs are held at 1 and 0 after every step, so that the scene keeps its colours. */
 #ifndef PAGS_TRAIN_EXPOSURE_H
 #define PAGS_TRAIN_EXPOSURE_H
 
@@ -7,30 +9,33 @@
 #include <pags/frame.h>
 #include <pags/tasks.h>
 
+#include "train/moments.h"
 #include "train/schedule.h"
 
 typedef struct pags_exposure {
   double value[6]; /* gains, then offsets */
-  double first[6], second[6];
-  int64_t count; /* gradients so far */
+  pags_moments moments;
 } pags_exposure;
 
 typedef struct pags_exposures {
   int64_t count;        /* views of the data set; 0: not modelled */
-  pags_exposure *items; /* by view; those held out stay at identity */
+  int64_t sensors;      /* cameras of the rig, by number + 1 (number -1: unknown) */
+  pags_exposure *items; /* by view, those held out stay at 1 and 0; after them by camera, from 0 and 0 */
 } pags_exposures;
 
-pags_result pags_exposures_create(pags_exposures *exposures, int64_t views);
+pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
 void pags_exposures_destroy(pags_exposures *exposures);
 
+/* Of a training view: gains, then offsets. */
+void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
+
 /* out = gain * picture + offset; planes of the picture's stride. */
-pags_result pags_exposure_apply(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
-                                float *const out[3]);
+pags_result pags_exposure_apply(const double value[6], const pags_picture *picture, pags_tasks *tasks, float *const out[3]);
 /* From the gradient by the exposed picture to that by the picture (in place), and by gains and offsets. Sums are by row, in order. */
-pags_result pags_exposure_backward(const pags_exposure *exposure, const pags_picture *picture, pags_tasks *tasks,
+pags_result pags_exposure_backward(const double value[6], const pags_picture *picture, pags_tasks *tasks,
                                    float *const gradient[3], double out[6]);
 
-/* Adam for one view, then the means over the training views put back. */
+/* Adam for one view and its camera, then the means over the training views put back. */
 void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step);
 

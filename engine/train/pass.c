@@ -345,15 +345,18 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
 static pags_result photometric(pags_trainer *t, pags_step_view *v, double exposure_gradient[6]) {
   pags_pass *p = &t->pass;
   pags_picture exposed = v->picture;
-  const pags_exposure *e = t->state.exposures.count > 0 ? &t->state.exposures.items[v->view] : NULL;
-  if (e) {
-    PAGS_TRY(pags_exposure_apply(e, &v->picture, t->tasks, p->plane + EXPOSED));
+  int modelled = t->state.exposures.count > 0;
+  double value[6];
+  if (modelled) {
+    pags_exposures_value(&t->state.exposures, t->dataset, v->view, value);
+    PAGS_TRY(pags_exposure_apply(value, &v->picture, t->tasks, p->plane + EXPOSED));
     for (int c = 0; c < 3; c++)
       exposed.rgb[c] = p->plane[EXPOSED + c];
   }
   PAGS_TRY(pags_loss_evaluate(t->tasks, &exposed, &v->photo, t->state.schedule.config.ssim_weight, p->plane + GRADIENT,
                               &v->loss));
-  return e ? pags_exposure_backward(e, &v->picture, t->tasks, p->plane + GRADIENT, exposure_gradient) : PAGS_OK;
+  return modelled ? pags_exposure_backward(value, &v->picture, t->tasks, p->plane + GRADIENT, exposure_gradient)
+                  : PAGS_OK;
 }
 
 /* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */

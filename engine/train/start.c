@@ -195,7 +195,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   if (config->sky)
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
   if (config->exposure)
-    PAGS_TRY(pags_exposures_create(&s->exposures, pags_dataset_view_count(t->dataset)));
+    PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
   pags_log(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
            (long long)s->models[0].gaussians.count,
            (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count), (long long)s->model_count - 1,

@@ -12,7 +12,7 @@
 static const double final_share = 0.1;
 static const double reference_visits = 100.0; /* of each photograph in a run: about 30 000 steps over 300 */
 
-static pags_result copy_object(const pags_object *from, pags_object *to, pags_track_moments **moments) {
+static pags_result copy_object(const pags_object *from, pags_object *to, pags_moments **moments) {
   *to = *from;
   size_t knots = (size_t)(from->knot_count > 0 ? from->knot_count : 1);
   to->id = pags_text_copy(from->id);
@@ -62,14 +62,6 @@ int64_t pags_tracks_knot(const pags_object *object, int frame) {
   return -1;
 }
 
-static double step_size(pags_track_moments *m, int i, double gradient, const pags_train_config *c) {
-  m->first[i] = c->beta1 * m->first[i] + (1.0 - c->beta1) * gradient;
-  m->second[i] = c->beta2 * m->second[i] + (1.0 - c->beta2) * gradient * gradient;
-  double first = m->first[i] / (1.0 - pow(c->beta1, (double)m->count));
-  double second = m->second[i] / (1.0 - pow(c->beta2, (double)m->count));
-  return first / (sqrt(second) + 1e-15);
-}
-
 /* A knot is moved once for each visit to one of its photographs, so that a short run, or one with many photographs, must take longer
  * steps to come as far. */
 static double hurry(const pags_schedule *schedule) {
@@ -81,19 +73,16 @@ void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const
                         const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   pags_knot *k = &tracks->objects[object].knots[knot];
-  pags_track_moments *m = &tracks->moments[object][knot];
-  double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6];
-  for (int i = 0; i < 6; i++)
-    if (!isfinite(gradient[i]))
-      return;
+  double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
   pags_increment_matrix(k->rotation, zero, turn);
   memcpy(g, gradient, sizeof g);
   for (int i = 0; i < 3; i++)
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
   double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
-  m->count++;
+  if (!pags_moments_step(&tracks->moments[object][knot], g, c, direction))
+    return;
   for (int i = 0; i < 3; i++) {
-    k->rotation[i] -= fall * c->track_rotation_rate * step_size(m, i, g[i], c);
-    k->translation[i] -= fall * c->track_translation_rate * step_size(m, 3 + i, g[3 + i], c);
+    k->rotation[i] -= fall * c->track_rotation_rate * direction[i];
+    k->translation[i] -= fall * c->track_translation_rate * direction[3 + i];
   }
 }

@@ -5,17 +5,13 @@
 #include <pags/dataset.h>
 #include <pags/object.h>
 
+#include "train/moments.h"
 #include "train/schedule.h"
-
-typedef struct pags_track_moments { /* of Adam, per knot: rotation, then translation */
-  double first[6], second[6];
-  int64_t count; /* gradients so far */
-} pags_track_moments;
 
 typedef struct pags_tracks {
   int64_t count;
   pags_object *objects;          /* copies: knots hold the increments */
-  pags_track_moments **moments;  /* per object: one per knot */
+  pags_moments **moments; /* per object: one per knot */
 } pags_tracks;
 
 /* Copies of the data set's objects, increments zero. */

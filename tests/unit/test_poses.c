@@ -27,7 +27,7 @@ static void exposure_gradient_is_that_of_its_sums(void **unused) {
   (void)unused;
   static float x[3][FLOATS], g[3][FLOATS], out[3][FLOATS];
   float *planes[3] = {g[0], g[1], g[2]}, *exposed[3] = {out[0], out[1], out[2]};
-  pags_exposure e = {.value = {1.2, 0.9, 1.05, 0.03, -0.02, 0.0}};
+  const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.0};
   pags_picture picture = {.width = WIDTH, .height = HEIGHT, .stride = STRIDE, .rgb = {x[0], x[1], x[2]}};
   double wanted[6] = {0.0}, found[6];
   pags_tasks *tasks = pags_tasks_create(2);
@@ -41,9 +41,9 @@ static void exposure_gradient_is_that_of_its_sums(void **unused) {
         wanted[3 + c] += (double)g[c][at];
       }
   float before = g[1][3 * STRIDE + 7];
-  assert_int_equal(pags_exposure_apply(&e, &picture, tasks, exposed), PAGS_OK);
+  assert_int_equal(pags_exposure_apply(value, &picture, tasks, exposed), PAGS_OK);
   assert_true(fabsf(out[1][40] - (0.9f * x[1][40] - 0.02f)) < 1e-6f);
-  assert_int_equal(pags_exposure_backward(&e, &picture, tasks, planes, found), PAGS_OK);
+  assert_int_equal(pags_exposure_backward(value, &picture, tasks, planes, found), PAGS_OK);
   for (int k = 0; k < 6; k++)
     assert_true(fabs(found[k] - wanted[k]) < 1e-5);
   assert_true(fabsf(g[1][3 * STRIDE + 7] - 0.9f * before) < 1e-6f);
@@ -53,7 +53,7 @@ static void exposure_gradient_is_that_of_its_sums(void **unused) {
 static pags_tracks one_track(void) {
   pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
   t.objects[0] = (pags_object){.knot_count = 2, .knots = calloc(2, sizeof(pags_knot))};
-  t.moments[0] = calloc(2, sizeof(pags_track_moments));
+  t.moments[0] = calloc(2, sizeof(pags_moments));
   t.objects[0].knots[1].frame = 4;
   return t;
 }
@@ -117,7 +117,7 @@ static void jitter_goes_and_motion_stays(void **unused) {
     pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
     double truth[KNOTS][3], before = 0.0, after = 0.0, yaw_before = 0.0, yaw_after = 0.0;
     t.objects[0] = (pags_object){.knot_count = KNOTS, .moving = 1, .knots = calloc(KNOTS, sizeof(pags_knot))};
-    t.moments[0] = calloc(KNOTS, sizeof(pags_track_moments));
+    t.moments[0] = calloc(KNOTS, sizeof(pags_moments));
     for (int k = 0; k < KNOTS; k++) {
       double s = 0.1 * k, u[2], e[4];
       pags_rng_normal2(7, 1, (uint64_t)k, e);
