@@ -1,9 +1,12 @@
 /* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus an error of
  * its own at each time step. The smoothed track x minimises
  *   sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
- * (Whittaker 1923), times in median spacings; constant acceleration costs nothing. lambda = 10 000 takes about 70 % off
- * independent errors of a track of 31 knots, and leaves motions slower than about 30 time steps a cycle alone. Rotations are
- * smoothed as rotation vectors relative to the first knot, which is exact for rotations about one axis: the yaw of what
+ * (Whittaker 1923), times in median spacings; constant acceleration costs nothing. How much to smooth is read off the labels
+ * themselves: one lambda for all positions of a data set and one for all rotations, those with the least score of generalised
+ * cross-validation (Craven and Wahba 1979),
+ *   N * sum |label - x|^2 / (N - trace)^2,
+ * trace being of the matrix that takes labels to x, sums over all tracks. So labels without jitter stay as they are. Rotations
+ * are smoothed as rotation vectors relative to the first knot, which is exact for rotations about one axis: the yaw of what
  * stands on a road. Trained knots only. */
 #include <math.h>
 #include <stdlib.h>
@@ -11,24 +14,38 @@
 
 #include <pags/camera.h>
 
+#include "base/log.h"
 #include "train/tracks.h"
 
-enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8 };
-static const double lambda = 10000.0;
-static const double longest_gap = 4.0; /* median spacings; a longer one parts the track */
+enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
+enum { ROTATION, TRANSLATION, KINDS }; /* channels 0-2 and 3-5 */
+static const double least_lambda = 1e-4; /* next to nothing; each further strength is half a decade more */
+static const double longest_gap = 4.0;   /* median spacings; a longer one parts the track */
 
 /* A run of trained knots. */
 typedef struct run {
   pags_object *object;
   int64_t *knots; /* indices in the object */
   int64_t count;
-  double spacing;        /* s */
+  double spacing; /* s */
+  double (*label)[CHANNELS];
+  double (*smooth)[CHANNELS];
   double (*band)[WINDOW]; /* lower band of the matrix: band[i][j] = A[i][i - j]; then of its Cholesky factor */
-  double (*right)[CHANNELS];
 } run;
 
+/* What cross-validation sums over runs. */
+typedef struct scores {
+  double labels;                    /* N, per channel */
+  double freedom[STRENGTHS];        /* N - trace */
+  double rest[STRENGTHS][KINDS];    /* sum |label - x|^2 */
+} scores;
+
+static double strength(int i) {
+  return least_lambda * pow(10.0, 0.5 * i);
+}
+
 /* A = 1 + lambda D' D, D's rows being the third divided differences (times 3! to be derivatives). */
-static void build_matrix(run *r) {
+static void build_matrix(run *r, double lambda) {
   for (int64_t i = 0; i < r->count; i++)
     for (int j = 0; j < WINDOW; j++)
       r->band[i][j] = j == 0;
@@ -46,8 +63,9 @@ static void build_matrix(run *r) {
   }
 }
 
-/* Cholesky in place, then both substitutions. The matrix is at least the identity. */
-static void solve(run *r) {
+/* Cholesky in place. The matrix is at least the identity. */
+static void factor(run *r, double lambda) {
+  build_matrix(r, lambda);
   for (int64_t i = 0; i < r->count; i++)
     for (int j = i < WINDOW - 1 ? (int)i : WINDOW - 1; j >= 0; j--) {
       double sum = r->band[i][j];
@@ -55,18 +73,62 @@ static void solve(run *r) {
         sum -= r->band[i][k] * r->band[i - j][k - j];
       r->band[i][j] = j == 0 ? sqrt(sum) : sum / r->band[i - j][0];
     }
-  for (int c = 0; c < CHANNELS; c++) {
+}
+
+/* Both substitutions, of channels [begin, end). */
+static void solve(const run *r, double (*x)[CHANNELS], int begin, int end) {
+  for (int c = begin; c < end; c++) {
     for (int64_t i = 0; i < r->count; i++) {
       for (int j = 1; j < WINDOW && j <= i; j++)
-        r->right[i][c] -= r->band[i][j] * r->right[i - j][c];
-      r->right[i][c] /= r->band[i][0];
+        x[i][c] -= r->band[i][j] * x[i - j][c];
+      x[i][c] /= r->band[i][0];
     }
     for (int64_t i = r->count - 1; i >= 0; i--) {
       for (int j = 1; j < WINDOW && i + j < r->count; j++)
-        r->right[i][c] -= r->band[i + j][j] * r->right[i + j][c];
-      r->right[i][c] /= r->band[i][0];
+        x[i][c] -= r->band[i + j][j] * x[i + j][c];
+      x[i][c] /= r->band[i][0];
     }
   }
+}
+
+/* Of the inverse: column by column. */
+static double trace(run *r) {
+  double sum = 0.0;
+  for (int64_t k = 0; k < r->count; k++) {
+    for (int64_t i = 0; i < r->count; i++)
+      r->smooth[i][0] = i == k;
+    solve(r, r->smooth, 0, 1);
+    sum += r->smooth[k][0];
+  }
+  return sum;
+}
+
+static void score_run(run *r, scores *s) {
+  s->labels += (double)r->count;
+  for (int i = 0; i < STRENGTHS; i++) {
+    factor(r, strength(i));
+    s->freedom[i] += (double)r->count - trace(r);
+    memcpy(r->smooth, r->label, (size_t)r->count * sizeof *r->smooth);
+    solve(r, r->smooth, 0, CHANNELS);
+    for (int64_t k = 0; k < r->count; k++)
+      for (int c = 0; c < CHANNELS; c++) {
+        double rest = r->label[k][c] - r->smooth[k][c];
+        s->rest[i][c / 3] += rest * rest;
+      }
+  }
+}
+
+static int best_strength(const scores *s, int kind) {
+  int best = 0;
+  double least = INFINITY;
+  for (int i = 0; i < STRENGTHS; i++) {
+    double score = s->labels * s->rest[i][kind] / (s->freedom[i] * s->freedom[i]);
+    if (score < least) {
+      least = score;
+      best = i;
+    }
+  }
+  return best;
 }
 
 /* Rotation vector of `m` relative to the run's first knot, continued from `before` without jumps of a turn. */
@@ -94,15 +156,15 @@ static void rotation_from(const double first[12], const double m[12], const doub
   }
 }
 
-static void fill_right(run *r) {
+static void fill_labels(run *r) {
   const double *first = r->object->knots[r->knots[0]].world_from_object;
   double before[3] = {0.0, 0.0, 0.0};
   for (int64_t i = 0; i < r->count; i++) {
     const double *m = r->object->knots[r->knots[i]].world_from_object;
-    rotation_from(first, m, before, r->right[i]);
-    memcpy(before, r->right[i], sizeof before);
+    rotation_from(first, m, before, r->label[i]);
+    memcpy(before, r->label[i], sizeof before);
     for (int k = 0; k < 3; k++)
-      r->right[i][3 + k] = m[4 * k + 3] - first[4 * k + 3];
+      r->label[i][3 + k] = m[4 * k + 3] - first[4 * k + 3];
   }
 }
 
@@ -113,10 +175,10 @@ static void take_increments(run *r) {
   for (int64_t i = 0; i < r->count; i++) {
     pags_knot *knot = &r->object->knots[r->knots[i]];
     double turn[12], pose[12], back[12], increment[12];
-    pags_increment_matrix(r->right[i], zero, turn);
+    pags_increment_matrix(r->smooth[i], zero, turn);
     pags_rigid_multiply(first, turn, pose);
     for (int k = 0; k < 3; k++)
-      pose[4 * k + 3] = first[4 * k + 3] + r->right[i][3 + k];
+      pose[4 * k + 3] = first[4 * k + 3] + r->smooth[i][3 + k];
     pags_rigid_inverse(knot->world_from_object, back);
     pags_rigid_multiply(back, pose, increment);
     rotation_from((const double[12]){1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, increment, zero, knot->rotation);
@@ -125,12 +187,12 @@ static void take_increments(run *r) {
   }
 }
 
-static void smooth_run(run *r) {
-  if (r->count < LEAST_KNOTS)
-    return;
-  build_matrix(r);
-  fill_right(r);
-  solve(r);
+static void smooth_run(run *r, const int best[KINDS]) {
+  memcpy(r->smooth, r->label, (size_t)r->count * sizeof *r->smooth);
+  for (int kind = 0; kind < KINDS; kind++) {
+    factor(r, strength(best[kind]));
+    solve(r, r->smooth, 3 * kind, 3 * kind + 3);
+  }
   take_increments(r);
 }
 
@@ -139,42 +201,83 @@ static int by_size(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
-static double median_spacing(const pags_object *o, const int64_t *knots, int64_t count, double (*scratch)[CHANNELS]) {
-  double *gaps = &scratch[0][0];
+static double median_spacing(const pags_object *o, const int64_t *knots, int64_t count, double *gaps) {
   for (int64_t i = 1; i < count; i++)
     gaps[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
   qsort(gaps, (size_t)(count - 1), sizeof *gaps, by_size);
   return gaps[(count - 1) / 2];
 }
 
-static pags_result smooth_object(pags_object *o) {
-  size_t room = (size_t)(o->knot_count > 0 ? o->knot_count : 1);
-  int64_t *knots = malloc(room * sizeof *knots), count = 0;
-  double(*band)[WINDOW] = malloc(room * sizeof *band);
-  double(*right)[CHANNELS] = malloc(room * sizeof *right);
-  for (int64_t k = 0; knots && k < o->knot_count; k++)
+/* All runs of a data set and what they point into. */
+typedef struct run_list {
+  run *items;
+  int64_t count;
+  int64_t *knots;
+  double (*label)[CHANNELS], (*smooth)[CHANNELS], (*band)[WINDOW];
+  int64_t used; /* knots */
+} run_list;
+
+static void list_runs(run_list *list, pags_object *o) {
+  int64_t *knots = list->knots + list->used, count = 0;
+  for (int64_t k = 0; k < o->knot_count; k++)
     if (o->knots[k].trained)
       knots[count++] = k;
-  pags_result result =
-      knots && band && right ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to smooth a track of %zu knots", room);
-  if (result == PAGS_OK && count >= LEAST_KNOTS) {
-    double spacing = median_spacing(o, knots, count, right);
-    for (int64_t begin = 0, i = 1; i <= count; i++) {
-      if (i < count && o->knots[knots[i]].time - o->knots[knots[i - 1]].time <= longest_gap * spacing)
-        continue;
-      smooth_run(&(run){o, knots + begin, i - begin, spacing, band, right});
-      begin = i;
-    }
+  if (count < LEAST_KNOTS)
+    return;
+  double spacing = median_spacing(o, knots, count, &list->smooth[list->used][0]);
+  for (int64_t begin = 0, i = 1; i <= count; i++) {
+    if (i < count && o->knots[knots[i]].time - o->knots[knots[i - 1]].time <= longest_gap * spacing)
+      continue;
+    int64_t at = list->used + begin;
+    if (i - begin >= LEAST_KNOTS)
+      list->items[list->count++] =
+          (run){o, knots + begin, i - begin, spacing, list->label + at, list->smooth + at, list->band + at};
+    begin = i;
   }
-  free(knots);
-  free(band);
-  free(right);
-  return result;
+  list->used += count;
+}
+
+static pags_result list_all(run_list *list, pags_tracks *tracks) {
+  size_t knots = 1;
+  for (int64_t i = 0; i < tracks->count; i++)
+    knots += (size_t)tracks->objects[i].knot_count;
+  *list = (run_list){.items = malloc(knots / LEAST_KNOTS * sizeof(run) + sizeof(run)),
+                     .knots = malloc(knots * sizeof *list->knots),
+                     .label = malloc(knots * sizeof *list->label),
+                     .smooth = malloc(knots * sizeof *list->smooth),
+                     .band = malloc(knots * sizeof *list->band)};
+  if (!list->items || !list->knots || !list->label || !list->smooth || !list->band)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to smooth tracks of %zu knots", knots);
+  for (int64_t i = 0; i < tracks->count; i++)
+    if (tracks->objects[i].moving)
+      list_runs(list, &tracks->objects[i]);
+  return PAGS_OK;
+}
+
+static void smooth_all(run_list *list) {
+  scores s = {0};
+  for (int64_t i = 0; i < list->count; i++) {
+    fill_labels(&list->items[i]);
+    score_run(&list->items[i], &s);
+  }
+  const int best[KINDS] = {best_strength(&s, ROTATION), best_strength(&s, TRANSLATION)};
+  for (int64_t i = 0; i < list->count; i++)
+    smooth_run(&list->items[i], best);
+  if (list->count > 0)
+    pags_log(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
+             sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
+             sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
 }
 
 pags_result pags_tracks_smooth(pags_tracks *tracks) {
-  for (int64_t i = 0; i < tracks->count; i++)
-    if (tracks->objects[i].moving)
-      PAGS_TRY(smooth_object(&tracks->objects[i]));
-  return PAGS_OK;
+  run_list list;
+  pags_result result = list_all(&list, tracks);
+  if (result == PAGS_OK)
+    smooth_all(&list);
+  free(list.items);
+  free(list.knots);
+  free(list.label);
+  free(list.smooth);
+  free(list.band);
+  return result;
 }

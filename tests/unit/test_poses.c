@@ -109,11 +109,14 @@ static void a_pose_is_found(void **unused) {
   pags_tracks_destroy(&tracks);
 }
 
-/* A car that brakes in a bend, labelled with errors at each step: most of them go, and a clean track stays. */
+/* A car that brakes in a bend, labelled with errors at each step: most of them go. A clean track stays, even one that swerves
+ * twice a second, which a fixed amount of smoothing would flatten. */
 static void jitter_goes_and_motion_stays(void **unused) {
   (void)unused;
   enum { KNOTS = 40 };
-  for (int noisy = 0; noisy < 2; noisy++) {
+  for (int kind = 0; kind < 3; kind++) {
+    const int noisy = kind == 1;
+    const double swerve = kind == 2 ? 0.3 : 0.0;
     pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
     double truth[KNOTS][3], before = 0.0, after = 0.0, yaw_before = 0.0, yaw_after = 0.0;
     t.objects[0] = (pags_object){.knot_count = KNOTS, .moving = 1, .knots = calloc(KNOTS, sizeof(pags_knot))};
@@ -124,7 +127,7 @@ static void jitter_goes_and_motion_stays(void **unused) {
       pags_rng_normal2(7, 2, (uint64_t)k, e + 2);
       u[0] = noisy * 0.2 * e[0], u[1] = noisy * 0.2 * e[1];
       truth[k][0] = 10.0 * s - 0.5 * s * s; /* 1 m/s2 */
-      truth[k][1] = 0.2 * s * s;
+      truth[k][1] = 0.2 * s * s + swerve * sin(12.0 * s);
       truth[k][2] = 0.04 * s;
       double yaw = truth[k][2] + noisy * 0.05 * e[2];
       pags_knot knot = {.frame = k, .trained = 1, .time = 1.5e9 + s};
@@ -147,7 +150,7 @@ static void jitter_goes_and_motion_stays(void **unused) {
       assert_true(after < 0.5 * before);
       assert_true(yaw_after < 0.5 * yaw_before);
     } else {
-      assert_true(after < 1e-3 && yaw_after < 1e-6); /* what it does is cubic at most */
+      assert_true(after < 0.01 && yaw_after < 1e-3); /* the least smoothing leaves a hundredth of the swerve */
     }
     pags_tracks_destroy(&t);
   }
