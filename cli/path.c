@@ -346,13 +346,18 @@ static int compare_times(const void *a, const void *b) {
   return ((*x)->time > (*y)->time) - ((*x)->time < (*y)->time);
 }
 
-/* The cameras of the sensor with the lowest number in the order of time, no time twice. */
-static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
-  int64_t count = 0, kept = 0;
+int pags_path_drive_sensor(const pags_scene *scene) {
   int sensor = -1;
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (is_recorded(&scene->views[i]) && (sensor < 0 || scene->views[i].sensor < sensor))
       sensor = scene->views[i].sensor;
+  return sensor;
+}
+
+/* The cameras of the sensor with the lowest number in the order of time, no time twice. */
+static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
+  int64_t count = 0, kept = 0;
+  const int sensor = pags_path_drive_sensor(scene);
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
       knots[count++] = &scene->views[i].camera;

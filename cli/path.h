@@ -21,6 +21,9 @@ bool pags_scene_is_drive(const pags_scene *scene);
  * evenly over its time; with 0, `fps` a second; with fps 0, too, those that were recorded. An error when there are fewer than 2. */
 pags_result pags_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_path *out);
 
+/* That sensor's number; -1: the scene is no drive. */
+int pags_path_drive_sensor(const pags_scene *scene);
+
 /* Every camera so many metres to its own right, negative to its left. */
 void pags_path_shift(pags_path *path, double metres);
 

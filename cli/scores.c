@@ -11,7 +11,7 @@ static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical"
                                                         "_vehicles", "_pedestrians", "_cyclists"};
 
 pags_view_score pags_view_score_make(const char *name, int test) {
-  pags_view_score score = {.name = name, .test = test, .lpips = (double)NAN, .psnr_exposed = (double)NAN};
+  pags_view_score score = {.name = name, .test = test, .lpips = (double)NAN, .psnr_unexposed = (double)NAN};
   for (int r = 0; r < PAGS_REGION_COUNT; ++r)
     score.psnr[r] = score.ssim[r] = (double)NAN;
   return score;
@@ -57,7 +57,7 @@ static double mean_of(const running_mean *m) {
 
 pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, int test) {
   pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
-  running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, exposed = {0};
+  running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
   for (int64_t i = 0; i < count; ++i) {
     if (scores[i].test != test)
       continue;
@@ -67,14 +67,14 @@ pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, i
       mean_add(&ssim[r], scores[i].ssim[r]);
     }
     mean_add(&lpips, scores[i].lpips);
-    mean_add(&exposed, scores[i].psnr_exposed);
+    mean_add(&unexposed, scores[i].psnr_unexposed);
   }
   for (int r = 0; r < PAGS_REGION_COUNT; ++r) {
     out.mean.psnr[r] = mean_of(&psnr[r]);
     out.mean.ssim[r] = mean_of(&ssim[r]);
   }
   out.mean.lpips = mean_of(&lpips);
-  out.mean.psnr_exposed = mean_of(&exposed);
+  out.mean.psnr_unexposed = mean_of(&unexposed);
   return out;
 }
 
@@ -83,7 +83,7 @@ void pags_scores_put_json(pags_json_writer *writer, const pags_view_score *score
   pags_json_put_number(writer, "psnr", score->psnr[PAGS_REGION_WHOLE]);
   pags_json_put_number(writer, "ssim", score->ssim[PAGS_REGION_WHOLE]);
   pags_json_put_number(writer, "lpips", score->lpips);
-  pags_json_put_number(writer, "psnr_exposed", score->psnr_exposed);
+  pags_json_put_number(writer, "psnr_unexposed", score->psnr_unexposed);
   for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; ++r) {
     snprintf(key, sizeof key, "psnr%s", suffixes[r]);
     pags_json_put_number(writer, key, score->psnr[r]);
@@ -110,8 +110,8 @@ static void print_mean(const pags_session *session, const pags_mean_score *mean,
     if (!isnan(m->psnr[r]))
       print_row(session, name, set, m->psnr[r], m->ssim[r], (double)NAN);
   }
-  if (!isnan(m->psnr_exposed))
-    pags_say(session, "%-32s %-5s %9.3f\n", "  with exposure", set, m->psnr_exposed);
+  if (!isnan(m->psnr_unexposed))
+    pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", set, m->psnr_unexposed);
 }
 
 void pags_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {

@@ -23,7 +23,7 @@ typedef struct pags_view_score {
   const char *name;
   int test;
   double psnr[PAGS_REGION_COUNT], ssim[PAGS_REGION_COUNT]; /* NaN: not measured, or no pixel of that kind */
-  double lpips, psnr_exposed;                              /* NaN: not measured */
+  double lpips, psnr_unexposed; /* NaN: not measured. psnr_unexposed: of the picture as the scene is, where the rest is as the camera exposes */
 } pags_view_score;
 
 pags_view_score pags_view_score_make(const char *name, int test);

@@ -2,6 +2,7 @@
 #include "shift.h"
 
 #include "interrupt.h"
+#include "path.h"
 #include "picture.h"
 
 #include <base/file.h>
@@ -15,8 +16,8 @@ typedef struct shifting {
   double downscale;
   pags_composition *composition;
   pags_frame *frame;
-  const pags_frame_options *options;
   const pags_session *session;
+  pags_frame_options options;
 } shifting;
 
 void pags_shift_scores_destroy(pags_shift_scores *scores) {
@@ -84,7 +85,12 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   char file[32];
   snprintf(file, sizeof file, "%05lld.png", (long long)i);
   pags_compose(s->composition, camera.time, &parts, &part_count);
-  PAGS_TRY(pags_frame_render(s->frame, parts, part_count, &camera, s->options, NULL, NULL, &picture));
+  pags_frame_options options = s->options;
+  double gain[3], offset[3];
+  const pags_scene *scene = pags_composition_scene(s->composition);
+  pags_scene_exposure(scene, pags_path_drive_sensor(scene), camera.time, gain, offset);
+  pags_frame_options_expose(&options, gain, offset);
+  PAGS_TRY(pags_frame_render(s->frame, parts, part_count, &camera, &options, NULL, NULL, &picture));
   char *path = pags_path_join(folder, file);
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
@@ -155,7 +161,7 @@ pags_result pags_shift_measure(const char *dataset, double downscale, pags_compo
   char *folder = pags_path_join(dataset, "truth/shift");
   if (!folder)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  shifting s = {folder, images, downscale, composition, frame, options, session};
+  shifting s = {folder, images, downscale, composition, frame, session, *options};
   pags_result result =
       pags_dir_exists(folder)
           ? pags_dir_list_read(folder, &list)

@@ -62,7 +62,7 @@ static const pags_verb verb = {
         "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and "
         "cyclists; "
         "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
-        "each over the views that have such pixels; depth beside LiDAR; with the exposures found in training; and of "
+        "each over the views that have such pixels; depth beside LiDAR; without the exposures found in training; and of "
         "synthetic data the error of the tracks' poses, as labelled and as trained.",
     .positionals = positionals,
     .options = options};
@@ -75,7 +75,6 @@ typedef struct evaluation {
   pags_lpips *lpips;
   pags_frame *frame;
   pags_frame_options options;
-  bool exposed; /* the scene has exposures */
   pags_view_score *scores;
   int64_t count;
   pags_depth_errors depth_errors[2]; /* of training and held-out views */
@@ -120,16 +119,8 @@ static pags_result measure_regions(const evaluation *self, const pags_image *ren
   return result;
 }
 
-/* As the camera would have exposed it: changes the rendering. */
-static void expose(const pags_scene_view *view, pags_image *render) {
-  float *p = render->data;
-  for (size_t i = 0; i < (size_t)render->width * (size_t)render->height; ++i)
-    for (size_t c = 0; c < 3; ++c)
-      p[3 * i + c] = (float)(view->gain[c] * (double)p[3 * i + c] + view->offset[c]);
-}
-
-static pags_result measure(const evaluation *self, const pags_scene_view *view, pags_image *render,
-                           const pags_truth_photo *photo, pags_view_score *score) {
+static pags_result measure(const evaluation *self, pags_image *render, const pags_truth_photo *photo,
+                           pags_view_score *score) {
   PAGS_TRY(measure_regions(self, render, photo, score));
   if (self->arguments->images) {
     PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
@@ -140,20 +131,15 @@ static pags_result measure(const evaluation *self, const pags_scene_view *view, 
       copy_masked(render, &photo->image, photo->mask);
     PAGS_TRY(pags_lpips_distance(self->lpips, render, &photo->image, self->arguments->session.tasks, &score->lpips));
   }
-  if (!self->exposed || !view)
-    return PAGS_OK;
-  expose(view, render); /* last: LPIPS is of the picture as it is */
-  return pags_eval_psnr(render, &photo->image, photo->mask, &score->psnr_exposed);
+  return PAGS_OK;
 }
 
 static pags_result compare_picture(evaluation *self, const pags_truth_view *at, const pags_picture *picture,
                                    const pags_truth_photo *photo) {
-  const pags_view *view = pags_dataset_view(self->truth.dataset, at->index);
   pags_view_score *score = &self->scores[self->count];
   pags_image render = {0};
-  *score = pags_view_score_make(view->name, at->test);
   PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
-  pags_result result = measure(self, at->scene_view, &render, photo, score);
+  pags_result result = measure(self, &render, photo, score);
   pags_image_destroy(&render);
   if (result == PAGS_OK && picture->depth)
     result =
@@ -163,16 +149,40 @@ static pags_result compare_picture(evaluation *self, const pags_truth_view *at, 
   return result;
 }
 
+/* The photograph beside the picture as the scene's colours are, without the camera's exposure. */
+static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts, int part_count,
+                                     const pags_truth_photo *photo, pags_view_score *score) {
+  pags_picture picture;
+  pags_image render;
+  self->options.exposed = 0;
+  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
+  PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
+  pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
+  pags_image_destroy(&render);
+  return result;
+}
+
 static pags_result compare_view(evaluation *self, int64_t i) {
-  const pags_camera *camera = &pags_dataset_view(self->truth.dataset, self->truth.views[i].index)->camera;
+  const pags_truth_view *at = &self->truth.views[i];
+  const pags_view *view = pags_dataset_view(self->truth.dataset, at->index);
+  const pags_camera *camera = &view->camera;
+  pags_view_score *score = &self->scores[self->count];
   pags_truth_photo photo;
   pags_picture picture;
   const pags_part *parts;
   int part_count;
+  *score = pags_view_score_make(view->name, at->test);
   pags_compose(self->composition, camera->time, &parts, &part_count);
-  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
   PAGS_TRY(pags_truth_photograph(&self->truth, i, &photo));
-  pags_result result = compare_picture(self, &self->truth.views[i], &picture, &photo);
+  pags_result result = PAGS_OK;
+  if (at->scene_view && pags_frame_options_expose(&self->options, at->scene_view->gain, at->scene_view->offset))
+    result = compare_unexposed(self, camera, parts, part_count, &photo, score);
+  if (result == PAGS_OK && at->scene_view)
+    pags_frame_options_expose(&self->options, at->scene_view->gain, at->scene_view->offset);
+  if (result == PAGS_OK)
+    result = pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture);
+  if (result == PAGS_OK)
+    result = compare_picture(self, at, &picture, &photo);
   pags_truth_photo_destroy(&photo);
   return result;
 }
@@ -277,14 +287,6 @@ static void print_more(const evaluation *self) {
   print_poses(session, &self->poses);
 }
 
-static bool has_exposures(const pags_scene *scene) {
-  for (int64_t i = 0; i < scene->view_count; ++i)
-    for (int c = 0; c < 3; ++c)
-      if (scene->views[i].gain[c] != 1 || scene->views[i].offset[c] != 0)
-        return true;
-  return false;
-}
-
 static pags_result open_all(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(pags_composition_load(scene_path, &self->composition));
@@ -302,7 +304,6 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);
   self->options = pags_composition_options(self->composition);
   self->options.extra_channels = (pags_dataset_provides(self->truth.dataset) & PAGS_PROVIDES_LIDAR) != 0;
-  self->exposed = has_exposures(self->scene);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
 }

@@ -23,7 +23,7 @@ typedef struct render_arguments {
   pags_edit_words edits;
   double background[3];
   float near_plane, low_pass;
-  int antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
+  int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
   pags_dataset_options dataset_options;
 } render_arguments;
 
@@ -76,6 +76,9 @@ static const pags_option options[] = {
     PAGS_EDIT_OPTIONS(AT(edits)),
 
     PAGS_GROUP("Picture"),
+    PAGS_FLAG("no-exposure", 0, AT(exposure),
+              "the scene's colours as they are; without it views of --split and frames of a drive are exposed as the "
+              "camera that took them"),
     PAGS_VALUE("background", 0, COLOR, AT(background), 0, 0, "R,G,B", "sRGB, 0..1", "the scene's",
                "colour behind everything"),
     PAGS_FLAG("antialiased", 0, AT(antialiased),
@@ -136,6 +139,14 @@ static pags_result set_time(double time, const pags_scene *scene, pags_viewpoint
   return PAGS_OK;
 }
 
+/* As the sensor whose drive it is exposed at that moment. */
+static void expose_drive(const pags_scene *scene, pags_viewpoints *viewpoints) {
+  for (int64_t i = 0; i < viewpoints->count && pags_scene_is_drive(scene); ++i) {
+    pags_viewpoint *v = &viewpoints->items[i];
+    pags_scene_exposure(scene, pags_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
+  }
+}
+
 static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
                                    const pags_scene *scene, pags_viewpoints *out) {
   if (pags_option_given(parsed, "split") && arguments->dataset) {
@@ -158,6 +169,8 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
     PAGS_TRY(pags_path_load(arguments->path, &path));
   pags_result result = pags_viewpoints_of_path(&path, out);
   pags_path_destroy(&path);
+  if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego"))
+    expose_drive(scene, out);
   return result;
 }
 
@@ -262,6 +275,8 @@ static pags_result draw(renderer *self, int64_t index) {
   int part_count;
   pags_picture picture;
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
+  if (self->arguments->exposure)
+    pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
   PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
   self->stats[index] = *pags_frame_stats_get(self->frame);
   PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &viewpoint->camera, viewpoint->name));
@@ -387,6 +402,7 @@ int pags_verb_render(int argc, char **argv) {
                                 .channels = "color",
                                 .frames = 120,
                                 .bits = 8,
+                                .exposure = 1,
                                 .downscale = 1,
                                 .sh_degree = standard.sh_degree,
                                 .exp_degree = standard.exp_degree == 5,

@@ -22,6 +22,8 @@ static pags_result append(pags_viewpoints *viewpoints, const char *name, const p
   pags_viewpoint *item = &viewpoints->items[viewpoints->count];
   item->name = strdup(name);
   item->camera = *camera;
+  for (int c = 0; c < 3; ++c)
+    item->gain[c] = 1;
   if (!item->name)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   ++viewpoints->count;
@@ -62,9 +64,16 @@ static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split
 pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out) {
   PAGS_TRY(create(scene->view_count, out));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; ++i)
-    if (wanted(split, scene->views[i].test))
-      result = append_view(out, scene->views[i].name, &scene->views[i].camera);
+  for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; ++i) {
+    const pags_scene_view *view = &scene->views[i];
+    if (!wanted(split, view->test))
+      continue;
+    result = append_view(out, view->name, &view->camera);
+    if (result == PAGS_OK) {
+      memcpy(out->items[out->count - 1].gain, view->gain, sizeof view->gain);
+      memcpy(out->items[out->count - 1].offset, view->offset, sizeof view->offset);
+    }
+  }
   if (result == PAGS_OK)
     result = check_any(out, split, "the scene");
   if (result != PAGS_OK)

@@ -8,6 +8,7 @@
 typedef struct pags_viewpoint {
   char *name; /* of the picture, without folder and extension */
   pags_camera camera;
+  double gain[3], offset[3]; /* exposure of what took it; 1 and 0 where that is not known */
 } pags_viewpoint;
 
 typedef struct pags_viewpoints {

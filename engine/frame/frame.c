@@ -152,6 +152,7 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
 
 pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                               const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
+  assert(!(options->exposed && options->keep_for_backward));
   assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   const double t0 = pags_frame_clock_ms();

@@ -40,6 +40,8 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
     f->kernels->raster(&in, &out);
     if (f->has_sky) /* while the tile is in the cache */
       pags_frame_blend_sky(f, tile);
+    if (f->options.exposed)
+      pags_frame_expose(f, tile);
   }
 }
 

@@ -64,6 +64,8 @@ void pags_frame_prepare_sky(pags_frame *frame);
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile);
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
+void pags_frame_expose(const pags_frame *frame, int64_t tile); /* when all else is in it */
+
 /* count * size bytes of this frame, or NULL after pags_fail. */
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);
 /* pags_parallel_for as a result code. */

@@ -159,7 +159,7 @@ pags_train_config pags_train_config_default(void) {
       .depth_share = 0.95,
       .object_weight = 0.1,
       .exposure = 1,
-      .exposure_rate = 1e-3,
+      .exposure_rate = 3e-3,
   };
 }
 

@@ -26,7 +26,7 @@ typedef struct pags_exposures {
 pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset *dataset);
 void pags_exposures_destroy(pags_exposures *exposures);
 
-/* Of a training view: gains, then offsets. */
+/* Of a training view: gains, then offsets. Of those held out nothing is known but by their neighbours: pags_scene_exposure. */
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
 
 /* out = gain * picture + offset; planes of the picture's stride. */
@@ -38,9 +38,5 @@ pags_result pags_exposure_backward(const double value[6], const pags_picture *pi
 /* Adam for one view and its camera, then the means over the training views put back. */
 void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step);
-
-/* Of any view: its own, or, held out, interpolated in time between training views of the same sensor. */
-void pags_exposures_get(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double gain[3],
-                        double offset[3]);
 
 #endif

@@ -197,6 +197,14 @@ static char *borrow(const char *text) {
   return (char *)(uintptr_t)text;
 }
 
+static void record_exposure(const pags_dataset *dataset, const pags_exposures *exposures, int64_t i, pags_scene_view *view) {
+  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
+  if (exposures->count > 0 && !view->test)
+    pags_exposures_value(exposures, dataset, i, value);
+  memcpy(view->gain, value, sizeof view->gain);
+  memcpy(view->offset, value + 3, sizeof view->offset);
+}
+
 static pags_result list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
   scene->view_count = pags_dataset_view_count(dataset);
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
@@ -209,12 +217,17 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
                                         .test = view->test,
                                         .sensor = view->sensor,
                                         .frame = view->frame};
-    pags_exposures_get(&state->exposures, dataset, i, scene->views[i].gain, scene->views[i].offset);
+    record_exposure(dataset, &state->exposures, i, &scene->views[i]);
     double time = view->camera.time;
     if (!isfinite(time))
       continue;
     scene->time_begin = i == 0 ? time : fmin(scene->time_begin, time);
     scene->time_end = i == 0 ? time : fmax(scene->time_end, time);
+  }
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    pags_scene_view *v = &scene->views[i];
+    if (v->test)
+      pags_scene_exposure(scene, v->sensor, v->camera.time, v->gain, v->offset);
   }
   return PAGS_OK;
 }

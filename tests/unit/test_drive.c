@@ -15,6 +15,7 @@
 
 #include "base/file.h"
 #include "scratch_folder.h"
+#include "train/exposure.h"
 
 enum { FRAMES = 12, ITERATIONS = 120 };
 
@@ -182,10 +183,71 @@ static void exposures_keep_their_mean(void **unused) {
   pags_scene_destroy(&scene);
 }
 
+/* A rig of two, small. */
+static pags_dataset *open_pair(void) {
+  pags_street_options options = pags_street_options_default();
+  pags_dataset_options reading = pags_dataset_options_default();
+  pags_dataset *pair = NULL;
+  options.width = options.height = 32;
+  options.frames = 6;
+  options.cameras = 2;
+  options.samples = 1;
+  options.objects = 0;
+  options.lidar_points = 0;
+  options.shifts = 0;
+  assert_int_equal(pags_synth_street(scratch("pair"), &options, tasks, NULL, NULL), PAGS_OK);
+  assert_int_equal(pags_dataset_open(scratch("pair"), &reading, &pair), PAGS_OK);
+  return pair;
+}
+
+static double mean_gain(const pags_exposures *e, const pags_dataset *pair) {
+  double value[6], sum = 0.0;
+  int training = 0;
+  for (int64_t i = 0; i < e->count; i++)
+    if (!pags_dataset_view(pair, i)->test) {
+      pags_exposures_value(e, pair, i, value);
+      sum += value[0];
+      training++;
+    }
+  return sum / training;
+}
+
+/* One camera of two is exposed more: its photographs that were never looked at have it, too, and the mean stays. */
+static void a_camera_is_exposed_as_its_photographs(void **unused) {
+  (void)unused;
+  enum { STEPS = 2000 };
+  pags_dataset *pair = open_pair();
+  pags_train_config config = pags_train_config_default();
+  config.iterations = STEPS;
+  pags_schedule schedule = pags_schedule_make(&config, 10.0, pags_dataset_view_count(pair));
+  pags_exposures e;
+  int64_t seen[2] = {-1, -1}, other[2] = {-1, -1}; /* the first of each camera, and its last */
+  double value[6];
+  assert_int_equal(pags_exposures_create(&e, pair), PAGS_OK);
+  for (int64_t i = 0; i < e.count; i++) {
+    const pags_view *v = pags_dataset_view(pair, i);
+    if (!v->test)
+      *(seen[v->sensor] < 0 ? &seen[v->sensor] : &other[v->sensor]) = i;
+  }
+  for (int step = 1; step <= STEPS; step++) {
+    pags_exposures_value(&e, pair, seen[step % 2], value);
+    double gradient[6] = {value[0] - (step % 2 ? 1.1 : 0.9)};
+    pags_exposures_update(&e, pair, seen[step % 2], gradient, &schedule, step);
+  }
+  for (int c = 0; c < 2; c++) {
+    pags_exposures_value(&e, pair, other[c], value);
+    assert_true(c ? value[0] > 1.02 : value[0] < 0.98);
+  }
+  assert_true(fabs(mean_gain(&e, pair) - 1.0) < 1e-9);
+  pags_exposures_destroy(&e);
+  pags_dataset_close(pair);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(scene_has_what_the_street_has),
       cmocka_unit_test(exposures_keep_their_mean),
+      cmocka_unit_test(a_camera_is_exposed_as_its_photographs),
       cmocka_unit_test(threads_and_interruptions_change_no_bit),
       cmocka_unit_test(parts_can_be_left_out),
   };

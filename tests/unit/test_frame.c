@@ -168,6 +168,31 @@ static void test_threads_change_no_sky(void **state) {
   }
 }
 
+/* Gain and offset come last: over the sky, too, and T, depth and ids stay. */
+static void test_exposure(void **state) {
+  (void)state;
+  fixture f = fixture_create(12, 300);
+  pags_sky sky = reference_random_sky(&f.random, 8);
+  engine e = engine_create(2);
+  frame_scene scene = frame_scene_create(&f.part, 1, 16, 0);
+  f.options.sky = &sky;
+  frame_result plain = frame_run(e.frame, &scene, &f.camera, &f.options, NULL);
+  assert_false(pags_frame_options_expose(&f.options, (double[]){1, 1, 1}, (double[]){0, 0, 0}));
+  assert_true(pags_frame_options_expose(&f.options, (double[]){1.25, 0.5, 1}, (double[]){0.125, 0, -0.25}));
+  frame_result shown = frame_run(e.frame, &scene, &f.camera, &f.options, NULL);
+  for (int channel = 0; channel < 3; channel++)
+    for (int k = channel * PIXELS; k < (channel + 1) * PIXELS; k++)
+      assert_true(fabsf(shown.rgb[k] - (f.options.gain[channel] * plain.rgb[k] + f.options.offset[channel])) < 1e-6f);
+  assert_memory_equal(shown.transmittance, plain.transmittance, PIXELS * sizeof *plain.transmittance);
+  assert_memory_equal(shown.id, plain.id, PIXELS * sizeof *plain.id);
+  frame_result_destroy(&plain);
+  frame_result_destroy(&shown);
+  frame_scene_destroy(&scene);
+  engine_destroy(&e);
+  free(sky.texels);
+  fixture_destroy(&f);
+}
+
 /* Nothing before it: the sky as it is, no background. A map without texels is none. */
 static void test_bare_sky(void **state) {
   (void)state;
@@ -643,6 +668,7 @@ static void test_odd_sizes(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_threads_change_no_sky),
+      cmocka_unit_test(test_exposure),
       cmocka_unit_test(test_bare_sky),
       cmocka_unit_test(test_sky_is_the_scene_s),
       cmocka_unit_test(test_sky_without_nan),

@@ -58,10 +58,15 @@ typedef struct pags_frame_options {
   int extra_channels;   /* 1: depth and id too */
   int count_pairs;      /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
   int keep_for_backward; /* 1: keep what pags_frame_backward needs */
+  int exposed;           /* 1: rgb becomes gain * rgb + offset per channel, as a camera of that exposure shows it (pags_scene_exposure).
+                            Not with keep_for_backward. Default 0 */
+  float gain[3], offset[3];
   int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs some per cent of the backward pass), else 0s */
 } pags_frame_options;
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
+/* Sets `exposed`, gain and offset; returns whether they change anything, which is what `exposed` becomes. */
+PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
 /* Planes of `stride` floats a row, `height` rows (and up to 15 of padding); owned by the frame, valid until its next render. */
 typedef struct pags_picture {

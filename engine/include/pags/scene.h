@@ -69,6 +69,10 @@ PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene
 PAGS_API void pags_scene_destroy(pags_scene *scene);
 PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
 
+/* How a camera of the rig exposes at a time (seconds), display-referred sRGB per channel: photograph = gain * picture + offset. Between
+ * training views of that sensor linear in time, beyond them as at the last one; 1 and 0 where the scene has none. */
+PAGS_API void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]);
+
 /* "objects/NAME.ply" for the model of the object `id`: letters, digits, '-' and '.' stay, the rest becomes '_'; a number is added
  * where a model of the scene has that file already (case ignored). Models whose file is NULL are passed over. Freed by the
  * caller; NULL when memory is out. */

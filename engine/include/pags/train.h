@@ -115,8 +115,8 @@ typedef struct pags_train_config {
   double depth_weight;           /* of the LiDAR depth term, per metre; default 0.01 */
   double depth_share;            /* of samples that count, the best ones; default 0.95 */
   double object_weight;          /* of the object opacity term, from densify_until on; default 0.1 */
-  int exposure;                  /* 1: a gain and an offset per photograph and channel. Default 1 */
-  double exposure_rate;          /* of these, falling to a tenth; default 1e-3 */
+  int exposure;                  /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph. Default 1 */
+  double exposure_rate;          /* of these, falling to a tenth; default 3e-3 */
 } pags_train_config;
 
 PAGS_API pags_train_config pags_train_config_default(void);

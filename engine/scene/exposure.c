@@ -1,0 +1,35 @@
+/* The exposure of a camera of the rig at any time. */
+#include <math.h>
+
+#include <pags/scene.h>
+
+/* Nearest training view of the sensor at or before `time` (sign -1) or at or after it (+1); NULL: none. */
+static const pags_scene_view *neighbour(const pags_scene *scene, int sensor, double time, int sign) {
+  const pags_scene_view *best = NULL;
+  double least = INFINITY;
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_scene_view *v = &scene->views[i];
+    double apart = (v->camera.time - time) * sign;
+    if (v->test || v->sensor != sensor || !(apart >= 0.0 && apart < least))
+      continue;
+    least = apart;
+    best = v;
+  }
+  return best;
+}
+
+void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]) {
+  const pags_scene_view *before = neighbour(scene, sensor, time, -1), *after = neighbour(scene, sensor, time, 1);
+  const pags_scene_view *a = before ? before : after, *b = after ? after : before;
+  for (int c = 0; c < 3; c++) {
+    gain[c] = 1.0;
+    offset[c] = 0.0;
+  }
+  if (!a)
+    return;
+  double span = b->camera.time - a->camera.time, u = span > 0.0 ? (time - a->camera.time) / span : 0.0;
+  for (int c = 0; c < 3; c++) {
+    gain[c] = a->gain[c] + u * (b->gain[c] - a->gain[c]);
+    offset[c] = a->offset[c] + u * (b->offset[c] - a->offset[c]);
+  }
+}
