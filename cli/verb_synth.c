@@ -1,4 +1,4 @@
-/* pags synth: data sets with known truth, ray-traced. */
+/* pags synth: data sets with known truth, ray-traced, and a town of Gaussians. */
 #include "interrupt.h"
 #include "session.h"
 #include "verbs.h"
@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Values of options that both kinds have lie here and are handed on; -1: the kind's own default. */
+/* Values of options that several kinds have lie here and are handed on; -1: the kind's own default. */
 typedef struct synth_arguments {
   pags_session session;
   const char *output, *size;
@@ -15,6 +15,9 @@ typedef struct synth_arguments {
   uint64_t seed;
   pags_synth_options room;
   pags_street_options street;
+  int frames; /* -1: the kind's own default */
+  pags_town_options town;
+  pags_town_facts town_facts;
 } synth_arguments;
 
 #define AT(member) offsetof(synth_arguments, member)
@@ -25,21 +28,22 @@ static const pags_option options[] = {
      .required = true,
      .type = PAGS_OPTION_STRING,
      .offset = AT(output),
-     .metavar = "DATASET",
-     .help = "folder to write the data set to"},
+     .metavar = "FOLDER",
+     .help = "folder to write the data set, or the town's scene, to"},
     PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
-    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480", "of each picture"),
-    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270", "of each picture"),
+    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480, town 960", "of each picture"),
+    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270, town 540", "of each picture"),
     PAGS_TEXT("size", 0, AT(size), "WxH", "", "width and height at once, 480x270"),
-    PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8", "more give smoother edges"),
+    PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8",
+               "of a room and a street: more give smoother edges"),
     PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "of everything that is drawn by chance"),
     PAGS_GROUP("Of a room"),
     PAGS_VALUE("views", 'n', INT, AT(room.views), 3, 10000, "N", "pictures", NULL, "evenly around the scene"),
     PAGS_VALUE("points", 0, INT64, AT(room.points), 0, 1e7, "N", NULL, NULL, "coloured surface points, points.ply"),
     PAGS_FLAG("depth", 0, AT(room.depth), "write the true depth of each picture too, depth/NAME.exr, in metres"),
     PAGS_GROUP("Of a street"),
-    PAGS_VALUE("frames", 0, INT, AT(street.frames), 2, 10000, "N", "time steps", NULL,
-               "driven along the street, about a metre each"),
+    PAGS_VALUE("frames", 0, INT, AT(frames), 1, 10000, "N", "time steps", "street 40, town 24",
+               "driven along the street, about a metre each; of a town: evenly along its middle street"),
     PAGS_VALUE("fps", 0, DOUBLE, AT(street.fps), 0.1, 1000, "R", "frames a second", NULL,
                "rate of recording, at about 10 m/s"),
     PAGS_VALUE("cameras", 0, INT, AT(street.cameras), 1, 3, "N", NULL, NULL, "front; and front left; and front right"),
@@ -52,6 +56,11 @@ static const pags_option options[] = {
     PAGS_VALUE("yaw-noise", 0, DOUBLE, AT(street.yaw_noise), 0, 180, "A", "degrees", NULL,
                "sigma of the error put on its yaw"),
     PAGS_FLAG("no-shifts", 0, AT(street.shifts), "leave out the true pictures from 1, 2, 3 m to the right and 1 m up"),
+    PAGS_GROUP("Of a town"),
+    PAGS_VALUE("gaussians", 0, INT64, AT(town.gaussians), 1000, 2e8, "N", "Gaussians", NULL,
+               "at density 1; the town is as large as they cover"),
+    PAGS_VALUE("density", 0, DOUBLE, AT(town.density), 0.05, 20, "F", "times", NULL,
+               "so many times the Gaussians on the same surfaces; 1: 150 a square metre, as trained streets have"),
     PAGS_SESSION_OPTIONS(synth_arguments),
     {0}};
 
@@ -69,10 +78,21 @@ static pags_result make_street(synth_arguments *a, pags_progress_fn *progress, v
   pags_street_options *o = &a->street;
   o->width = a->width > 0 ? a->width : o->width;
   o->height = a->height > 0 ? a->height : o->height;
+  o->frames = a->frames > 0 ? a->frames : o->frames;
   o->samples = a->samples;
   o->seed = a->seed;
   o->overwrite = a->overwrite;
   return pags_synth_street(a->output, o, a->session.tasks, progress, user);
+}
+
+static pags_result make_town(synth_arguments *a, pags_progress_fn *progress, void *user) {
+  pags_town_options *o = &a->town;
+  o->width = a->width > 0 ? a->width : o->width;
+  o->height = a->height > 0 ? a->height : o->height;
+  o->frames = a->frames > 0 ? a->frames : o->frames;
+  o->seed = a->seed;
+  o->overwrite = a->overwrite;
+  return pags_synth_town(a->output, o, a->session.tasks, progress, user, &a->town_facts);
 }
 
 static void tell_room(const synth_arguments *a, double seconds, pags_json_writer *json) {
@@ -95,33 +115,59 @@ static void tell_street(const synth_arguments *a, double seconds, pags_json_writ
   pags_json_put_integer(json, "objects", o->objects);
 }
 
+static void tell_town(const synth_arguments *a, double seconds, pags_json_writer *json) {
+  const pags_town_facts *f = &a->town_facts;
+  pags_say(&a->session,
+           "%s: %lld Gaussians, %d streets and %d blocks on %.0f x %.0f m, %.0f a square metre seen, %d views of %dx%d, in "
+           "%.1f s\n",
+           a->output, (long long)f->gaussians, f->streets, f->blocks, f->length, f->breadth,
+           (double)f->gaussians / f->square_metres, 3 * a->town.frames, a->town.width, a->town.height, seconds);
+  pags_json_put_integer(json, "gaussians", f->gaussians);
+  pags_json_put_integer(json, "streets", f->streets);
+  pags_json_put_integer(json, "blocks", f->blocks);
+  pags_json_put_number(json, "length", f->length);
+  pags_json_put_number(json, "breadth", f->breadth);
+  pags_json_put_number(json, "square_metres", f->square_metres);
+  pags_json_put_number(json, "gaussians_per_square_metre", (double)f->gaussians / f->square_metres);
+  pags_json_put_integer(json, "views", 3 * a->town.frames);
+}
+
 static const struct kind {
   const char *name;
   pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
-  const char *foreign[10]; /* options that it has no use for */
+  const char *foreign[16]; /* options that it has no use for */
 } kinds[] = {
     {"room",
      make_room,
      tell_room,
-     {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts"}},
-    {"street", make_street, tell_street, {"views", "points", "depth"}}};
+     {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts",
+      "gaussians", "density"}},
+    {"street", make_street, tell_street, {"views", "points", "depth", "gaussians", "density"}},
+    {"town",
+     make_town,
+     tell_town,
+     {"samples", "views", "points", "depth", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise",
+      "yaw-noise", "no-shifts"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {{"KIND",
                                                "room: a courtyard with boxes and balls, seen from cameras that go "
-                                               "around; street: seen from a car that drives along it"},
+                                               "around; street: seen from a car that drives along it; town: a scene "
+                                               "of Gaussians on streets and houses"},
                                               {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "synth",
-    .usage = "KIND -o DATASET [options]",
+    .usage = "KIND -o FOLDER [options]",
     .about =
         "Writes a data set with known truth, ray-traced. A room: pictures, transforms.json, surface points and, if "
         "asked for, depth. A "
         "street: a driving set in drivestudio's layout with poses, LiDAR, tracks and masks, and in truth/ the exact "
         "tracks, depth, "
-        "object ids and pictures from shifted cameras. The same bytes for any number of threads.",
+        "object ids and pictures from shifted cameras. A town: not a data set but a scene, to render and to measure with: "
+        "Gaussians on houses, roads, trees and cars of several blocks, sizes and opacities drawn as a trained street has "
+        "them. The same bytes for any number of threads.",
     .positionals = positionals,
     .options = options};
 
@@ -140,7 +186,7 @@ static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   const pags_result result = kind->make(arguments, show_progress, &progress);
   pags_progress_end(&progress);
   if (result != PAGS_OK)
-    return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is no whole data set", arguments->output)
+    return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is not complete", arguments->output)
                                     : result;
   const double seconds = pags_seconds() - begun;
   pags_json_writer_init(&writer, 2);
@@ -163,6 +209,8 @@ int pags_verb_synth(int argc, char **argv) {
   synth_arguments arguments = {.width = -1,
                                .height = -1,
                                .samples = 8,
+                               .frames = -1,
+                               .town = pags_town_options_default(),
                                .room = pags_synth_options_default(),
                                .street = pags_street_options_default()};
   const struct kind *kind = NULL;
@@ -174,7 +222,7 @@ int pags_verb_synth(int argc, char **argv) {
     if (!strcmp(kinds[i].name, parsed.positionals[0]))
       kind = &kinds[i];
   if (!kind)
-    return pags_usage_error(&verb, "KIND: expected room or street, got '%s'", parsed.positionals[0]);
+    return pags_usage_error(&verb, "KIND: expected room, street or town, got '%s'", parsed.positionals[0]);
   for (int i = 0; kind->foreign[i]; i++)
     if (pags_option_given(&parsed, kind->foreign[i]))
       return pags_usage_error(&verb, "--%s: a %s has no such option", kind->foreign[i], kind->name);

@@ -7,22 +7,11 @@
 
 #define PI 3.14159265358979324
 
-enum { CAR_KINDS = 10, PERSON_KINDS = 6, RIDER_KINDS = 3, STREAM_MODELS = 10, STREAM_PARKED, STREAM_MOVING };
+enum { STREAM_MODELS = 10, STREAM_PARKED, STREAM_MOVING };
 enum { BODY, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, PERSON_PARTS, BICYCLE = PERSON_PARTS, RIDER_PARTS };
 
-typedef struct person_kind {
-  int body, arm, leg, bicycle; /* meshes */
-} person_kind;
-
-/* The models that actors are cast from. */
-typedef struct cast {
-  int cars[CAR_KINDS];
-  float car_sizes[CAR_KINDS][3];
-  person_kind people[PERSON_KINDS], riders[RIDER_KINDS];
-} cast;
-
-static person_kind make_person(pags_street *street, pags_dice *dice, uint8_t label) {
-  person_kind kind = {.body = pags_street_mesh(street),
+static pags_person_kind make_person(pags_street *street, pags_dice *dice, uint8_t label) {
+  pags_person_kind kind = {.body = pags_street_mesh(street),
                       .arm = pags_street_mesh(street),
                       .leg = pags_street_mesh(street),
                       .bicycle = -1};
@@ -33,16 +22,16 @@ static person_kind make_person(pags_street *street, pags_dice *dice, uint8_t lab
   return kind;
 }
 
-static void make_cast(pags_street *street, cast *out) {
+void pags_cast_make(pags_street *street, pags_cast *out) {
   pags_dice dice = {street->options->seed, STREAM_MODELS, 0};
-  for (int i = 0; i < CAR_KINDS; i++) {
+  for (int i = 0; i < PAGS_CAR_KINDS; i++) {
     out->cars[i] = pags_street_mesh(street);
     if (!street->failed)
       pags_car_add(&street->meshes[out->cars[i]], &street->materials, &dice, i, out->car_sizes[i]);
   }
-  for (int i = 0; i < PERSON_KINDS; i++)
+  for (int i = 0; i < PAGS_PERSON_KINDS; i++)
     out->people[i] = make_person(street, &dice, PAGS_CLASS_PERSON);
-  for (int i = 0; i < RIDER_KINDS; i++) {
+  for (int i = 0; i < PAGS_RIDER_KINDS; i++) {
     out->riders[i] = make_person(street, &dice, PAGS_CLASS_RIDER);
     out->riders[i].bicycle = pags_street_mesh(street);
     if (!street->failed)
@@ -50,7 +39,7 @@ static void make_cast(pags_street *street, cast *out) {
   }
 }
 
-static void add_car(pags_street *street, const cast *models, pags_actor actor, int kind) {
+static void add_car(pags_street *street, const pags_cast *models, pags_actor actor, int kind) {
   actor.role = PAGS_ROLE_CAR;
   memcpy(actor.size, models->car_sizes[kind], sizeof actor.size);
   actor.first_placement = street->placement_count;
@@ -61,7 +50,7 @@ static void add_car(pags_street *street, const cast *models, pags_actor actor, i
 }
 
 /* Boxes reach around a whole stride. */
-static void add_person(pags_street *street, const person_kind *kind, pags_actor actor) {
+void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor) {
   const int parts = kind->bicycle >= 0 ? RIDER_PARTS : PERSON_PARTS;
   const int meshes[RIDER_PARTS] = {kind->body, kind->arm, kind->arm, kind->leg, kind->leg, kind->bicycle};
   actor.role = kind->bicycle >= 0 ? PAGS_ROLE_CYCLIST : PAGS_ROLE_PEDESTRIAN;
@@ -79,16 +68,15 @@ static bool near_crossing(const pags_street *street, double x) {
   return fabs(phase - floor(phase + 0.5)) * (double)street->markings.spacing < 7.0;
 }
 
-static void park(pags_street *street, const cast *models) {
-  pags_dice dice = {street->options->seed, STREAM_PARKED, 0};
+void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *models) {
   for (int left = 0; left < 2; left++)
     for (float x = PAGS_PARKING_BAY * (floorf(street->begin_x / PAGS_PARKING_BAY) + 0.5f); x < street->end_x - 8.0f;
          x += PAGS_PARKING_BAY) {
       const float middle =
           left ? 0.5f * (PAGS_PARKING_LEFT + PAGS_KERB_LEFT) : 0.5f * (PAGS_PARKING_RIGHT + PAGS_KERB_RIGHT);
-      const float along = pags_dice_between(&dice, -0.4f, 0.4f), across = pags_dice_between(&dice, -0.1f, 0.1f);
-      const float skew = pags_dice_between(&dice, -0.025f, 0.025f);
-      const int kind = pags_dice_pick(&dice, CAR_KINDS), taken = pags_dice_pick(&dice, 100) < 68;
+      const float along = pags_dice_between(dice, -0.4f, 0.4f), across = pags_dice_between(dice, -0.1f, 0.1f);
+      const float skew = pags_dice_between(dice, -0.025f, 0.025f);
+      const int kind = pags_dice_pick(dice, PAGS_CAR_KINDS), taken = pags_dice_pick(dice, 100) < 68;
       if (taken && !near_crossing(street, (double)x))
         add_car(street, models,
                 (pags_actor){.start = {(double)(x + along), (double)(middle + across)},
@@ -107,7 +95,7 @@ typedef struct part {
   int look;         /* chooses a model */
 } part;
 
-static void drive_ahead(pags_street *street, const cast *models, pags_dice *dice, part p, int right) {
+static void drive_ahead(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int right) {
   const double ahead = (right ? 13.5 : 25.0) + 9.0 * p.index;
   add_car(
       street, models,
@@ -117,25 +105,25 @@ static void drive_ahead(pags_street *street, const cast *models, pags_dice *dice
                    .sway = 0.8,
                    .sway_rate = 0.9,
                    .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)},
-      p.look % CAR_KINDS);
+      p.look % PAGS_CAR_KINDS);
 }
 
-static void drive_towards(pags_street *street, const cast *models, part p) {
+static void drive_towards(pags_street *street, const pags_cast *models, part p) {
   const double speed = 9.0, met = meeting(street, p.index, p.count, 0.45) + 0.3;
   add_car(street, models,
           (pags_actor){.moving = 1,
                        .start = {pags_street_ego_x(met) + speed * met, (double)PAGS_ONCOMING_LANE},
                        .heading = PI,
                        .speed = speed},
-          p.look % CAR_KINDS);
+          p.look % PAGS_CAR_KINDS);
 }
 
-static void walk(pags_street *street, const cast *models, pags_dice *dice, part p, int left) {
+static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, part p, int left) {
   const int away = pags_dice_pick(dice, 2);
   const double speed = away ? 1.3 : 1.4, met = meeting(street, p.index, p.count, 0.3), direction = away ? 1.0 : -1.0;
   const double kerb = left ? (double)PAGS_KERB_LEFT : (double)PAGS_KERB_RIGHT;
   const double y = kerb + (left ? 1.0 : -1.0) * (away ? 1.5 : 2.6);
-  add_person(street, &models->people[p.look % PERSON_KINDS],
+  pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
              (pags_actor){.moving = 1,
                           .start = {pags_street_ego_x(met) + 8.0 - direction * speed * met, y},
                           .heading = away ? 0.0 : PI,
@@ -146,13 +134,13 @@ static void walk(pags_street *street, const cast *models, pags_dice *dice, part 
 }
 
 /* Crosses from the right while the recording car is still far enough away. */
-static void cross(pags_street *street, const cast *models, pags_dice *dice, part p) {
+static void cross(pags_street *street, const pags_cast *models, pags_dice *dice, part p) {
   const double speed = 1.4, spacing = (double)street->markings.spacing;
   const int crossings = 1 + (int)(street->end / spacing), chosen = crossings - 1 - p.index % crossings;
   const double x = (double)street->markings.first_crossing - spacing * (crossings - 1 - chosen);
   const double row = p.index / crossings; /* several on one crossing go side by side and after another */
   const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* in the middle of the recording car's lane */
-  add_person(street, &models->people[p.look % PERSON_KINDS],
+  pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
              (pags_actor){.moving = 1,
                           .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
                           .heading = 0.5 * PI,
@@ -161,9 +149,9 @@ static void cross(pags_street *street, const cast *models, pags_dice *dice, part
                           .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
-static void ride(pags_street *street, const cast *models, pags_dice *dice, part p) {
+static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, part p) {
   const double speed = 5.5, met = meeting(street, p.index, p.count, 0.7) + 0.25 * street->duration;
-  add_person(street, &models->riders[p.look % RIDER_KINDS],
+  pags_actors_stand(street, &models->riders[p.look % PAGS_RIDER_KINDS],
              (pags_actor){.moving = 1,
                           .start = {pags_street_ego_x(met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
                           .speed = speed,
@@ -172,10 +160,10 @@ static void ride(pags_street *street, const cast *models, pags_dice *dice, part 
 }
 
 /* The roles come in turn, so that few objects are of all kinds. */
-static void set_going(pags_street *street, const cast *models) {
+static void set_going(pags_street *street, const pags_cast *models) {
   enum { ROLES = 8 };
   pags_dice dice = {street->options->seed, STREAM_MOVING, 0};
-  const int objects = street->options->objects, first = pags_dice_pick(&dice, CAR_KINDS);
+  const int objects = street->options->objects, first = pags_dice_pick(&dice, PAGS_CAR_KINDS);
   for (int i = 0; i < objects; i++) {
     const int role = i % ROLES, turn = i / ROLES,
               both = (objects + ROLES - 1 - 1) / ROLES + (objects + ROLES - 1 - 4) / ROLES;
@@ -194,11 +182,12 @@ static void set_going(pags_street *street, const cast *models) {
 }
 
 void pags_actors_add(pags_street *street) {
-  cast models = {0};
-  make_cast(street, &models);
+  pags_cast models = {0};
+  pags_cast_make(street, &models);
   if (street->failed)
     return;
-  park(street, &models);
+  pags_dice dice = {street->options->seed, STREAM_PARKED, 0};
+  pags_actors_park(street, &dice, &models);
   street->first_moving = street->placement_count;
   set_going(street, &models);
 }

@@ -4,43 +4,56 @@
 #include "synth/layout.h"
 #include "synth/street.h"
 
-enum { TREE_KINDS = 4, STREAM_HOUSES = 1, STREAM_TREES, STREAM_PLANTS };
+enum { STREAM_HOUSES = 1, STREAM_TREES, STREAM_PLANTS };
 
 /* A level rectangle. */
 static void level(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
   pags_mesh_quad(mesh, (float[3]){x0, y0, z}, (float[3]){x1 - x0, 0, 0}, (float[3]){0, y1 - y0, 0}, NULL, material);
 }
 
+pags_ground pags_ground_make(pags_materials *materials) {
+  return (pags_ground){
+      .asphalt = pags_materials_add(
+          materials,
+          &(pags_material){.finish = PAGS_FINISH_ASPHALT, .label = PAGS_CLASS_ROAD, .color = {0.135f, 0.135f, 0.14f}}),
+      .slabs = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_PAVING,
+                                                              .label = PAGS_CLASS_SIDEWALK,
+                                                              .color = {0.36f, 0.34f, 0.31f},
+                                                              .second = {0.17f, 0.16f, 0.15f},
+                                                              .size = 0.6f}),
+      .stone = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
+                                                              .label = PAGS_CLASS_SIDEWALK,
+                                                              .color = {0.42f, 0.41f, 0.39f},
+                                                              .second = {0.33f, 0.32f, 0.31f},
+                                                              .size = 0.8f}),
+      .grass = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
+                                                              .label = PAGS_CLASS_TERRAIN,
+                                                              .color = {0.10f, 0.17f, 0.05f},
+                                                              .second = {0.17f, 0.20f, 0.08f},
+                                                              .size = 1.1f})};
+}
+
+void pags_ground_pave(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
+  level(mesh, x0, x1, y0, y1, z, material);
+}
+
+void pags_ground_kerb(pags_mesh *mesh, const pags_ground *ground, float x0, float x1, int left) {
+  const float kerb = left ? PAGS_KERB_LEFT : PAGS_KERB_RIGHT, front = left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT;
+  const float out = left ? 1.0f : -1.0f, h = PAGS_KERB_HEIGHT;
+  pags_mesh_box(mesh, (float[3]){0.5f * (x0 + x1), kerb + 0.08f * out, 0.5f * h},
+                (float[3]){0.5f * (x1 - x0), 0.08f, 0.5f * h}, ground->stone);
+  level(mesh, x0, x1, kerb + 0.16f * out, front, h, ground->slabs);
+}
+
 static void add_ground(pags_street *street, pags_mesh *mesh) {
-  pags_materials *materials = &street->materials;
-  const float x0 = street->begin_x - 30.0f, x1 = street->end_x + 12.0f, h = PAGS_KERB_HEIGHT;
-  const uint16_t asphalt = pags_materials_add(
-      materials,
-      &(pags_material){.finish = PAGS_FINISH_ASPHALT, .label = PAGS_CLASS_ROAD, .color = {0.135f, 0.135f, 0.14f}});
-  const uint16_t slabs = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_PAVING,
-                                                                        .label = PAGS_CLASS_SIDEWALK,
-                                                                        .color = {0.36f, 0.34f, 0.31f},
-                                                                        .second = {0.17f, 0.16f, 0.15f},
-                                                                        .size = 0.6f});
-  const uint16_t stone = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
-                                                                        .label = PAGS_CLASS_SIDEWALK,
-                                                                        .color = {0.42f, 0.41f, 0.39f},
-                                                                        .second = {0.33f, 0.32f, 0.31f},
-                                                                        .size = 0.8f});
-  const uint16_t grass = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
-                                                                        .label = PAGS_CLASS_TERRAIN,
-                                                                        .color = {0.10f, 0.17f, 0.05f},
-                                                                        .second = {0.17f, 0.20f, 0.08f},
-                                                                        .size = 1.1f});
-  level(mesh, x0, x1, PAGS_KERB_RIGHT, PAGS_KERB_LEFT, 0.0f, asphalt);
-  level(mesh, street->end_x, x1, -60.0f, 60.0f, 0.001f, asphalt);
-  for (int side = 0; side < 2; side++) {
-    const float kerb = side ? PAGS_KERB_LEFT : PAGS_KERB_RIGHT, front = side ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT;
-    const float out = side ? 1.0f : -1.0f;
-    pags_mesh_box(mesh, (float[3]){0.5f * (x0 + street->end_x), kerb + 0.08f * out, 0.5f * h},
-                  (float[3]){0.5f * (street->end_x - x0), 0.08f, 0.5f * h}, stone);
-    level(mesh, x0, street->end_x, kerb + 0.16f * out, front, h, slabs);
-    level(mesh, x0, street->end_x, front, front + 45.0f * out, h - 0.01f, grass);
+  const float x0 = street->begin_x - 30.0f, x1 = street->end_x + 12.0f;
+  const pags_ground ground = pags_ground_make(&street->materials);
+  level(mesh, x0, x1, PAGS_KERB_RIGHT, PAGS_KERB_LEFT, 0.0f, ground.asphalt);
+  level(mesh, street->end_x, x1, -60.0f, 60.0f, 0.001f, ground.asphalt);
+  for (int left = 0; left < 2; left++) {
+    const float front = left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT;
+    pags_ground_kerb(mesh, &ground, x0, street->end_x, left);
+    level(mesh, x0, street->end_x, front, front + (left ? 45.0f : -45.0f), PAGS_KERB_HEIGHT - 0.01f, ground.grass);
   }
 }
 
@@ -79,23 +92,23 @@ static bool near_crossing(const pags_street *street, float x, float reach) {
 }
 
 /* Trees, lamps, signs and bins along a kerb. */
-static void add_planting(pags_street *street, pags_dice *dice, const int trees[TREE_KINDS], int lamp,
-                         const int signs[3], int bin, int left) {
+static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting *kinds, int left) {
   const float kerb = left ? PAGS_KERB_LEFT : PAGS_KERB_RIGHT, out = left ? 1.0f : -1.0f, z = PAGS_KERB_HEIGHT;
   const float lamp_yaw = left ? 3.14159265f : 0.0f;
   int place = left;
   for (float x = street->begin_x + 3.0f + 4.0f * (float)left; x < street->end_x - 3.0f; x += 9.5f, place++) {
     const float y = kerb + 0.75f * out, jitter = pags_dice_between(dice, -0.8f, 0.8f);
-    const int kind = pags_dice_pick(dice, TREE_KINDS), what = pags_dice_pick(dice, 8);
+    const int kind = pags_dice_pick(dice, PAGS_TREE_KINDS), what = pags_dice_pick(dice, 8);
     const float turn = pags_dice_between(dice, 0.0f, 6.28f), scale = pags_dice_between(dice, 0.85f, 1.2f);
     if (place % 3 == 0)
-      pags_street_place(street, lamp, -1, x, y - 0.3f * out, z, lamp_yaw, 1.0f);
+      pags_street_place(street, kinds->lamp, -1, x, y - 0.3f * out, z, lamp_yaw, 1.0f);
     else if (!near_crossing(street, x, 6.0f) && what > 1)
-      pags_street_place(street, trees[kind], -1, x + jitter, y, z, turn, scale);
+      pags_street_place(street, kinds->trees[kind], -1, x + jitter, y, z, turn, scale);
     else if (what == 0)
-      pags_street_place(street, signs[place % 2 ? 0 : 2], -1, x, y - 0.35f * out, z, left ? 3.14159265f : 0.0f, 1.0f);
+      pags_street_place(street, kinds->signs[place % 2 ? 0 : 2], -1, x, y - 0.35f * out, z,
+                        left ? 3.14159265f : 0.0f, 1.0f);
     if (what == 3)
-      pags_street_place(street, bin, -1, x + 2.5f, y, z, 0.0f, 1.0f);
+      pags_street_place(street, kinds->bin, -1, x + 2.5f, y, z, 0.0f, 1.0f);
   }
 }
 
@@ -111,10 +124,31 @@ static void add_crossing_signs(pags_street *street, int sign) {
   }
 }
 
+void pags_planting_make(pags_street *street, pags_dice *dice, pags_planting *out) {
+  for (int i = 0; i < PAGS_TREE_KINDS; i++) {
+    out->trees[i] = pags_street_mesh(street);
+    pags_tree_add(&street->meshes[out->trees[i]], &street->materials, dice);
+  }
+  for (int i = 0; i < 3; i++) {
+    out->signs[i] = pags_street_mesh(street);
+    pags_sign_add(&street->meshes[out->signs[i]], &street->materials, i);
+  }
+  out->lamp = pags_street_mesh(street);
+  out->bin = pags_street_mesh(street);
+  pags_lamp_add(&street->meshes[out->lamp], &street->materials);
+  pags_bin_add(&street->meshes[out->bin], &street->materials);
+}
+
+void pags_planting_add(pags_street *street, pags_dice *dice, const pags_planting *kinds) {
+  plant_kerb(street, dice, kinds, 0);
+  plant_kerb(street, dice, kinds, 1);
+  add_crossing_signs(street, kinds->signs[1]);
+}
+
 void pags_scenery_add(pags_street *street) {
   pags_dice dice = {street->options->seed, STREAM_HOUSES, 0};
   const int ground = pags_street_mesh(street);
-  int trees[TREE_KINDS], signs[3];
+  pags_planting kinds;
   if (street->failed)
     return;
   add_ground(street, &street->meshes[ground]);
@@ -123,19 +157,7 @@ void pags_scenery_add(pags_street *street) {
   add_end(street, &street->meshes[ground], &dice);
   pags_street_place(street, ground, -1, 0, 0, 0, 0, 1);
   dice = (pags_dice){street->options->seed, STREAM_TREES, 0};
-  for (int i = 0; i < TREE_KINDS; i++) {
-    trees[i] = pags_street_mesh(street);
-    pags_tree_add(&street->meshes[trees[i]], &street->materials, &dice);
-  }
-  for (int i = 0; i < 3; i++) {
-    signs[i] = pags_street_mesh(street);
-    pags_sign_add(&street->meshes[signs[i]], &street->materials, i);
-  }
-  const int lamp = pags_street_mesh(street), bin = pags_street_mesh(street);
-  pags_lamp_add(&street->meshes[lamp], &street->materials);
-  pags_bin_add(&street->meshes[bin], &street->materials);
+  pags_planting_make(street, &dice, &kinds);
   dice = (pags_dice){street->options->seed, STREAM_PLANTS, 0};
-  add_planting(street, &dice, trees, lamp, signs, bin, 0);
-  add_planting(street, &dice, trees, lamp, signs, bin, 1);
-  add_crossing_signs(street, signs[1]);
+  pags_planting_add(street, &dice, &kinds);
 }

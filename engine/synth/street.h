@@ -51,6 +51,40 @@ int pags_street_actor(pags_street *street, const pags_actor *actor);
 void pags_scenery_add(pags_street *street);
 /* Parked and moving objects (actors.c). */
 void pags_actors_add(pags_street *street);
+
+/* What those are put together from; a town (town.c) is, too. Along x, the street's middle line at y = 0. */
+typedef struct pags_ground {
+  uint16_t asphalt, slabs, stone, grass; /* materials */
+} pags_ground;
+pags_ground pags_ground_make(pags_materials *materials);
+/* A level rectangle. */
+void pags_ground_pave(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material);
+/* Kerb and pavement of one side. */
+void pags_ground_kerb(pags_mesh *mesh, const pags_ground *ground, float x0, float x1, int left);
+
+enum { PAGS_TREE_KINDS = 4, PAGS_CAR_KINDS = 10, PAGS_PERSON_KINDS = 6, PAGS_RIDER_KINDS = 3 };
+typedef struct pags_planting {
+  int trees[PAGS_TREE_KINDS], signs[3], lamp, bin; /* meshes */
+} pags_planting;
+void pags_planting_make(pags_street *street, pags_dice *dice, pags_planting *out);
+/* Trees, lamps, signs and bins along both kerbs from begin_x to end_x; none on crossings. */
+void pags_planting_add(pags_street *street, pags_dice *dice, const pags_planting *kinds);
+
+typedef struct pags_person_kind {
+  int body, arm, leg, bicycle; /* meshes; bicycle -1: on foot */
+} pags_person_kind;
+/* The models that actors are cast from. */
+typedef struct pags_cast {
+  int cars[PAGS_CAR_KINDS];
+  float car_sizes[PAGS_CAR_KINDS][3];
+  pags_person_kind people[PAGS_PERSON_KINDS], riders[PAGS_RIDER_KINDS];
+} pags_cast;
+void pags_cast_make(pags_street *street, pags_cast *out);
+/* Cars along both kerbs from begin_x to end_x. */
+void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *models);
+/* Someone on foot or on a bicycle: role, size and placements of `actor` are filled in here, poses by pags_street_set_time. */
+void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor);
+
 /* The box's pose: x forward, y left, z up, origin in its middle. */
 void pags_actor_pose(const pags_actor *actor, double time, double pose[12]);
 /* Puts the parts of all moving actors where they are at `time`. */

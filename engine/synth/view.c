@@ -179,6 +179,32 @@ static void set_origin(const pags_camera *camera, pags_rays *rays) {
       rays->origin[i][k] = (float)camera->world_from_camera[4 * k + 3];
 }
 
+/* Seen square on: a Gaussian has one colour from everywhere. */
+void pags_street_shade(const pags_street *street, const pags_stage *stage, const pags_touch *touch,
+                       const pags_footprint *footprint, float color[3]) {
+  const draw_job job = {.street = street, .stage = stage, .seed = street->options->seed};
+  const pags_material *material = &street->materials.list[touch->material];
+  const int leaf = material->finish == PAGS_FINISH_LEAF;
+  const float towards[3] = {-touch->normal[0], -touch->normal[1], -touch->normal[2]};
+  pags_touch copies[PAGS_PACKET], texture = *touch;
+  surface seen = {{0}, {0}};
+  for (int i = 0; i < PAGS_PACKET; i++)
+    copies[i] = *touch;
+  const lighting light = find_light(&job, copies, (1u << PAGS_PACKET) - 1u);
+  if (material->finish == PAGS_FINISH_ASPHALT || material->finish == PAGS_FINISH_PAVING)
+    memcpy(texture.point, touch->local, sizeof texture.point); /* a town's streets are copies of one */
+  pags_material_color(material, &street->markings, &texture, footprint, job.seed, seen.reflectance);
+  if (material->gloss > 0.0f)
+    mirror(material, touch, towards, job.seed, &seen);
+  memcpy(color, seen.mirrored, sizeof seen.mirrored);
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    float share[3];
+    light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], share);
+    for (int c = 0; c < 3; c++)
+      color[c] += seen.reflectance[c] * share[c] / PAGS_PACKET;
+  }
+}
+
 /* Steps of a lattice of n samples that has one in each of n rows and n columns and whose mean is the pixel's middle: near the golden
  * section of n and without a common divisor. */
 static int lattice_step(int n) {

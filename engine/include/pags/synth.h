@@ -59,6 +59,34 @@ PAGS_API pags_street_options pags_street_options_default(void);
 PAGS_API pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
                                        pags_progress_fn *progress, void *user);
 
+typedef struct pags_town_options {
+  int64_t gaussians;  /* at density 1; 1000..2 * 10^8, default 2 million */
+  double density;     /* times as many Gaussians on the same surfaces, 0.05..20; default 1 */
+  int width, height;  /* px of the views, 16..8192; default 960x540 */
+  int frames;         /* positions along the middle street, 3 cameras each, 1..10000; default 24 */
+  uint64_t seed;      /* default 0 */
+  int overwrite;      /* 1: write into a folder that is not empty. Default 0 */
+} pags_town_options;
+
+PAGS_API pags_town_options pags_town_options_default(void);
+
+typedef struct pags_town_facts { /* what was made */
+  int64_t gaussians;
+  int streets, blocks;
+  double length, breadth; /* of the town along x and y, metres */
+  double square_metres;   /* of surface seen from the streets */
+} pags_town_facts;
+
+/* Gaussians of degree 1 on the surfaces of a town made of the street's own houses, trees, cars and people: parallel streets with blocks of
+ * houses between them, cut by lanes. No training: sizes and opacities are drawn from a trained street's histograms, colours from the
+ * street's shading; only what the streets see is covered. The town is as large as `gaussians` cover at a trained street's density
+ * (150 a square metre); fewer than about 800 thousand make the smallest town, two streets of two blocks, thinner than that. Writes a
+ * scene folder (docs/scene.md) with s_sem 1 on cars, people and bicycles and 0 elsewhere, a sky, and as views a drive along
+ * the middle street 1.6 m above it, cameras in front, 50 degrees to the left and to the right. World z up, metres. The same
+ * bytes for any number of threads. `progress` and `facts` may be NULL. Errors as pags_synth_room. */
+PAGS_API pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,
+                                     pags_progress_fn *progress, void *user, pags_town_facts *facts);
+
 #ifdef __cplusplus
 }
 #endif

@@ -1,0 +1,391 @@
+/* A Gaussian of a town: a random point of a random face, by area; kept where at least one of eight places on the street nearby sees it, as
+ * a trained scene has Gaussians only where photographs looked. It lies flat on its face, along the face's edges where that is small, and
+ * no wider than the face. Its colour is the street's own shading (view.c) with all of the sky's directions, filtered over its size. */
+#include "synth/surface.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/rng.h"
+#include "synth/layout.h"
+#include "synth/size_tables.h"
+#include "synth/view.h"
+
+/* Purposes of draws; a try's are DRAWS * try + purpose, its row is the Gaussian's. */
+enum { DRAW_FACE, DRAW_SPOT, DRAW_SIZE, DRAW_SHAPE, DRAW_EYES, DRAW_TURN = DRAW_EYES + PAGS_PACKET, DRAW_SHEEN, DRAWS = 24 };
+enum { TRIES = 48, BLOCK = 4096, CHUNK = 64 };
+
+#define EYE_HEIGHT 1.6f
+#define SH_C0 0.28209479177387814f
+
+static float dot(const float a[3], const float b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const float a[3], const float b[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+/* Returns the length that it had. */
+static float normalise(float v[3]) {
+  const float length = sqrtf(dot(v, v));
+  for (int k = 0; k < 3 && length > 0.0f; k++)
+    v[k] /= length;
+  return length;
+}
+
+static const pags_vertex *corner_of(const pags_mesh *mesh, int64_t face, int corner) {
+  return &mesh->vertices[mesh->faces[4 * face + corner]];
+}
+
+static bool is_critical(uint8_t label) {
+  return label == PAGS_CLASS_CAR || label == PAGS_CLASS_PERSON || label == PAGS_CLASS_RIDER || label == PAGS_CLASS_BICYCLE;
+}
+
+/* Half the cross product of the diagonals: right for flat quads, and for triangles, whose last corner repeats. */
+static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_t face) {
+  float first[3], second[3], normal[3];
+  for (int k = 0; k < 3; k++) {
+    first[k] = corner_of(mesh, face, 2)->position[k] - corner_of(mesh, face, 0)->position[k];
+    second[k] = corner_of(mesh, face, 3)->position[k] - corner_of(mesh, face, 1)->position[k];
+  }
+  cross(first, second, normal);
+  const pags_material *material = &town->materials.list[mesh->materials[face]];
+  const double weight = material->finish == PAGS_FINISH_LEAF   ? (double)PAGS_TRAINED_LEAVES
+                        : is_critical(material->label)        ? (double)PAGS_TRAINED_CARS
+                                                               : 1.0;
+  return 0.5 * (double)sqrtf(dot(normal, normal)) * weight;
+}
+
+static pags_result add_up_mesh(const pags_street *town, int index, pags_surface *out) {
+  const pags_mesh *mesh = &town->meshes[index];
+  double sum = 0.0;
+  if (out->face_area[index])
+    return PAGS_OK;
+  out->face_area[index] = malloc((size_t)(mesh->face_count + 1) * sizeof(double));
+  if (!out->face_area[index])
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the faces of a town");
+  for (int64_t f = 0; f < mesh->face_count; f++)
+    out->face_area[index][f] = sum += face_weight(town, mesh, f);
+  return PAGS_OK;
+}
+
+pags_result pags_surface_create(const pags_street *town, const pags_town_plan *plan, const pags_stage *stage,
+                                pags_surface *out) {
+  *out = (pags_surface){.town = town, .plan = plan, .stage = stage};
+  out->placement_area = malloc((size_t)(town->placement_count + 1) * sizeof(double));
+  out->face_area = calloc((size_t)town->mesh_count + 1, sizeof *out->face_area);
+  if (!out->placement_area || !out->face_area)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the faces of a town");
+  for (int i = 0; i < town->placement_count; i++) {
+    const pags_placement *p = &town->placements[i];
+    const int64_t faces = town->meshes[p->mesh].face_count;
+    PAGS_TRY(add_up_mesh(town, p->mesh, out));
+    const double scale2 = (double)(p->pose[0] * p->pose[0] + p->pose[4] * p->pose[4] + p->pose[8] * p->pose[8]);
+    out->placement_area[i] = out->area += faces ? scale2 * out->face_area[p->mesh][faces - 1] : 0.0;
+  }
+  return PAGS_OK;
+}
+
+void pags_surface_destroy(pags_surface *surface) {
+  for (int i = 0; surface->face_area && i < surface->town->mesh_count; i++)
+    free(surface->face_area[i]);
+  free(surface->face_area);
+  free(surface->placement_area);
+  *surface = (pags_surface){0};
+}
+
+/* The first place whose sum exceeds `value`. */
+static int64_t find(const double *sums, int64_t count, double value) {
+  int64_t low = 0, high = count - 1;
+  while (low < high) {
+    const int64_t middle = (low + high) / 2;
+    if (sums[middle] > value)
+      high = middle;
+    else
+      low = middle + 1;
+  }
+  return low;
+}
+
+/* A face with its world frame: `edge` along its first side, `side` square to that, `normal` away from the surface. */
+typedef struct facet {
+  const pags_material *material;
+  const pags_mesh *mesh;
+  const pags_placement *placement;
+  int64_t face;
+  float corner[4][3]; /* world */
+  float edge[3], side[3], normal[3];
+  float length, width; /* along edge and side, metres */
+  bool triangle;
+} facet;
+
+static void to_world(const float pose[12], const float p[3], float out[3]) {
+  for (int k = 0; k < 3; k++)
+    out[k] = pose[4 * k] * p[0] + pose[4 * k + 1] * p[1] + pose[4 * k + 2] * p[2] + pose[4 * k + 3];
+}
+
+static facet choose_facet(const pags_surface *s, double share) {
+  const double value = share * s->area;
+  const int64_t place = find(s->placement_area, s->town->placement_count, value);
+  const pags_placement *p = &s->town->placements[place];
+  const double before = place ? s->placement_area[place - 1] : 0.0, own = s->placement_area[place] - before;
+  const pags_mesh *mesh = &s->town->meshes[p->mesh];
+  const double *sums = s->face_area[p->mesh];
+  const int64_t face = find(sums, mesh->face_count, (value - before) / own * sums[mesh->face_count - 1]);
+  facet out = {.material = &s->town->materials.list[mesh->materials[face]],
+               .mesh = mesh,
+               .placement = p,
+               .face = face,
+               .triangle = mesh->faces[4 * face + 2] == mesh->faces[4 * face + 3]};
+  float other[3];
+  for (int c = 0; c < 4; c++)
+    to_world(p->pose, corner_of(mesh, face, c)->position, out.corner[c]);
+  for (int k = 0; k < 3; k++) {
+    out.edge[k] = out.corner[1][k] - out.corner[0][k];
+    other[k] = out.corner[out.triangle ? 2 : 3][k] - out.corner[0][k];
+  }
+  out.length = normalise(out.edge);
+  cross(out.edge, other, out.normal);
+  out.width = normalise(out.normal);
+  cross(out.normal, out.edge, out.side);
+  return out;
+}
+
+static float quantile(const float table[PAGS_QUANTILES], double share) {
+  const float s = (float)share;
+  int i = 0;
+  while (i + 2 < PAGS_QUANTILES && s > pags_quantile_shares[i + 1])
+    i++;
+  const float t = (s - pags_quantile_shares[i]) / (pags_quantile_shares[i + 1] - pags_quantile_shares[i]);
+  return table[i] + (table[i + 1] - table[i]) * (t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t);
+}
+
+static const pags_size_table *table_of(uint8_t label) {
+  switch (label) {
+    case PAGS_CLASS_ROAD:
+    case PAGS_CLASS_SIDEWALK:
+    case PAGS_CLASS_TERRAIN: return &pags_size_ground;
+    case PAGS_CLASS_BUILDING: return &pags_size_fronts;
+    default: return &pags_size_things;
+  }
+}
+
+/* What is drawn by chance about one Gaussian. */
+typedef struct spot {
+  facet face;
+  float ln_sigma[3]; /* along the axes below */
+  float axis[3][3];  /* columns of its rotation: the third is the normal */
+  float logit;
+  pags_touch touch; /* what the shading looks at: the centre */
+} spot;
+
+/* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the face. */
+static void choose_size(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
+  const uint64_t seed = s->town->options->seed;
+  const facet *f = &out->face;
+  const pags_size_table *table = table_of(f->material->label);
+  double size[2], shape[2];
+  pags_rng_uniform2(seed, a + DRAW_SIZE, row, size);
+  pags_rng_uniform2(seed, a + DRAW_SHAPE, row, shape);
+  const float ln_long = quantile(table->ln_long, size[0]), ln_middle = ln_long + quantile(table->ln_middle_by_long, shape[0]);
+  const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
+  const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
+  const float c = cosf(turn), d = sinf(turn);
+  for (int k = 0; k < 3; k++) {
+    const float u = swap ? f->side[k] : f->edge[k], v = swap ? -f->edge[k] : f->side[k];
+    out->axis[0][k] = c * u + d * v;
+    out->axis[1][k] = c * v - d * u;
+    out->axis[2][k] = f->normal[k];
+  }
+  const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* one stands for a few leaves */
+  const float most = logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
+              least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
+  out->ln_sigma[0] = fminf(ln_long, most);
+  out->ln_sigma[1] = fminf(ln_middle, least);
+  out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, shape[1]);
+  out->logit = quantile(table->logit_opacity, size[1]);
+}
+
+/* A share of a side, kept 0.7 sigma away from its ends so that faces' borders stay sharp. */
+static float within(double share, float sigma, float side) {
+  const float margin = fminf(0.5f, 0.7f * sigma / fmaxf(side, 1e-4f));
+  return margin + (1.0f - 2.0f * margin) * (float)share;
+}
+
+static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
+  const facet *f = &out->face;
+  const bool swap = fabsf(dot(out->axis[0], f->side)) > 0.7f;
+  double at[2];
+  float weight[4];
+  pags_rng_uniform2(s->town->options->seed, a + DRAW_SPOT, row, at);
+  if (f->triangle) {
+    const bool over = at[0] + at[1] > 1.0;
+    const float u = (float)(over ? 1.0 - at[0] : at[0]), v = (float)(over ? 1.0 - at[1] : at[1]);
+    memcpy(weight, (float[4]){1.0f - u - v, u, v, 0.0f}, sizeof weight);
+  } else {
+    const float u = within(at[0], expf(out->ln_sigma[swap]), f->length), v = within(at[1], expf(out->ln_sigma[!swap]), f->width);
+    memcpy(weight, (float[4]){(1.0f - u) * (1.0f - v), u * (1.0f - v), u * v, (1.0f - u) * v}, sizeof weight);
+  }
+  pags_touch *touch = &out->touch;
+  float smooth[3] = {0};
+  *touch = (pags_touch){.placement = (int)(f->placement - s->town->placements),
+                        .face = (uint32_t)f->face,
+                        .material = f->mesh->materials[f->face]};
+  for (int c = 0; c < 4; c++) {
+    const pags_vertex *vertex = corner_of(f->mesh, f->face, c);
+    for (int k = 0; k < 3; k++) {
+      touch->point[k] += weight[c] * f->corner[c][k];
+      touch->local[k] += weight[c] * vertex->position[k];
+      smooth[k] += weight[c] * vertex->normal[k];
+    }
+    touch->uv[0] += weight[c] * vertex->uv[0];
+    touch->uv[1] += weight[c] * vertex->uv[1];
+  }
+  memcpy(touch->flat, f->normal, sizeof touch->flat);
+  for (int k = 0; k < 3; k++)
+    touch->normal[k] = dot(f->placement->pose + 4 * k, smooth);
+  if (normalise(touch->normal) < 0.1f)
+    memcpy(touch->normal, f->normal, sizeof touch->normal);
+}
+
+/* Places on the street: half of them on the nearest one, half in the nearest lane, all within 30 m. */
+static void choose_eyes(const pags_surface *s, const float point[3], uint64_t a, uint64_t row, float eyes[PAGS_PACKET][3]) {
+  const float pitch = pags_town_pitch(), length = pags_town_length(s->plan), cell = s->plan->block + PAGS_TOWN_LANE;
+  const float street = fminf(fmaxf(floorf(point[1] / pitch + 0.5f), 0.0f), (float)(s->plan->streets - 1));
+  const float lane = fminf(fmaxf(floorf(point[0] / cell), 0.0f), (float)(s->plan->columns - 2));
+  const float top = (float)(s->plan->streets - 1) * pitch;
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    double at[2];
+    pags_rng_uniform2(s->town->options->seed, a + (uint64_t)(DRAW_EYES + i), row, at);
+    const float wide = (float)at[0], far = 60.0f * ((float)at[1] - 0.5f);
+    if (i % 2 == 0 || s->plan->streets < 2) {
+      eyes[i][0] = fminf(fmaxf(point[0] + far, 1.0f), length - 1.0f);
+      eyes[i][1] = street * pitch + PAGS_KERB_RIGHT + 1.0f + wide * (PAGS_KERB_LEFT - PAGS_KERB_RIGHT - 2.0f);
+    } else {
+      eyes[i][0] = pags_town_lane_x(s->plan, (int)lane) + 5.0f * (wide - 0.5f);
+      eyes[i][1] = fminf(fmaxf(point[1] + far, 0.0f), top);
+    }
+    eyes[i][2] = EYE_HEIGHT;
+  }
+}
+
+/* Whether any of them sees the point; turns its normals to the first that does. */
+static bool is_seen(const pags_surface *s, spot *at, uint64_t a, uint64_t row) {
+  float eyes[PAGS_PACKET][3];
+  pags_touch *touch = &at->touch;
+  pags_rays rays = {.active = (1u << PAGS_PACKET) - 1u};
+  choose_eyes(s, touch->point, a, row, eyes);
+  for (int i = 0; i < PAGS_PACKET; i++)
+    for (int k = 0; k < 3; k++) { /* the point lies at distance 1 */
+      rays.origin[i][k] = eyes[i][k];
+      rays.direction[i][k] = touch->point[k] - eyes[i][k];
+    }
+  pags_touch met[PAGS_PACKET];
+  const unsigned hit = pags_stage_trace(s->stage, &rays, met);
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    if (hit >> i & 1u && met[i].distance < 0.999f)
+      continue;
+    const float away = -dot(touch->flat, rays.direction[i]) < 0.0f ? -1.0f : 1.0f;
+    for (int k = 0; k < 3; k++)
+      touch->flat[k] *= away;
+    const float facing = dot(touch->normal, touch->flat) < 0.0f ? -1.0f : 1.0f;
+    for (int k = 0; k < 3; k++)
+      touch->normal[k] *= facing;
+    return true;
+  }
+  return false;
+}
+
+static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot *out) {
+  const uint64_t a = attempt * DRAWS;
+  out->face = choose_facet(s, pags_rng_uniform(s->town->options->seed, a + DRAW_FACE, row));
+  choose_size(s, out, a, row);
+  choose_point(s, out, a, row);
+  return is_seen(s, out, a, row);
+}
+
+double pags_surface_seen(const pags_surface *surface, int tries) {
+  int seen = 0;
+  for (int i = 0; i < tries; i++) {
+    spot one;
+    seen += try_spot(surface, TRIES, (uint64_t)i, &one);
+  }
+  return surface->area * seen / tries;
+}
+
+float pags_surface_srgb(float linear) {
+  const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
+  return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
+}
+
+/* Two sigma along each axis stand for the sample's width. */
+static void colour_of(const pags_surface *s, const spot *at, float srgb[3]) {
+  const float wide = 2.0f * expf(at->ln_sigma[0]), high = 2.0f * expf(at->ln_sigma[1]);
+  const pags_footprint print = {.mean = sqrtf(wide * high),
+                                .x = fabsf(at->axis[0][0]) * wide + fabsf(at->axis[1][0]) * high,
+                                .y = fabsf(at->axis[0][1]) * wide + fabsf(at->axis[1][1]) * high};
+  float light[3];
+  pags_street_shade(s->town, s->stage, &at->touch, &print, light);
+  for (int c = 0; c < 3; c++)
+    srgb[c] = pags_surface_srgb(light[c]);
+}
+
+static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, int64_t row) {
+  const uint64_t seed = s->town->options->seed;
+  double sheen[2], offset[2], r[9], q[4];
+  float srgb[3];
+  colour_of(s, at, srgb);
+  pags_rng_normal2(seed, DRAW_SHEEN, (uint64_t)row, sheen);
+  pags_rng_normal2(seed, DRAWS + DRAW_SHEEN, (uint64_t)row, offset);
+  const float spread = fminf(PAGS_TRAINED_SPREAD, 0.25f * fminf(at->face.length, at->face.width)) * (float)offset[1];
+  for (int k = 0; k < 3; k++) {
+    pags_plane(g, PAGS_MEAN + k)[row] = at->touch.point[k] + spread * at->touch.flat[k];
+    pags_plane(g, PAGS_SCALE + k)[row] = at->ln_sigma[k];
+    pags_plane(g, PAGS_SH + k)[row] = (srgb[k] - 0.5f) / SH_C0;
+    for (int j = 0; j < 3; j++)
+      r[3 * k + j] = (double)at->axis[j][k];
+    const double band = k == 0 ? sheen[0] : k == 1 ? sheen[1] : offset[0]; /* the same in all channels: grey sheen */
+    for (int c = 0; c < 3; c++)
+      pags_plane(g, PAGS_SH + 3 * (1 + k) + c)[row] = PAGS_TRAINED_DEGREE_1 * (float)band;
+  }
+  pags_quaternion_from_rotation(r, q);
+  for (int k = 0; k < 4; k++)
+    pags_plane(g, PAGS_ROTATION + k)[row] = (float)q[k];
+  pags_plane(g, PAGS_OPACITY)[row] = at->logit;
+  g->s_sem[row] = is_critical(at->face.material->label) ? 1.0f : 0.0f;
+}
+
+typedef struct sample_job {
+  const pags_surface *surface;
+  pags_gaussians *gaussians;
+  int64_t first;
+} sample_job;
+
+/* A row whose every try is hidden keeps the last one; one in a million where a third of the faces is seen. */
+static void sample_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const sample_job *job = context;
+  (void)worker;
+  for (int64_t i = job->first + begin; i < job->first + end; i++) {
+    spot one;
+    for (uint64_t t = 0; t < TRIES && !try_spot(job->surface, t, (uint64_t)i, &one); t++) {
+    }
+    put_row(job->surface, &one, job->gaussians, i);
+  }
+}
+
+pags_result pags_surface_sample(const pags_surface *surface, pags_gaussians *gaussians, pags_tasks *tasks,
+                                pags_progress_fn *progress, void *user) {
+  const int64_t step = (int64_t)BLOCK * 16;
+  for (int64_t first = 0; first < gaussians->count; first += step) {
+    const int64_t rows = gaussians->count - first < step ? gaussians->count - first : step;
+    sample_job job = {surface, gaussians, first};
+    if (progress && !progress(user, (double)first / (double)gaussians->count, "Gaussians"))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    if (!pags_parallel_for(tasks, rows, CHUNK, sample_rows, &job))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+  }
+  return PAGS_OK;
+}

@@ -1,0 +1,199 @@
+/* Plans a town for a number of Gaussians, covers it with them and writes the scene. */
+#include <math.h>
+#include <pags/scene.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/text.h"
+#include "synth/layout.h"
+#include "synth/size_tables.h"
+#include "synth/sky.h"
+#include "synth/surface.h"
+
+enum { CAMERAS = 3, SKY_SIZE = 256, PROBES = 6000, FITS = 3 };
+
+pags_town_options pags_town_options_default(void) {
+  return (pags_town_options){.gaussians = 2000000, .density = 1.0, .width = 960, .height = 540, .frames = 24};
+}
+
+static pags_result check_range(const char *name, double value, double lo, double hi) {
+  if (value >= lo && value <= hi)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %g, expected %g..%g", name, value, lo, hi);
+}
+
+static pags_result check_options(const pags_town_options *o) {
+  PAGS_TRY(check_range("gaussians", (double)o->gaussians, 1000, 2e8));
+  PAGS_TRY(check_range("density", o->density, 0.05, 20));
+  PAGS_TRY(check_range("gaussians times density", (double)o->gaussians * o->density, 1, 2e9));
+  PAGS_TRY(check_range("width", o->width, 16, 8192));
+  PAGS_TRY(check_range("height", o->height, 16, 8192));
+  return check_range("frames", o->frames, 1, 10000);
+}
+
+typedef struct town_maker {
+  const pags_town_options *options;
+  pags_street_options street_options;
+  pags_town_plan plan;
+  pags_street town;
+  pags_stage *stage;
+  pags_surface surface;
+  double seen; /* square metres, weighted */
+} town_maker;
+
+static void raze(town_maker *m) {
+  pags_surface_destroy(&m->surface);
+  pags_stage_destroy(m->stage);
+  pags_street_destroy(&m->town);
+  m->stage = NULL;
+}
+
+static pags_result raise_town(town_maker *m) {
+  raze(m);
+  PAGS_TRY(pags_town_build(&m->street_options, &m->plan, &m->town));
+  PAGS_TRY(pags_stage_create(m->town.meshes, m->town.mesh_count, m->town.placements, m->town.placement_count, &m->stage));
+  PAGS_TRY(pags_surface_create(&m->town, &m->plan, m->stage, &m->surface));
+  m->seen = pags_surface_seen(&m->surface, PROBES);
+  return PAGS_OK;
+}
+
+/* A street's metre has about 60 square metres that are seen. About as many streets as columns of blocks; blocks then as long as makes the
+ * surface right, found by measuring towns of other lengths. */
+static pags_result plan_town(town_maker *m) {
+  const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 60.0;
+  const int streets = (int)(sqrt(metres / 30.0) + 0.5);
+  m->plan.streets = streets < 2 ? 2 : streets;
+  const int columns = (int)(metres / m->plan.streets / 36.0 + 0.5);
+  m->plan.columns = columns < 2 ? 2 : columns;
+  m->plan.block = 30.0f;
+  for (int fit = 0; fit < FITS; fit++) {
+    PAGS_TRY(raise_town(m));
+    const double block = (double)m->plan.block * wanted / m->seen;
+    if (fabs(wanted / m->seen - 1.0) < 0.01 || fit + 1 == FITS)
+      break;
+    m->plan.block = (float)fmin(fmax(block, 16.0), 60.0);
+  }
+  return PAGS_OK;
+}
+
+/* The recording car drives along the middle street, from 4 m to 12 m before its end. */
+static pags_camera camera_at(const town_maker *m, int frame, int camera) {
+  const pags_town_options *o = m->options;
+  const float length = pags_town_length(&m->plan);
+  const double share = o->frames > 1 ? (double)frame / (o->frames - 1) : 0.0;
+  const double ego[12] = {1, 0, 0, 4.0 + share * fmax((double)length - 16.0, 1.0),
+                          0, 1, 0, (double)PAGS_EGO_LANE + (double)(m->plan.streets / 2) * (double)pags_town_pitch(),
+                          0, 0, 1, 0};
+  double mount[12];
+  pags_camera out = {.width = o->width, .height = o->height, .time = 0.1 * frame};
+  out.fx = out.fy = 0.8 * o->width;
+  out.cx = 0.5 * o->width;
+  out.cy = 0.5 * o->height;
+  pags_street_mount(camera, mount);
+  pags_rigid_multiply(ego, mount, out.world_from_camera);
+  return out;
+}
+
+static pags_result add_views(const town_maker *m, pags_scene *scene) {
+  scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
+  if (!scene->views)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the views of a town");
+  for (int i = 0; i < m->options->frames * CAMERAS; i++) {
+    pags_scene_view *view = &scene->views[scene->view_count];
+    char name[32];
+    *view = (pags_scene_view){.camera = camera_at(m, i / CAMERAS, i % CAMERAS),
+                              .sensor = i % CAMERAS,
+                              .frame = i / CAMERAS,
+                              .gain = {1, 1, 1}};
+    snprintf(name, sizeof name, "%03d_%d.png", i / CAMERAS, i % CAMERAS);
+    view->name = pags_text_copy(name);
+    if (!view->name)
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the views of a town");
+    scene->view_count++;
+  }
+  return PAGS_OK;
+}
+
+/* Direction of a texel's centre; faces as in pags/sky.h. */
+static void sky_direction(int face, double s, double t, float out[3]) {
+  const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
+  const double length = sqrt(1.0 + s * s + t * t);
+  for (int k = 0; k < 3; k++)
+    out[k] = (float)(ways[face][k] / length);
+}
+
+static pags_result add_sky(const town_maker *m, pags_scene *scene) {
+  PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
+  float *texel = scene->sky.texels;
+  for (int face = 0; face < 6; face++)
+    for (int row = 0; row < SKY_SIZE; row++)
+      for (int column = 0; column < SKY_SIZE; column++, texel += 3) {
+        float direction[3];
+        sky_direction(face, 2 * (column + 0.5) / SKY_SIZE - 1, 2 * (row + 0.5) / SKY_SIZE - 1, direction);
+        pags_sky_color(direction, m->options->seed, texel);
+        for (int c = 0; c < 3; c++)
+          texel[c] = pags_surface_srgb(texel[c]);
+      }
+  return PAGS_OK;
+}
+
+static pags_result add_background(const town_maker *m, pags_scene *scene, pags_tasks *tasks, pags_progress_fn *progress,
+                                  void *user) {
+  scene->models = calloc(1, sizeof *scene->models);
+  if (!scene->models)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town");
+  scene->model_count = 1;
+  pags_model *model = &scene->models[0];
+  const int64_t count = (int64_t)((double)m->options->gaussians * m->options->density + 0.5);
+  model->name = pags_text_copy("background");
+  model->file = pags_text_copy("background.ply");
+  if (!model->name || !model->file)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town");
+  PAGS_TRY(pags_gaussians_create(&model->gaussians, count, 1));
+  PAGS_TRY(pags_gaussians_add_s_sem(&model->gaussians));
+  return pags_surface_sample(&m->surface, &model->gaussians, tasks, progress, user);
+}
+
+static void tell(const town_maker *m, const pags_scene *scene, pags_town_facts *facts) {
+  *facts = (pags_town_facts){
+      .gaussians = pags_scene_gaussian_count(scene),
+      .streets = m->plan.streets,
+      .blocks = (m->plan.streets + 1) * m->plan.columns,
+      .length = (double)pags_town_length(&m->plan),
+      .breadth = (double)(m->plan.streets - 1) * (double)pags_town_pitch() + (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) +
+                 (double)PAGS_TOWN_BLOCK_DEPTH,
+      .square_metres = m->seen};
+}
+
+static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user, pags_scene *scene) {
+  *scene = (pags_scene){.up = PAGS_UP_Z, .fps = 10, .seed = m->options->seed};
+  scene->time_end = 0.1 * (m->options->frames - 1);
+  m->street_options = pags_street_options_default();
+  m->street_options.seed = m->options->seed;
+  PAGS_TRY(plan_town(m));
+  PAGS_TRY(add_views(m, scene));
+  PAGS_TRY(add_sky(m, scene));
+  return add_background(m, scene, tasks, progress, user);
+}
+
+pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,
+                            pags_progress_fn *progress, void *user, pags_town_facts *facts) {
+  town_maker maker = {.options = options};
+  pags_scene scene = {0};
+  bool empty = true;
+  PAGS_TRY(check_options(options));
+  PAGS_TRY(pags_make_dirs(folder));
+  PAGS_TRY(pags_dir_is_empty(folder, &empty));
+  if (!empty && !options->overwrite)
+    return pags_fail(PAGS_ERROR_IO, "%s: expected an empty or a new folder", folder);
+  pags_result result = make_scene(&maker, tasks, progress, user, &scene);
+  if (result == PAGS_OK)
+    result = pags_scene_save(folder, &scene);
+  if (result == PAGS_OK && facts)
+    tell(&maker, &scene, facts);
+  pags_scene_destroy(&scene);
+  raze(&maker);
+  return result;
+}
