@@ -28,7 +28,7 @@ enum {
 typedef struct pags_splat {
   float x, y;          /* mean, px */
   float p, h, w;       /* p = sqrt(k C / D), h = B / C, w = sqrt(k / C); covariance [A B; B C], D = det, k = log2(e)/2 */
-  float log2_opacity;  /* <= 0 */
+  float log2_opacity;  /* <= 0 but where projection was given factors: the cap on alpha is the rasteriser's */
   float r, g, b;       /* colour, >= 0 */
   float z;             /* camera depth, metres; its bits are the sort key */
   float slope;         /* B / A: the other regression line, for the tile test */
@@ -146,9 +146,11 @@ typedef struct pags_kernels {
 
   /* Projects rows [0, count) of the planes (plane p at data + p * stride; rounded up to 16 rows must be readable) into
    * `splats` (colour untouched) and `keys`: the bits of z, or UINT32_MAX where nothing is to be drawn. count <= 256.
-   * Zhou/Zwicker's EWA with INRIA's constants; det by Cauchy-Binet (a sum of squares: never negative). */
-  void (*project)(const pags_projection *view, const float *data, int64_t stride, int count, pags_splat *splats,
-                  uint32_t *keys);
+   * Zhou/Zwicker's EWA with INRIA's constants; det by Cauchy-Binet (a sum of squares: never negative).
+   * `factor`: what each row's opacity is multiplied by, 0 for a row that isn't to be drawn, readable as the planes are; NULL: 1. The way
+   * back needs none: it goes by the logarithm of the opacity. */
+  void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
+                  pags_splat *splats, uint32_t *keys);
 
   /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of the constant term, as far
    * apart as the data's, to be used in place of the data's own; NULL: the own. */

@@ -115,11 +115,13 @@ static inline void project_all(projected *s, const pags_projection *view, const 
 
 #define PAGS_HALF_LOG2E 0.72134752f
 
-static void project(const pags_projection *view, const float *data, int64_t stride, int count, pags_splat *splats,
-                    uint32_t *keys) {
+static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
+                    pags_splat *splats, uint32_t *keys) {
   for (int first = 0; first < count; first += V_LANES) {
     projected s;
     project_all(&s, view, data + first, stride);
+    if (factor)
+      s.opacity = v_mul(s.opacity, v_load(factor + first));
     const vf l = v_log2(v_max(s.opacity, v_set(1e-30f)));
     /* |d| along an axis where the falloff reaches 1/255 (StopThePop's opacity-aware bound, not 3 sigma). */
     const vf reach = v_mul(v_add(l, v_set(PAGS_LOG2_255)), v_set(1.0f / PAGS_HALF_LOG2E));
@@ -143,7 +145,7 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     v_store(field[2], v_sqrt(v_div(v_mul(v_set(PAGS_HALF_LOG2E), s.c), s.d)));
     v_store(field[3], v_mul(s.b, inv_c));
     v_store(field[4], v_sqrt(v_mul(v_set(PAGS_HALF_LOG2E), inv_c)));
-    v_store(field[5], v_min(l, v_zero()));
+    v_store(field[5], factor ? l : v_min(l, v_zero()));
     v_store(field[6], s.z);
     v_store(field[7], v_div(s.b, s.a));
     v_store(field[8], extent_x);

@@ -4,7 +4,7 @@
  * most s, the per-Gaussian test of the projection kernel uses
  *   mx = fx x/z + cx       within fx [x]/[z] + cx
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
- * with reach_max = log2(255)/k for opacity 1 and |tx| at most its clamp; likewise for y. The row norm of J W is J's, W being a
+ * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its clamp; likewise for y. The row norm of J W is J's, W being a
  * rotation. Boxes are padded for the rounding of the float transform. So a cluster that fails holds no Gaussian that would pass,
  * and who a Gaussian's cluster neighbours are can't change the picture. */
 #include <math.h>
@@ -18,6 +18,7 @@ typedef struct cull_context {
   const pags_projection *view;
   uint8_t *seen;
   float lim2_x, lim2_y; /* 1 + largest clamp^2 */
+  float reach_max;
 } cull_context;
 
 /* Range of x/z for x in [lo, hi], z in [z0, z1], z0 > 0. */
@@ -25,8 +26,7 @@ static float ratio_min(float lo, float z0, float z1) { return lo < 0.0f ? lo / z
 static float ratio_max(float hi, float z0, float z1) { return hi > 0.0f ? hi / z0 : hi / z1; }
 
 static bool axis_outside(float lo, float hi, float z0, float z1, float focal, float centre, float size, float sigma,
-                         float lim2, float low_pass) {
-  const float reach_max = PAGS_LOG2_255 / 0.72134752f;
+                         float lim2, float low_pass, float reach_max) {
   const float j = focal / z0;
   const float extent = 1.0001f * sqrtf(reach_max * (sigma * sigma * j * j * lim2 + low_pass)) + 1e-3f;
   const float right = focal * ratio_max(hi, z0, z1) + centre, left = focal * ratio_min(lo, z0, z1) + centre;
@@ -59,8 +59,10 @@ static bool cluster_outside(const cull_context *c, int64_t i) {
   const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
   if (!(z0 > 0.0f))
     return false;
-  return axis_outside(lo[0], hi[0], z0, z1, v->fx, v->cx, v->width, k->sigma[i], c->lim2_x, v->low_pass) ||
-         axis_outside(lo[1], hi[1], z0, z1, v->fy, v->cy, v->height, k->sigma[i], c->lim2_y, v->low_pass);
+  return axis_outside(lo[0], hi[0], z0, z1, v->fx, v->cx, v->width, k->sigma[i], c->lim2_x, v->low_pass,
+                      c->reach_max) ||
+         axis_outside(lo[1], hi[1], z0, z1, v->fy, v->cy, v->height, k->sigma[i], c->lim2_y, v->low_pass,
+                      c->reach_max);
 }
 
 static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -80,6 +82,11 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
   const touch_context *const c = context;
   for (int64_t i = begin; i < end; i++)
     c->touch(c->user, c->frame->clusters[i].part, c->frame->clusters[i].cluster, worker);
+}
+
+static float largest_reach(const pags_part *part) {
+  const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
+  return (PAGS_LOG2_255 + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
 static float largest_square(float a, float b) { return 1.0f + (a * a > b * b ? a * a : b * b); }
@@ -114,7 +121,7 @@ pags_result pags_stage_cull(pags_frame *frame, pags_touch_fn *touch, void *user)
   for (int p = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;
     cull_context c = {frame, frame->parts[p].clusters, view, seen, largest_square(view->lim_x0, view->lim_x1),
-                      largest_square(view->lim_y0, view->lim_y1)};
+                      largest_square(view->lim_y0, view->lim_y1), largest_reach(frame->parts + p)};
     PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
     append_seen(frame, p, seen);
   }

@@ -13,8 +13,8 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
     const pags_part *const part = frame->parts + c->part;
     pags_splat *const splats = frame->splats + c->base;
     uint32_t *const keys = frame->keys + c->base;
-    frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride, c->count,
-                            splats, keys);
+    frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride,
+                            part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys);
     for (int k = 0; k < c->count; k++)
       if (keys[k] != UINT32_MAX)
         splats[k].id = splat_id(part, c->first + k);

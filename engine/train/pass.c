@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/terms.h"
 #include "train/trainer.h"
@@ -34,13 +35,15 @@ pags_result pags_pass_create(pags_trainer *t) {
   p->pose_room = calloc(models, sizeof *p->pose_room);
   p->dc = calloc(models, sizeof *p->dc);
   p->dc_stride = calloc(models, sizeof *p->dc_stride);
+  p->factor = calloc(models, sizeof *p->factor);
+  p->factor_room = calloc(models, sizeof *p->factor_room);
   p->basis = calloc(models, sizeof *p->basis);
   p->held = calloc(models, sizeof *p->held);
   p->held_step = calloc(models, sizeof *p->held_step);
   p->held_room = calloc(models, sizeof *p->held_room);
   p->depth = calloc(views, sizeof *p->depth);
   if (!p->parts || !p->part_model || !p->part_knot || !p->pose || !p->pose_room || !p->dc || !p->dc_stride ||
-      !p->basis || !p->held || !p->held_step || !p->held_room || !p->depth)
+      !p->factor || !p->factor_room || !p->basis || !p->held || !p->held_step || !p->held_room || !p->depth)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for the parts of %lld models", (long long)models);
   PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
   return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
@@ -50,9 +53,10 @@ void pags_pass_destroy(pags_trainer *t) {
   pags_pass *p = &t->pass;
   pags_frame_destroy(p->frame);
   pags_frame_destroy(p->object_frame);
-  for (int64_t i = 0; p->pose && p->dc && p->held && p->held_step && i < t->state.model_count; i++) {
+  for (int64_t i = 0; p->pose && p->dc && p->factor && p->held && p->held_step && i < t->state.model_count; i++) {
     free(p->pose[i]);
     free(p->dc[i]);
+    free(p->factor[i]);
     free(p->held[i]);
     free(p->held_step[i]);
   }
@@ -61,7 +65,8 @@ void pags_pass_destroy(pags_trainer *t) {
   for (int i = 0; i < PLANES; i++)
     free(p->plane[i]);
   void *const arrays[] = {p->parts, p->part_model, p->part_knot, p->pose,      p->pose_room, p->dc,
-                          p->basis, p->dc_stride,  p->held,      p->held_step, p->held_room, p->depth};
+                          p->basis, p->dc_stride,  p->held,      p->held_step, p->held_room, p->depth,
+                          p->factor, p->factor_room};
   for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
     free(arrays[i]);
   *p = (pags_pass){0};
@@ -105,6 +110,27 @@ static pags_result reserve_model(pags_trainer *t, int64_t model) {
     if (!p->dc[model])
       return p->dc_stride[model] = 0, pags_fail(PAGS_ERROR_MEMORY, "no memory for colours over time");
     memset(p->dc[model], 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
+  }
+  return PAGS_OK;
+}
+
+/* Gives the parts that were composed the factors that `touch` draws. */
+static pags_result reserve_factors(pags_trainer *t, int64_t step) {
+  pags_pass *p = &t->pass;
+  pags_dropout dropout = pags_dropout_at(&t->state.schedule, step, -1);
+  for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
+    int64_t model = p->part_model[i], stride = t->state.models[model].gaussians.stride;
+    if (stride > p->factor_room[model]) {
+      free(p->factor[model]);
+      p->factor_room[model] = 0;
+      p->factor[model] = aligned_alloc(64, (size_t)stride * sizeof(float));
+      if (!p->factor[model])
+        return pags_fail(PAGS_ERROR_MEMORY, "no memory for the dropout of %lld Gaussians", (long long)stride);
+      memset(p->factor[model], 0, (size_t)stride * sizeof(float));
+      p->factor_room[model] = stride;
+    }
+    p->parts[i].opacity_factor = p->factor[model];
+    p->parts[i].opacity_factor_most = pags_dropout_boost(&dropout);
   }
   return PAGS_OK;
 }
@@ -205,6 +231,15 @@ static void colour_now(const pags_train_model *m, const double basis[5], int64_t
     }
 }
 
+/* Who of one cluster is left out of the step. */
+static void drop(const pass_context *c, int64_t model, int64_t cluster) {
+  const pags_train_model *m = &c->trainer->state.models[model];
+  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
+  int64_t first = cluster * m->clusters.size, rest = m->gaussians.stride - first;
+  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, rest < m->clusters.size ? rest : m->clusters.size,
+                    c->trainer->pass.factor[model]);
+}
+
 static void touch(void *user, int part, int64_t cluster, int worker) {
   const pass_context *c = user;
   int64_t model = c->trainer->pass.part_model[c->first_part + part];
@@ -213,6 +248,8 @@ static void touch(void *user, int part, int64_t cluster, int worker) {
   pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
   if (m->gaussians.fourier)
     colour_now(m, c->trainer->pass.basis[model], cluster, c->trainer->pass.dc[model]);
+  if (c->trainer->pass.parts[c->first_part + part].opacity_factor)
+    drop(c, model, cluster);
 }
 
 pags_result pags_pass_render(pags_trainer *t, int64_t step, const pags_camera *camera, const pags_frame_options *options,
@@ -431,6 +468,7 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   options.absolute_gradient = config->absgrad;
   options.extra_channels = t->pass.depth[v->view].count > 0;
   pags_pass_compose(t, v->view);
+  PAGS_TRY(reserve_factors(t, step));
   PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += lap(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));

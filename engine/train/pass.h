@@ -17,6 +17,8 @@ typedef struct pags_pass {
   int64_t *pose_room;   /* clusters that fit */
   float **dc;           /* per model with colour over time: 3 planes, the colour now */
   int64_t *dc_stride;
+  float **factor;       /* per model: factors of opacity, for steps with dropout */
+  int64_t *factor_room;
   double (*basis)[5];   /* per model: Fourier basis now */
   float **held;         /* per model: gradients by the object opacity term, waiting for the others: planes as the frame's */
   int32_t **held_step;  /* per cluster: the step they belong to */

@@ -22,7 +22,8 @@ enum {
   PAGS_DRAW_SPLIT /* 4 of them */,
   PAGS_DRAW_RELOCATE = 5,
   PAGS_DRAW_ADD,
-  PAGS_DRAW_NOISE /* 2 */
+  PAGS_DRAW_NOISE /* 2 */,
+  PAGS_DRAW_DROP = 9
 };
 static inline uint64_t pags_draw(int64_t step, int purpose) {
   return 16u * (uint64_t)step + (uint64_t)purpose;

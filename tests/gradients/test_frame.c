@@ -49,6 +49,7 @@ typedef struct gradient_case {
   double limit; /* of the 99.9th percentile */
   int behind;   /* 1: two of three rows are mirrored behind the camera, first rows included (facts 6 #22) */
   int plain;    /* 1: no loss on depth, no absolute gradient: what a trainer asks for by default */
+  int dropped;  /* 1: a quarter is left out, the others' opacities are raised by up to a third: above 1 for some */
   int street;   /* 1: three parts of which one shows another constant term, and a sky */
 } gradient_case;
 
@@ -145,6 +146,12 @@ static void mirror_rows(reference_part *part, const pags_camera *camera, const p
   }
 }
 
+static void drop_rows(reference_random *random, reference_part *part) {
+  part->factor = reference_alloc(part->count, sizeof(double));
+  for (int64_t i = 0; i < part->count; i++)
+    part->factor[i] = reference_uniform(random, 0, 1) < 0.25 ? 0 : reference_uniform(random, 1, 4.0 / 3);
+}
+
 /* A camera that sees three faces or so of a sky, and `parts` parts. */
 static reference_picture make_scene(const gradient_case *c, reference_random *random, pags_camera *camera,
                                     pags_frame_options *options, pags_sky *sky, reference_part *parts, int part_count) {
@@ -166,6 +173,8 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
       reference_random_gaussian(random, &c->recipe, camera, options, &parts[p], i);
     if (p == 1)
       reference_random_dc(random, &parts[p]);
+    if (c->dropped)
+      drop_rows(random, &parts[p]);
     if (c->behind)
       mirror_rows(&parts[p], camera, options);
     frame_scene_round(&parts[p]);
@@ -183,6 +192,12 @@ static void check_sky(const frame_result *drawn, const double *exact) {
     worst = fmax(worst, fabs((double)drawn->sky[k] - exact[k]) / fmax(fabs(exact[k]), floor));
   print_message("    sky        %6d, largest %.1e\n", (int)drawn->sky_floats, worst);
   assert_true(square > 0 && worst < 1e-3);
+}
+
+static void check_dropped(const reference_part *part, const frame_part_result *drawn) {
+  for (int64_t i = 0; part->factor && i < part->count; i++)
+    for (int plane = 0; part->factor[i] == 0 && plane < drawn->plane_count; plane++)
+      assert_true(!drawn->drawn[i] && drawn->planes[plane * part->count + i] == 0);
 }
 
 static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors, double *left_out) {
@@ -212,6 +227,7 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
         planes.planes = pags_plane_count(parts[p].sh_degree) - planes.first;
       find_group_errors(&exact[p], &drawn.parts[p], picture.splats + first, &camera, group, &planes, errors);
     }
+    check_dropped(&parts[p], &drawn.parts[p]);
     for (int64_t i = 0; i < parts[p].count; i++) /* facts 6 #29 */
       assert_true(drawn.parts[p].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[p].mean2d[i] * 0.9999f));
   }
@@ -286,11 +302,11 @@ static void test_random_gaussians(void **state) {
   const reference_recipe recipe = reference_recipe_default();
   const pags_frame_options options = reference_options();
   gradient_case kinds[KINDS] = {
-      {"plain", 100, 1500, 4, recipe, options, 5e-3, 0, 0, 0},
-      {"antialiased", 200, 2500, 2, recipe, options, 5e-3, 0, 0, 0},
-      {"beside the picture", 300, 400, 4, recipe, options, 5e-3, 0, 0, 0},
-      {"opaque", 400, 1000, 2, recipe, options, 5e-3, 0, 0, 0},
-      {"culled in between", 600, 1800, 2, recipe, options, 5e-3, 1, 0, 0},
+      {"plain", 100, 1500, 4, recipe, options, 5e-3, 0, 0, 0, 0},
+      {"antialiased", 200, 2500, 2, recipe, options, 5e-3, 0, 0, 0, 0},
+      {"beside the picture", 300, 400, 4, recipe, options, 5e-3, 0, 0, 0, 0},
+      {"opaque", 400, 1000, 2, recipe, options, 5e-3, 0, 0, 0, 0},
+      {"culled in between", 600, 1800, 2, recipe, options, 5e-3, 1, 0, 0, 0},
   };
   kinds[1].recipe.sigma[0] = 0.2, kinds[1].recipe.sigma[1] = 3;
   kinds[1].options.antialiased = 1;
@@ -321,7 +337,7 @@ static void test_options(void **state) {
 
 static void test_needles(void **state) {
   (void)state;
-  gradient_case c = {"needles", 500, 300, 2, reference_recipe_default(), reference_options(), 1e-2, 0, 0, 0};
+  gradient_case c = {"needles", 500, 300, 2, reference_recipe_default(), reference_options(), 1e-2, 0, 0, 0, 0};
   c.recipe.sigma[0] = 5, c.recipe.sigma[1] = 30, c.recipe.anisotropy = 1e4;
   run_case(&c, NULL);
 }
@@ -335,12 +351,25 @@ static void test_street(void **state) {
   run_case(&c, NULL);
 }
 
+/* Rows that are left out have no gradient, the others' goes through their factor. */
+static void test_dropped(void **state) {
+  (void)state;
+  gradient_case c = {"dropped", 900, 1500, 2, reference_recipe_default(), reference_options(), 5e-3, .dropped = 1};
+  run_case(&c, NULL);
+  c.name = "dropped, antialiased", c.options.antialiased = 1;
+  run_case(&c, NULL);
+  c.name = "dropped, beside the picture and opaque", c.options.antialiased = 0, c.count = 400;
+  c.recipe.spread = 2, c.recipe.sigma[0] = 5, c.recipe.sigma[1] = 25, c.recipe.logit[0] = 1, c.recipe.logit[1] = 8;
+  run_case(&c, NULL);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_random_gaussians),
       cmocka_unit_test(test_options),
       cmocka_unit_test(test_needles),
       cmocka_unit_test(test_street),
+      cmocka_unit_test(test_dropped),
   };
   return cmocka_run_group_tests(tests, set_up, tear_down);
 }

@@ -11,10 +11,14 @@ typedef struct projection {
   uint32_t *keys;
 } projection;
 
-static projection project(const pags_kernels *k, const pags_projection *view, const rows *r) {
+static projection project_by(const pags_kernels *k, const pags_projection *view, const rows *r, const float *factor) {
   const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count)};
-  k->project(view, r->data, r->stride, r->count, p.splats, p.keys);
+  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys);
   return p;
+}
+
+static projection project(const pags_kernels *k, const pags_projection *view, const rows *r) {
+  return project_by(k, view, r, NULL);
 }
 
 static void check_scalar(const projection *got, const projection *want, int count) {
@@ -101,6 +105,44 @@ static void test_awkward(const pags_kernels *k) {
   check_kind(k, ROWS_AWKWARD);
 }
 
+/* A factor of 0 takes a row out, one of 1 changes nothing, others move the logarithm of the opacity and the reach that follows. */
+static void check_factor(const pags_splat *got, const pags_splat *plain, float factor, int row) {
+  const double bits = log2(255.0), l = (double)got->log2_opacity + bits;
+  check_field("log2_opacity", row, got->log2_opacity, (double)plain->log2_opacity + log2((double)factor), 1e-5, 1e-5);
+  const double grown = sqrt(l / fmax((double)plain->log2_opacity + bits, 1e-3));
+  if (plain->log2_opacity > -7.0f)
+    check_field("extent_x", row, got->extent_x, (double)plain->extent_x * grown, 1e-4, 1e-4);
+  CHECK(got->x == plain->x && got->z == plain->z && got->p == plain->p && got->h == plain->h && got->w == plain->w);
+}
+
+static void test_factor(const pags_kernels *k) {
+  int taken = 0, kept = 0;
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    const pags_projection view = view_random(0, n % 2);
+    const rows r = rows_random(&view, counts[n], ROWS_ORDINARY);
+    float *const factor = CHECK_NEW(float, (r.count + 15) / 16 * 16);
+    for (int i = 0; i < (r.count + 15) / 16 * 16; i++)
+      factor[i] = check_below(3) == 0 ? 0.0f : check_below(3) == 0 ? 1.0f : check_uniform(0.8f, 1.4f);
+    check_freeze(factor);
+    const projection got = project_by(k, &view, &r, factor), plain = project(k, &view, &r);
+    const projection want = project_by(&pags_kernels_scalar, &view, &r, factor);
+    check_scalar(&got, &want, r.count);
+    for (int i = 0; i < r.count; i++) {
+      const bool drawn = got.keys[i] != UINT32_MAX, before = plain.keys[i] != UINT32_MAX;
+      CHECK(!drawn || factor[i] > 0.0f);
+      CHECK(factor[i] != 1.0f || drawn == before);
+      CHECK(!drawn || before || factor[i] > 1.0f);
+      if (drawn && before)
+        check_factor(got.splats + i, plain.splats + i, factor[i], i);
+      taken += before && factor[i] == 0.0f;
+      kept += drawn;
+    }
+    check_release();
+  }
+  check_note("%d rows taken out, %d drawn", taken, kept);
+  CHECK(taken > 100 && kept > 200);
+}
+
 /* At the near plane to the bit: not drawn; the next float beyond: drawn. NaNs with any payload in any parameter:
  * not drawn. */
 static void test_edges(const pags_kernels *k) {
@@ -115,7 +157,7 @@ static void test_edges(const pags_kernels *k) {
   }
   pags_splat splats[16];
   uint32_t keys[16];
-  k->project(&view, data[0], 16, 16, splats, keys);
+  k->project(&view, data[0], 16, NULL, 16, splats, keys);
   for (int i = 0; i < 16; i++)
     CHECK((keys[i] == UINT32_MAX) == (i == 0));
   for (int plane = 0; plane < ROW_SH; plane++) {
@@ -125,7 +167,7 @@ static void test_edges(const pags_kernels *k) {
       const uint32_t nan = (i & 1 ? 0x7FC00000u : 0xFFC00000u) | (check_u32() & 0x3FFFFFu);
       memcpy(&data[plane][i], &nan, sizeof nan);
     }
-    k->project(&view, data[0], 16, 16, splats, keys);
+    k->project(&view, data[0], 16, NULL, 16, splats, keys);
     for (int i = 0; i < 16; i++)
       if (keys[i] != UINT32_MAX)
         CHECK_FAIL("drawn with NaN in plane %d", plane);
@@ -137,13 +179,13 @@ static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
   const projection p = project(k, &view, &r);
-  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, r.count, p.splats, p.keys);
+  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys);
 }
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
-      {"project edges", test_edges},       {"project bench", test_bench},
+      {"project edges", test_edges},       {"project factor", test_factor},   {"project bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -43,6 +43,15 @@ static void create_dc(frame_scene *scene, int p, const reference_part *from) {
   }
 }
 
+static void create_factor(frame_scene *scene, int p, const reference_part *from) {
+  scene->factor[p] = reference_alloc(scene->gaussians[p].stride, sizeof(float));
+  scene->parts[p].opacity_factor = scene->factor[p];
+  for (int64_t i = 0; i < from->count; i++) {
+    scene->factor[p][i] = (float)from->factor[scene->source[p][i]];
+    scene->parts[p].opacity_factor_most = fmaxf(scene->parts[p].opacity_factor_most, scene->factor[p][i]);
+  }
+}
+
 static void create_part(frame_scene *scene, int p, const reference_part *from, int cluster_size,
                         uint64_t shuffle_seed) {
   pags_gaussians *g = &scene->gaussians[p];
@@ -64,6 +73,8 @@ static void create_part(frame_scene *scene, int p, const reference_part *from, i
   memcpy(scene->parts[p].world_from_model, from->world_from_model, sizeof from->world_from_model);
   if (from->dc)
     create_dc(scene, p, from);
+  if (from->factor)
+    create_factor(scene, p, from);
 }
 
 static void point_parts(frame_scene *scene) { /* the struct is returned by value */
@@ -89,6 +100,7 @@ void frame_scene_destroy(frame_scene *scene) {
     free(scene->source[p]);
     free(scene->dc[p]);
     free(scene->dc_values[p]);
+    free(scene->factor[p]);
   }
   *scene = (frame_scene){0};
 }
@@ -98,6 +110,8 @@ void frame_scene_round(reference_part *part) {
     part->planes[k] = (double)(float)part->planes[k];
   for (int64_t k = 0; part->dc && k < 3 * part->count; k++)
     part->dc[k] = (double)(float)part->dc[k];
+  for (int64_t i = 0; part->factor && i < part->count; i++)
+    part->factor[i] = (double)(float)part->factor[i];
 }
 
 /* Runs */

@@ -16,6 +16,7 @@ typedef struct frame_scene {
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
   float *dc[FRAME_SCENE_PARTS];       /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
   float *dc_values[FRAME_SCENE_PARTS];
+  float *factor[FRAME_SCENE_PARTS]; /* where the reference part has one */
 } frame_scene;
 
 /* Rounds the parts' values to float. `shuffle_seed` != 0: rows in a random order, their ids given explicitly. */

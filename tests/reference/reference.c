@@ -40,6 +40,7 @@ reference_part reference_part_from(const pags_part *from) {
 void reference_part_destroy(reference_part *part) {
   free(part->planes);
   free(part->dc);
+  free(part->factor);
   *part = (reference_part){0};
 }
 
@@ -257,7 +258,7 @@ static void find_colour(const reference_part *part, int64_t i, const reference_v
 }
 
 static reference_splat find_splat(const reference_part *part, int64_t i, const reference_view *view,
-                                  const pags_camera *camera, const pags_frame_options *options) {
+                                  const pags_camera *camera, const pags_frame_options *options, double least) {
   reference_splat splat = {.id = part->id ? part->id[i] : part->first_id + (int32_t)i};
   for (int row = 0; row < 3; row++) {
     splat.camera[row] = view->translation[row];
@@ -270,7 +271,8 @@ static reference_splat find_splat(const reference_part *part, int64_t i, const r
   if (!find_covariance(&p, options, &splat))
     return splat;
   splat.opacity = splat.compensation / (1 + exp(-reference_value(part, PAGS_OPACITY, i)));
-  if (!(splat.opacity >= REFERENCE_ALPHA_MIN))
+  splat.opacity *= reference_factor(part, i);
+  if (!(splat.opacity > 0 && splat.opacity >= least))
     return splat;
   find_colour(part, i, view, options, &splat);
   splat.drawn = 1;
@@ -312,17 +314,17 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   double dy = pixel / picture->width + 0.5 - splat->mean2d[1];
   double power = -0.5 * (splat->conic[0] * dx * dx + 2 * splat->conic[1] * dx * dy + splat->conic[2] * dy * dy);
   double falloff = exp(power), raw = splat->opacity * falloff;
-  keep_smaller(&picture->margin[pixel], fabs(raw / REFERENCE_ALPHA_MIN - 1));
-  if (raw < REFERENCE_ALPHA_MIN)
+  keep_smaller(&picture->margin[pixel], fabs(raw / picture->limits.alpha_min - 1));
+  if (raw < picture->limits.alpha_min)
     return;
-  double alpha = fmin(REFERENCE_ALPHA_CAP, raw);
+  double alpha = fmin(picture->limits.alpha_cap, raw);
   double before = picture->transmittance[pixel], after = before * (1 - alpha);
-  keep_smaller(&picture->margin[pixel], fabs(after / REFERENCE_STOP - 1));
-  keep_smaller(&picture->margin[pixel], fabs(raw / REFERENCE_ALPHA_CAP - 1));
+  keep_smaller(&picture->margin[pixel], fabs(after / picture->limits.stop - 1));
+  keep_smaller(&picture->margin[pixel], fabs(raw / picture->limits.alpha_cap - 1));
   keep_smaller(&picture->margin[pixel], splat->margin);
   keep_smaller(&picture->depth_margin[pixel], (splat->camera[2] - state->last_depth) / splat->camera[2]);
   state->last_depth = splat->camera[2];
-  if (after < REFERENCE_STOP) {
+  if (after < picture->limits.stop) {
     state->stopped = 1;
     hash_in(&picture->decisions, (uint64_t)pixel * 2654435761u + 77);
     return;
@@ -339,13 +341,13 @@ static void blend(reference_picture *picture, int64_t *capacity, pixel_state *st
   }
   picture->transmittance[pixel] = after;
   append(picture, capacity, (reference_contribution){pixel, gaussian, falloff, raw, before});
-  hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > REFERENCE_ALPHA_CAP));
+  hash_in(&picture->decisions, (uint64_t)pixel << 32 ^ (uint64_t)gaussian << 1 ^ (raw > picture->limits.alpha_cap));
 }
 
 /* Pixels outside of the ellipse's box fail alpha >= 1/255; one more pixel on each side is visited for the margins. */
 static void blend_box(reference_picture *picture, int64_t *capacity, pixel_state *states, int64_t gaussian) {
   const reference_splat *splat = &picture->splats[gaussian];
-  double reach = fmax(0, 2 * log(splat->opacity / REFERENCE_ALPHA_MIN));
+  double reach = fmax(0, 2 * log(splat->opacity / picture->limits.alpha_min));
   double half_width = sqrt(reach * splat->cov[0]) + 1, half_height = sqrt(reach * splat->cov[2]) + 1;
   double x0 = fmax(0, floor(splat->mean2d[0] - half_width)), x1 = fmin(picture->width, splat->mean2d[0] + half_width);
   double y0 = fmax(0, floor(splat->mean2d[1] - half_height)),
@@ -412,8 +414,14 @@ void reference_behind(const pags_camera *camera, const pags_frame_options *optio
 
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
                                    const pags_frame_options *options) {
+  return reference_render_within(REFERENCE_LIMITS, parts, part_count, camera, options);
+}
+
+reference_picture reference_render_within(reference_limits limits, const reference_part *parts, int part_count,
+                                          const pags_camera *camera, const pags_frame_options *options) {
   int64_t pixels = (int64_t)camera->width * camera->height;
-  reference_picture picture = {.width = camera->width, .height = camera->height, .decisions = 0xcbf29ce484222325u};
+  reference_picture picture = {
+      .width = camera->width, .height = camera->height, .limits = limits, .decisions = 0xcbf29ce484222325u};
   picture.rgb = reference_alloc(3 * pixels, sizeof(double));
   picture.transmittance = reference_alloc(pixels, sizeof(double));
   picture.depth_sum = reference_alloc(pixels, sizeof(double));
@@ -434,7 +442,7 @@ reference_picture reference_render(const reference_part *parts, int part_count, 
   for (int p = 0; p < part_count; p++) {
     reference_view view = reference_view_of(&parts[p], camera, options);
     for (int64_t i = 0; i < parts[p].count; i++)
-      picture.splats[next++] = find_splat(&parts[p], i, &view, camera, options);
+      picture.splats[next++] = find_splat(&parts[p], i, &view, camera, options, limits.alpha_min);
   }
 
   blend_all(&picture);

@@ -10,7 +10,7 @@
  *   J      = [fx/z 0 -fx u/z; 0 fy/z -fy v/z],  u = clamp(x/z), v = clamp(y/z) to the picture widened by 15 % of its
  *            size (0.3 tan of half the field of view) on every side; the mean itself is not clamped
  *   cov    = J W Sigma W' J' + low_pass I,  conic = cov^-1;  not drawn when det cov isn't positive and finite
- *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)); not drawn below 1/255
+ *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor; not drawn below 1/255
  *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
  *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
  *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the background */
@@ -29,6 +29,7 @@ typedef struct reference_part {
   int32_t first_id;
   double world_from_model[12];
   double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes' own */
+  double *factor; /* of the opacity of Gaussian i, 0: not drawn; NULL: 1 */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
@@ -45,7 +46,7 @@ typedef struct reference_splat {
   double mean2d[2]; /* pixels */
   double cov[3];    /* xx xy yy with the low-pass, px^2 */
   double conic[3];  /* inverse of cov */
-  double opacity;   /* with the compensation */
+  double opacity;   /* with the compensation and the part's factor */
   double compensation;
   double colour[3];
   int clamped_axis[2];   /* Jacobian: -1 or 1 where x/z, y/z was clamped, else 0 */
@@ -63,6 +64,13 @@ typedef struct reference_contribution {
   double transmittance; /* before this Gaussian */
 } reference_contribution;
 
+/* Where blending departs from the plain product of alphas. */
+typedef struct reference_limits {
+  double alpha_min, alpha_cap, stop;
+} reference_limits;
+#define REFERENCE_LIMITS ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP})
+#define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0})
+
 typedef struct reference_picture {
   int width, height;
   double *rgb; /* three planes of width * height */
@@ -77,6 +85,7 @@ typedef struct reference_picture {
   double *margin;
   double *depth_margin;
 
+  reference_limits limits;
   int64_t splat_count;
   reference_splat *splats; /* of all parts, in order */
   int64_t contribution_count;
@@ -86,6 +95,10 @@ typedef struct reference_picture {
 
 reference_picture reference_render(const reference_part *parts, int part_count, const pags_camera *camera,
                                    const pags_frame_options *options);
+
+/* With other limits: for pictures that nothing goes back from. */
+reference_picture reference_render_within(reference_limits limits, const reference_part *parts, int part_count,
+                                          const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
 
 /* Derivatives of a loss by the picture, planes of width * height without padding; NULL means zero. */
@@ -158,6 +171,10 @@ reference_sky_taps reference_sky_look(const pags_sky *sky, const pags_camera *ca
 void reference_behind(const pags_camera *camera, const pags_frame_options *options, int64_t pixel, double rgb[3],
                       double *margin);
 void reference_sky_colour(const pags_sky *sky, const reference_sky_taps *taps, double rgb[3]);
+
+static inline double reference_factor(const reference_part *part, int64_t i) {
+  return part->factor ? part->factor[i] : 1;
+}
 
 static inline double reference_value(const reference_part *part, int plane, int64_t i) {
   if (part->dc && plane >= PAGS_SH && plane < PAGS_SH + 3)

@@ -196,11 +196,11 @@ static void splat_backward(const reference_part *part, int64_t i, const referenc
                            double *planes) {
   reference_splat splat = *drawn;
   reference_projection p = reference_project(part, i, view, camera, &splat);
-  double logistic = drawn->opacity / drawn->compensation; /* sigmoid(logit) */
+  double factor = reference_factor(part, i), logistic = drawn->opacity / (drawn->compensation * factor); /* sigmoid(logit) */
   double by_cov[3] = {0, 0, 0};
   conic_backward(drawn->conic, g->conic, by_cov);
   if (options->antialiased)
-    compensation_backward(drawn, (double)options->low_pass, g->opacity * logistic, by_cov);
+    compensation_backward(drawn, (double)options->low_pass, g->opacity * logistic * factor, by_cov);
 
   double by_factor[6], by_scale[3], by_quaternion[4], by_jacobian[6]; /* cov = F F': dL/dF = 2 dL/dcov F */
   for (int k = 0; k < 3; k++) {
@@ -226,7 +226,7 @@ static void splat_backward(const reference_part *part, int64_t i, const referenc
   }
   for (int k = 0; k < 4; k++)
     planes[(PAGS_ROTATION + k) * n + i] += by_quaternion[k];
-  planes[PAGS_OPACITY * n + i] += g->opacity * drawn->compensation * logistic * (1 - logistic);
+  planes[PAGS_OPACITY * n + i] += g->opacity * drawn->compensation * factor * logistic * (1 - logistic);
 }
 
 void reference_backward(const reference_part *parts, int part_count, const pags_camera *camera,

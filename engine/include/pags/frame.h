@@ -42,6 +42,10 @@ typedef struct pags_part {
   double world_from_model[12];     /* rigid, 3x4; relative to the options' origin */
   const float *dc;                 /* used in place of the Gaussians' constant colour term: 3 planes of gaussians->stride floats,
                                       64-byte aligned, valid for a cluster once touch has returned for it; NULL: their own */
+  const float *opacity_factor;     /* what each Gaussian's opacity is multiplied by, 0: it isn't drawn; gaussians->stride floats, valid as
+                                      dc is. The product may exceed 1: alpha's cap holds as ever. Gradients are by the logit behind
+                                      the factor; who is not drawn has none. NULL: 1 */
+  float opacity_factor_most;       /* no factor is larger; not looked at without factors */
 } pags_part;
 
 typedef struct pags_frame_options {

@@ -82,6 +82,11 @@ typedef struct pags_train_config {
   double reset_opacity;  /* upper bound set then; default 0.01 */
   int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). Default 0 */
 
+  /* Adaptive stochastic dropout */
+  int dropout;          /* 1: each step leaves Gaussians out at random. Default 0 */
+  double dropout_beta;  /* 0..1: how much semantic priority protects; default 0.5 */
+  double dropout_gamma; /* share left out at the schedule's end where there is no priority, rising from 0; default 0.25 */
+
   /* MCMC strategy */
   double mcmc_growth;      /* share of new Gaussians per densify step; default 0.05 */
   double mcmc_noise;       /* of the position noise, times the position rate; default 5e5 */
