@@ -40,6 +40,8 @@ typedef struct pags_session {
                 "driving sets: hold out this camera altogether"),                                                      \
       PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                      \
                 "ego_masks/C.png, else found", "driving sets: white where the recording car itself is seen"),          \
+      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST", "vehicle,pedestrian,cyclist",   \
+                "driving sets: what is critical: kinds, classes of semantic by name or number, classes of boxes"),          \
       PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                             \
                 "driving sets: a COLMAP model of the same world, whose points are added")
 

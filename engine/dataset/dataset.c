@@ -273,6 +273,9 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
   choose_origin(dataset);
+  if (options->critical && !dataset->draft.driving)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: critical '%s' is asked for, but only driving sets have labels", path,
+                     options->critical);
   if (dataset->draft.driving)
     PAGS_TRY(pags_ego_masks_make(dataset, options));
   return pags_dataset_make_points(dataset, options);
@@ -360,6 +363,15 @@ int64_t pags_dataset_object_count(const pags_dataset *dataset) {
 const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index) {
   assert(index >= 0 && index < pags_dataset_object_count(dataset));
   return &dataset->draft.driving->objects[index];
+}
+
+int pags_dataset_object_is_critical(const pags_dataset *dataset, int64_t index) {
+  assert(index >= 0 && index < pags_dataset_object_count(dataset));
+  return dataset->draft.driving->critical.objects[index] != PAGS_CRITICAL_NOT;
+}
+
+const char *pags_dataset_critical(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->critical.list : NULL;
 }
 
 int64_t pags_dataset_sweep_count(const pags_dataset *dataset) {

@@ -16,6 +16,7 @@ void pags_draft_destroy(pags_draft *draft) {
     free(draft->views[i].sky_path);
     free(draft->views[i].semantic_path);
     free(draft->views[i].dynamic_path);
+    free(draft->views[i].part_path);
   }
   free(draft->views);
   free(draft->source);

@@ -3,7 +3,7 @@
  * docs/dataset.md has every file. TTT is the frame's number, C the camera's, both decimal:
  *   images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
  * World axes are the files' own, z up, metres. */
-#include "dataset/driving.h"
+#include "dataset/critical.h"
 
 #include "base/file.h"
 #include "base/text.h"
@@ -36,6 +36,8 @@ void pags_driving_destroy(pags_driving *driving) {
   free(driving->objects);
   free(driving->sweeps);
   free(driving->notes);
+  free(driving->critical.list);
+  free(driving->critical.objects);
   free(driving->root);
   free(driving);
 }
@@ -311,8 +313,8 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
 
 /* Views. */
 
-/* The path of a mask where there is one. */
-static pags_result find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view, char **out) {
+pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view,
+                                   char **out) {
   *out = pags_draft_text("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
   if (!*out)
     return pags_draft_memory(driving->root);
@@ -324,12 +326,12 @@ static pags_result find_mask(const pags_driving *driving, const char *folder, co
 }
 
 static pags_result find_masks(pags_driving *driving, pags_draft_view *view) {
-  PAGS_TRY(find_mask(driving, "sky_masks", view, &view->sky_path));
-  PAGS_TRY(find_mask(driving, "semantic", view, &view->semantic_path));
-  PAGS_TRY(find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
-  driving->provides |= (view->sky_path || view->semantic_path ? PAGS_PROVIDES_SKY_MASKS : 0) |
-                       (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) |
-                       (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
+  PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
+  driving->provides |=
+      (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
+      (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
   return PAGS_OK;
 }
 
@@ -401,35 +403,6 @@ static pags_result note_rules(pags_driving *driving) {
                            rules->forward_y ? "+y" : "+x");
 }
 
-/* Where labels come from; the first of several sources that has any view. */
-static pags_result note_labels(pags_driving *driving, const pags_draft *draft) {
-  int64_t sky = 0, semantic = 0, dynamic = 0, views = 0;
-  for (int64_t i = 0; i < draft->count; i++) {
-    const pags_draft_view *view = &draft->views[i];
-    views += !view->missing;
-    sky += view->sky_path != NULL;
-    semantic += view->semantic_path != NULL;
-    dynamic += view->dynamic_path != NULL;
-  }
-  bool boxes = driving->provides & PAGS_PROVIDES_BOXES, laser = driving->provides & PAGS_PROVIDES_LIDAR;
-  PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",
-                             (long long)views, (long long)sky, (long long)semantic, (long long)dynamic));
-  PAGS_TRY(pags_driving_note(driving, "sky: %s",
-                             sky > 0        ? "from sky_masks"
-                             : semantic > 0 ? "from semantic, class 10"
-                             : laser        ? "guessed: above the horizon and above all that the laser met"
-                                            : "unknown (neither masks nor LiDAR)"));
-  PAGS_TRY(pags_driving_note(driving, "critical: %s",
-                             semantic > 0  ? (dynamic > 0 ? "from semantic and dynamic_masks" : "from semantic")
-                             : dynamic > 0 ? (boxes ? "from dynamic_masks and boxes" : "from dynamic_masks")
-                             : boxes       ? "from boxes"
-                                           : "unknown (neither masks nor boxes)"));
-  if ((semantic > 0 || dynamic > 0) && !boxes)
-    return pags_driving_note(driving,
-                             "no boxes: pixels of dynamic classes and of dynamic_masks are left out of the loss");
-  return PAGS_OK;
-}
-
 /* Everything beside the pictures themselves. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
                               int64_t count, pags_draft *draft) {
@@ -442,8 +415,9 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(add_views(driving, pictures, count, draft));
   PAGS_TRY(pags_times_read(driving, draft));
   PAGS_TRY(pags_tracks_read(driving));
+  PAGS_TRY(pags_critical_choose(driving, options->critical, draft));
   PAGS_TRY(pags_sweeps_find(driving));
-  return note_labels(driving, draft);
+  return pags_critical_note(driving, draft);
 }
 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,

@@ -7,6 +7,7 @@
 #include <pags/image.h>
 
 #include "dataset/draft.h"
+#include "dataset/label_sets.h"
 
 /* What drivestudio's layout leaves open: the kind's defaults and what dataset.json says (rules.c). */
 typedef struct pags_rules {
@@ -18,6 +19,7 @@ typedef struct pags_rules {
   int columns;      /* floats a row of a sweep; 0: not stated */
   int position[3];  /* which of them are x, y, z */
   double fps;       /* 0: not stated */
+  const pags_label_set *labels; /* what label images hold */
 } pags_rules;
 
 /* One camera of the rig. */
@@ -35,6 +37,18 @@ typedef struct pags_time_step {
   double time;
 } pags_time_step;
 
+/* Whether a box is critical: no; in views without label images, which know better; in all. */
+enum { PAGS_CRITICAL_NOT, PAGS_CRITICAL_WITHOUT_LABELS, PAGS_CRITICAL_ALWAYS };
+
+/* What counts as critical (critical.c). */
+typedef struct pags_critical {
+  char *list;           /* as asked for; NULL: vehicles, pedestrians and cyclists */
+  uint8_t classes[256]; /* of label images: PAGS_LABEL_SKY, PAGS_LABEL_CRITICAL, PAGS_LABEL_MOVING = what could move */
+  uint8_t *objects;     /* PAGS_CRITICAL_*, by object */
+  bool kinds[4];        /* by category: some of it is critical */
+  bool all_dynamic;     /* dynamic_masks/all is critical; else the views' part_path */
+} pags_critical;
+
 typedef struct pags_driving {
   char *root;
   pags_rules rules;
@@ -48,6 +62,7 @@ typedef struct pags_driving {
   pags_time_step *steps; /* ascending frames and times */
   int64_t object_count;
   pags_object *objects;
+  pags_critical critical;
   int64_t sweep_count;
   pags_sweep *sweeps; /* `path` owned */
   int64_t note_count;
@@ -81,6 +96,10 @@ pags_result pags_sfm_read(const char *model, pags_draft *draft);
 /* Index of the time step, -1: not among those used. */
 int64_t pags_driving_step(const pags_driving *driving, int64_t frame);
 pags_sensor *pags_driving_sensor(const pags_driving *driving, int number); /* NULL: not used */
+
+/* FOLDER/TTT_C.png of a view where it exists, else NULL. */
+pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view,
+                                   char **out);
 
 pags_result pags_driving_note(pags_driving *driving, const char *format, ...) PAGS_PRINTF(2, 3);
 

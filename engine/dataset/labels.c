@@ -1,25 +1,20 @@
-/* Labels of pixels: sky, critical, moving, kinds of moving things, parked.
+/* Labels of pixels: sky, critical, moving, kinds of moving things, parked. What is critical says critical.c.
  *
  * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes come last, straight
  * into the finished photograph: the box of time step t as it stands, for every camera. */
 #include "dataset/labels.h"
 
+#include "dataset/critical.h"
+
 #include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Cityscapes' train ids: 10 sky; 11 person, rider, car, truck, bus, train, motorcycle, 18 bicycle. */
-enum { CLASS_SKY = 10, CLASS_FIRST_DYNAMIC = 11, CLASS_LAST_DYNAMIC = 18 };
-
 bool pags_labels_exist(const pags_dataset *dataset, int64_t view) {
   const pags_draft_view *from = &dataset->draft.views[view];
   const pags_driving *driving = dataset->draft.driving;
-  return driving && (from->sky_path || from->semantic_path || from->dynamic_path ||
+  return driving && (from->sky_path || from->semantic_path || from->dynamic_path || from->part_path ||
                      (driving->provides & (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR)));
-}
-
-static bool is_dynamic(uint8_t class) {
-  return class >= CLASS_FIRST_DYNAMIC && class <= CLASS_LAST_DYNAMIC;
 }
 
 static size_t area(const pags_lens *lens) {
@@ -51,14 +46,16 @@ static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bit
   return PAGS_OK;
 }
 
-static pags_result add_semantic(const pags_draft_view *view, uint8_t *labels, uint8_t *mask) {
+static pags_result add_semantic(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+                                uint8_t *mask) {
   pags_image classes;
-  uint8_t sky = view->sky_path ? 0 : PAGS_LABEL_SKY;
+  int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
   PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
   const uint8_t *from = classes.data;
   for (size_t i = 0; i < area(&view->lens); i++) {
-    labels[i] |= from[i] == CLASS_SKY ? sky : is_dynamic(from[i]) ? PAGS_LABEL_CRITICAL : 0;
-    if (mask && is_dynamic(from[i]))
+    int bits = driving->critical.classes[from[i]];
+    labels[i] |= (uint8_t)(bits & wanted);
+    if (mask && bits & PAGS_LABEL_MOVING)
       mask[i] = 0;
   }
   pags_image_destroy(&classes);
@@ -91,16 +88,20 @@ static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, p
 /* Without boxes there is nothing to model moving things by: what masks know of them is left out of the loss. */
 static pags_result load_files(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
                               pags_image *mask) {
-  bool without = (view->semantic_path || view->dynamic_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
+  bool without =
+      (view->semantic_path || view->dynamic_path || view->part_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
   if (without)
     PAGS_TRY(make_mask(&view->lens, mask));
   uint8_t *left_out = without ? mask->data : NULL;
   if (view->sky_path)
     PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
   if (view->semantic_path)
-    PAGS_TRY(add_semantic(view, labels, left_out));
+    PAGS_TRY(add_semantic(driving, view, labels, left_out));
+  uint8_t dynamic = PAGS_LABEL_MOVING | (driving->critical.all_dynamic ? PAGS_LABEL_CRITICAL : 0);
   if (view->dynamic_path)
-    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL, labels, left_out));
+    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, dynamic, labels, left_out));
+  if (view->part_path)
+    PAGS_TRY(add_mask(view->part_path, &view->lens, PAGS_LABEL_CRITICAL, labels, left_out));
   return PAGS_OK;
 }
 
@@ -112,7 +113,7 @@ pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_im
   const pags_sensor *sensor = pags_driving_sensor(driving, view->sensor);
   assert(sensor);
   PAGS_TRY(clear_ego(sensor, &view->lens, mask));
-  if (!view->sky_path && !view->semantic_path && !view->dynamic_path)
+  if (!view->sky_path && !view->semantic_path && !view->dynamic_path && !view->part_path)
     return PAGS_OK;
   PAGS_TRY(pags_image_create(labels, view->lens.width, view->lens.height, 1, PAGS_U8));
   return load_files(driving, view, labels->data, mask);
@@ -132,12 +133,13 @@ static const pags_knot *knot_at(const pags_object *object, int frame) {
   return low < object->knot_count && object->knots[low].frame == frame ? &object->knots[low] : NULL;
 }
 
-static uint8_t bits_of(const pags_object *object, const pags_draft_view *view) {
+static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_draft_view *view) {
+  const pags_object *object = &driving->objects[index];
   static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
   int bits = object->moving ? kinds[object->category] : PAGS_LABEL_PARKED;
   if (object->moving && !view->dynamic_path)
     bits |= PAGS_LABEL_MOVING;
-  if (pags_category_is_critical(object->category) && !view->semantic_path)
+  if (driving->critical.objects[index] > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : PAGS_CRITICAL_NOT))
     bits |= PAGS_LABEL_CRITICAL;
   return (uint8_t)bits;
 }
@@ -149,7 +151,7 @@ static void add_boxes(const pags_driving *driving, const pags_draft_view *view, 
     const pags_knot *knot = knot_at(object, view->frame);
     double corners[32];
     int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
-    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(object, view), plane);
+    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
   }
 }
 
@@ -158,7 +160,7 @@ pags_result pags_labels_add(const pags_dataset *dataset, int64_t index, const pa
   const pags_driving *driving = dataset->draft.driving;
   const pags_draft_view *view = &dataset->draft.views[index];
   add_boxes(driving, view, camera, stride, plane);
-  if (view->sky_path || view->semantic_path || driving->sweep_count == 0)
+  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
     return PAGS_OK;
   return pags_sky_guess(driving, view->frame, camera, stride, plane);
 }

@@ -19,13 +19,13 @@
 /* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor. nuPlan: xyz,
  * intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in the laser's frame. */
 static const pags_rules kinds[] = {
-    {"waymo", WAYMO, CONSTANT, false, false, 14, {3, 4, 5}, 0},
-    {"pandaset", OPENCV, PER_FRAME, false, true, 5, {0, 1, 2}, 0},
-    {"kitti", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0},
-    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, {0, 1, 2}, 0},
-    {"argoverse2", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0},
-    {"nuplan", OPENCV, CONSTANT, false, false, 6, {0, 1, 2}, 0},
-    {"pags", OPENCV, CONSTANT, false, false, 0, {0, 1, 2}, 0}, /* states all of them */
+    {"waymo", WAYMO, CONSTANT, false, false, 14, {3, 4, 5}, 0, NULL},
+    {"pandaset", OPENCV, PER_FRAME, false, true, 5, {0, 1, 2}, 0, NULL},
+    {"kitti", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0, NULL},
+    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, {0, 1, 2}, 0, NULL},
+    {"argoverse2", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0, NULL},
+    {"nuplan", OPENCV, CONSTANT, false, false, 6, {0, 1, 2}, 0, NULL},
+    {"pags", OPENCV, CONSTANT, false, false, 0, {0, 1, 2}, 0, NULL}, /* states all of them */
 };
 
 #define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
@@ -133,10 +133,17 @@ static pags_result read_names(const source *s, pags_camera_name_fn *name, void *
   return PAGS_OK;
 }
 
-/* Labels other than Cityscapes' train ids would be read as nonsense. */
-static pags_result read_labels(const source *s) {
-  bool other = false;
-  PAGS_TRY(read_choice(s, "labels", "cityscapes", "cityscapes", &other));
+static pags_result read_labels(const source *s, pags_rules *rules) {
+  const char *name;
+  rules->labels = &pags_label_sets[0];
+  if (!states(s, "labels"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_string(s->json, s->root, "labels", &name));
+  rules->labels = pags_label_set_find(name);
+  if (!rules->labels)
+    return pags_json_fail(
+        s->json, pags_json_member(s->root, "labels"),
+        "expected 'labels' to be cityscapes, step, cityscapes-ids, kitti-360, waymo or pandaset, found '%s'", name);
   return PAGS_OK;
 }
 
@@ -161,7 +168,7 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   PAGS_TRY(read_choice(s, "lidar_frame", "ego", "laser", &rules->laser_frame));
   PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
   PAGS_TRY(read_columns(s, rules));
-  PAGS_TRY(read_labels(s));
+  PAGS_TRY(read_labels(s, rules));
   return read_fps(s, rules);
 }
 

@@ -232,7 +232,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   return PAGS_OK;
 }
 
-static pags_result list_objects(const pags_train_state *state, pags_scene *scene) {
+static pags_result list_objects(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
   scene->object_count = state->tracks.count;
   scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
   if (!scene->objects)
@@ -240,7 +240,7 @@ static pags_result list_objects(const pags_train_state *state, pags_scene *scene
   for (int64_t i = 0; i < scene->object_count; i++)
     scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
                                             .model = -1,
-                                            .critical = pags_category_is_critical(state->tracks.objects[i].category),
+                                            .critical = pags_dataset_object_is_critical(dataset, i),
                                             .rigid = 1};
   return PAGS_OK;
 }
@@ -291,7 +291,7 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
   }
   pags_result result = list_views(dataset, state, &scene);
   if (result == PAGS_OK)
-    result = list_objects(state, &scene);
+    result = list_objects(dataset, state, &scene);
   if (result == PAGS_OK)
     result = list_models(state, &scene);
   if (result == PAGS_OK && scene.fps > 0.0)

@@ -17,7 +17,7 @@ static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* F
   return hash;
 }
 
-/* Names, sizes, cameras and roles of all views: what a checkpoint's steps depend on. */
+/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps depend on. */
 static uint64_t fingerprint_of(const pags_dataset *dataset) {
   uint64_t hash = 14695981039346656037u;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
@@ -37,6 +37,8 @@ static uint64_t fingerprint_of(const pags_dataset *dataset) {
       hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
     }
   }
+  if (pags_dataset_critical(dataset))
+    hash = hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
   return hash;
 }
 

@@ -31,6 +31,8 @@ typedef struct pags_dataset_options {
   const char *holdout_camera; /* number of a camera all of whose views are held out; NULL: none */
   const char *ego_mask;       /* picture, or folder of C.png, white where the recording car is seen; NULL: ego_masks/C.png, else a
                                  detector of pixels that never change */
+  const char *critical;       /* what is critical: kinds, classes of the label images by name or number, classes of boxes, separated
+                                 by commas (docs/dataset.md); NULL: vehicles, pedestrians and cyclists */
   const char *sfm;            /* folder of a COLMAP model in the same world: points to add; NULL: none */
 } pags_dataset_options;
 
@@ -51,8 +53,8 @@ typedef struct pags_view {
 /* What the rows of a photograph's label plane consist of. */
 enum {
   PAGS_LABEL_SKY = 1,        /* from sky_masks, else semantic, else above the horizon without LiDAR returns */
-  PAGS_LABEL_CRITICAL = 2,   /* vehicle, pedestrian or cyclist: of semantic's classes or in dynamic_masks/all; without semantic in
-                                a box of theirs, too */
+  PAGS_LABEL_CRITICAL = 2,   /* vehicle, pedestrian or cyclist, or what options.critical says: of semantic's classes or in
+                                dynamic_masks/all; without semantic in a box of theirs, too */
   PAGS_LABEL_MOVING = 4,     /* in dynamic_masks/all, else in the box of a moving object */
   PAGS_LABEL_VEHICLE = 8,    /* in the box of a moving vehicle */
   PAGS_LABEL_PEDESTRIAN = 16, /* in the box of a moving pedestrian */
@@ -102,6 +104,9 @@ PAGS_API double pags_dataset_fps(const pags_dataset *dataset);       /* time ste
 PAGS_API int64_t pags_dataset_object_count(const pags_dataset *dataset);
 /* Every labelled box with at least one knot within the frames used; knots of held-out time steps have trained 0. */
 PAGS_API const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index);
+/* Whether vehicles, pedestrians and cyclists, or what options.critical names instead, include this object. */
+PAGS_API int pags_dataset_object_is_critical(const pags_dataset *dataset, int64_t index);
+PAGS_API const char *pags_dataset_critical(const pags_dataset *dataset); /* options.critical; NULL: the default */
 PAGS_API int64_t pags_dataset_sweep_count(const pags_dataset *dataset);
 PAGS_API const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index); /* in the order of time */
 /* Reads a sweep: 3 floats a point, metres, in its frame; points that are not finite are left out. `xyz` is freed by the caller. */
