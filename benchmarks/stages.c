@@ -3,6 +3,7 @@
  * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine without
  * caches would move. */
 #include "bench.h"
+#include "modes.h"
 
 typedef struct stage_row {
   const char *name, *unit;
@@ -11,16 +12,12 @@ typedef struct stage_row {
 
 enum { SPLAT = 64, ENTRY = 8, MASK = 2, SLOT = 48, KEY = 4, ROW = 8 };
 
-static int fill_rows(const pags_bench_view *view, const pags_bench_frame *frame, stage_row *rows) {
-  const pags_frame_stats *const s = &frame->stats;
+/* Six of forward, two of backward. */
+static int fill_rows(const pags_frame_stats *s, int degree, double clusters, double pixels, stage_row *rows) {
   const double loaded = (double)s->loaded, drawn = (double)s->shaded, pairs = (double)s->pairs_binned;
-  int degree = 0;
-  for (int p = 0; p < view->part_count; p++)
-    degree = view->parts[p].gaussians->sh_degree > degree ? view->parts[p].gaussians->sh_degree : degree;
-  degree = view->options.sh_degree < degree ? view->options.sh_degree : degree;
-  const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree), pixels = frame->pixels;
+  const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree);
   int n = 0;
-  rows[n++] = (stage_row){"cull", "cluster", s->ms_cull, frame->clusters, frame->clusters * 29};
+  rows[n++] = (stage_row){"cull", "cluster", s->ms_cull, clusters, clusters * 29};
   rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded, loaded * (geometry + KEY) + drawn * SPLAT};
   rows[n++] = (stage_row){"shade", "Gaussian drawn", s->ms_shade, drawn, loaded * KEY + drawn * (colour + 12 + 16)};
   /* Two passes to gather, then three of: count digits (read), scatter (read and write). */
@@ -33,6 +30,15 @@ static int fill_rows(const pags_bench_view *view, const pags_bench_frame *frame,
   rows[n++] = (stage_row){"project backward", "Gaussian loaded", s->ms_project_backward, loaded,
                           pairs * SLOT + loaded * (KEY + SPLAT + 8) + drawn * (geometry + colour)};
   return n;
+}
+
+double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels) {
+  stage_row rows[8];
+  double bytes = 0;
+  fill_rows(stats, sh_degree, clusters, pixels, rows);
+  for (int i = 0; i < 6; i++)
+    bytes += rows[i].bytes;
+  return bytes;
 }
 
 static void put_row(pags_json_writer *json, const stage_row *row) {
@@ -50,7 +56,11 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
   pags_bench_frame frame;
   PAGS_TRY(pags_bench_measure(view, 1, &frame));
   stage_row rows[8];
-  const int n = fill_rows(view, &frame, rows);
+  int degree = 0;
+  for (int p = 0; p < view->part_count; p++)
+    degree = view->parts[p].gaussians->sh_degree > degree ? view->parts[p].gaussians->sh_degree : degree;
+  degree = view->options.sh_degree < degree ? view->options.sh_degree : degree;
+  const int n = fill_rows(&frame.stats, degree, frame.clusters, frame.pixels, rows);
   const pags_frame_stats *const s = &frame.stats;
   pags_json_begin_object(json, "stages");
   if (people)

@@ -1,0 +1,70 @@
+/* Depth complexity from the areas of projected Gaussians.
+ *
+ * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being the covariance
+ * on the picture plane. Summed over Gaussians whose middle lies in the picture, divided by its pixels; what such a Gaussian has beyond
+ * the edge stands for what others beyond the edge have within. */
+#include "modes.h"
+
+#include <math.h>
+#include <string.h>
+
+static void camera_from_part(const pags_part *part, const pags_camera *camera, const double origin[3], double out[12]) {
+  double local[12], inverse[12];
+  memcpy(local, camera->world_from_camera, sizeof local);
+  for (int k = 0; k < 3; k++)
+    local[4 * k + 3] -= origin[k];
+  pags_rigid_inverse(local, inverse);
+  pags_rigid_multiply(inverse, part->world_from_model, out);
+}
+
+/* S = J W R diag(sigma^2) R' W' J' + low_pass. */
+static double ellipse_area(const pags_gaussians *g, int64_t i, const double m[12], const pags_camera *camera,
+                           const double p[3], double low_pass) {
+  const double logit = (double)pags_plane(g, PAGS_OPACITY)[i], reach = 2 * (log(255.0) - log1p(exp(-logit)));
+  const double jx[3] = {camera->fx / p[2], 0, -camera->fx * p[0] / (p[2] * p[2])};
+  const double jy[3] = {0, camera->fy / p[2], -camera->fy * p[1] / (p[2] * p[2])};
+  double q[4], r[9], a = low_pass, b = 0, c = low_pass;
+  if (reach <= 0)
+    return 0;
+  for (int k = 0; k < 4; k++)
+    q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
+  pags_rotation_from_quaternion(q, r);
+  for (int axis = 0; axis < 3; axis++) {
+    const double sigma = exp((double)pags_plane(g, PAGS_SCALE + axis)[i]);
+    double u = 0, v = 0;
+    for (int row = 0; row < 3; row++) {
+      const double w = m[4 * row] * r[axis] + m[4 * row + 1] * r[3 + axis] + m[4 * row + 2] * r[6 + axis];
+      u += jx[row] * w * sigma;
+      v += jy[row] * w * sigma;
+    }
+    a += u * u;
+    b += u * v;
+    c += v * v;
+  }
+  return 3.14159265358979323846 * reach * sqrt(fmax(a * c - b * b, 0));
+}
+
+double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
+                         const pags_frame_options *options) {
+  const double pixels = (double)camera->width * camera->height;
+  double area = 0;
+  for (int k = 0; k < part_count; k++) {
+    const pags_gaussians *g = parts[k].gaussians;
+    double m[12];
+    camera_from_part(parts + k, camera, options->origin, m);
+    for (int64_t i = 0; i < g->count; i++) {
+      double p[3];
+      for (int row = 0; row < 3; row++) {
+        p[row] = m[4 * row + 3];
+        for (int c = 0; c < 3; c++)
+          p[row] += m[4 * row + c] * (double)pags_plane(g, PAGS_MEAN + c)[i];
+      }
+      if (p[2] <= (double)options->near_plane)
+        continue;
+      const double x = camera->fx * p[0] / p[2] + camera->cx, y = camera->fy * p[1] / p[2] + camera->cy;
+      if (x >= 0 && x < camera->width && y >= 0 && y < camera->height)
+        area += fmin(ellipse_area(g, i, m, camera, p, (double)options->low_pass), pixels);
+    }
+  }
+  return area / pixels;
+}

@@ -1,0 +1,58 @@
+/* Ways to draw the same frames, measured side by side: time by stage, what was loaded and drawn, and what the picture lost. */
+#ifndef PAGS_BENCHMARKS_MODES_H
+#define PAGS_BENCHMARKS_MODES_H
+
+#include <pags/frame.h>
+
+enum { PAGS_BENCH_STAGES = 7 }; /* of a frame, the whole frame last */
+extern const char *const pags_bench_stage_names[PAGS_BENCH_STAGES];
+
+typedef struct pags_bench_mode {
+  const char *name;
+  pags_frame_options options;
+} pags_bench_mode;
+
+/* Frames to draw. The first mode is what the others are held against. */
+typedef struct pags_bench_frames {
+  pags_tasks *tasks;
+  void (*compose)(void *user, double time, const pags_part **parts, int *count); /* what there is to draw at a time */
+  void *user;
+  const pags_camera *cameras;
+  int64_t camera_count;
+  const pags_bench_mode *modes;
+  int mode_count;
+  int repetitions; /* timed frames of each camera and mode, >= 1 */
+  pags_progress_fn *progress; /* may be NULL */
+  void *progress_user;
+} pags_bench_frames;
+
+typedef struct pags_bench_span {
+  double median, low, high; /* low, high: the tenth and the ninetieth of a hundred */
+} pags_bench_span;
+
+typedef struct pags_bench_mode_result {
+  pags_bench_span ms[PAGS_BENCH_STAGES]; /* over all cameras and repetitions */
+  double speed_up;         /* median over all of the first mode's whole frame by this one's, drawn one after the other */
+  pags_frame_stats counts; /* per frame, on average over the cameras; the times in it are not set */
+  double bytes;            /* per frame, by the stages' data structures */
+  double psnr;             /* dB against the first mode over all frames, values cut to 0..1; infinite where nothing differs */
+  double max_error;        /* largest difference of a channel, not cut */
+  double max_alpha_error;  /* of the transmittance */
+  double differing;        /* share of pixels whose colour or transmittance has other bits */
+  double *frame_ms;        /* camera_count: median of each camera's whole frame */
+} pags_bench_mode_result;
+
+/* Draws each camera once per mode to count and to compare, then `repetitions` times with the clock, modes taking turns. `results` has
+ * mode_count entries; free them with pags_bench_modes_free, also after a failure. */
+pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results);
+void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
+
+/* How deep a picture is: (Gaussian, pixel) pairs with alpha >= 1/255 by pixel, whether anything lies before them or not. By the areas of
+ * the projected ellipses of Gaussians whose middle is in the picture, in double; low-pass included, antialiasing not. */
+double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
+                         const pags_frame_options *options);
+
+/* What a forward frame moves, as `pags bench stages` counts it. `clusters`: that there are. */
+double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels);
+
+#endif

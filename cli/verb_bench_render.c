@@ -1,0 +1,462 @@
+/* pags bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
+#include "interrupt.h"
+#include "path.h"
+#include "plot.h"
+#include "session.h"
+#include "verbs.h"
+
+#include <base/file.h>
+#include <benchmarks/modes.h>
+#include <math.h>
+#include <pags/compose.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { MOST_MODES = 16, MOST_SIZES = 8, NAME = 32 };
+
+typedef struct render_bench_arguments {
+  pags_session session;
+  const char *input, *path, *sizes, *modes, *csv, *plot;
+  int64_t frames;
+  int repetitions, exp_degree; /* exp_degree: index in "3|5" */
+} render_bench_arguments;
+
+#define AT(member) offsetof(render_bench_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_TEXT("path", 0, AT(path), "views|ego|orbit|FILE", "views, else orbit",
+              "cameras: the scene's training views, the way through them, round the scene, or a camera or path file"),
+    PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", "pictures", NULL, "spread evenly along the path"),
+    PAGS_TEXT("sizes", 0, AT(sizes), "WxH,...", "the cameras'", "sizes to draw at, by width; the middle is kept"),
+    PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL,
+              "off: draw everything; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most that degree. The first is what others are "
+              "held against"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
+    PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL, "degree of the polynomial behind exp, as of pags render"),
+    PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per size and mode"),
+    PAGS_TEXT("plot", 0, AT(plot), "FILE.svg", NULL, "draw time along the path, and speed against error"),
+    PAGS_SESSION_OPTIONS(render_bench_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
+
+static const pags_verb verb = {
+    .name = "bench render",
+    .usage = "SCENE [options]",
+    .about = "Draws the same pictures by several modes, taking turns, and reports for each: milliseconds by stage (median, 10 and "
+             "90 per cent of all frames), pictures a second, how much was loaded, shaded, binned, tested and blended, bytes moved by "
+             "the stages' data structures, and what the picture lost against the first mode: PSNR, largest error, pixels with other bits.",
+    .positionals = positionals,
+    .options = options};
+
+typedef struct size_row {
+  int width, height; /* 0: the cameras' own */
+} size_row;
+
+/* All of a run. Results are by size, then mode. */
+typedef struct render_bench {
+  const render_bench_arguments *arguments;
+  pags_composition *composition;
+  pags_path path;
+  pags_bench_mode modes[MOST_MODES];
+  char names[MOST_MODES][NAME];
+  int mode_count;
+  size_row sizes[MOST_SIZES];
+  int size_count;
+  pags_bench_mode_result results[MOST_SIZES][MOST_MODES];
+  double layers[MOST_SIZES];
+  pags_progress progress;
+} render_bench;
+
+/* The next piece of a list separated by commas; false at its end. */
+static bool next_word(const char **list, char word[NAME]) {
+  const size_t length = strcspn(*list, ",");
+  if (length == 0 || length >= NAME)
+    return false;
+  memcpy(word, *list, length);
+  word[length] = 0;
+  *list += length + ((*list)[length] == ',');
+  return true;
+}
+
+static pags_result parse_mode(const char *text, pags_frame_options *out) {
+  if (!strcmp(text, "exp3"))
+    out->exp_degree = 3;
+  else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
+    out->sh_degree = text[2] - '0';
+  else if (strcmp(text, "off"))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected off, exp3, sh0, sh1 or sh2, got '%s'", text);
+  return PAGS_OK;
+}
+
+static pags_result parse_modes(render_bench *self) {
+  const char *list = self->arguments->modes;
+  pags_frame_options standard = pags_composition_options(self->composition);
+  standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
+  while (self->mode_count < MOST_MODES && next_word(&list, self->names[self->mode_count])) {
+    pags_bench_mode *mode = &self->modes[self->mode_count];
+    *mode = (pags_bench_mode){self->names[self->mode_count], standard};
+    PAGS_TRY(parse_mode(mode->name, &mode->options));
+    self->mode_count++;
+  }
+  return *list || self->mode_count == 0
+             ? pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected at most %d modes separated by commas, got '%s'", MOST_MODES,
+                         self->arguments->modes)
+             : PAGS_OK;
+}
+
+static bool parse_sizes(const char *list, render_bench *self) {
+  char word[NAME], rest;
+  while (list && self->size_count < MOST_SIZES && next_word(&list, word)) {
+    size_row *size = &self->sizes[self->size_count++];
+    if (sscanf(word, "%5dx%5d%c", &size->width, &size->height, &rest) != 2 || size->width < 16 || size->width > 16384 ||
+        size->height < 16 || size->height > 16384)
+      return false;
+  }
+  if (self->size_count == 0)
+    self->size_count = 1;
+  return !list || !*list;
+}
+
+/* The same view at another size: scaled by the widths' ratio, cut or widened evenly above and below. */
+static pags_camera at_size(const pags_camera *camera, const size_row *size) {
+  pags_camera out = *camera;
+  if (size->width == 0)
+    return out;
+  const double scale = (double)size->width / camera->width;
+  out.width = size->width;
+  out.height = size->height;
+  out.fx *= scale;
+  out.fy *= scale;
+  out.cx *= scale;
+  out.cy = 0.5 * size->height + (camera->cy - 0.5 * camera->height) * scale;
+  return out;
+}
+
+/* Every (count / wanted)th of what there is. */
+static void thin(pags_path *path, int64_t wanted) {
+  const int64_t kept = path->count < wanted ? path->count : wanted;
+  for (int64_t i = 0; i < kept; i++)
+    path->cameras[i] = path->cameras[i * path->count / kept];
+  path->count = kept;
+}
+
+static pags_result path_of_views(const pags_scene *scene, pags_path *path) {
+  path->cameras = malloc((size_t)(scene->view_count + 1) * sizeof *path->cameras);
+  if (!path->cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; i++)
+    if (!scene->views[i].test)
+      path->cameras[path->count++] = scene->views[i].camera;
+  return PAGS_OK;
+}
+
+static pags_result find_path(const render_bench_arguments *a, const pags_scene *scene, pags_path *path) {
+  const char *kind = a->path ? a->path : scene->view_count > 0 ? "views" : "orbit";
+  if (!strcmp(kind, "views"))
+    PAGS_TRY(path_of_views(scene, path));
+  else if (!strcmp(kind, "orbit"))
+    PAGS_TRY(pags_path_orbit(scene, a->frames, path));
+  else if (strcmp(kind, "ego"))
+    PAGS_TRY(pags_path_load(kind, path));
+  else if (pags_scene_is_drive(scene))
+    PAGS_TRY(pags_path_drive(scene, a->frames, 0, path));
+  else
+    PAGS_TRY(pags_path_ego(scene, a->frames, path));
+  thin(path, a->frames);
+  return path->count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
+}
+
+static void compose(void *user, double time, const pags_part **parts, int *count) {
+  pags_compose(user, time, parts, count);
+}
+
+static int show_progress(void *user, double fraction, const char *what) {
+  pags_progress *progress = user;
+  if (pags_progress_due(progress))
+    pags_progress_show(progress, "%s: %.0f %%", what, 100 * fraction);
+  return !pags_interrupted();
+}
+
+/* Mean depth complexity of the cameras. */
+static double mean_layers(const render_bench *self, const pags_camera *cameras) {
+  double sum = 0;
+  for (int64_t i = 0; i < self->path.count; i++) {
+    const pags_part *parts;
+    int count;
+    pags_compose(self->composition, cameras[i].time, &parts, &count);
+    sum += pags_bench_layers(parts, count, cameras + i, &self->modes[0].options);
+  }
+  return sum / (double)self->path.count;
+}
+
+static pags_result measure_size(render_bench *self, int index) {
+  pags_camera *cameras = malloc((size_t)self->path.count * sizeof *cameras);
+  if (!cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)self->path.count);
+  for (int64_t i = 0; i < self->path.count; i++)
+    cameras[i] = at_size(self->path.cameras + i, &self->sizes[index]);
+  self->sizes[index] = (size_row){cameras[0].width, cameras[0].height};
+  const pags_bench_frames frames = {.tasks = self->arguments->session.tasks,
+                                    .compose = compose,
+                                    .user = self->composition,
+                                    .cameras = cameras,
+                                    .camera_count = self->path.count,
+                                    .modes = self->modes,
+                                    .mode_count = self->mode_count,
+                                    .repetitions = self->arguments->repetitions,
+                                    .progress = show_progress,
+                                    .progress_user = &self->progress};
+  const pags_result result = pags_bench_modes(&frames, self->results[index]);
+  if (result == PAGS_OK)
+    self->layers[index] = mean_layers(self, cameras);
+  free(cameras);
+  return result;
+}
+
+static void say_error(const pags_session *session, const pags_bench_mode_result *r, bool reference) {
+  if (reference)
+    pags_say(session, "%9s %9s %7s\n", "-", "-", "-");
+  else if (isinf(r->psnr))
+    pags_say(session, "%9s %9.2g %6.2f%%\n", "same", r->max_error, 100 * r->differing);
+  else
+    pags_say(session, "%9.2f %9.2g %6.2f%%\n", r->psnr, r->max_error, 100 * r->differing);
+}
+
+static void say_size(const render_bench *self, int index) {
+  const pags_session *session = &self->arguments->session;
+  const pags_bench_mode_result *results = self->results[index];
+  const double pixels = (double)self->sizes[index].width * self->sizes[index].height;
+  pags_say(session, "\n%dx%d, %lld pictures, %d frames each; %.1f Gaussians a pixel, %.1f of them blended by %s\n",
+           self->sizes[index].width, self->sizes[index].height, (long long)self->path.count, self->arguments->repetitions,
+           self->layers[index], (double)results[0].counts.pairs_blended / pixels, self->modes[0].name);
+  pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %", "FPS",
+           "speed-up", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB", "max error", "differ");
+  for (int k = 0; k < self->mode_count; k++) {
+    const pags_bench_mode_result *r = &results[k];
+    const pags_frame_stats *s = &r->counts;
+    const pags_bench_span *ms = &r->ms[PAGS_BENCH_STAGES - 1];
+    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes[k].name,
+             ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up, (long long)s->loaded, (long long)s->shaded,
+             (long long)s->binned, (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6,
+             (double)s->pairs_blended * 1e-6, r->bytes * 1e-6);
+    say_error(session, r, k == 0);
+  }
+  pags_say(session, "%-16s", "ms by stage");
+  for (int i = 0; i < PAGS_BENCH_STAGES - 1; i++)
+    pags_say(session, " %8s", pags_bench_stage_names[i]);
+  pags_say(session, "\n");
+  for (int k = 0; k < self->mode_count; k++) {
+    pags_say(session, "%-16s", self->modes[k].name);
+    for (int i = 0; i < PAGS_BENCH_STAGES - 1; i++)
+      pags_say(session, " %8.2f", results[k].ms[i].median);
+    pags_say(session, "\n");
+  }
+}
+
+static void put_span(pags_json_writer *json, const char *name, const pags_bench_span *span) {
+  pags_json_begin_object(json, name);
+  pags_json_put_number(json, "median", span->median);
+  pags_json_put_number(json, "low", span->low);
+  pags_json_put_number(json, "high", span->high);
+  pags_json_end_object(json);
+}
+
+static void put_mode(pags_json_writer *json, const char *name, const pags_bench_mode_result *r) {
+  const pags_frame_stats *s = &r->counts;
+  pags_json_begin_object(json, NULL);
+  pags_json_put_string(json, "mode", name);
+  pags_json_begin_object(json, "ms");
+  for (int i = 0; i < PAGS_BENCH_STAGES; i++)
+    put_span(json, pags_bench_stage_names[i], &r->ms[i]);
+  pags_json_end_object(json);
+  pags_json_put_number(json, "fps", 1000 / r->ms[PAGS_BENCH_STAGES - 1].median);
+  pags_json_put_number(json, "speed_up", r->speed_up);
+  pags_json_put_integer(json, "gaussians", s->gaussians);
+  pags_json_put_integer(json, "loaded", s->loaded);
+  pags_json_put_integer(json, "shaded", s->shaded);
+  pags_json_put_integer(json, "binned", s->binned);
+  pags_json_put_integer(json, "pairs_binned", s->pairs_binned);
+  pags_json_put_integer(json, "pairs_evaluated", s->pairs_evaluated);
+  pags_json_put_integer(json, "pairs_blended", s->pairs_blended);
+  pags_json_put_number(json, "bytes_moved", r->bytes);
+  if (isinf(r->psnr))
+    pags_json_put_null(json, "psnr"); /* the same picture */
+  else
+    pags_json_put_number(json, "psnr", r->psnr);
+  pags_json_put_number(json, "max_error", r->max_error);
+  pags_json_put_number(json, "max_alpha_error", r->max_alpha_error);
+  pags_json_put_number(json, "differing", r->differing);
+  pags_json_end_object(json);
+}
+
+static pags_result write_json(const render_bench *self) {
+  pags_json_writer json;
+  pags_json_writer_init(&json, 2);
+  pags_json_begin_object(&json, NULL);
+  pags_json_put_integer(&json, "threads", pags_tasks_workers(self->arguments->session.tasks));
+  pags_json_put_integer(&json, "gaussians", pags_composition_gaussian_count(self->composition));
+  pags_json_put_integer(&json, "pictures", self->path.count);
+  pags_json_put_integer(&json, "repetitions", self->arguments->repetitions);
+  pags_json_begin_array(&json, "sizes");
+  for (int i = 0; i < self->size_count; i++) {
+    pags_json_begin_object(&json, NULL);
+    pags_json_put_integer(&json, "width", self->sizes[i].width);
+    pags_json_put_integer(&json, "height", self->sizes[i].height);
+    pags_json_put_number(&json, "gaussians_per_pixel", self->layers[i]);
+    pags_json_begin_array(&json, "modes");
+    for (int k = 0; k < self->mode_count; k++)
+      put_mode(&json, self->modes[k].name, &self->results[i][k]);
+    pags_json_end_array(&json);
+    pags_json_end_object(&json);
+  }
+  pags_json_end_array(&json);
+  pags_json_end_object(&json);
+  return pags_session_json(&self->arguments->session, &json);
+}
+
+static pags_result put_csv_row(pags_file_writer *file, const render_bench *self, int size, int mode) {
+  const pags_bench_mode_result *r = &self->results[size][mode];
+  const pags_frame_stats *s = &r->counts;
+  char line[1024];
+  int length = snprintf(line, sizeof line, "%d,%d,%s", self->sizes[size].width, self->sizes[size].height, self->modes[mode].name);
+  for (int i = 0; i < PAGS_BENCH_STAGES; i++)
+    length += snprintf(line + length, sizeof line - (size_t)length, ",%.4f,%.4f,%.4f", r->ms[i].median, r->ms[i].low,
+                       r->ms[i].high);
+  length += snprintf(line + length, sizeof line - (size_t)length, ",%.3f,%.4f,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%.0f,%.3f,%.4f",
+                     1000 / r->ms[PAGS_BENCH_STAGES - 1].median, r->speed_up, (long long)s->gaussians, (long long)s->loaded,
+                     (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (long long)s->pairs_evaluated,
+                     (long long)s->pairs_blended, r->bytes, self->layers[size], r->psnr);
+  length += snprintf(line + length, sizeof line - (size_t)length, ",%.3e,%.3e,%.6f\n", r->max_error, r->max_alpha_error,
+                     r->differing);
+  return pags_file_writer_put(file, line, (size_t)length);
+}
+
+static pags_result write_csv(const render_bench *self) {
+  char head[1024];
+  int length = snprintf(head, sizeof head, "width,height,mode");
+  for (int i = 0; i < PAGS_BENCH_STAGES; i++)
+    length += snprintf(head + length, sizeof head - (size_t)length, ",%s_ms,%s_ms_low,%s_ms_high", pags_bench_stage_names[i],
+                       pags_bench_stage_names[i], pags_bench_stage_names[i]);
+  length += snprintf(head + length, sizeof head - (size_t)length,
+                     ",fps,speed_up,gaussians,loaded,shaded,binned,pairs_binned,pairs_evaluated,pairs_blended,bytes_moved,"
+                     "gaussians_per_pixel,psnr,max_error,max_alpha_error,differing\n");
+  pags_file_writer file;
+  if (!self->arguments->csv)
+    return PAGS_OK;
+  PAGS_TRY(pags_file_writer_begin(&file, self->arguments->csv));
+  PAGS_TRY(pags_file_writer_put(&file, head, (size_t)length));
+  for (int i = 0; i < self->size_count; i++)
+    for (int k = 0; k < self->mode_count; k++)
+      PAGS_TRY(put_csv_row(&file, self, i, k));
+  return pags_file_writer_commit(&file);
+}
+
+/* Milliseconds along the path, a panel a size. */
+static void plot_path(const render_bench *self, pags_plot *plot, int size, const double *numbers) {
+  pags_plot_line lines[MOST_MODES];
+  char title[64];
+  for (int k = 0; k < self->mode_count; k++)
+    lines[k] = (pags_plot_line){self->modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
+  snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
+  pags_plot_lines(plot, title, "picture", "ms (median)", lines, self->mode_count);
+}
+
+/* A point a mode: its speed against what it loses. Equal pictures are shown at 100 dB. */
+static void plot_error(const render_bench *self, pags_plot *plot, int size, bool decibels) {
+  pags_plot_line lines[MOST_MODES];
+  double x[MOST_MODES], y[MOST_MODES];
+  char title[80];
+  for (int k = 0; k < self->mode_count; k++) {
+    const pags_bench_mode_result *r = &self->results[size][k];
+    x[k] = r->speed_up;
+    y[k] = decibels ? fmin(r->psnr, 100) : r->max_error;
+    lines[k] = (pags_plot_line){self->modes[k].name, 1, x + k, y + k};
+  }
+  snprintf(title, sizeof title, decibels ? "PSNR (100: no error), %dx%d" : "Largest error, %dx%d", self->sizes[size].width,
+           self->sizes[size].height);
+  pags_plot_lines(plot, title, "speed-up", decibels ? "dB" : "colour, 0..1", lines, self->mode_count);
+}
+
+static pags_result write_plot(const render_bench *self) {
+  pags_plot plot;
+  if (!self->arguments->plot)
+    return PAGS_OK;
+  double *numbers = malloc((size_t)self->path.count * sizeof *numbers);
+  if (!numbers)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for the plot", self->arguments->plot);
+  for (int64_t i = 0; i < self->path.count; i++)
+    numbers[i] = (double)i;
+  pags_plot_begin(&plot, 3);
+  for (int size = 0; size < self->size_count; size++) {
+    plot_path(self, &plot, size, numbers);
+    plot_error(self, &plot, size, false);
+    plot_error(self, &plot, size, true);
+  }
+  free(numbers);
+  return pags_plot_save(&plot, self->arguments->plot);
+}
+
+static pags_result load(render_bench *self) {
+  pags_scene scene;
+  PAGS_TRY(pags_scene_load(self->arguments->input, &scene));
+  const pags_result result = find_path(self->arguments, &scene, &self->path);
+  if (result == PAGS_OK)
+    PAGS_TRY(pags_composition_create(&scene, &self->composition));
+  else
+    pags_scene_destroy(&scene);
+  return result;
+}
+
+static pags_result run(render_bench *self) {
+  const render_bench_arguments *a = self->arguments;
+  if (a->csv)
+    PAGS_TRY(pags_check_writable(a->csv));
+  if (a->plot)
+    PAGS_TRY(pags_check_writable(a->plot));
+  PAGS_TRY(load(self));
+  PAGS_TRY(parse_modes(self));
+  pags_interrupt_install(a->session.tasks);
+  self->progress = pags_progress_begin(a->session.people);
+  pags_result result = PAGS_OK;
+  for (int i = 0; i < self->size_count && result == PAGS_OK; i++)
+    result = measure_size(self, i);
+  pags_progress_end(&self->progress);
+  PAGS_TRY(result);
+  pags_say(&a->session, "%s: %lld Gaussians on %d threads\n", a->input,
+           (long long)pags_composition_gaussian_count(self->composition), pags_tasks_workers(a->session.tasks));
+  for (int i = 0; i < self->size_count; i++)
+    say_size(self, i);
+  PAGS_TRY(write_csv(self));
+  PAGS_TRY(write_plot(self));
+  return write_json(self);
+}
+
+int pags_verb_bench_render(int argc, char **argv) {
+  render_bench_arguments arguments = {.modes = "off,exp3,sh0", .frames = 12, .repetitions = 5, .exp_degree = 1};
+  render_bench *self = calloc(1, sizeof *self);
+  pags_parsed parsed;
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK || !self) {
+    free(self);
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : status == PAGS_PARSE_OK ? PAGS_EXIT_FAILED : PAGS_EXIT_USAGE;
+  }
+  self->arguments = &arguments;
+  arguments.input = parsed.positionals[0];
+  int code = PAGS_EXIT_USAGE;
+  if (parse_sizes(arguments.sizes, self)) {
+    pags_result result = pags_session_begin(&arguments.session);
+    if (result == PAGS_OK)
+      result = run(self);
+    code = pags_session_end(&arguments.session, result);
+  } else {
+    pags_usage_error(&verb, "--sizes: expected WIDTHxHEIGHT, each 16..16384, at most %d separated by commas, got '%s'",
+                     MOST_SIZES, arguments.sizes);
+  }
+  for (int i = 0; i < self->size_count; i++)
+    pags_bench_modes_free(self->results[i], self->mode_count);
+  pags_composition_destroy(self->composition);
+  pags_path_destroy(&self->path);
+  free(self);
+  return code;
+}
