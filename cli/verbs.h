@@ -5,6 +5,7 @@
 int pags_verb_train(int argc, char **argv);
 int pags_verb_render(int argc, char **argv);
 int pags_verb_eval(int argc, char **argv);
+int pags_verb_export(int argc, char **argv);
 int pags_verb_info(int argc, char **argv);
 int pags_verb_import(int argc, char **argv);
 int pags_verb_synth(int argc, char **argv);

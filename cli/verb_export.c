@@ -1,0 +1,169 @@
+/* pags export: proxy geometry and splat files. */
+#include "edits.h"
+#include "interrupt.h"
+#include "session.h"
+#include "verbs.h"
+
+#include <base/file.h>
+#include <math.h>
+#include <pags/export.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct export_arguments {
+  pags_session session;
+  pags_proxy_options proxy;
+  pags_words only;
+  int level, naming;
+} export_arguments;
+
+#define AT(member) offsetof(export_arguments, member)
+
+static const pags_option options[] = {
+    PAGS_GROUP("Proxies (.glb, .gltf)"),
+    PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box", NULL,
+                "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box"),
+    PAGS_FLAG("lod", 0, AT(proxy.lod), "all of them in one file by MSFT_lod, in place of --proxy"),
+    PAGS_CHOICE("naming", AT(naming), "plain|unreal", NULL, "unreal: hulls are UCX_NAME_00, boxes UBX_NAME_00"),
+    PAGS_VALUE("only", 0, WORDS, AT(only), 0, 0, "OBJECT,...", NULL, NULL,
+               "these objects alone: ids as pags info --objects lists them, or class:vehicle, ...; may be given again"),
+    PAGS_VALUE("triangles", 0, INT64, AT(proxy.triangles), 12, 1e7, "N", "triangles", NULL,
+               "most of an object's mesh or hull"),
+    PAGS_VALUE("cage-level", 0, INT, AT(proxy.cage_level), 0, 3, "0..3", "subdivisions", NULL,
+               "of the cage as written; 0: the cage itself"),
+    PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
+    PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
+    PAGS_SESSION_OPTIONS(export_arguments),
+    {0}};
+
+static const pags_positional positionals[] = {
+    {"SCENE", "a scene folder"}, {"FILE", "what to write; its extension says which format: .glb, .gltf"}, {NULL, NULL}};
+
+static const pags_verb verb = {.name = "export",
+                               .usage = "SCENE FILE [options]",
+                               .about = "Writes proxy geometry of a scene: a named node for each labelled object with its "
+                                        "class, its track as animation and its measured error.",
+                               .positionals = positionals,
+                               .options = options};
+
+typedef struct watch {
+  pags_progress progress;
+  double begun;
+} watch;
+
+static int show(void *user, double fraction, const char *what) {
+  watch *self = user;
+  char left[32];
+  if (pags_interrupted())
+    return 0;
+  if (pags_progress_due(&self->progress)) {
+    double gone = pags_seconds() - self->begun;
+    if (fraction > 0.01)
+      pags_progress_show(&self->progress, "%s, %.0f %%, %s left", what, 100 * fraction,
+                         pags_format_duration(gone / fraction - gone, left, sizeof left));
+    else
+      pags_progress_show(&self->progress, "%s", what);
+  }
+  return 1;
+}
+
+static void say_proxy(const pags_session *session, const pags_proxy_facts *f) {
+  pags_say(session, "%-28s %-5s %7lld triangles", f->name, pags_proxy_level_name(f->level), (long long)f->triangles);
+  if (!isnan(f->to_gaussians.mean))
+    pags_say(session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m", f->to_gaussians.mean,
+             f->to_gaussians.p95, f->to_gaussians.max, f->from_gaussians.mean, f->from_gaussians.p95,
+             f->from_gaussians.max);
+  if (!isnan(f->silhouette_iou))
+    pags_say(session, ", IoU %.3f", f->silhouette_iou);
+  pags_say(session, ", %s, observed %.0f %%%s%s\n", f->closed ? "watertight" : "open", 100 * f->observed,
+           f->note ? "; " : "", f->note ? f->note : "");
+}
+
+static pags_result write_json(const export_arguments *arguments, const char *file, const pags_proxy_report *report,
+                              double seconds) {
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", file);
+  pags_json_put_number(&writer, "seconds", seconds);
+  pags_json_begin_array(&writer, "proxies");
+  for (int64_t i = 0; i < report->count; ++i) {
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "name", report->proxies[i].name);
+    pags_proxy_facts_put(&writer, &report->proxies[i]);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  pags_json_end_object(&writer);
+  return pags_session_json(&arguments->session, &writer);
+}
+
+static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
+  watch self = {pags_progress_begin(arguments->session.people), pags_seconds()};
+  pags_proxy_report report;
+  arguments->proxy.level = (pags_proxy_level)arguments->level;
+  arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
+  pags_interrupt_install(arguments->session.tasks);
+  pags_result result =
+      pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks, show, &self, &report);
+  pags_progress_end(&self.progress);
+  if (result != PAGS_OK)
+    return result;
+  int64_t triangles = 0;
+  for (int64_t i = 0; i < report.count; ++i) {
+    say_proxy(&arguments->session, &report.proxies[i]);
+    triangles += report.proxies[i].triangles;
+  }
+  double seconds = pags_seconds() - self.begun;
+  pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
+           (long long)triangles, seconds);
+  result = write_json(arguments, path, &report, seconds);
+  pags_proxy_report_destroy(&report);
+  return result;
+}
+
+/* One byte an object; NULL when all are meant. */
+static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
+  pags_edit_words words = {.without = arguments->only};
+  pags_edit *edits = NULL;
+  int64_t count = 0;
+  *chosen = NULL;
+  if (!arguments->only.count)
+    return PAGS_OK;
+  PAGS_TRY(pags_edits_find(&words, scene, &edits, &count));
+  *chosen = calloc((size_t)scene->object_count + 1, 1);
+  for (int64_t i = 0; *chosen && i < count; ++i)
+    (*chosen)[edits[i].object] = 1;
+  free(edits);
+  return *chosen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+}
+
+static pags_result run(export_arguments *arguments, const char *from, const char *to) {
+  pags_scene scene;
+  PAGS_TRY(pags_check_writable(to));
+  PAGS_TRY(pags_scene_load(from, &scene));
+  uint8_t *chosen;
+  pags_result result = choose(arguments, &scene, &chosen);
+  arguments->proxy.chosen = chosen;
+  if (result == PAGS_OK)
+    result = export_proxies(arguments, &scene, to);
+  free(chosen);
+  pags_scene_destroy(&scene);
+  return result;
+}
+
+int pags_verb_export(int argc, char **argv) {
+  export_arguments arguments = {.proxy = pags_proxy_options_default()};
+  pags_parsed parsed;
+  pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  const char *extension = pags_path_extension(parsed.positionals[1]);
+  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0)
+    return pags_usage_error(&verb, "expected a file name ending in .glb or .gltf, got '%s'", parsed.positionals[1]);
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = run(&arguments, parsed.positionals[0], parsed.positionals[1]);
+  return pags_session_end(&arguments.session, result);
+}

@@ -1,0 +1,197 @@
+/* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their silhouettes.
+ *
+ * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface (its depth) and a
+ * point of the proxy (where its ray meets it first): the former is measured to the nearest triangle, the latter to the nearest
+ * of the former. */
+#include "compare.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "solid.h"
+
+enum { SIDE = 48 };
+
+static int compare_doubles(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return x < y ? -1 : x > y;
+}
+
+pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
+  pags_proxy_distance out = {(double)NAN, (double)NAN, (double)NAN};
+  double sum = 0;
+  if (!count)
+    return out;
+  qsort(values, (size_t)count, sizeof *values, compare_doubles);
+  for (int64_t i = 0; i < count; ++i)
+    sum += values[i];
+  out.mean = sum / (double)count;
+  out.p95 = values[(int64_t)ceil(0.95 * (double)count) - 1];
+  out.max = values[count - 1];
+  return out;
+}
+
+typedef struct sample {
+  float seen[3], met[3]; /* of the Gaussians, of the proxy */
+  uint8_t has_seen, has_met, covered;
+} sample;
+
+typedef struct comparison {
+  const pags_sights *sights;
+  const pags_solid *solid, *cloud;
+  sample *samples; /* SIDE * SIDE a view */
+
+  double *to, *from; /* one a sample; negative: none */
+} comparison;
+
+static void take_sample(const comparison *self, const pags_sight *sight, int x, int y, sample *out) {
+  int64_t pixel = (int64_t)y * sight->camera.width + x;
+  const double *m = sight->camera.world_from_camera;
+  const double origin[3] = {m[3], m[7], m[11]};
+  double direction[3], point[3], depth = (double)sight->depth[pixel];
+  *out = (sample){0};
+  pags_sight_point(sight, x, y, 1, direction);
+  for (int k = 0; k < 3; ++k)
+    direction[k] -= origin[k];
+  double t = pags_solid_ray(self->solid, origin, direction, NULL);
+  out->covered = sight->cover[pixel] >= 128;
+  out->has_met = t > 0;
+  out->has_seen = depth > 0;
+  for (int k = 0; k < 3 && t > 0; ++k)
+    out->met[k] = (float)(origin[k] + t * direction[k]);
+  if (depth > 0) {
+    pags_sight_point(sight, x, y, depth, point);
+    for (int k = 0; k < 3; ++k)
+      out->seen[k] = (float)point[k];
+  }
+}
+
+static void sample_views(void *context, int64_t begin, int64_t end, int worker) {
+  comparison *self = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    const pags_sight *sight = &self->sights->list[i];
+    int w = sight->camera.width, h = sight->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
+    sample *out = self->samples + i * SIDE * SIDE;
+    memset(out, 0, SIDE * SIDE * sizeof *out);
+    for (int y = 0; y < ny; ++y)
+      for (int x = 0; x < nx; ++x)
+        take_sample(self, sight, (2 * x + 1) * w / (2 * nx), (2 * y + 1) * h / (2 * ny), &out[y * SIDE + x]);
+  }
+}
+
+static void measure_samples(void *context, int64_t begin, int64_t end, int worker) {
+  comparison *self = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    const sample *s = &self->samples[i];
+    self->to[i] = self->from[i] = -1;
+    if (s->has_seen) {
+      const double p[3] = {(double)s->seen[0], (double)s->seen[1], (double)s->seen[2]};
+      self->from[i] = pags_solid_distance(self->solid, p, NULL);
+    }
+    if (s->has_met && s->has_seen) {
+      const double p[3] = {(double)s->met[0], (double)s->met[1], (double)s->met[2]};
+      self->to[i] = pags_solid_distance(self->cloud, p, NULL);
+    }
+  }
+}
+
+static int64_t keep_measured(double *values, int64_t count) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < count; ++i)
+    if (values[i] >= 0 && isfinite(values[i]))
+      values[kept++] = values[i];
+  return kept;
+}
+
+static void overlap(const sample *samples, int64_t count, pags_proxy_facts *facts) {
+  int64_t both = 0, either = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    both += samples[i].covered && samples[i].has_met;
+    either += samples[i].covered || samples[i].has_met;
+  }
+  facts->silhouette_iou = either ? (double)both / (double)either : (double)NAN;
+}
+
+static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
+  float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
+  pags_solid *cloud = NULL;
+  int64_t found = 0;
+  if (!points)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  for (int64_t i = 0; i < count; ++i)
+    if (self->samples[i].has_seen)
+      memcpy(points + 3 * found++, self->samples[i].seen, 3 * sizeof *points);
+  pags_result result = found ? pags_solid_of_points(points, found, &cloud) : PAGS_OK;
+  if (result == PAGS_OK && found) {
+    self->cloud = cloud;
+    if (!pags_parallel_for(tasks, count, 1024, measure_samples, self))
+      result = pags_fail(PAGS_CANCELLED, "interrupted");
+    else {
+      facts->to_gaussians = pags_distance_summary(self->to, keep_measured(self->to, count));
+      facts->from_gaussians = pags_distance_summary(self->from, keep_measured(self->from, count));
+    }
+  }
+  pags_solid_destroy(cloud);
+  free(points);
+  return result;
+}
+
+static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
+  if (!pags_parallel_for(tasks, self->sights->count, 1, sample_views, self))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  overlap(self->samples, count, facts);
+  return measure(self, count, tasks, facts);
+}
+
+/* By area, over the corners' flags. */
+static double observed_share(const pags_surface *surface) {
+  double seen = 0, all = 0;
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    const uint32_t *t = surface->triangles + 3 * i;
+    const float *a = surface->positions + 3 * (int64_t)t[0], *b = surface->positions + 3 * (int64_t)t[1],
+                *c = surface->positions + 3 * (int64_t)t[2];
+    double u[3], v[3], square = 0;
+    for (int k = 0; k < 3; ++k) {
+      u[k] = (double)b[k] - (double)a[k];
+      v[k] = (double)c[k] - (double)a[k];
+    }
+    for (int k = 0; k < 3; ++k) {
+      double n = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+      square += n * n;
+    }
+    all += sqrt(square);
+    seen += sqrt(square) * (surface->observed[t[0]] + surface->observed[t[1]] + surface->observed[t[2]]) / 3;
+  }
+  return all > 0 ? seen / all : 0;
+}
+
+pags_result pags_proxy_compare(const pags_surface *proxy, const pags_sights *sights, pags_tasks *tasks,
+                               pags_proxy_facts *facts) {
+  const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
+  int64_t count = sights->count * SIDE * SIDE;
+  pags_solid *solid = NULL;
+  facts->to_gaussians = facts->from_gaussians = nothing;
+  facts->silhouette_iou = (double)NAN;
+  facts->silhouette_views = (int)sights->count;
+  facts->observed = observed_share(proxy);
+  if (!sights->count || !proxy->triangle_count)
+    return PAGS_OK;
+  PAGS_TRY(pags_solid_of_surface(proxy, &solid));
+  comparison self = {.sights = sights,
+                     .solid = solid,
+
+                     .samples = malloc((size_t)count * sizeof *self.samples),
+                     .to = malloc((size_t)count * sizeof *self.to),
+                     .from = malloc((size_t)count * sizeof *self.from)};
+  pags_result result = self.samples && self.to && self.from
+                           ? compare(&self, count, tasks, facts)
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  free(self.samples);
+  free(self.to);
+  free(self.from);
+  pags_solid_destroy(solid);
+  return result;
+}

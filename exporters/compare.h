@@ -1,0 +1,25 @@
+/* How far a proxy is from what it stands for. */
+#ifndef PAGS_EXPORTERS_COMPARE_H
+#define PAGS_EXPORTERS_COMPARE_H
+
+#include <pags/export.h>
+
+#include "sight.h"
+#include "surface.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Mean, 95th percentile and largest; sorts `values`. NaN where there are none. */
+pags_proxy_distance pags_distance_summary(double *values, int64_t count);
+
+/* Fills distances both ways, the share observed and the silhouette's overlap. Only points of the proxy that a view sees count, since the
+ * rest has nothing to be compared with: a ray of the view meets it first, and the view has a depth there. */
+pags_result pags_proxy_compare(const pags_surface *proxy, const pags_sights *sights, pags_tasks *tasks,
+                               pags_proxy_facts *facts);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,95 @@
+/* Proxy geometry of a reconstructed scene, and splat files to leave with.
+ *
+ * A proxy is a mesh that stands for what the Gaussians show: of each labelled object in the object's own frame (x forward, y left, z up,
+ * origin at the middle of the box), of the ground and of the rest of the background in the scene's frame (relative to its origin). */
+#ifndef PAGS_EXPORT_H
+#define PAGS_EXPORT_H
+
+#include <pags/base.h>
+#include <pags/scene.h>
+#include <pags/tasks.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum pags_proxy_level {
+  PAGS_PROXY_MESH, /* the surface of the Gaussians, closed, decimated to a budget of triangles */
+  PAGS_PROXY_CAGE, /* a closed quad cage fitted to it, subdivided */
+  PAGS_PROXY_HULL, /* its convex hull */
+  PAGS_PROXY_BOX,  /* the labelled box */
+  PAGS_PROXY_LEVELS
+} pags_proxy_level;
+
+/* "mesh", "cage", "hull", "box"; static. */
+PAGS_API const char *pags_proxy_level_name(pags_proxy_level level);
+
+typedef enum pags_proxy_naming {
+  PAGS_NAMING_PLAIN, /* car_0007 */
+  PAGS_NAMING_UNREAL /* hulls are UCX_car_0007_00, boxes UBX_car_0007: what Unreal's importer makes collision shapes of */
+} pags_proxy_naming;
+
+typedef struct pags_proxy_options {
+  pags_proxy_level level;
+  const uint8_t *chosen;    /* one a scene's object: 1 is exported; NULL: all */
+  int lod;                  /* 1: all levels in one file by MSFT_lod, finest first. Default 0 */
+  pags_proxy_naming naming;
+  int64_t triangles;        /* most triangles of an object's mesh or hull, 12..10^7; default 2000 */
+  int64_t ground_triangles; /* most of the ground, 2..10^8; default 60,000 */
+  int64_t chunk_triangles;  /* most of the rest of the background, all chunks together; default 200,000 */
+  double voxel;             /* of the background, metres, 0.02..2; default 0.15. Objects: a 128th of their length, at least 2 cm */
+  double chunk;             /* side of the background's chunks, metres, 2..1000; default 20 */
+  double range;             /* depths beyond it are left out of the background, metres; default 60 */
+  int cage_level;           /* subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
+  int background;           /* 1: ground and chunks, too. Default 1 */
+  int cameras;              /* 1: the training views' cameras and the drive of the recording car. Default 0 */
+  int visibility;           /* 1: KHR_node_visibility, proxies invisible (colliders only). Default 0 */
+  int physics;              /* 1: KHR_implicit_shapes and KHR_physics_rigid_bodies, kinematic bodies. Default 0 */
+} pags_proxy_options;
+
+PAGS_API pags_proxy_options pags_proxy_options_default(void);
+
+typedef struct pags_proxy_distance {
+  double mean, p95, max; /* metres; NaN where there was nothing to measure */
+} pags_proxy_distance;
+
+/* What is said of every proxy, on the terminal, in extras and in JSON. */
+typedef struct pags_proxy_facts {
+  const char *name;
+  const char *class_name; /* "Car", "ground", "building", ... */
+  pags_proxy_level level; /* as made; objects too small or too little seen become boxes */
+  int64_t object;         /* index in the scene; -1: background */
+  int critical, moving;
+  int64_t gaussians;
+  double s_sem;           /* mean; NaN where unknown */
+  int64_t vertices, triangles;
+  int closed;             /* every edge has two faces, opposite ways, and the volume is positive */
+  double volume;          /* cubic metres; 0 where it is not closed */
+  double observed;        /* share of the surface that some training camera saw; the rest is completed by symmetry or the box */
+  pags_proxy_distance to_gaussians;   /* from the proxy's seen surface to the Gaussians' surface (rendered depth) */
+  pags_proxy_distance from_gaussians; /* the other way */
+  double silhouette_iou;  /* over the training cameras, all pixels together; NaN: not measured */
+  int silhouette_views;
+  const char *note;       /* why it is not what was asked for; NULL: it is */
+} pags_proxy_facts;
+
+typedef struct pags_proxy_report {
+  int64_t count;
+  pags_proxy_facts *proxies;
+} pags_proxy_report;
+
+PAGS_API void pags_proxy_report_destroy(pags_proxy_report *report);
+
+/* The members of a JSON object that say what extras say. */
+struct pags_json_writer;
+PAGS_API void pags_proxy_facts_put(struct pags_json_writer *writer, const pags_proxy_facts *facts);
+
+/* Writes `path`, .glb or .gltf (with its .bin beside it). `report` may be NULL. Same bytes for any number of threads. */
+PAGS_API pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
+                                         pags_tasks *tasks, pags_progress_fn *progress, void *user,
+                                         pags_proxy_report *report);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

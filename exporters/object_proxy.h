@@ -1,0 +1,47 @@
+/* The proxy of one labelled object, in its own frame. */
+#ifndef PAGS_EXPORTERS_OBJECT_PROXY_H
+#define PAGS_EXPORTERS_OBJECT_PROXY_H
+
+#include <pags/export.h>
+
+#include "grid.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What all objects of an export share. */
+typedef struct pags_workshop {
+  const pags_scene *scene;
+  const pags_proxy_options *options;
+  pags_tasks *tasks;
+  pags_frame *frame;
+  pags_frame_options drawing; /* of the frame, origin zero */
+} pags_workshop;
+
+pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
+                               pags_workshop *out);
+void pags_workshop_close(pags_workshop *workshop);
+
+/* An object's Gaussians, how its training cameras see them, and the surface fused from that. */
+typedef struct pags_object_shape {
+  pags_gaussians gaussians; /* relative to `world_from_model`'s frame: the object's or the scene's */
+  double s_sem;             /* mean; NaN */
+  pags_sights sights;       /* in the object's frame */
+  int64_t surface_pixels;   /* of all sights that have a depth within the box */
+  pags_surface surface;     /* closed, at full resolution; empty where too little is seen */
+  double voxel;
+} pags_object_shape;
+
+/* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
+pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape);
+void pags_object_shape_destroy(pags_object_shape *shape);
+
+/* The level asked for; where it can't be, the box, `note` (static) saying why. `level` receives what was made. */
+pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
+                                   pags_proxy_level wanted, pags_surface *out, pags_proxy_level *level, const char **note);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,394 @@
+/* pags_export_proxies: every labelled object, the ground and the background, into one glTF file. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/export.h>
+
+#include "base/json.h"
+#include "base/text.h"
+#include "compare.h"
+#include "gltf.h"
+#include "object_proxy.h"
+#include "proxy_report.h"
+
+enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
+
+pags_proxy_options pags_proxy_options_default(void) {
+  return (pags_proxy_options){.level = PAGS_PROXY_MESH,
+                              .triangles = 2000,
+                              .ground_triangles = 60000,
+                              .chunk_triangles = 200000,
+                              .voxel = 0.15,
+                              .chunk = 20,
+                              .range = 60,
+                              .cage_level = 1,
+                              .background = 1};
+}
+
+const char *pags_proxy_level_name(pags_proxy_level level) {
+  static const char *const names[] = {"mesh", "cage", "hull", "box"};
+  return names[level];
+}
+
+typedef struct group {
+  char name[NAME_SIZE];
+  int parent, node;
+} group;
+
+typedef struct exporter {
+  pags_workshop workshop;
+  pags_gltf *gltf;
+  pags_proxy_report *report;
+  int root, critical, background; /* nodes; -1: not there yet */
+  int material, sheet;            /* of closed meshes, of open ones */
+  group groups[MOST_GROUPS];
+  int group_count;
+  double time_zero;      /* seconds of the scene that are 0 in the file */
+  pags_json_writer shapes; /* of KHR_implicit_shapes */
+  int shape_count;
+  pags_progress_fn *progress;
+  void *user;
+} exporter;
+
+static pags_result tell(const exporter *self, double fraction, const char *what) {
+  if (self->progress && !self->progress(self->user, fraction, what))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  return PAGS_OK;
+}
+
+/* "Pedestrian with Object" -> "pedestrian_with_object" */
+static void plain_name(const char *name, char out[NAME_SIZE]) {
+  size_t i = 0;
+  for (; name[i] && i + 16 < NAME_SIZE; ++i) {
+    char c = name[i];
+    out[i] = c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ? c : '_';
+  }
+  out[i] = 0;
+}
+
+static int group_node(exporter *self, int parent, const char *name) {
+  for (int i = 0; i < self->group_count; ++i)
+    if (self->groups[i].parent == parent && !strcmp(self->groups[i].name, name))
+      return self->groups[i].node;
+  int node = pags_gltf_node(self->gltf, parent, name);
+  if (self->group_count < MOST_GROUPS) {
+    group *added = &self->groups[self->group_count++];
+    added->parent = parent;
+    added->node = node;
+    snprintf(added->name, NAME_SIZE, "%s", name);
+  }
+  return node;
+}
+
+/* The group of a class under `critical` or `background`, made when first asked for. */
+static int class_node(exporter *self, int critical, const char *class_name) {
+  int *half = critical ? &self->critical : &self->background;
+  char name[NAME_SIZE];
+  plain_name(class_name, name);
+  if (*half < 0)
+    *half = pags_gltf_node(self->gltf, self->root, critical ? "critical" : "background");
+  return group_node(self, *half, name);
+}
+
+static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+  if (isnan(d->mean))
+    return;
+  pags_json_begin_object(w, key);
+  pags_json_put_number(w, "mean", d->mean);
+  pags_json_put_number(w, "p95", d->p95);
+  pags_json_put_number(w, "max", d->max);
+  pags_json_end_object(w);
+}
+
+void pags_proxy_facts_put(pags_json_writer *w, const pags_proxy_facts *f) {
+  pags_json_put_string(w, "level", pags_proxy_level_name(f->level));
+  pags_json_put_string(w, "class", f->class_name);
+  pags_json_put_bool(w, "critical", f->critical);
+  pags_json_put_bool(w, "moving", f->moving);
+  pags_json_put_integer(w, "gaussians", f->gaussians);
+  if (!isnan(f->s_sem))
+    pags_json_put_number(w, "s_sem", f->s_sem);
+  pags_json_put_integer(w, "vertices", f->vertices);
+  pags_json_put_integer(w, "triangles", f->triangles);
+  pags_json_put_bool(w, "watertight", f->closed);
+  if (f->closed)
+    pags_json_put_number(w, "volume", f->volume);
+  pags_json_put_number(w, "observed", f->observed);
+  pags_json_begin_object(w, "error");
+  pags_json_put_string(w, "unit", "metres");
+  put_distance(w, "proxy_to_gaussians", &f->to_gaussians);
+  put_distance(w, "gaussians_to_proxy", &f->from_gaussians);
+  if (!isnan(f->silhouette_iou)) {
+    pags_json_put_number(w, "silhouette_iou", f->silhouette_iou);
+    pags_json_put_integer(w, "silhouette_views", f->silhouette_views);
+  }
+  pags_json_end_object(w);
+  if (f->note)
+    pags_json_put_string(w, "note", f->note);
+}
+
+static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *facts, const pags_object *record) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_proxy_facts_put(&w, facts);
+  if (record) {
+    pags_json_put_string(&w, "track", record->id);
+    pags_json_put_string(&w, "category", pags_category_name(record->category));
+    pags_json_put_numbers(&w, "size", record->size, 3);
+    pags_json_put_number(&w, "time_begin", record->knots[0].time - self->time_zero);
+    pags_json_put_number(&w, "time_end", record->knots[record->knot_count - 1].time - self->time_zero);
+  }
+  pags_json_end_object(&w);
+  pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_node_extras(self->gltf, node, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
+/* Relative to the origin. */
+static void pose_at(const exporter *self, const pags_object *object, const pags_knot *knot, double out[12]) {
+  if (!pags_object_pose(object, knot->time, out))
+    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  for (int k = 0; k < 3; ++k)
+    out[4 * k + 3] -= self->workshop.scene->origin[k];
+}
+
+static pags_result place(exporter *self, int node, const pags_object *object) {
+  double first[12];
+  pose_at(self, object, &object->knots[object->moving ? 0 : object->knot_count / 2], first);
+  pags_gltf_node_pose(self->gltf, node, first);
+  if (!object->moving || object->knot_count < 2)
+    return PAGS_OK;
+  double *times = malloc((size_t)object->knot_count * sizeof *times);
+  double(*poses)[12] = malloc((size_t)object->knot_count * sizeof *poses);
+  pags_result result = times && poses ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
+  for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; ++i) {
+    times[i] = object->knots[i].time - self->time_zero;
+    pose_at(self, object, &object->knots[i], poses[i]);
+  }
+  if (result == PAGS_OK)
+    pags_gltf_node_track(self->gltf, node, object->knot_count, times, (const double(*)[12])poses);
+  free(times);
+  free(poses);
+  return result;
+}
+
+/* Kinematic: it goes where its track says. */
+static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts *facts, const pags_object *record) {
+  char text[160];
+  if (facts->level == PAGS_PROXY_BOX) {
+    pags_json_begin_object(&self->shapes, NULL);
+    pags_json_put_string(&self->shapes, "type", "box");
+    pags_json_begin_object(&self->shapes, "box");
+    pags_json_put_numbers(&self->shapes, "size", record->size, 3);
+    pags_json_end_object(&self->shapes);
+    pags_json_end_object(&self->shapes);
+    snprintf(text, sizeof text, "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"shape\":%d}}}",
+             self->shape_count++);
+  } else {
+    snprintf(text, sizeof text,
+             "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}}", mesh,
+             facts->level == PAGS_PROXY_HULL ? "true" : "false");
+  }
+  pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
+}
+
+static void measure_surface(const pags_surface *surface, const pags_surface_topology *topology, pags_proxy_facts *facts) {
+  facts->vertices = surface->vertex_count;
+  facts->triangles = surface->triangle_count;
+  facts->closed = topology->closed;
+  facts->volume = topology->closed ? topology->volume : 0;
+}
+
+/* One level of one object: made, measured, put into the file; `mesh` receives its number there. */
+static pags_result add_level(exporter *self, int64_t object, const pags_object_shape *shape, const char *name,
+                             pags_proxy_level level, pags_proxy_facts *facts, int *mesh) {
+  const pags_scene_object *o = &self->workshop.scene->objects[object];
+  pags_surface surface = {0};
+  pags_surface_topology topology;
+  char mesh_name[NAME_SIZE];
+  *facts = (pags_proxy_facts){.name = name,
+                              .class_name = o->record.class_name,
+                              .object = object,
+                              .critical = o->critical,
+                              .moving = o->record.moving,
+                              .gaussians = shape->gaussians.count,
+                              .s_sem = shape->s_sem};
+  PAGS_TRY(pags_object_proxy_make(&self->workshop, object, shape, level, &surface, &facts->level, &facts->note));
+  pags_result result = pags_surface_inspect(&surface, &topology);
+  if (result == PAGS_OK) {
+    measure_surface(&surface, &topology, facts);
+    result = pags_proxy_compare(&surface, &shape->sights, self->workshop.tasks, facts);
+  }
+  if (facts->level == PAGS_PROXY_BOX) /* a label's, not anything a camera saw */
+    facts->observed = 0;
+  if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
+    snprintf(mesh_name, NAME_SIZE, "UCX_%.80s_00", name);
+  else if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
+    snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
+  else
+    snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
+  if (result == PAGS_OK)
+    *mesh = pags_gltf_mesh(self->gltf, mesh_name, &surface, self->material,
+                           (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) |
+                               (topology.closed ? PAGS_GLTF_MANIFOLD : 0));
+  pags_surface_destroy(&surface);
+  return result == PAGS_OK ? pags_proxy_report_add(self->report, facts) : result;
+}
+
+/* The levels below the finest as nodes outside of the scene, named by MSFT_lod of the node that holds the finest. */
+static pags_result add_coarser(exporter *self, int64_t object, const pags_object_shape *shape, const char *name, int node) {
+  char ids[96] = "", child_name[NAME_SIZE];
+  int used = 0;
+  for (int level = PAGS_PROXY_MESH + 1; level < PAGS_PROXY_LEVELS; ++level) {
+    pags_proxy_facts facts;
+    int mesh;
+    PAGS_TRY(add_level(self, object, shape, name, (pags_proxy_level)level, &facts, &mesh));
+    snprintf(child_name, NAME_SIZE, "%.80s_lod%d", name, level);
+    int child = pags_gltf_node(self->gltf, -2, child_name);
+    pags_gltf_node_mesh(self->gltf, child, mesh);
+    PAGS_TRY(put_extras(self, child, &facts, &self->workshop.scene->objects[object].record));
+    used += snprintf(ids + used, sizeof ids - (size_t)used, "%s%d", used ? "," : "{\"ids\":[", child);
+  }
+  snprintf(ids + used, sizeof ids - (size_t)used, "]}");
+  pags_gltf_node_extension(self->gltf, node, "MSFT_lod", ids);
+  /* Shares of the screen's height under which the next level does. */
+  pags_gltf_node_extras(self->gltf, node, "{\"MSFT_screencoverage\":[0.2,0.05,0.02,0]}");
+  return PAGS_OK;
+}
+
+static pags_result add_object(exporter *self, int64_t object) {
+  const pags_proxy_options *options = self->workshop.options;
+  const pags_scene_object *o = &self->workshop.scene->objects[object];
+  pags_object_shape shape = {0};
+  pags_proxy_facts facts;
+  char plain[NAME_SIZE], name[NAME_SIZE], child_name[NAME_SIZE];
+  int mesh = -1;
+  plain_name(o->record.class_name, plain);
+  snprintf(name, NAME_SIZE, "%.60s_%04lld", plain, (long long)object);
+  pags_result result = PAGS_OK;
+  if (options->lod || options->level != PAGS_PROXY_BOX || o->model >= 0 || self->workshop.scene->view_count)
+    result = pags_object_shape_make(&self->workshop, object, &shape);
+  int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name);
+  if (result == PAGS_OK)
+    result = place(self, node, &o->record);
+  if (result == PAGS_OK)
+    result = add_level(self, object, &shape, name, options->lod ? PAGS_PROXY_MESH : options->level, &facts, &mesh);
+  if (result == PAGS_OK)
+    result = put_extras(self, node, &facts, &o->record);
+  if (result == PAGS_OK && (options->lod || options->naming == PAGS_NAMING_UNREAL)) {
+    if (options->lod)
+      snprintf(child_name, NAME_SIZE, "%.80s_lod0", name);
+    else
+      snprintf(child_name, NAME_SIZE, "%s%.80s%s",
+               facts.level == PAGS_PROXY_HULL  ? "UCX_"
+               : facts.level == PAGS_PROXY_BOX ? "UBX_"
+                                               : "SM_",
+               name, facts.level >= PAGS_PROXY_HULL ? "_00" : "");
+    int child = pags_gltf_node(self->gltf, node, child_name);
+    pags_gltf_node_mesh(self->gltf, child, mesh);
+    if (options->lod)
+      result = add_coarser(self, object, &shape, name, child);
+  } else {
+    pags_gltf_node_mesh(self->gltf, node, mesh);
+  }
+  if (result == PAGS_OK && options->physics)
+    put_body(self, node, mesh, &facts, &o->record);
+  if (options->visibility)
+    pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
+  pags_object_shape_destroy(&shape);
+  return result;
+}
+
+/* Y up: z-up worlds turn by -90 degrees about x, worlds whose y points down by 180. */
+static void root_pose(pags_up up, double out[12]) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  memcpy(out, up == PAGS_UP_Z ? from_z : from_minus_y, 12 * sizeof *out);
+}
+
+static pags_result put_asset(const exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_string(&w, "units", "metres");
+  pags_json_put_string(&w, "frame", "below the node 'scene' positions are in the axes of the recording, relative to origin");
+  pags_json_put_numbers(&w, "origin", scene->origin, 3);
+  pags_json_put_string(&w, "up", scene->up == PAGS_UP_Z ? "z" : scene->up == PAGS_UP_MINUS_Y ? "-y" : "unknown");
+  pags_json_put_number(&w, "time_zero", self->time_zero);
+  if (scene->fps > 0)
+    pags_json_put_number(&w, "fps", scene->fps);
+  pags_json_end_object(&w);
+  pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_asset_extras(self->gltf, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
+static void find_time_zero(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  self->time_zero = scene->time_begin;
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
+}
+
+static pags_result finish_shapes(exporter *self) {
+  pags_json_end_array(&self->shapes);
+  pags_json_end_object(&self->shapes);
+  PAGS_TRY(pags_json_writer_finish(&self->shapes));
+  if (self->shape_count)
+    pags_gltf_extension(self->gltf, "KHR_implicit_shapes", self->shapes.data);
+  return PAGS_OK;
+}
+
+static pags_result fill(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  double pose[12];
+  char what[64];
+  find_time_zero(self);
+  root_pose(scene->up, pose);
+  self->root = pags_gltf_node(self->gltf, -1, "scene");
+  pags_gltf_node_pose(self->gltf, self->root, pose);
+  self->material = pags_gltf_material(self->gltf, "proxy", 0);
+  for (int64_t i = 0; i < scene->object_count; ++i) {
+    if (self->workshop.options->chosen && !self->workshop.options->chosen[i])
+      continue;
+    snprintf(what, sizeof what, "object %lld of %lld", (long long)i + 1, (long long)scene->object_count);
+    PAGS_TRY(tell(self, (double)i / (double)(scene->object_count + 1), what));
+    PAGS_TRY(add_object(self, i));
+  }
+  PAGS_TRY(put_asset(self));
+  return finish_shapes(self);
+}
+
+pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
+                                pags_tasks *tasks, pags_progress_fn *progress, void *user,
+                                pags_proxy_report *report) {
+  pags_proxy_report own = {0};
+  exporter self = {
+      .report = report ? report : &own, .critical = -1, .background = -1, .progress = progress, .user = user};
+  *self.report = own;
+  pags_json_writer_init(&self.shapes, 0);
+  pags_json_begin_object(&self.shapes, NULL);
+  pags_json_begin_array(&self.shapes, "shapes");
+  pags_result result = pags_workshop_open(scene, options, tasks, &self.workshop);
+  if (result == PAGS_OK)
+    result = pags_gltf_create(&self.gltf);
+  if (result == PAGS_OK)
+    result = fill(&self);
+  if (result == PAGS_OK)
+    result = tell(&self, 1, "writing");
+  if (result == PAGS_OK)
+    result = pags_gltf_save(self.gltf, path);
+  pags_gltf_destroy(self.gltf);
+  pags_workshop_close(&self.workshop);
+  pags_json_writer_destroy(&self.shapes);
+  if (!report || result != PAGS_OK)
+    pags_proxy_report_destroy(self.report);
+  return result;
+}

@@ -1,0 +1,162 @@
+/* Drawing Gaussians by the training cameras for their depth.
+ *
+ * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth of their
+ * neighbours, which jumps there, and say nothing. */
+#include "sight.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: nothing */
+
+/* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes by
+ * 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
+static const float jump = 0.05f;
+
+void pags_sights_destroy(pags_sights *sights) {
+  for (int64_t i = 0; i < sights->count; ++i) {
+    free(sights->list[i].depth);
+    free(sights->list[i].cover);
+    free(sights->list[i].rgb);
+  }
+  free(sights->list);
+  memset(sights, 0, sizeof *sights);
+}
+
+static uint8_t byte_of(float value) {
+  return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
+}
+
+static void read_pixels(const pags_picture *picture, pags_sight *sight) {
+  for (int y = 0; y < picture->height; ++y)
+    for (int x = 0; x < picture->width; ++x) {
+      int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
+      float alpha = 1.0f - picture->transmittance[from];
+      sight->cover[to] = byte_of(alpha);
+      sight->depth[to] = sight->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
+                         : sight->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
+                                                                              : PAGS_SIGHT_UNKNOWN;
+      for (int c = 0; c < 3; ++c)
+        sight->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
+    }
+}
+
+static int jumps(const float *depth, int64_t at, int64_t other) {
+  float a = depth[at], b = depth[other];
+  return b > 0 && (a > b ? a - b : b - a) > jump * (a < b ? a : b);
+}
+
+/* A pixel whose neighbour jumps is at an edge: the mean of two surfaces, or beside one. */
+static void drop_edges(pags_sight *sight, float *scratch) {
+  int w = sight->camera.width, h = sight->camera.height;
+  memcpy(scratch, sight->depth, (size_t)w * (size_t)h * sizeof *scratch);
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x) {
+      int64_t at = (int64_t)y * w + x;
+      if (scratch[at] > 0 && ((x > 0 && jumps(scratch, at, at - 1)) || (x + 1 < w && jumps(scratch, at, at + 1)) ||
+                              (y > 0 && jumps(scratch, at, at - w)) || (y + 1 < h && jumps(scratch, at, at + w))))
+        sight->depth[at] = PAGS_SIGHT_UNKNOWN;
+    }
+}
+
+static pags_result reserve(pags_sights *sights) {
+  if (sights->count < sights->capacity)
+    return PAGS_OK;
+  int64_t capacity = 2 * sights->capacity + 16;
+  pags_sight *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)capacity);
+  sights->list = grown;
+  sights->capacity = capacity;
+  return PAGS_OK;
+}
+
+pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
+                            const pags_camera *camera, const pags_frame_options *options, int64_t view) {
+  pags_picture picture;
+  size_t pixels = (size_t)camera->width * (size_t)camera->height;
+  PAGS_TRY(reserve(sights));
+  PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
+  pags_sight *sight = &sights->list[sights->count++];
+  *sight = (pags_sight){.camera = *camera,
+                        .view = view,
+                        .depth = malloc(pixels * sizeof(float)),
+                        .cover = malloc(pixels),
+                        .rgb = malloc(3 * pixels)};
+  float *scratch = malloc(pixels * sizeof *scratch);
+  if (!sight->depth || !sight->cover || !sight->rgb || !scratch) {
+    free(scratch);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", camera->width, camera->height);
+  }
+  pags_rigid_inverse(camera->world_from_camera, sight->camera_from_model);
+  read_pixels(&picture, sight);
+  drop_edges(sight, scratch);
+  free(scratch);
+  return PAGS_OK;
+}
+
+static void transform(const double m[12], const double p[3], double out[3]) {
+  for (int k = 0; k < 3; ++k)
+    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+}
+
+int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
+                     pags_camera *out) {
+  double camera_from_world[12], box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+  int behind = 0;
+  pags_rigid_inverse(camera->world_from_camera, camera_from_world);
+  for (int i = 0; i < 8; ++i) {
+    double corner[3], p[3];
+    for (int k = 0; k < 3; ++k)
+      corner[k] = i >> k & 1 ? hi[k] : lo[k];
+    transform(camera_from_world, corner, p);
+    if (p[2] <= near_plane) {
+      ++behind;
+      continue;
+    }
+    const double uv[2] = {camera->fx * p[0] / p[2] + camera->cx, camera->fy * p[1] / p[2] + camera->cy};
+    for (int k = 0; k < 2; ++k) {
+      box[k] = fmin(box[k], uv[k]);
+      box[2 + k] = fmax(box[2 + k], uv[k]);
+    }
+  }
+  if (behind == 8)
+    return 0;
+  if (behind) { /* reaches beside the camera: where is not worth knowing */
+    box[0] = box[1] = 0;
+    box[2] = camera->width;
+    box[3] = camera->height;
+  }
+  double x0 = fmax(0, floor(box[0]) - 2), y0 = fmax(0, floor(box[1]) - 2);
+  double x1 = fmin(camera->width, ceil(box[2]) + 2), y1 = fmin(camera->height, ceil(box[3]) + 2);
+  if (x1 - x0 < 1 || y1 - y0 < 1)
+    return 0;
+  *out = *camera;
+  out->width = (int)(x1 - x0);
+  out->height = (int)(y1 - y0);
+  out->cx -= x0;
+  out->cy -= y0;
+  return 1;
+}
+
+int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z) {
+  double p[3];
+  const pags_camera *camera = &sight->camera;
+  transform(sight->camera_from_model, point, p);
+  if (p[2] <= 0.05)
+    return 0;
+  double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
+  if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
+    return 0;
+  *x = (int)u;
+  *y = (int)v;
+  *z = p[2];
+  return 1;
+}
+
+void pags_sight_point(const pags_sight *sight, int x, int y, double z, double point[3]) {
+  const pags_camera *camera = &sight->camera;
+  const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
+  transform(camera->world_from_camera, p, point);
+}

@@ -1,0 +1,47 @@
+/* What a training camera sees of some Gaussians: depth, cover and colour of its pixels, in the frame of a model. */
+#ifndef PAGS_EXPORTERS_SIGHT_H
+#define PAGS_EXPORTERS_SIGHT_H
+
+#include <pags/frame.h>
+#include <pags/scene.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Depth codes of pixels without a surface. */
+#define PAGS_SIGHT_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
+#define PAGS_SIGHT_FREE (-1.0f) /* nothing there: the ray is free all along */
+
+typedef struct pags_sight {
+  pags_camera camera;          /* of the part of the picture; its world is the model's frame */
+  double camera_from_model[12];
+  int64_t view;                /* of the scene */
+  float *depth;                /* camera z in metres, or a code above */
+  uint8_t *cover;              /* alpha, 0..255 */
+  uint8_t *rgb;                /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
+} pags_sight;
+
+typedef struct pags_sights {
+  int64_t count, capacity;
+  pags_sight *list;
+} pags_sights;
+
+void pags_sights_destroy(pags_sights *sights); /* frees and zeroes */
+
+/* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen. */
+pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
+                            const pags_camera *camera, const pags_frame_options *options, int64_t view);
+
+/* Cuts the camera down to where the box `lo`..`hi` of its world may be seen; 0: nowhere. */
+int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane, pags_camera *out);
+
+/* Pixel and camera z of a point of the model; 0 when it is not in the picture. */
+int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z);
+/* The point of the model at a pixel's centre and camera z. */
+void pags_sight_point(const pags_sight *sight, int x, int y, double z, double point[3]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,258 @@
+/* Triangle meshes: building, parts, and whether they are closed. */
+#include "surface.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+void pags_surface_destroy(pags_surface *surface) {
+  free(surface->positions);
+  free(surface->colors);
+  free(surface->observed);
+  free(surface->triangles);
+  memset(surface, 0, sizeof *surface);
+}
+
+pags_result pags_surface_check(const pags_surface *surface) {
+  return surface->failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh of %lld triangles",
+                                     (long long)surface->triangle_count)
+                         : PAGS_OK;
+}
+
+/* Makes `*array` hold `count` items of `size`; false when memory is out. */
+static bool grow(void **array, int64_t count, size_t size) {
+  void *grown = realloc(*array, (size_t)count * size);
+  if (grown)
+    *array = grown;
+  return grown != NULL;
+}
+
+uint32_t pags_surface_vertex(pags_surface *surface, const float position[3], const float color[3], int observed) {
+  if (surface->failed)
+    return 0;
+  if (surface->vertex_count == surface->vertex_capacity) {
+    int64_t capacity = 2 * surface->vertex_capacity + 256;
+    if (capacity > UINT32_MAX - 1 || !grow((void **)&surface->positions, capacity, 3 * sizeof(float)) ||
+        !grow((void **)&surface->colors, capacity, 3 * sizeof(float)) ||
+        !grow((void **)&surface->observed, capacity, 1)) {
+      surface->failed = true;
+      return 0;
+    }
+    surface->vertex_capacity = capacity;
+  }
+  int64_t i = surface->vertex_count++;
+  memcpy(surface->positions + 3 * i, position, 3 * sizeof(float));
+  memcpy(surface->colors + 3 * i, color, 3 * sizeof(float));
+  surface->observed[i] = (uint8_t)observed;
+  return (uint32_t)i;
+}
+
+void pags_surface_triangle(pags_surface *surface, uint32_t a, uint32_t b, uint32_t c) {
+  if (surface->failed || a == b || b == c || c == a)
+    return;
+  if (surface->triangle_count == surface->triangle_capacity) {
+    int64_t capacity = 2 * surface->triangle_capacity + 256;
+    if (!grow((void **)&surface->triangles, capacity, 3 * sizeof(uint32_t))) {
+      surface->failed = true;
+      return;
+    }
+    surface->triangle_capacity = capacity;
+  }
+  uint32_t *t = surface->triangles + 3 * surface->triangle_count++;
+  t[0] = a;
+  t[1] = b;
+  t[2] = c;
+}
+
+pags_result pags_surface_copy(const pags_surface *from, pags_surface *to) {
+  *to = (pags_surface){0};
+  for (int64_t i = 0; i < from->vertex_count; ++i)
+    pags_surface_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
+  for (int64_t i = 0; i < from->triangle_count; ++i) {
+    const uint32_t *t = from->triangles + 3 * i;
+    pags_surface_triangle(to, t[0], t[1], t[2]);
+  }
+  pags_result result = pags_surface_check(to);
+  if (result != PAGS_OK)
+    pags_surface_destroy(to);
+  return result;
+}
+
+pags_result pags_surface_compact(pags_surface *surface) {
+  pags_surface out = {0};
+  uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
+  if (!place)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
+  memset(place, 0xff, ((size_t)surface->vertex_count + 1) * sizeof *place);
+  for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
+    uint32_t v = surface->triangles[i];
+    if (place[v] == UINT32_MAX)
+      place[v] = pags_surface_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
+                                     surface->observed[v]);
+    surface->triangles[i] = place[v];
+  }
+  free(place);
+  if (out.failed) {
+    pags_surface_destroy(&out);
+    surface->failed = true;
+    return pags_surface_check(surface);
+  }
+  out.triangles = surface->triangles;
+  out.triangle_count = surface->triangle_count;
+  out.triangle_capacity = surface->triangle_capacity;
+  surface->triangles = NULL;
+  pags_surface_destroy(surface);
+  *surface = out;
+  return PAGS_OK;
+}
+
+pags_result pags_surface_box(const double size[3], const float color[3], pags_surface *out) {
+  /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
+  static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+  *out = (pags_surface){0};
+  for (int i = 0; i < 8; ++i) {
+    float p[3];
+    for (int k = 0; k < 3; ++k)
+      p[k] = (float)(i >> k & 1 ? 0.5 * size[k] : -0.5 * size[k]);
+    pags_surface_vertex(out, p, color, 1);
+  }
+  for (int f = 0; f < 6; ++f) {
+    pags_surface_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
+    pags_surface_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
+  }
+  pags_result result = pags_surface_check(out);
+  if (result != PAGS_OK)
+    pags_surface_destroy(out);
+  return result;
+}
+
+/* Twice the area as a vector, in double. */
+static void cross_of(const pags_surface *s, int64_t triangle, double n[3]) {
+  const uint32_t *t = s->triangles + 3 * triangle;
+  const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
+              *c = s->positions + 3 * (int64_t)t[2];
+  double u[3], v[3];
+  for (int k = 0; k < 3; ++k) {
+    u[k] = (double)b[k] - (double)a[k];
+    v[k] = (double)c[k] - (double)a[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+}
+
+static double length_of(const double n[3]) {
+  return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+double pags_surface_area(const pags_surface *surface) {
+  double sum = 0, n[3];
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    cross_of(surface, i, n);
+    sum += 0.5 * length_of(n);
+  }
+  return sum;
+}
+
+void pags_surface_normals(const pags_surface *surface, float *normals) {
+  memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    double n[3];
+    cross_of(surface, i, n);
+    for (int c = 0; c < 3; ++c)
+      for (int k = 0; k < 3; ++k)
+        normals[3 * (int64_t)surface->triangles[3 * i + c] + k] += (float)n[k];
+  }
+  for (int64_t i = 0; i < surface->vertex_count; ++i) {
+    float *n = normals + 3 * i;
+    double length = sqrt((double)n[0] * (double)n[0] + (double)n[1] * (double)n[1] + (double)n[2] * (double)n[2]);
+    for (int k = 0; k < 3; ++k)
+      n[k] = length > 1e-30 ? (float)((double)n[k] / length) : (float)(k == 2);
+  }
+}
+
+static uint32_t root_of(uint32_t *parent, uint32_t i) {
+  while (parent[i] != i) {
+    parent[i] = parent[parent[i]];
+    i = parent[i];
+  }
+  return i;
+}
+
+/* Each vertex's part, named by a vertex of it. */
+static void find_parts(const pags_surface *s, uint32_t *parent) {
+  for (int64_t i = 0; i < s->vertex_count; ++i)
+    parent[i] = (uint32_t)i;
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    for (int c = 1; c < 3; ++c) {
+      uint32_t a = root_of(parent, s->triangles[3 * i]), b = root_of(parent, s->triangles[3 * i + c]);
+      parent[a < b ? b : a] = a < b ? a : b;
+    }
+}
+
+pags_result pags_surface_keep_parts(pags_surface *surface, double share) {
+  uint32_t *parent = malloc(((size_t)surface->vertex_count + 1) * sizeof *parent);
+  double *area = calloc((size_t)surface->vertex_count + 1, sizeof *area), largest = 0;
+  if (!parent || !area) {
+    free(parent);
+    free(area);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
+  }
+  find_parts(surface, parent);
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    double n[3];
+    cross_of(surface, i, n);
+    area[root_of(parent, surface->triangles[3 * i])] += 0.5 * length_of(n);
+  }
+  for (int64_t i = 0; i < surface->vertex_count; ++i)
+    largest = fmax(largest, area[i]);
+  int64_t kept = 0;
+  for (int64_t i = 0; i < surface->triangle_count; ++i)
+    if (area[root_of(parent, surface->triangles[3 * i])] >= share * largest)
+      memmove(surface->triangles + 3 * kept++, surface->triangles + 3 * i, 3 * sizeof(uint32_t));
+  surface->triangle_count = kept;
+  free(parent);
+  free(area);
+  return pags_surface_compact(surface);
+}
+
+static int compare_edges(const void *left, const void *right) {
+  uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
+  return a < b ? -1 : a > b;
+}
+
+/* Edges as smaller corner, larger corner, and which way the face runs: 31 + 31 + 1 bits, sorted. */
+static uint64_t *sorted_edges(const pags_surface *s) {
+  int64_t count = 3 * s->triangle_count;
+  uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);
+  for (int64_t i = 0; edges && i < count; ++i) {
+    uint64_t a = s->triangles[i], b = s->triangles[i % 3 == 2 ? i - 2 : i + 1];
+    edges[i] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
+  }
+  if (edges)
+    qsort(edges, (size_t)count, sizeof *edges, compare_edges);
+  return edges;
+}
+
+pags_result pags_surface_inspect(const pags_surface *surface, pags_surface_topology *out) {
+  int64_t count = 3 * surface->triangle_count;
+  uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
+  *out = (pags_surface_topology){0};
+  if (!edges)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+  for (int64_t i = 0, end; i < count; i = end) {
+    int64_t backward = 0;
+    for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; ++end)
+      backward += (int64_t)(edges[end] & 1);
+    out->open_edges += end - i == 1;
+    out->crossed_edges += end - i > 2 || (end - i == 2 && backward != 1);
+  }
+  free(edges);
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    const float *a = surface->positions + 3 * (int64_t)surface->triangles[3 * i];
+    double n[3];
+    cross_of(surface, i, n);
+    out->volume += (n[0] * (double)a[0] + n[1] * (double)a[1] + n[2] * (double)a[2]) / 6;
+  }
+  out->closed = count > 0 && !out->open_edges && !out->crossed_edges && out->volume > 0;
+  return PAGS_OK;
+}
