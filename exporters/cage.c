@@ -1,5 +1,5 @@
 #include "cage.h"
-pags_result pags_surface_cage(const pags_surface *surface, int level, pags_surface *out) {
+pags_result pags_shell_cage(const pags_shell *surface, int level, pags_shell *out) {
   (void)surface;(void)level;(void)out;
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "no cages yet");
 }

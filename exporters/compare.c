@@ -147,7 +147,7 @@ static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, p
 }
 
 /* By area, over the corners' flags. */
-static double observed_share(const pags_surface *surface) {
+static double observed_share(const pags_shell *surface) {
   double seen = 0, all = 0;
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     const uint32_t *t = surface->triangles + 3 * i;
@@ -168,7 +168,7 @@ static double observed_share(const pags_surface *surface) {
   return all > 0 ? seen / all : 0;
 }
 
-pags_result pags_proxy_compare(const pags_surface *proxy, const pags_sights *sights, pags_tasks *tasks,
+pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
                                pags_proxy_facts *facts) {
   const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
   int64_t count = sights->count * SIDE * SIDE;

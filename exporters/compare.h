@@ -5,7 +5,7 @@
 #include <pags/export.h>
 
 #include "sight.h"
-#include "surface.h"
+#include "shell.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -16,7 +16,7 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count);
 
 /* Fills distances both ways, the share observed and the silhouette's overlap. Only points of the proxy that a view sees count, since the
  * rest has nothing to be compared with: a ray of the view meets it first, and the view has a depth there. */
-pags_result pags_proxy_compare(const pags_surface *proxy, const pags_sights *sights, pags_tasks *tasks,
+pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
                                pags_proxy_facts *facts);
 
 #ifdef __cplusplus

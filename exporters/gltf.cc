@@ -251,7 +251,7 @@ int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
   });
 }
 
-int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_surface *surface, int material, int flags) {
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags) {
   return guarded(gltf, [&] {
     size_t vertices = static_cast<size_t>(surface->vertex_count), indices = 3 * static_cast<size_t>(surface->triangle_count);
     tinygltf::Primitive primitive;
@@ -260,7 +260,7 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_surface *surfac
     primitive.attributes["POSITION"] = put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
     if (flags & PAGS_GLTF_NORMALS) {
       std::vector<float> normals(3 * vertices);
-      pags_surface_normals(surface, normals.data());
+      pags_shell_normals(surface, normals.data());
       primitive.attributes["NORMAL"] = put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
     }
     primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);

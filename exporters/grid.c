@@ -154,7 +154,7 @@ bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncatio
 }
 
 typedef struct painting {
-  pags_surface *surface;
+  pags_shell *surface;
   const pags_sights *sights;
   double tolerance;
 } painting;
@@ -185,7 +185,7 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-bool pags_surface_paint(pags_surface *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks) {
+bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks) {
   painting self = {surface, sights, tolerance};
   double mean[3] = {0}, count = 0;
   if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))

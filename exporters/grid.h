@@ -5,7 +5,7 @@
 #include <pags/tasks.h>
 
 #include "sight.h"
-#include "surface.h"
+#include "shell.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -38,10 +38,10 @@ bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncatio
 /* Marching tetrahedra (Kuhn's six a cell), which leaves no hole and no edge with more than two faces: closed where the border of the
  * grid is outside. With `known_only`, cells with an unknown corner give nothing. Vertices are `observed` where both ends of
  * their edge have a weight of at least 0. */
-pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_surface *out);
+pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell *out);
 
 /* Colours of vertices: the mean over the views that see them, the nearer the more. Others take the mean of those. */
-bool pags_surface_paint(pags_surface *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks);
+bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks);
 
 #ifdef __cplusplus
 }

@@ -5,11 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "surface.h"
+#include "shell.h"
 
 /* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their hull has at
  * most 2 count - 4 triangles. Returns how many; each once, in ascending order. */
-static int64_t farthest(const pags_surface *s, int64_t count, int64_t *chosen) {
+static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
     lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
@@ -41,7 +41,7 @@ static int64_t farthest(const pags_surface *s, int64_t count, int64_t *chosen) {
 }
 
 /* The facets, which `Qt` made triangles, over those points. */
-static void read_facets(qhT *qh, const pags_surface *from, const int64_t *chosen, uint32_t *place, pags_surface *out) {
+static void read_facets(qhT *qh, const pags_shell *from, const int64_t *chosen, uint32_t *place, pags_shell *out) {
   facetT *facet;
   vertexT *vertex, **vertexp;
   FORALLfacets {
@@ -51,18 +51,18 @@ static void read_facets(qhT *qh, const pags_surface *from, const int64_t *chosen
     FOREACHvertex_(vertices) {
       int point = qh_pointid(qh, vertex->point);
       if (place[point] == UINT32_MAX)
-        place[point] = pags_surface_vertex(out, from->positions + 3 * chosen[point], from->colors + 3 * chosen[point],
+        place[point] = pags_shell_vertex(out, from->positions + 3 * chosen[point], from->colors + 3 * chosen[point],
                                            from->observed[chosen[point]]);
       if (n < 3)
         corners[n++] = place[point];
     }
     qh_settempfree(qh, &vertices);
-    pags_surface_triangle(out, corners[0], corners[2], corners[1]);
+    pags_shell_triangle(out, corners[0], corners[2], corners[1]);
   }
 }
 
-static pags_result run_qhull(const pags_surface *from, const int64_t *chosen, int64_t count, double *points,
-                             uint32_t *place, pags_surface *out) {
+static pags_result run_qhull(const pags_shell *from, const int64_t *chosen, int64_t count, double *points,
+                             uint32_t *place, pags_shell *out) {
   char options[] = "qhull Qt", *said = NULL;
   size_t said_size = 0;
   FILE *errors = open_memstream(&said, &said_size);
@@ -82,12 +82,12 @@ static pags_result run_qhull(const pags_surface *from, const int64_t *chosen, in
     result = pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points: %.*s", (long long)count,
                        (int)strcspn(said, "\n"), said);
   free(said);
-  return result == PAGS_OK ? pags_surface_check(out) : result;
+  return result == PAGS_OK ? pags_shell_check(out) : result;
 }
 
-pags_result pags_surface_hull(const pags_surface *from, int64_t budget, pags_surface *out) {
+pags_result pags_shell_hull(const pags_shell *from, int64_t budget, pags_shell *out) {
   int64_t most = budget / 2 + 2, count = 0;
-  *out = (pags_surface){0};
+  *out = (pags_shell){0};
   if (from->vertex_count < 4)
     return pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)from->vertex_count);
   int64_t *chosen = malloc((size_t)most * sizeof *chosen);
@@ -106,6 +106,6 @@ pags_result pags_surface_hull(const pags_surface *from, int64_t budget, pags_sur
   free(points);
   free(place);
   if (result != PAGS_OK)
-    pags_surface_destroy(out);
+    pags_shell_destroy(out);
   return result;
 }

@@ -44,7 +44,7 @@ void pags_workshop_close(pags_workshop *workshop) {
 void pags_object_shape_destroy(pags_object_shape *shape) {
   pags_gaussians_destroy(&shape->gaussians);
   pags_sights_destroy(&shape->sights);
-  pags_surface_destroy(&shape->surface);
+  pags_shell_destroy(&shape->surface);
   memset(shape, 0, sizeof *shape);
 }
 
@@ -250,7 +250,7 @@ static pags_result fuse(const pags_workshop *w, int64_t object, const double rea
     result = pags_grid_surface(&grid, 0, &shape->surface);
   pags_grid_destroy(&grid);
   if (result == PAGS_OK)
-    result = pags_surface_keep_parts(&shape->surface, 0.1);
+    result = pags_shell_keep_parts(&shape->surface, 0.1);
   return result;
 }
 
@@ -277,7 +277,7 @@ pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object
   if (shape->surface_pixels < LEAST_PIXELS)
     return PAGS_OK;
   PAGS_TRY(fuse(workshop, object, reach, shape));
-  if (!pags_surface_paint(&shape->surface, &shape->sights, 4 * shape->voxel, workshop->tasks))
+  if (!pags_shell_paint(&shape->surface, &shape->sights, 4 * shape->voxel, workshop->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   return PAGS_OK;
 }
@@ -293,17 +293,17 @@ static void mean_color(const pags_object_shape *shape, float out[3]) {
 }
 
 static pags_result make_level(const pags_workshop *w, const pags_object_shape *shape, pags_proxy_level level,
-                              pags_surface *out) {
+                              pags_shell *out) {
   switch (level) {
-    case PAGS_PROXY_MESH: return pags_surface_simplify(&shape->surface, w->options->triangles, out);
-    case PAGS_PROXY_CAGE: return pags_surface_cage(&shape->surface, w->options->cage_level, out);
-    default: return pags_surface_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
+    case PAGS_PROXY_MESH: return pags_shell_simplify(&shape->surface, w->options->triangles, out);
+    case PAGS_PROXY_CAGE: return pags_shell_cage(&shape->surface, w->options->cage_level, out);
+    default: return pags_shell_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
   }
 }
 
 pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_surface *out, pags_proxy_level *level, const char **note) {
-  pags_surface_topology topology;
+                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level, const char **note) {
+  pags_shell_topology topology;
   float color[3];
   *note = NULL;
   *level = wanted;
@@ -317,10 +317,10 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
     if (result == PAGS_OK) {
-      PAGS_TRY(pags_surface_inspect(out, &topology));
+      PAGS_TRY(pags_shell_inspect(out, &topology));
       if (topology.closed)
         return PAGS_OK;
-      pags_surface_destroy(out);
+      pags_shell_destroy(out);
       pags_fail(PAGS_ERROR_FORMAT, "%lld open edges, %lld crossed, volume %g", (long long)topology.open_edges,
                 (long long)topology.crossed_edges, topology.volume);
     }
@@ -331,5 +331,5 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
   }
   *level = PAGS_PROXY_BOX;
   mean_color(shape, color);
-  return pags_surface_box(workshop->scene->objects[object].record.size, color, out);
+  return pags_shell_box(workshop->scene->objects[object].record.size, color, out);
 }

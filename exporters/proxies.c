@@ -197,7 +197,7 @@ static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts 
   pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
 }
 
-static void measure_surface(const pags_surface *surface, const pags_surface_topology *topology, pags_proxy_facts *facts) {
+static void measure_surface(const pags_shell *surface, const pags_shell_topology *topology, pags_proxy_facts *facts) {
   facts->vertices = surface->vertex_count;
   facts->triangles = surface->triangle_count;
   facts->closed = topology->closed;
@@ -208,8 +208,8 @@ static void measure_surface(const pags_surface *surface, const pags_surface_topo
 static pags_result add_level(exporter *self, int64_t object, const pags_object_shape *shape, const char *name,
                              pags_proxy_level level, pags_proxy_facts *facts, int *mesh) {
   const pags_scene_object *o = &self->workshop.scene->objects[object];
-  pags_surface surface = {0};
-  pags_surface_topology topology;
+  pags_shell surface = {0};
+  pags_shell_topology topology;
   char mesh_name[NAME_SIZE];
   *facts = (pags_proxy_facts){.name = name,
                               .class_name = o->record.class_name,
@@ -219,7 +219,7 @@ static pags_result add_level(exporter *self, int64_t object, const pags_object_s
                               .gaussians = shape->gaussians.count,
                               .s_sem = shape->s_sem};
   PAGS_TRY(pags_object_proxy_make(&self->workshop, object, shape, level, &surface, &facts->level, &facts->note));
-  pags_result result = pags_surface_inspect(&surface, &topology);
+  pags_result result = pags_shell_inspect(&surface, &topology);
   if (result == PAGS_OK) {
     measure_surface(&surface, &topology, facts);
     result = pags_proxy_compare(&surface, &shape->sights, self->workshop.tasks, facts);
@@ -236,7 +236,7 @@ static pags_result add_level(exporter *self, int64_t object, const pags_object_s
     *mesh = pags_gltf_mesh(self->gltf, mesh_name, &surface, self->material,
                            (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) |
                                (topology.closed ? PAGS_GLTF_MANIFOLD : 0));
-  pags_surface_destroy(&surface);
+  pags_shell_destroy(&surface);
   return result == PAGS_OK ? pags_proxy_report_add(self->report, facts) : result;
 }
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "surface.h"
+#include "shell.h"
 
 typedef struct half {
   uint32_t low, high; /* vertices */
@@ -55,7 +55,7 @@ static void swap_if(face_key *key, int a, int b) {
 }
 
 /* Takes out faces in pairs that cover each other with opposite sides. */
-static pags_result drop_flaps(pags_surface *s) {
+static pags_result drop_flaps(pags_shell *s) {
   face_key *keys = malloc(((size_t)s->triangle_count + 1) * sizeof *keys);
   if (!keys)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
@@ -95,7 +95,7 @@ static void cross(const double a[3], const double b[3], double out[3]) {
 }
 
 /* About the axis low -> high, of the face's third corner, against a direction that depends on the axis alone. */
-static double angle_of(const pags_surface *s, const half *h) {
+static double angle_of(const pags_shell *s, const half *h) {
   uint32_t third = s->triangles[next_corner(next_corner(h->id))];
   const float *low = s->positions + 3 * (int64_t)h->low;
   double axis[3], arm[3], first[3] = {0}, second[3];
@@ -147,25 +147,25 @@ static void join_edge(half *halves, int64_t count, int64_t *parent) {
   }
 }
 
-static pags_result renumber(pags_surface *s, int64_t *parent) {
-  pags_surface out = {0};
+static pags_result renumber(pags_shell *s, int64_t *parent) {
+  pags_shell out = {0};
   int64_t corners = 3 * s->triangle_count;
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld corners", (long long)corners);
   for (int64_t i = 0; i < corners; ++i) { /* a root is the smallest of its class and comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
-    place[i] = root == i ? pags_surface_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
+    place[i] = root == i ? pags_shell_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
   }
   for (int64_t i = 0; i < s->triangle_count; ++i)
-    pags_surface_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
+    pags_shell_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
   free(place);
-  pags_surface_destroy(s);
+  pags_shell_destroy(s);
   *s = out;
-  return pags_surface_check(s);
+  return pags_shell_check(s);
 }
 
-static pags_result cut_edges(pags_surface *s) {
+static pags_result cut_edges(pags_shell *s) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
@@ -191,7 +191,7 @@ static pags_result cut_edges(pags_surface *s) {
   return result;
 }
 
-pags_result pags_surface_repair(pags_surface *surface) {
+pags_result pags_shell_repair(pags_shell *surface) {
   PAGS_TRY(drop_flaps(surface));
   return cut_edges(surface);
 }

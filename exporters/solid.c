@@ -110,7 +110,7 @@ static pags_result open_scene(pags_solid *solid) {
   return solid->scene ? PAGS_OK : failed(solid);
 }
 
-static pags_result add_triangles(pags_solid *solid, const pags_surface *surface) {
+static pags_result add_triangles(pags_solid *solid, const pags_shell *surface) {
   PAGS_TRY(open_scene(solid));
   RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   /* Embree reads 16 bytes at a vertex, so that a shared array needs padding behind the last: it gets its own. */
@@ -138,7 +138,7 @@ static pags_result add_points(pags_solid *solid, int64_t count) {
   return attach(solid, geometry);
 }
 
-pags_result pags_solid_of_surface(const pags_surface *surface, pags_solid **out) {
+pags_result pags_solid_of_surface(const pags_shell *surface, pags_solid **out) {
   *out = NULL;
   pags_solid *solid = calloc(1, sizeof *solid);
   if (!solid)

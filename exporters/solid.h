@@ -2,7 +2,7 @@
 #ifndef PAGS_EXPORTERS_SOLID_H
 #define PAGS_EXPORTERS_SOLID_H
 
-#include "surface.h"
+#include "shell.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -11,7 +11,7 @@ extern "C" {
 typedef struct pags_solid pags_solid;
 
 /* `surface` must outlive it. */
-pags_result pags_solid_of_surface(const pags_surface *surface, pags_solid **out);
+pags_result pags_solid_of_surface(const pags_shell *surface, pags_solid **out);
 /* 3 floats a point, which must outlive it. */
 pags_result pags_solid_of_points(const float *points, int64_t count, pags_solid **out);
 void pags_solid_destroy(pags_solid *solid); /* NULL is allowed */

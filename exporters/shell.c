@@ -1,11 +1,11 @@
 /* Triangle meshes: building, parts, and whether they are closed. */
-#include "surface.h"
+#include "shell.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-void pags_surface_destroy(pags_surface *surface) {
+void pags_shell_destroy(pags_shell *surface) {
   free(surface->positions);
   free(surface->colors);
   free(surface->observed);
@@ -13,7 +13,7 @@ void pags_surface_destroy(pags_surface *surface) {
   memset(surface, 0, sizeof *surface);
 }
 
-pags_result pags_surface_check(const pags_surface *surface) {
+pags_result pags_shell_check(const pags_shell *surface) {
   return surface->failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh of %lld triangles",
                                      (long long)surface->triangle_count)
                          : PAGS_OK;
@@ -27,7 +27,7 @@ static bool grow(void **array, int64_t count, size_t size) {
   return grown != NULL;
 }
 
-uint32_t pags_surface_vertex(pags_surface *surface, const float position[3], const float color[3], int observed) {
+uint32_t pags_shell_vertex(pags_shell *surface, const float position[3], const float color[3], int observed) {
   if (surface->failed)
     return 0;
   if (surface->vertex_count == surface->vertex_capacity) {
@@ -47,7 +47,7 @@ uint32_t pags_surface_vertex(pags_surface *surface, const float position[3], con
   return (uint32_t)i;
 }
 
-void pags_surface_triangle(pags_surface *surface, uint32_t a, uint32_t b, uint32_t c) {
+void pags_shell_triangle(pags_shell *surface, uint32_t a, uint32_t b, uint32_t c) {
   if (surface->failed || a == b || b == c || c == a)
     return;
   if (surface->triangle_count == surface->triangle_capacity) {
@@ -64,22 +64,22 @@ void pags_surface_triangle(pags_surface *surface, uint32_t a, uint32_t b, uint32
   t[2] = c;
 }
 
-pags_result pags_surface_copy(const pags_surface *from, pags_surface *to) {
-  *to = (pags_surface){0};
+pags_result pags_shell_copy(const pags_shell *from, pags_shell *to) {
+  *to = (pags_shell){0};
   for (int64_t i = 0; i < from->vertex_count; ++i)
-    pags_surface_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
+    pags_shell_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
   for (int64_t i = 0; i < from->triangle_count; ++i) {
     const uint32_t *t = from->triangles + 3 * i;
-    pags_surface_triangle(to, t[0], t[1], t[2]);
+    pags_shell_triangle(to, t[0], t[1], t[2]);
   }
-  pags_result result = pags_surface_check(to);
+  pags_result result = pags_shell_check(to);
   if (result != PAGS_OK)
-    pags_surface_destroy(to);
+    pags_shell_destroy(to);
   return result;
 }
 
-pags_result pags_surface_compact(pags_surface *surface) {
-  pags_surface out = {0};
+pags_result pags_shell_compact(pags_shell *surface) {
+  pags_shell out = {0};
   uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
   if (!place)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
@@ -87,47 +87,47 @@ pags_result pags_surface_compact(pags_surface *surface) {
   for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
     uint32_t v = surface->triangles[i];
     if (place[v] == UINT32_MAX)
-      place[v] = pags_surface_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
+      place[v] = pags_shell_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
                                      surface->observed[v]);
     surface->triangles[i] = place[v];
   }
   free(place);
   if (out.failed) {
-    pags_surface_destroy(&out);
+    pags_shell_destroy(&out);
     surface->failed = true;
-    return pags_surface_check(surface);
+    return pags_shell_check(surface);
   }
   out.triangles = surface->triangles;
   out.triangle_count = surface->triangle_count;
   out.triangle_capacity = surface->triangle_capacity;
   surface->triangles = NULL;
-  pags_surface_destroy(surface);
+  pags_shell_destroy(surface);
   *surface = out;
   return PAGS_OK;
 }
 
-pags_result pags_surface_box(const double size[3], const float color[3], pags_surface *out) {
+pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out) {
   /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
   static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
-  *out = (pags_surface){0};
+  *out = (pags_shell){0};
   for (int i = 0; i < 8; ++i) {
     float p[3];
     for (int k = 0; k < 3; ++k)
       p[k] = (float)(i >> k & 1 ? 0.5 * size[k] : -0.5 * size[k]);
-    pags_surface_vertex(out, p, color, 1);
+    pags_shell_vertex(out, p, color, 1);
   }
   for (int f = 0; f < 6; ++f) {
-    pags_surface_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
-    pags_surface_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
+    pags_shell_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
+    pags_shell_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
   }
-  pags_result result = pags_surface_check(out);
+  pags_result result = pags_shell_check(out);
   if (result != PAGS_OK)
-    pags_surface_destroy(out);
+    pags_shell_destroy(out);
   return result;
 }
 
 /* Twice the area as a vector, in double. */
-static void cross_of(const pags_surface *s, int64_t triangle, double n[3]) {
+static void cross_of(const pags_shell *s, int64_t triangle, double n[3]) {
   const uint32_t *t = s->triangles + 3 * triangle;
   const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
               *c = s->positions + 3 * (int64_t)t[2];
@@ -144,7 +144,7 @@ static double length_of(const double n[3]) {
   return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-double pags_surface_area(const pags_surface *surface) {
+double pags_shell_area(const pags_shell *surface) {
   double sum = 0, n[3];
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     cross_of(surface, i, n);
@@ -153,7 +153,7 @@ double pags_surface_area(const pags_surface *surface) {
   return sum;
 }
 
-void pags_surface_normals(const pags_surface *surface, float *normals) {
+void pags_shell_normals(const pags_shell *surface, float *normals) {
   memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     double n[3];
@@ -179,7 +179,7 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
 }
 
 /* Each vertex's part, named by a vertex of it. */
-static void find_parts(const pags_surface *s, uint32_t *parent) {
+static void find_parts(const pags_shell *s, uint32_t *parent) {
   for (int64_t i = 0; i < s->vertex_count; ++i)
     parent[i] = (uint32_t)i;
   for (int64_t i = 0; i < s->triangle_count; ++i)
@@ -189,7 +189,7 @@ static void find_parts(const pags_surface *s, uint32_t *parent) {
     }
 }
 
-pags_result pags_surface_keep_parts(pags_surface *surface, double share) {
+pags_result pags_shell_keep_parts(pags_shell *surface, double share) {
   uint32_t *parent = malloc(((size_t)surface->vertex_count + 1) * sizeof *parent);
   double *area = calloc((size_t)surface->vertex_count + 1, sizeof *area), largest = 0;
   if (!parent || !area) {
@@ -212,7 +212,7 @@ pags_result pags_surface_keep_parts(pags_surface *surface, double share) {
   surface->triangle_count = kept;
   free(parent);
   free(area);
-  return pags_surface_compact(surface);
+  return pags_shell_compact(surface);
 }
 
 static int compare_edges(const void *left, const void *right) {
@@ -221,7 +221,7 @@ static int compare_edges(const void *left, const void *right) {
 }
 
 /* Edges as smaller corner, larger corner, and which way the face runs: 31 + 31 + 1 bits, sorted. */
-static uint64_t *sorted_edges(const pags_surface *s) {
+static uint64_t *sorted_edges(const pags_shell *s) {
   int64_t count = 3 * s->triangle_count;
   uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);
   for (int64_t i = 0; edges && i < count; ++i) {
@@ -233,10 +233,10 @@ static uint64_t *sorted_edges(const pags_surface *s) {
   return edges;
 }
 
-pags_result pags_surface_inspect(const pags_surface *surface, pags_surface_topology *out) {
+pags_result pags_shell_inspect(const pags_shell *surface, pags_shell_topology *out) {
   int64_t count = 3 * surface->triangle_count;
   uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
-  *out = (pags_surface_topology){0};
+  *out = (pags_shell_topology){0};
   if (!edges)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
   for (int64_t i = 0, end; i < count; i = end) {
