@@ -422,7 +422,7 @@ static bool wants_help(int argc, char **argv) {
 
 pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
   int positionals = 0, limit = positional_count(verb);
-  bool options_end = false;
+  bool options_end = false, check_only = false;
   memset(parsed, 0, sizeof *parsed);
   parsed->verb = verb;
   if (wants_help(argc, argv)) {
@@ -434,6 +434,8 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     char *next[2] = {i + 1 < argc ? argv[i + 1] : NULL, i + 2 < argc ? argv[i + 2] : NULL};
     if (!options_end && !strcmp(argument, "--")) {
       options_end = true;
+    } else if (!options_end && !strcmp(argument, "--check-options")) {
+      check_only = true;
     } else if (!options_end && argument[0] == '-' && argument[1]) {
       int used =
           argument[1] == '-' ? take_long(parsed, argument, next, values) : take_short(parsed, argument, next, values);
@@ -447,7 +449,8 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
       return PAGS_PARSE_USAGE;
     }
   }
-  return check_complete(parsed, positionals);
+  pags_parse_status status = check_complete(parsed, positionals);
+  return status == PAGS_PARSE_OK && check_only ? PAGS_PARSE_HELP : status;
 }
 
 static void print_size(char *text, size_t size, uint64_t bytes) {
@@ -577,6 +580,7 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
     else
       print_option(option, defaults);
   }
+  print_entry("  --check-options", "check the command line's options, do nothing");
   print_entry("  -h, --help", "print this");
   printf("\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
 }

@@ -93,7 +93,7 @@ enum { PAGS_MAX_POSITIONALS = 4 };
 
 typedef enum pags_parse_status {
   PAGS_PARSE_OK,
-  PAGS_PARSE_HELP, /* --help was asked for and printed: exit 0 */
+  PAGS_PARSE_HELP, /* --help was asked for and printed, or --check-options and all is well: exit 0 */
   PAGS_PARSE_USAGE /* one line was printed on stderr: exit 2 */
 } pags_parse_status;
 

@@ -11,7 +11,7 @@
 enum {
   PANEL_WIDTH = 560,
   PANEL_HEIGHT = 430,
-  LEFT = 70,  /* of the axes within their panel */
+  LEFT = 70, /* of the axes within their panel */
   RIGHT = 530,
   TOP = 34,
   BOTTOM = 300,
@@ -206,11 +206,12 @@ static void colour_of(double share, int rgb[3]) {
     rgb[c] = (int)(ends[from][c] + t * (ends[from + 1][c] - ends[from][c]) + 0.5);
 }
 
-static void put_cell(pags_plot *plot, double x, double y, double width, double height, double share, const char *label) {
+static void put_cell(pags_plot *plot, double x, double y, double width, double height, double share,
+                     const char *label) {
   int rgb[3];
   colour_of(share, rgb);
-  put(plot, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"#%02x%02x%02x\"/>\n", x, y, width, height,
-      (unsigned)rgb[0], (unsigned)rgb[1], (unsigned)rgb[2]);
+  put(plot, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"#%02x%02x%02x\"/>\n", x, y, width,
+      height, (unsigned)rgb[0], (unsigned)rgb[1], (unsigned)rgb[2]);
   put_text(plot, x + width / 2, y + height / 2 + 4, "middle", share < 0.6 ? " fill=\"#fff\"" : "", label);
 }
 
@@ -243,7 +244,8 @@ void pags_plot_cells(pags_plot *plot, const char *title, const char *row_name, c
 
 pags_result pags_plot_save(pags_plot *plot, const char *path) {
   static const char style[] =
-      "<style>text{font:12px sans-serif}.h{font-weight:bold}.a{fill:none;stroke:#000}.t{fill:none;stroke:#ddd}.l{fill:none;stroke-width:1.6}"
+      "<style>text{font:12px "
+      "sans-serif}.h{font-weight:bold}.a{fill:none;stroke:#000}.t{fill:none;stroke:#ddd}.l{fill:none;stroke-width:1.6}"
       "</style>\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n";
   char head[256];
   int across = plot->panels < plot->columns ? plot->panels : plot->columns;

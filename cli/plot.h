@@ -21,12 +21,13 @@ typedef struct pags_plot_line {
 
 void pags_plot_begin(pags_plot *plot, int columns);
 
-/* A panel of lines, with ticks at round numbers and a legend below. Lines of the same number have the same colour in every panel. */
+/* A panel of lines, with ticks at round numbers and a legend below. Lines of the same number have the same colour in
+ * every panel. */
 void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, const char *y_name,
                      const pags_plot_line *lines, int count);
 
-/* A panel of rows x columns cells, row after row, each with its value (`decimals`) written on a colour from the least (dark) to the largest (light);
- * NaN: an empty cell. */
+/* A panel of rows x columns cells, row after row, each with its value (`decimals`) written on a colour from the least
+ * (dark) to the largest (light); NaN: an empty cell. */
 void pags_plot_cells(pags_plot *plot, const char *title, const char *row_name, const char *const *row_labels, int rows,
                      const char *column_name, const char *const *column_labels, int columns, const double *values,
                      int decimals);

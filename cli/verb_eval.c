@@ -20,6 +20,7 @@ typedef struct eval_arguments {
   const char *dataset, *lpips_weights, *images;
   int split; /* index in "all|train|test" */
   int shift;
+  int64_t views; /* 0: all */
   pags_dataset_options options;
   uint64_t image_cache;
 } eval_arguments;
@@ -34,6 +35,8 @@ static const pags_option options[] = {
               "write NAME_render.png and NAME_photo.png of every view compared"),
     PAGS_FLAG("shift", 0, AT(shift), "of synthetic data: compare with the true pictures from shifted cameras, too"),
     PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
+    PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL,
+               "compare so many of them only, evenly spread"),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "memory for decoded photographs"),
 
@@ -191,14 +194,25 @@ static bool wanted(const eval_arguments *arguments, int test) {
   return arguments->split == 0 || (arguments->split == 2) == (test != 0);
 }
 
+/* Whether the `number`th of `count` views belongs to --views of them, evenly spread: those where number * views /
+ * count changes. */
+static bool chosen(const eval_arguments *arguments, int64_t number, int64_t count) {
+  if (arguments->views == 0 || arguments->views >= count)
+    return true;
+  return number == 0 || number * arguments->views / count != (number - 1) * arguments->views / count;
+}
+
 static pags_result compare_all(evaluation *self) {
   pags_progress progress = pags_progress_begin(self->arguments->session.people);
   pags_result result = PAGS_OK;
+  int64_t number = 0, count = 0;
+  for (int64_t i = 0; i < self->truth.count; ++i)
+    count += wanted(self->arguments, self->truth.views[i].test);
   pags_interrupt_install(self->arguments->session.tasks);
   for (int64_t i = 0; result == PAGS_OK && i < self->truth.count; ++i) {
     if (pags_interrupted())
       result = PAGS_CANCELLED;
-    else if (wanted(self->arguments, self->truth.views[i].test))
+    else if (wanted(self->arguments, self->truth.views[i].test) && chosen(self->arguments, number++, count))
       result = compare_view(self, i);
     if (pags_progress_due(&progress))
       pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->truth.count);

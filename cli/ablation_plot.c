@@ -1,0 +1,148 @@
+/* An ablation's pictures: quality against time, against alpha, and over a grid of pruning rates. */
+#include "ablation.h"
+#include "plot.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { QUALITIES = 3 };
+static const char *const quality_titles[QUALITIES] = {"PSNR", "PSNR, critical pixels", "PSNR, other pixels"};
+static const pags_ablation_figure qualities[QUALITIES] = {PAGS_ABLATION_PSNR, PAGS_ABLATION_CRITICAL,
+                                                          PAGS_ABLATION_NONCRITICAL};
+
+static double quality_of(const pags_ablation_moment *m, int quality) {
+  return quality == 0 ? m->psnr : quality == 1 ? m->critical : m->noncritical;
+}
+
+static bool has_critical(const pags_ablation *self) {
+  for (int i = 0; i < self->row_count; ++i)
+    if (pags_ablation_mean_of(&self->sets[i], PAGS_ABLATION_CRITICAL).count)
+      return true;
+  return false;
+}
+
+/* The first seed of every row. */
+static pags_result plot_times(const pags_ablation *self, pags_plot *plot, int quality) {
+  pags_plot_line lines[PAGS_ABLATION_ROWS];
+  double *numbers = malloc((size_t)self->row_count * 2 * PAGS_ABLATION_MOMENTS * sizeof *numbers);
+  if (!numbers)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the plot");
+  for (int i = 0; i < self->row_count; ++i) {
+    double *x = numbers + 2 * i * PAGS_ABLATION_MOMENTS, *y = x + PAGS_ABLATION_MOMENTS;
+    const pags_ablation_set *set = &self->sets[i];
+    int count = set->count ? set->results[0].moment_count : 0;
+    for (int k = 0; k < count; ++k) {
+      x[k] = set->results[0].moments[k].seconds;
+      y[k] = quality_of(&set->results[0].moments[k], quality);
+    }
+    lines[i] = (pags_plot_line){self->rows[i].name, count, x, y};
+  }
+  char title[96];
+  snprintf(title, sizeof title, "%s against training time", quality_titles[quality]);
+  pags_plot_lines(plot, title, "seconds of training", "dB, held-out views", lines, self->row_count);
+  free(numbers);
+  return PAGS_OK;
+}
+
+/* Rows named alpha=X alone, in the order of alpha; returns how many are finished. */
+static int alpha_rows(const pags_ablation *self, const pags_ablation_set *sets, int *rows) {
+  int count = 0;
+  for (int i = 0; i < self->row_count; ++i) {
+    if (isnan(self->rows[i].alpha) || strchr(self->rows[i].name, '+') ||
+        !pags_ablation_mean_of(&sets[i], PAGS_ABLATION_PSNR).count)
+      continue;
+    int at = count++;
+    for (; at > 0 && self->rows[rows[at - 1]].alpha > self->rows[i].alpha; --at)
+      rows[at] = rows[at - 1];
+    rows[at] = i;
+  }
+  return count;
+}
+
+static void plot_alpha(const pags_ablation *self, const pags_ablation_set *sets, pags_plot *plot, const char *title) {
+  int rows[PAGS_ABLATION_ROWS], count = alpha_rows(self, sets, rows);
+  double x[PAGS_ABLATION_ROWS], y[QUALITIES][PAGS_ABLATION_ROWS];
+  pags_plot_line lines[QUALITIES];
+  if (count < 2)
+    return;
+  for (int k = 0; k < count; ++k) {
+    x[k] = self->rows[rows[k]].alpha;
+    for (int q = 0; q < QUALITIES; ++q)
+      y[q][k] = pags_ablation_mean_of(&sets[rows[k]], qualities[q]).mean;
+  }
+  for (int q = 0; q < QUALITIES; ++q)
+    lines[q] = (pags_plot_line){quality_titles[q], count, x, y[q]};
+  pags_plot_lines(plot, title, "alpha: the share of the semantic score", "dB, held-out views", lines, QUALITIES);
+}
+
+typedef struct rate_grid {
+  int rows, columns;
+  const char *row_labels[PAGS_ABLATION_ROWS], *column_labels[PAGS_ABLATION_ROWS];
+  int row_of[PAGS_ABLATION_ROWS], column_of[PAGS_ABLATION_ROWS]; /* of a row of the table; -1: not in the grid */
+} rate_grid;
+
+static int place_label(const char **labels, int *count, const char *label) {
+  for (int i = 0; i < *count; ++i)
+    if (!strcmp(labels[i], label))
+      return i;
+  labels[*count] = label;
+  return (*count)++;
+}
+
+/* Rates in the order in which they were named. */
+static void make_grid(const pags_ablation *self, rate_grid *out) {
+  memset(out, 0, sizeof *out);
+  for (int i = 0; i < self->row_count; ++i) {
+    const pags_ablation_row *row = &self->rows[i];
+    bool in = row->rate_soft[0] && !strchr(row->name, '+');
+    out->row_of[i] = in ? place_label(out->row_labels, &out->rows, row->rate_soft) : -1;
+    out->column_of[i] = in ? place_label(out->column_labels, &out->columns, row->rate_hard) : -1;
+  }
+}
+
+static pags_result plot_rates(const pags_ablation *self, const rate_grid *grid, pags_plot *plot,
+                              pags_ablation_figure figure, const char *title, double unit, int decimals) {
+  double *values = malloc((size_t)grid->rows * (size_t)grid->columns * sizeof *values);
+  if (!values)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the plot");
+  for (int i = 0; i < grid->rows * grid->columns; ++i)
+    values[i] = (double)NAN;
+  for (int i = 0; i < self->row_count; ++i)
+    if (grid->row_of[i] >= 0)
+      values[grid->row_of[i] * grid->columns + grid->column_of[i]] =
+          unit * pags_ablation_mean_of(&self->sets[i], figure).mean;
+  pags_plot_cells(plot, title, "% pruned while densifying", grid->row_labels, grid->rows, "% pruned afterwards",
+                  grid->column_labels, grid->columns, values, decimals);
+  free(values);
+  return PAGS_OK;
+}
+
+static pags_result plot_grid(const pags_ablation *self, pags_plot *plot) {
+  rate_grid grid;
+  make_grid(self, &grid);
+  if (grid.rows * grid.columns < 2)
+    return PAGS_OK;
+  PAGS_TRY(plot_rates(self, &grid, plot, PAGS_ABLATION_PSNR, "PSNR, dB", 1, 2));
+  if (has_critical(self))
+    PAGS_TRY(plot_rates(self, &grid, plot, PAGS_ABLATION_CRITICAL, "PSNR of critical pixels, dB", 1, 2));
+  PAGS_TRY(plot_rates(self, &grid, plot, PAGS_ABLATION_GAUSSIANS, "thousands of Gaussians", 1e-3, 1));
+  return plot_rates(self, &grid, plot, PAGS_ABLATION_SECONDS, "seconds of training", 1, 0);
+}
+
+pags_result pags_ablation_write_plots(const pags_ablation *self) {
+  pags_plot plot;
+  char path[4096];
+  pags_plot_begin(&plot, 2);
+  pags_result result = PAGS_OK;
+  for (int q = 0; q < (has_critical(self) ? QUALITIES : 1) && result == PAGS_OK; ++q)
+    result = plot_times(self, &plot, q);
+  plot_alpha(self, self->sets, &plot, "Over alpha");
+  if (self->equal_count > 0)
+    plot_alpha(self, self->equal_sets, &plot, "Over alpha, at equal count");
+  if (result == PAGS_OK)
+    result = plot_grid(self, &plot);
+  snprintf(path, sizeof path, "%s.svg", self->output);
+  pags_result saved = pags_plot_save(&plot, path);
+  return result == PAGS_OK ? saved : result;
+}

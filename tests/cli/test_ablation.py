@@ -1,0 +1,172 @@
+"""pags bench ablation: rows and their names, what is written, stopping and going on, the same bits as pags train alone."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import time
+import xml.etree.ElementTree
+
+import fixtures
+from fixtures import Case, make_dataset, read
+
+# Few Gaussians, so that the runs are short.
+SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
+
+
+class Ablation(Case):
+    @classmethod
+    def setUpClass(cls):
+        cls.holder = fixtures.tempfile.TemporaryDirectory(prefix="pags-cli-data-")
+        cls.data = make_dataset(os.path.join(cls.holder.name, "data"), views=9)
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.holder.cleanup()
+
+    def command(self, rows, *more, iterations=40):
+        return ["bench", "ablation", self.data, "-o", self.path("t"), "-n", iterations, "--rows", rows, "-j", 1, *more]
+
+    def ablate(self, rows, *more, **options):
+        done = self.succeeds(*self.command(rows, "--moments", 4, *more, "--json", "-", *SMALL, **options))
+        return json.loads(done.stdout)["rows"]
+
+    def folders(self):
+        runs = self.path("t.runs")
+        return sorted(n for n in os.listdir(runs) if os.path.isdir(os.path.join(runs, n)))
+
+    def written(self):
+        """When each run's scene and evaluation were written."""
+        return {
+            name: [os.stat(self.path("t.runs", name, f)).st_mtime_ns for f in ["scene/background.ply", "eval.json"]]
+            for name in self.folders()
+        }
+
+    def test_rows_tables_and_plot(self):
+        rows = self.ablate("baseline*2,sh=0,no-exposure+sh=0")
+        expected = [("baseline", 0), ("baseline", 1), ("sh=0", 0), ("no-exposure+sh=0", 0)]
+        self.assertEqual([(r["row"], r["seed"]) for r in rows], expected)
+        for row in rows:
+            self.assertEqual([m["step"] for m in row["moments"]], [10, 20, 30, 40])
+            seconds = [m["seconds"] for m in row["moments"]]
+            self.assertEqual(seconds, sorted(seconds))
+            self.assertEqual(seconds[-1], row["training_seconds"])
+            for key in ["psnr", "ssim", "gaussians", "bytes", "training_seconds", "training_cpu_seconds", "render_ms"]:
+                self.assertGreater(row[key], 0, key)
+            self.assertIsNone(row["psnr_critical"])
+        self.assertLess(rows[2]["bytes"], 0.5 * rows[0]["bytes"])
+        self.assertNotEqual(rows[0]["psnr"], rows[1]["psnr"])
+        # Both held-out views were measured at the moments, too.
+        self.assertEqual(rows[0]["moments"][-1]["psnr"], rows[0]["psnr"])
+
+        table = read(self.path("t.md")).decode()
+        for words in ["| `baseline` |", "| `sh=0` |", "Spread over seeds", "At equal time", "`--sh-degree 0`"]:
+            self.assertIn(words, table)
+        with open(self.path("t.csv"), newline="") as file:
+            lines = list(csv.DictReader(file))
+        self.assertEqual([line["row"] for line in lines], [r["row"] for r in rows])
+        self.assertAlmostEqual(float(lines[0]["psnr"]), rows[0]["psnr"], 6)
+        with open(self.path("t_curve.csv"), newline="") as file:
+            self.assertEqual(len(list(csv.DictReader(file))), 16)
+        picture = xml.etree.ElementTree.parse(self.path("t.svg")).getroot()
+        self.assertIn("baseline", "".join(picture.itertext()))
+
+        # Nothing but what is missing is run; a row may be added, and LPIPS asked for later.
+        before = self.written()
+        again = self.ablate("sh=0,baseline*2,sh=1")
+        self.assertEqual(again[0], rows[2])
+        after = self.written()
+        self.assertEqual({name: after[name] for name in before}, before)
+        self.assertEqual(len(after), len(before) + 1)
+        self.fails(self.command("sh=0", "--moments", 4, *SMALL, iterations=39), "t.runs/settings.json", "another -o")
+
+    def test_a_difference_within_the_spread_is_none(self):
+        """Two names of one training can't differ."""
+        self.ablate("baseline*2,--sh-degree=3")
+        table = read(self.path("t.md")).decode()
+        compared = table[table.index("Against `baseline`") :].splitlines()
+        line = next(line for line in compared if line.startswith("| `--sh-degree=3`"))
+        self.assertIn(" none |", line)
+
+    def test_rows_that_train_alike_share_their_run(self):
+        self.ablate("sh=1,--sh-degree=1")
+        self.assertEqual(self.folders(), ["sh-degree-1_seed-0"])
+
+    def test_the_bits_are_those_of_one_training(self):
+        self.ablate("sh=1")
+        out = self.path("alone")
+        small = [word for word in SMALL if word != "--"]
+        self.succeeds("train", self.data, "-o", out, "-n", 40, "-j", 1, "--sh-degree", 1, "-q", *small)
+        here = read(self.path("t.runs", "sh-degree-1_seed-0", "scene", "background.ply"))
+        self.assertEqual(here, read(os.path.join(out, "background.ply")))
+
+    def stopped(self, how, wait):
+        """Starts the whole, stops it while its first run trains, and returns the exit code."""
+        command = [fixtures.PAGS, *map(str, self.command("sh=1", "--moments", 2, *SMALL, iterations=800))]
+        running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+        log = self.path("t.runs", "sh-degree-1_seed-0", "scene", "log.jsonl")
+        for _ in range(1200):
+            if running.poll() is not None or (os.path.exists(log) and os.path.getsize(log) > wait):
+                break
+            time.sleep(0.02)
+        self.assertIsNone(running.poll(), "finished before it could be stopped")
+        os.kill(running.pid, how)
+        _, said = running.communicate(timeout=60)
+        return running.returncode, said
+
+    def finish(self):
+        return json.loads(
+            self.succeeds(*self.command("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800)).stdout
+        )["rows"][0]
+
+    def test_interrupted_and_killed_runs_go_on(self):
+        code, said = self.stopped(signal.SIGINT, 100)
+        self.assertEqual(code, 3, said)
+        self.assertIn("interrupted", said)
+        state = json.loads(read(self.path("t.runs", "sh-degree-1_seed-0", "run.json")))
+        self.assertGreater(state["step"], 0)
+        self.assertLess(state["step"], 400)
+        self.assertGreater(state["seconds"], 0)
+        code, _ = self.stopped(signal.SIGKILL, 200)
+        self.assertEqual(code, -signal.SIGKILL)
+        time.sleep(0.5)  # the orphan's end
+        result = self.finish()
+        ply = ("t.runs", "sh-degree-1_seed-0", "scene", "background.ply")
+        disturbed = read(self.path(*ply))
+        self.assertGreater(result["moments"][0]["seconds"], state["seconds"])
+        shutil.rmtree(self.path("t.runs"))
+        self.finish()
+        self.assertEqual(read(self.path(*ply)), disturbed)
+
+    def test_bad_rows(self):
+        for rows, words in [
+            ("baseline,nonsense", ["nonsense", "no-sky"]),
+            ("sh=", ["sh="]),
+            ("sh=9", ["row 'sh=9'", "--sh-degree"]),
+            ("alpha=x", ["alpha=x"]),
+            ("rate=60", ["60/30"]),
+            ("--no-such-thing", ["row '--no-such-thing'", "unknown option"]),
+            ("baseline,baseline", ["twice"]),
+            ("baseline*99", ["baseline"]),
+            ("baseline,", ["name of a row"]),
+        ]:
+            self.fails(self.command(rows, *SMALL), *words)
+            self.assertFalse(os.path.exists(self.path("t.runs")), rows)
+
+    def test_eval_of_some_views(self):
+        out = self.path("scene")
+        self.succeeds("train", self.data, "-o", out, "-n", 5, "--random-points", 500, "-q", "-j", 1)
+        for views, count in [(0, 7), (1, 1), (3, 3), (7, 7), (99, 7)]:
+            done = self.succeeds("eval", out, "--split", "train", "--views", views, "--json", "-")
+            self.assertEqual(json.loads(done.stdout)["train"]["views"], count)
+
+    def test_check_options_does_nothing(self):
+        done = self.succeeds("train", "no/such/data", "-o", self.path("none"), "--sh-degree", 2, "--check-options")
+        self.assertEqual((done.stdout, os.path.exists(self.path("none"))), ("", False))
+        self.fails(["train", "x", "-o", self.path("none"), "--sh-degre", 2, "--check-options"], "--sh-degree", code=2)
+
+
+if __name__ == "__main__":
+    fixtures.main()
