@@ -8,14 +8,14 @@
 #include <string.h>
 
 /* Options that go on to pags train as they are, and where a scene doesn't know them by itself to pags eval. */
-enum { PASSED = 10 };
+enum { PASSED = 11 };
 static const struct passed {
   const char *name;
   bool eval;
 } passed[PASSED] = {{"--downscale", false}, {"--split-every", false},    {"--cameras", false},
                     {"--frames", false},    {"--holdout-camera", false}, {"--max-gaussians", false},
                     {"--kind", true},       {"--ego-mask", true},        {"--sfm", true},
-                    {"--colmap", true}};
+                    {"--colmap", true},     {"--critical", true}};
 
 typedef struct ablation_arguments {
   pags_session session;
@@ -37,6 +37,7 @@ typedef struct ablation_arguments {
 #define passed_7 "ego-mask"
 #define passed_8 "sfm"
 #define passed_9 "colmap"
+#define passed_10 "critical"
 
 static const char default_rows[] = "baseline,sp,sd,sp+sd,spr,pdr,spr+pdr";
 
@@ -82,6 +83,7 @@ static const pags_option options[] = {
     PASS(7, "FILE|FOLDER", NULL, "driving sets: where the recording car is seen"),
     PASS(8, "FOLDER", NULL, "driving sets: a COLMAP model of the same world"),
     PASS(9, "FOLDER", NULL, "take cameras and points from this COLMAP model"),
+    PASS(10, "LIST", NULL, "driving sets: what is critical"),
     PAGS_SESSION_OPTIONS(ablation_arguments),
     {0}};
 
