@@ -30,7 +30,7 @@ class Ablation(Case):
         return ["bench", "ablation", self.data, "-o", self.path("t"), "-n", iterations, "--rows", rows, "-j", 1, *more]
 
     def ablate(self, rows, *more, **options):
-        done = self.succeeds(*self.command(rows, "--moments", 4, *more, "--json", "-", *SMALL, **options))
+        done = self.succeeds(*self.command(rows, "--moments", 4, *more, "--json", "-", *SMALL, **options), timeout=900)
         return json.loads(done.stdout)["rows"]
 
     def folders(self):
@@ -107,18 +107,18 @@ class Ablation(Case):
         command = [fixtures.PAGS, *map(str, self.command("sh=1", "--moments", 2, *SMALL, iterations=800))]
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         log = self.path("t.runs", "sh-degree-1_seed-0", "scene", "log.jsonl")
-        for _ in range(1200):
+        for _ in range(6000):
             if running.poll() is not None or (os.path.exists(log) and os.path.getsize(log) > wait):
                 break
             time.sleep(0.02)
         self.assertIsNone(running.poll(), "finished before it could be stopped")
         os.kill(running.pid, how)
-        _, said = running.communicate(timeout=60)
+        _, said = running.communicate(timeout=300)
         return running.returncode, said
 
     def finish(self):
         return json.loads(
-            self.succeeds(*self.command("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800)).stdout
+            self.succeeds(*self.command("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800), timeout=900).stdout
         )["rows"][0]
 
     def test_interrupted_and_killed_runs_go_on(self):
