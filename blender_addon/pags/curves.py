@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Keyframes in bulk, in Blenders with fcurves on actions (up to 4.x) and with layered actions (5.x)."""
+
+import bpy
+import numpy as np
+
+
+def fcurve_owner(block):
+    """Whatever makes fcurves for the ID's own action, which is made where missing."""
+    data = block.animation_data or block.animation_data_create()
+    if data.action is None:
+        data.action = bpy.data.actions.new(block.name)
+    if hasattr(data.action, "fcurves"):
+        if hasattr(data, "action_slot") and data.action_slot is None and hasattr(data.action, "slots"):
+            slots = data.action.slots
+            data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
+        return data.action.fcurves
+    from bpy_extras import anim_utils
+
+    if data.action_slot is None:
+        slots = data.action.slots
+        data.action_slot = slots[0] if slots else slots.new(block.id_type, block.name)
+    return anim_utils.action_ensure_channelbag_for_slot(data.action, data.action_slot).fcurves
+
+
+def set_curve(block, path, index, frames, values, interpolation="LINEAR"):
+    """One channel's keyframes, in place of those it has."""
+    owner = fcurve_owner(block)
+    old = owner.find(path, index=index)
+    if old:
+        owner.remove(old)
+    curve = owner.new(path, index=index)
+    curve.keyframe_points.add(len(frames))
+    flat = np.empty(2 * len(frames), dtype=np.float32)
+    flat[0::2], flat[1::2] = frames, values
+    curve.keyframe_points.foreach_set("co", flat)
+    code = curve.keyframe_points[0].bl_rna.properties["interpolation"].enum_items[interpolation].value
+    curve.keyframe_points.foreach_set("interpolation", np.full(len(frames), code, dtype=np.int32))
+    curve.update()
+    return curve
+
+
+def quaternions(rotations):
+    """(n, 4) w x y z of (n, 3, 3), each on the side of the one before."""
+    from mathutils import Matrix
+
+    out = np.array([list(Matrix(r.tolist()).to_quaternion()) for r in rotations])
+    for i in range(1, len(out)):
+        if out[i] @ out[i - 1] < 0:
+            out[i] = -out[i]
+    return out
+
+
+def set_track(block, frames, poses):
+    """Location and rotation keyframes of an object; poses (n, 3, 4) in its parent's frame. A single pose is set without keyframes."""
+    block.rotation_mode = "QUATERNION"
+    turns = quaternions(poses[:, :, :3])
+    block.location, block.rotation_quaternion = poses[0, :, 3], turns[0]
+    if len(frames) < 2:
+        return
+    for k in range(3):
+        set_curve(block, "location", k, frames, poses[:, k, 3])
+    for k in range(4):
+        set_curve(block, "rotation_quaternion", k, frames, turns[:, k])
+
+
+def set_visibility(block, begin, end):
+    """Shown from frame `begin` to before `end` alone, in the viewport and in renders."""
+    for path in ("hide_viewport", "hide_render"):
+        set_curve(block, path, 0, [begin - 1, begin, end], [1, 0, 1], "CONSTANT")

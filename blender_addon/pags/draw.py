@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pictures onto the screen: textures without a copy in Python, and the shaders that show them."""
+
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+VERTEX = "void main() { uv = 0.5 * at + 0.5; gl_Position = vec4(at, 0.0, 1.0); }"
+
+PLAIN = """
+void main() {
+  color = texture(picture, uv);
+}
+"""
+
+# Meets the depth buffer where the camera saw the surface. `lens` holds P22 and P23 of the view's projection and whether it is a
+# perspective; a picture taken from afar for an orthographic view has its depths shifted.
+DEPTH = """
+float encode(vec3 linear) {
+  return 0.0;
+}
+vec3 display(vec3 c) {
+  return mix(c * 12.92, 1.055 * pow(max(c, vec3(0.0)), vec3(1.0 / 2.4)) - 0.055, step(vec3(0.0031308), c));
+}
+void main() {
+  vec4 texel = texture(picture, uv);
+  float z = texture(depths, uv).r - lens.w;
+  if (texel.a < 0.5 && lens.z < 2.0) {
+    discard;
+  }
+  float ndc = lens.z > 0.5 ? (lens.x * -z + lens.y) / z : lens.x * -z + lens.y;
+  gl_FragDepth = clamp(0.5 * ndc + 0.5, 0.0, 1.0);
+  color = vec4(encoded > 0.5 ? display(texel.rgb) : texel.rgb, texel.a);
+}
+"""
+
+_made = {}
+
+
+def shader(name):
+    if name in _made:
+        return _made[name]
+    info = gpu.types.GPUShaderCreateInfo()
+    info.vertex_in(0, "VEC2", "at")
+    face = gpu.types.GPUStageInterfaceInfo("pags_" + name)
+    face.smooth("VEC2", "uv")
+    info.vertex_out(face)
+    info.sampler(0, "FLOAT_2D", "picture")
+    if name == "depth":
+        info.sampler(1, "FLOAT_2D", "depths")
+        info.push_constant("VEC4", "lens")
+        info.push_constant("FLOAT", "encoded")
+        if hasattr(info, "depth_write"):
+            info.depth_write("ANY")
+    info.fragment_out(0, "VEC4", "color")
+    info.vertex_source(VERTEX)
+    info.fragment_source(DEPTH if name == "depth" else PLAIN)
+    _made[name] = gpu.shader.create_from_info(info)
+    return _made[name]
+
+
+def quad(name):
+    key = "quad " + name
+    if key not in _made:
+        corners = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
+        _made[key] = batch_for_shader(shader(name), "TRIS", {"at": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+    return _made[key]
+
+
+def texture(buffer, width, height, channels):
+    flat = np.asarray(buffer).reshape(-1)
+    data = gpu.types.Buffer("FLOAT", width * height * channels, flat)
+    return gpu.types.GPUTexture((width, height), format="RGBA16F" if channels == 4 else "R32F", data=data)
+
+
+def clear():
+    _made.clear()

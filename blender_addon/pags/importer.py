@@ -1,0 +1,355 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A scene folder or splat file as Blender objects: a root, the background, an object on its track each, cameras on the ego."""
+
+import os
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
+from bpy_extras.io_utils import ImportHelper
+
+from . import curves, lens, native
+from .properties import preferences
+
+# -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
+FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+
+
+class Import:
+    """One scene on its way into a .blend."""
+
+    def __init__(self, context, path, budget=60000, cameras="SENSORS", photographs=False):
+        self.context, self.path, self.budget = context, path, budget
+        self.cameras, self.photographs = cameras, photographs
+        self.entry = native.load(path)
+        self.scene, self.info, self.objects = self.entry.scene, self.entry.info, self.entry.objects
+        self.origin = np.array(self.info["origin"])
+        self.fps = context.scene.render.fps / context.scene.render.fps_base
+        self.first = float(context.scene.frame_start)
+        self.name = os.path.basename(os.path.normpath(path)) or "scene"
+        self.collection = self.root = None
+        self.notes = []
+
+    def run(self):
+        self.collection = bpy.data.collections.new(self.name)
+        self.context.scene.collection.children.link(self.collection)
+        self.root = self.add_empty(self.name, "ROOT", None, 1.0)
+        self.root.pags.path = self.path
+        self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
+        self.root["pags_gaussians"] = self.info["gaussians"]
+        if self.info["up"] == "-y":
+            self.root.matrix_world = FROM_MINUS_Y.tolist()
+        share = self.budget / max(1, self.info["gaussians"])
+        background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
+        if background > 0:
+            self.add_part("background", -1, "BACKGROUND", self.root, background * share)
+        for index, record in enumerate(self.objects):
+            if record["gaussians"] > 0:
+                self.add_object(index, record, record["gaussians"] * share)
+        if self.cameras != "NONE":
+            self.add_cameras()
+        return self.root
+
+    def frame_of(self, time):
+        return self.first + (np.asarray(time) - self.info["time_begin"]) * self.fps
+
+    def link(self, block, kind, parent):
+        self.collection.objects.link(block)
+        block.pags.kind = kind
+        block.pags.root = self.root if self.root else None
+        if parent is not None:
+            block.parent = parent
+        return block
+
+    def add_empty(self, name, kind, parent, size):
+        empty = bpy.data.objects.new(name, None)
+        empty.empty_display_type, empty.empty_display_size = ("PLAIN_AXES" if kind == "ROOT" else "ARROWS"), size
+        return self.link(empty, kind, parent)
+
+    def add_part(self, name, index, kind, parent, budget):
+        points, colors = self.scene.points(index, max(1, int(budget))) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
+        points = np.ascontiguousarray(points, dtype=np.float32)
+        mesh = bpy.data.meshes.new(name)
+        mesh.vertices.add(len(points))
+        mesh.vertices.foreach_set("co", points.reshape(-1))
+        attribute = mesh.attributes.new("Col", "FLOAT_COLOR", "POINT")
+        attribute.data.foreach_set("color", np.ascontiguousarray(colors, dtype=np.float32).reshape(-1))
+        mesh.update()
+        part = self.link(bpy.data.objects.new(name, mesh), kind, parent)
+        part.pags.index = index
+        part.pass_index = index + 1
+        return part
+
+    def add_object(self, index, record, budget):
+        track = self.add_empty(f"{record['class']} {record['id']}"[:60], "TRACK", self.root, max(record["size"]) / 2)
+        track.pags.index = index
+        part = self.add_part(record["id"][:60], index, "OBJECT", track, budget)
+        part["pags_id"], part["pags_class"], part["pags_category"] = record["id"], record["class"], record["category"]
+        part["pags_critical"], part["pags_gaussians"] = record["critical"], record["gaussians"]
+        part["pags_size"] = record["size"]
+        begin = self.info["time_begin"]
+        if not record["tracked"]:
+            pose = np.array(self.scene.pose(index, begin)).reshape(1, 3, 4)
+            pose[:, :, 3] -= self.origin
+            curves.set_track(track, [self.first], pose)
+            return
+        rows = np.array(self.scene.track(index)).reshape(-1, 13)
+        poses = rows[:, 1:].reshape(-1, 3, 4).copy()
+        poses[:, :, 3] -= self.origin
+        curves.set_track(track, self.frame_of(rows[:, 0]), poses)
+        self.limit(part, index, rows[:, 0])
+
+    def limit(self, part, index, times):
+        """Hides a part before and after its track, which holds half a step beyond its ends."""
+        step = float(np.median(np.diff(times))) / 2 if len(times) > 1 else 0.0
+        begin, end = float(times[0]) - step, float(times[-1]) + step
+        if begin > self.info["time_begin"] + 1e-6 or end < self.info["time_end"] - 1e-6:
+            curves.set_visibility(part, float(self.frame_of(begin)), float(self.frame_of(end)) + 1e-3)
+
+    # ---- Cameras ----
+
+    def add_cameras(self):
+        views = self.scene.views
+        if not views:
+            return
+        rig = {}
+        for view in views:
+            rig.setdefault(view["sensor"] if "time" in view else -1, []).append(view)
+        recorded = {sensor: group for sensor, group in rig.items() if sensor >= 0}
+        ego = self.add_ego(recorded[min(recorded)]) if recorded else None
+        for sensor, group in sorted(recorded.items()):
+            self.add_sensor(sensor, sorted(group, key=lambda v: v["time"]), ego)
+        still = rig.get(-1, []) + (views if self.cameras == "ALL" and recorded else [])
+        if self.cameras == "ALL" or not recorded:
+            for view in still:
+                self.add_still(view)
+        if self.context.scene.camera is None:
+            cameras = [o for o in self.collection.objects if o.type == "CAMERA"]
+            self.context.scene.camera = cameras[0] if cameras else None
+
+    def local_pose(self, view):
+        pose = lens.view_matrix4(view)
+        pose[:3, 3] -= self.origin
+        return pose @ lens.FLIP
+
+    def add_ego(self, group):
+        """An Empty that drives as the first sensor does, upright: x forward, z up."""
+        group = sorted(group, key=lambda v: v["time"])
+        poses = np.array([self.ego_pose(self.local_pose(view)) for view in group])
+        ego = self.add_empty("ego", "EGO", self.root, 1.5)
+        curves.set_track(ego, self.frame_of([v["time"] for v in group]), poses[:, :3])
+        self.ego_times, self.ego_poses = np.array([v["time"] for v in group]), poses
+        return ego
+
+    def ego_pose(self, camera):
+        up = np.array([0, 0, 1.0]) if self.info["up"] != "-y" else np.array([0, -1.0, 0])
+        forward = -camera[:3, 2]
+        forward = forward - (forward @ up) * up
+        size = np.linalg.norm(forward)
+        forward = forward / size if size > 1e-6 else np.array([1.0, 0, 0])
+        out = np.eye(4)
+        out[:3, 0], out[:3, 1], out[:3, 2], out[:3, 3] = forward, np.cross(up, forward), up, camera[:3, 3]
+        return out
+
+    def ego_at(self, time):
+        """Of the ego as its keyframes have it: lines between them, in which other sensors' poses are given."""
+        at = int(np.searchsorted(self.ego_times, time))
+        if at < len(self.ego_times) and abs(self.ego_times[at] - time) < 1e-6:
+            return self.ego_poses[at]
+        if at > 0 and abs(self.ego_times[at - 1] - time) < 1e-6:
+            return self.ego_poses[at - 1]
+        low, high = max(0, min(at - 1, len(self.ego_times) - 2)), min(max(at, 1), len(self.ego_times) - 1)
+        span = self.ego_times[high] - self.ego_times[low]
+        share = min(max((time - self.ego_times[low]) / span, 0), 1) if span > 0 else 0
+        from mathutils import Quaternion
+
+        turns = curves.quaternions(self.ego_poses[[low, high], :3, :3])
+        turn = (1 - share) * turns[0] + share * turns[1]
+        out = np.eye(4)
+        out[:3, :3] = np.array(Quaternion(turn / np.linalg.norm(turn)).to_matrix())
+        out[:3, 3] = (1 - share) * self.ego_poses[low, :3, 3] + share * self.ego_poses[high, :3, 3]
+        return out
+
+    def new_camera(self, name, view, parent):
+        data = bpy.data.cameras.new(name)
+        lens.set_blender_lens(data, view)
+        data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
+        camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
+        camera["pags_view"], camera["pags_test"] = view["name"], view["test"]
+        return camera
+
+    def add_sensor(self, sensor, group, ego):
+        camera = self.new_camera(f"camera {sensor}", group[0], ego)
+        poses = [np.linalg.inv(self.ego_at(view["time"])) @ self.local_pose(view) for view in group]
+        curves.set_track(camera, self.frame_of([v["time"] for v in group]), np.array(poses)[:, :3])
+        self.animate_lens(camera, group)
+        if self.photographs:
+            from . import cameras
+
+            self.notes += cameras.show_photographs(camera, self.entry, self.root)
+
+    def animate_lens(self, camera, group):
+        """A lens that changes along the drive gets keyframes of its own."""
+        values = np.array([[v["fx"], v["fy"], v["cx"], v["cy"]] for v in group])
+        if np.ptp(values, axis=0).max() < 1e-6:
+            return
+        frames = self.frame_of([v["time"] for v in group])
+        width, height = group[0]["width"], group[0]["height"]
+        curves.set_curve(camera.data, "lens", 0, frames, values[:, 0] * 36.0 / width)
+        curves.set_curve(camera.data, "shift_x", 0, frames, (width / 2 - values[:, 2]) / width)
+        curves.set_curve(camera.data, "shift_y", 0, frames, (values[:, 3] - height / 2) / width)
+
+    def add_still(self, view):
+        camera = self.new_camera(view["name"], view, self.root)
+        curves.set_track(camera, [self.first], self.local_pose(view)[None, :3])
+        if "time" in view:
+            camera["pags_time"] = view["time"] - self.info["time_begin"]
+
+
+def blend_is_empty(scene):
+    """Nothing but what Blender starts with: then the scene's own settings may be taken."""
+    return all(o.name in {"Cube", "Light", "Camera"} and not o.animation_data for o in scene.objects)
+
+
+def adopt_rate(scene, fps):
+    scene.render.fps = max(1, int(round(fps)))
+    scene.render.fps_base = scene.render.fps / fps
+
+
+def adopt_settings(scene, work, rate, colors, size):
+    """What of the scene's own settings goes into Blender's, as the user chose."""
+    info = work.info
+    span = info["time_end"] - info["time_begin"]
+    if span > 0:
+        last = work.first + span * work.fps
+        scene.frame_end = max(scene.frame_end, int(np.ceil(last - 1e-3))) if not rate else int(np.ceil(last - 1e-3))
+    if colors:
+        scene.view_settings.view_transform = "Standard"
+        scene.view_settings.look = "None"
+    views = work.scene.views
+    if size and views:
+        scene.render.resolution_x, scene.render.resolution_y = views[0]["width"], views[0]["height"]
+        scene.render.resolution_percentage = 100
+
+
+class PAGS_OT_import(bpy.types.Operator, ImportHelper):
+    """Import a PAGS scene folder or a splat file (.ply, .spz, .splat) with its objects, tracks and cameras"""
+
+    bl_idname = "import_scene.pags"
+    bl_label = "Import PAGS scene"
+    bl_options = {"REGISTER", "UNDO", "PRESET"}
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="scene.json;*.ply;*.spz;*.splat", options={"HIDDEN"})
+    filepath: StringProperty(name="Path", description="scene.json, its folder, or a splat file", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
+    cameras: EnumProperty(
+        name="Cameras",
+        description="Which cameras of the recording to make",
+        items=[
+            ("SENSORS", "One a sensor", "One animated camera a sensor, on the ego"),
+            ("ALL", "All views too", "And a still camera for every single photograph"),
+            ("NONE", "None", "No cameras"),
+        ],
+    )
+    photographs: BoolProperty(
+        name="Photographs", description="Show each sensor's photographs behind what its camera sees, as an image sequence", default=False
+    )
+    use_rate: EnumProperty(
+        name="Frame rate",
+        description="Whether the timeline takes the recording's frame rate",
+        items=[
+            ("AUTO", "In an empty file", "Take the recording's rate, size and range where the file holds nothing else"),
+            ("YES", "Take it", "Always"),
+            ("NO", "Keep mine", "Never; the tracks are laid on the timeline at their true speed all the same"),
+        ],
+    )
+    use_standard: BoolProperty(
+        name="Standard view transform", description='Colour management "Standard", under which the photographs\' colours look as they are', default=True
+    )
+    use_engine: BoolProperty(name="Render with PAGS", description="Make PAGS the render engine", default=True)
+    relative: BoolProperty(name="Relative path", description="Remember the scene relative to the saved .blend", default=True)
+
+    def execute(self, context):
+        path = bpy.path.abspath(self.filepath or self.directory)
+        if os.path.basename(path) == "scene.json" or (os.path.isdir(path) and path.endswith(os.sep)):
+            path = os.path.dirname(path)
+        if not path:
+            self.report({"ERROR"}, "choose a scene folder, its scene.json, or a splat file")
+            return {"CANCELLED"}
+        try:
+            root = self.bring_in(context, os.path.abspath(path))
+        except (native.SceneError, OSError, MemoryError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if self.relative and bpy.data.filepath:
+            root.pags.path = bpy.path.relpath(root.pags.path)
+        return {"FINISHED"}
+
+    def bring_in(self, context, path):
+        scene = context.scene
+        native.load(path)  # before anything is changed
+        empty = blend_is_empty(scene)
+        fps = native.load(path).info["fps"]
+        rate = fps > 0 and (self.use_rate == "YES" or (self.use_rate == "AUTO" and empty))
+        if rate:
+            adopt_rate(scene, fps)
+        chosen = preferences(context)
+        work = Import(context, path, chosen.budget if chosen else 60000, self.cameras, self.photographs)
+        if empty and scene.camera and scene.camera.name == "Camera":
+            scene.camera = None
+        root = work.run()
+        adopt_settings(scene, work, rate, self.use_standard, empty or self.use_rate == "YES")
+        if self.use_engine:
+            scene.render.engine = "PAGS"
+        for note in work.notes:
+            self.report({"WARNING"}, note)
+        if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
+            self.report({"INFO"}, f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed")
+        for other in context.selected_objects:
+            other.select_set(False)
+        root.select_set(True)
+        context.view_layer.objects.active = root
+        return root
+
+    def draw(self, context):
+        for name in ("cameras", "photographs", "use_rate", "use_standard", "use_engine", "relative"):
+            self.layout.prop(self, name)
+
+    def invoke(self, context, event):
+        if hasattr(self, "invoke_popup") and self.filepath:
+            return self.invoke_popup(context)  # dropped onto the window
+        return ImportHelper.invoke(self, context, event)
+
+
+def menu(self, context):
+    self.layout.operator(PAGS_OT_import.bl_idname, text="PAGS scene (scene.json, .ply, .spz, .splat)")
+
+
+CLASSES = [PAGS_OT_import]
+if hasattr(bpy.types, "FileHandler"):
+
+    class PAGS_FH_import(bpy.types.FileHandler):
+        bl_idname = "PAGS_FH_import"
+        bl_label = "PAGS scene"
+        bl_import_operator = "import_scene.pags"
+        bl_file_extensions = ".ply;.spz;.splat;.json"
+
+        @classmethod
+        def poll_drop(cls, context):
+            return context.area and context.area.type in {"VIEW_3D", "OUTLINER"}
+
+    CLASSES.append(PAGS_FH_import)
+
+
+def register():
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_import.append(menu)
+
+
+def unregister():
+    bpy.types.TOPBAR_MT_file_import.remove(menu)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's cameras and the engine's: x right, y down, z forward; focal lengths and principal point in pixels, corners at 0 and width."""
+
+import numpy as np
+
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's cameras look along -z, y up
+# An orthographic view is drawn from so far back, in heights of what it shows, that its perspective can't be told.
+ORTHO_DISTANCE = 400.0
+
+
+def matrix(m):
+    return np.array([list(row) for row in m], dtype=np.float64)
+
+
+def rigid(m):
+    """(the matrix without its scale, the scale's mean)"""
+    lengths = np.linalg.norm(m[:3, :3], axis=0)
+    lengths[lengths == 0] = 1
+    out = m.copy()
+    out[:3, :3] /= lengths
+    return out, float(lengths.mean())
+
+
+def pose12(m):
+    return [float(v) for v in m[:3].ravel()]
+
+
+class LensError(Exception):
+    """A camera that the engine can't draw with."""
+
+
+def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
+    """fx, fy, cx, cy of a Blender camera (data) in a picture of so many pixels."""
+    if camera.type == "PANO":
+        raise LensError("PAGS draws perspective and orthographic cameras; the active one is panoramic")
+    wide, tall = width * aspect_x, height * aspect_y
+    horizontal = camera.sensor_fit == "HORIZONTAL" or (camera.sensor_fit == "AUTO" and wide >= tall)
+    sensor = camera.sensor_height if camera.sensor_fit == "VERTICAL" else camera.sensor_width
+    size = wide if horizontal else tall
+    focal = camera.lens / sensor * size if camera.type == "PERSP" else size / camera.ortho_scale
+    return {
+        "width": width,
+        "height": height,
+        "fx": focal / aspect_x,
+        "fy": focal / aspect_y * camera.pags.aspect,
+        "cx": width / 2 - camera.shift_x * size / aspect_x,
+        "cy": height / 2 + camera.shift_y * size / aspect_y,
+    }
+
+
+def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1.0):
+    """(intrinsics, world_from_camera 4x4 in OpenCV's axes, scale for depths that depend on no distance)"""
+    lens = intrinsics(camera, width, height, aspect_x, aspect_y)
+    pose, _ = rigid(matrix(world_from_camera))
+    pose = pose @ FLIP
+    if camera.type == "ORTHO":
+        lens, pose = from_afar(lens, pose)
+    return lens, pose
+
+
+def of_view(window_matrix, view_matrix, width, height):
+    """The same of a 3D view: by its projection, so that zoom, offsets and lens of the view need no thought."""
+    p = matrix(window_matrix)
+    lens = {"width": width, "height": height, "fx": p[0, 0] * width / 2, "fy": p[1, 1] * height / 2}
+    pose, _ = rigid(np.linalg.inv(matrix(view_matrix)))
+    pose = pose @ FLIP
+    if p[3, 3] == 0:  # perspective
+        lens["cx"], lens["cy"] = width / 2 * (1 - p[0, 2]), height / 2 * (1 + p[1, 2])
+        return lens, pose
+    lens["cx"], lens["cy"] = width / 2 * (1 + p[0, 3]), height / 2 * (1 - p[1, 3])
+    return from_afar(lens, pose)
+
+
+def from_afar(lens, pose):
+    """fx, fy in pixels a metre become a long lens far behind."""
+    distance = ORTHO_DISTANCE * max(lens["height"] / lens["fy"], 10.0)
+    out = dict(lens, fx=lens["fx"] * distance, fy=lens["fy"] * distance, ortho=distance)
+    pose = pose.copy()
+    pose[:3, 3] -= distance * pose[:3, 2]
+    return out, pose
+
+
+def set_blender_lens(camera, view):
+    """Gives a Blender camera (data) the lens of a view of the scene (a dictionary of the C module's)."""
+    width, height = view["width"], view["height"]
+    camera.type = "PERSP"
+    camera.sensor_fit = "HORIZONTAL"
+    camera.sensor_width = 36.0
+    camera.sensor_height = 36.0 * height / width
+    camera.lens_unit = "MILLIMETERS"
+    camera.lens = view["fx"] * 36.0 / width
+    camera.shift_x = (width / 2 - view["cx"]) / width
+    camera.shift_y = (view["cy"] - height / 2) / width
+    camera.pags.aspect = view["fy"] / view["fx"]
+    camera.pags.width, camera.pags.height = width, height
+    camera.pags.sensor = view.get("sensor", -1)
+
+
+def view_matrix4(view):
+    """world_from_camera of a view as 4x4, OpenCV's axes, absolute."""
+    out = np.eye(4)
+    out[:3] = np.array(view["world_from_camera"], dtype=np.float64).reshape(3, 4)
+    return out

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the add-on stores in .blend files, and its preferences."""
+
+import os
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+KINDS = [
+    ("NONE", "None", "Not of a PAGS scene"),
+    ("ROOT", "Scene", "The scene itself: where its world lies in Blender's"),
+    ("BACKGROUND", "Background", "Everything that belongs to no object"),
+    ("OBJECT", "Object", "A labelled object and its Gaussians"),
+    ("TRACK", "Track", "Carries an object along its recorded track"),
+    ("EGO", "Ego", "Carries the cameras along the drive"),
+    ("CAMERA", "Camera", "A camera of the recording"),
+]
+MODES = [
+    ("rgb", "Colour", "The scene as it looks"),
+    ("priority", "Priority", "Semantic priority S_sem from dark violet (0) to pale yellow (1)"),
+    ("critical", "Critical", "Vehicles, pedestrians and cyclists in orange over grey"),
+    ("depth", "Depth", "Near is light, far is dark; logarithmic from 1 m to 200 m"),
+    ("size", "Gaussian size", "Largest sigma of the Gaussian that weighs most: dark 3 mm, light 3 m, logarithmic"),
+]
+
+
+class PagsObject(bpy.types.PropertyGroup):
+    kind: EnumProperty(name="Part", items=KINDS, default="NONE")
+    index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
+    root: PointerProperty(name="Scene", type=bpy.types.Object)
+    # Of roots:
+    path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
+    frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
+    fps: FloatProperty(name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01)
+
+
+class PagsCamera(bpy.types.PropertyGroup):
+    aspect: FloatProperty(name="fy/fx", description="Ratio of the focal lengths in pixels", default=1, min=0.1, max=10)
+    width: IntProperty(name="Width", description="Of the recording, pixels", default=0)
+    height: IntProperty(name="Height", description="Of the recording, pixels", default=0)
+    sensor: IntProperty(name="Sensor", description="Number of the camera on the rig", default=-1)
+
+
+class PagsScene(bpy.types.PropertyGroup):
+    sh_degree: IntProperty(name="SH degree", description="Highest degree of view-dependent colour used", default=3, min=0, max=3)
+    antialiased: EnumProperty(
+        name="Antialiasing",
+        description="Whether opacities are scaled by what the low-pass filter takes (Mip-Splatting)",
+        items=[("SCENE", "As trained", "As the scene file says"), ("ON", "On", "Always"), ("OFF", "Off", "Never")],
+    )
+    exact: BoolProperty(name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it")
+    threads: IntProperty(name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256)
+    deadline: FloatProperty(
+        name="Deadline",
+        description="Milliseconds a picture may take while something moves; resolution and colour detail are lowered to keep it",
+        default=70,
+        min=10,
+        max=2000,
+    )
+    mode: EnumProperty(name="Show", description="What the colours of the viewport and of F12 mean", items=MODES)
+    hide_noncritical: BoolProperty(name="Critical only", description="Draw vehicles, pedestrians and cyclists alone")
+    overlay: BoolProperty(
+        name="Splats in Solid and Material",
+        description="Draw the scene among the meshes in Solid and Material shading, each hiding what is behind it",
+        default=True,
+    )
+    points: BoolProperty(name="Points", description="Draw the light preview points where the splats aren't drawn", default=True)
+    use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
+    wipe: FloatProperty(
+        name="Wipe",
+        description="Share of the picture's width that the photograph covers from the left",
+        default=0.5,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+    )
+
+
+class PagsPreferences(bpy.types.AddonPreferences):
+    bl_idname = __package__
+
+    program: StringProperty(
+        name="pags program",
+        description="The command-line program that exports proxies and splats; empty: looked for on the PATH",
+        subtype="FILE_PATH",
+    )
+    budget: IntProperty(
+        name="Preview points", description="At most so many points in all for the preview of a scene", default=60000, min=0, max=5000000
+    )
+
+    def draw(self, context):
+        self.layout.prop(self, "program")
+        self.layout.prop(self, "budget")
+
+
+def preferences(context=None):
+    """None where the add-on isn't enabled as such (a test that registers it by hand)."""
+    addon = (context or bpy.context).preferences.addons.get(__package__)
+    return addon.preferences if addon else None
+
+
+def absolute_path(root):
+    """Of a root's scene. Falls back to a neighbour of the .blend of the same name, for .blends that were moved with it."""
+    path = os.path.normpath(bpy.path.abspath(root.pags.path))
+    if not os.path.exists(path) and bpy.data.filepath:
+        beside = os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(path))
+        if os.path.exists(beside):
+            return beside
+    return path
+
+
+CLASSES = (PagsObject, PagsCamera, PagsScene, PagsPreferences)
+
+
+def register():
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Object.pags = PointerProperty(type=PagsObject)
+    bpy.types.Camera.pags = PointerProperty(type=PagsCamera)
+    bpy.types.Scene.pags = PointerProperty(type=PagsScene)
+
+
+def unregister():
+    del bpy.types.Scene.pags
+    del bpy.types.Camera.pags
+    del bpy.types.Object.pags
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
