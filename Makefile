@@ -4,11 +4,15 @@
 #   make demo    set up, build, and record, train and render a street of our own making
 #   make check   set up, build, run all tests
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
+#   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
+#   make check-blender      the add-on's tests in Debian's Blender; part of make check
+#   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
 JOBS ?= $(shell nproc)
 PREFIX ?= /usr/local
+BLENDER_NEW ?=
 
 all:
 	cmake --preset release
@@ -33,10 +37,20 @@ bench: build/demo/scene/scene.json
 build/demo/scene/scene.json:
 	$(MAKE) demo
 
+addon: all
+	sh scripts/validate_addon.sh "$(BLENDER_NEW)"
+
+check-blender: addon
+	ctest --preset release -R '^(addon|blender)\.'
+
+check-blender-new: addon
+	cmake -S . -B build -DPAGS_BLENDER_NEW="$(BLENDER_NEW)"
+	ctest --preset release -R '^blender_new\.'
+
 install: all
 	cmake --install build --prefix $(PREFIX)
 
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check bench install clean
+.PHONY: all setup demo check bench addon check-blender check-blender-new install clean

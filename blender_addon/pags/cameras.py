@@ -1,10 +1,373 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""."""
+"""Placing cameras: at a photograph's, at the view, along the drive; paths that `pags render --path` takes, written and read."""
+
+import json
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper, ImportHelper
+
+from . import curves, lens, native
+from .properties import absolute_path
+
+
+def root_of(context):
+    """The PAGS scene that is meant: of the active object, else of the camera, else the first."""
+    for candidate in (context.active_object, context.scene.camera):
+        if candidate is not None and candidate.pags.kind != "NONE":
+            return candidate if candidate.pags.kind == "ROOT" else candidate.pags.root
+    return next((o for o in context.scene.objects if o.pags.kind == "ROOT"), None)
+
+
+def need_root(operator, context):
+    root = root_of(context)
+    if root is None:
+        operator.report({"ERROR"}, "there is no PAGS scene in this file: File > Import > PAGS scene")
+    return root
+
+
+class Frame:
+    """The scene's time and world against Blender's."""
+
+    def __init__(self, context, root):
+        self.root, self.context = root, context
+        self.entry = native.load(absolute_path(root))
+        self.info, self.scene = self.entry.info, self.entry.scene
+        self.origin = np.array(self.info["origin"])
+
+    def frame_of(self, time):
+        return self.root.pags.frame_start + (time - self.info["time_begin"]) * self.root.pags.fps
+
+    def time_of(self, frame):
+        return self.info["time_begin"] + (frame - self.root.pags.frame_start) / self.root.pags.fps
+
+    def local(self, view):
+        """Pose of a view's camera below the root, Blender's axes."""
+        pose = lens.view_matrix4(view)
+        pose[:3, 3] -= self.origin
+        return pose @ lens.FLIP
+
+    def view_of(self, camera, frame, width, height, render):
+        """What the engine is to be asked for to see what a Blender camera sees."""
+        values, pose = lens.of_camera(camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y)
+        root = np.linalg.inv(lens.matrix(self.root.matrix_world))
+        pose, _ = lens.rigid(root @ pose)
+        pose[:3, 3] += self.origin
+        return {**{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")}, "world_from_camera": lens.pose12(pose), "time": self.time_of(frame)}
+
+
+def set_frame(scene, frame):
+    whole = int(np.floor(frame + 1e-4))
+    scene.frame_set(whole, subframe=float(min(max(frame - whole, 0), 0.9999)))
+
+
+# ---- Photographs' cameras ----
+
+
+class PAGS_OT_jump(bpy.types.Operator):
+    """Go to a photograph of the recording: its time, its camera, and look through it"""
+
+    bl_idname = "pags.jump"
+    bl_label = "Jump to photograph"
+    bl_options = {"REGISTER", "UNDO"}
+
+    step: IntProperty(name="Step", description="Photographs of this camera forward or back from the current time", default=0)
+    name: StringProperty(name="Photograph", description="File name; empty: the nearest in time", default="")
+
+    def execute(self, context):
+        root = need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        try:
+            frame = Frame(context, root)
+        except native.SceneError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        view = self.find(context, frame)
+        if view is None:
+            self.report({"ERROR"}, f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs")
+            return {"CANCELLED"}
+        camera = self.camera_of(context, root, view)
+        if camera is None:
+            self.report({"ERROR"}, "the scene was imported without its cameras")
+            return {"CANCELLED"}
+        context.scene.camera = camera
+        if "time" in view:
+            set_frame(context.scene, frame.frame_of(view["time"]))
+        if context.region_data is not None:
+            context.region_data.view_perspective = "CAMERA"
+        self.report({"INFO"}, view["name"] + (" (held out)" if view["test"] else ""))
+        return {"FINISHED"}
+
+    def find(self, context, frame):
+        views = frame.scene.views
+        if self.name:
+            return next((v for v in views if v["name"] == self.name), None)
+        current = context.scene.camera
+        sensor = current.data.pags.sensor if current is not None and current.type == "CAMERA" else -1
+        group = [v for v in views if v["sensor"] == sensor and "time" in v] or views
+        if "time" not in group[0] if group else True:
+            return group[0] if group else None
+        group = sorted(group, key=lambda v: v["time"])
+        now = frame.time_of(context.scene.frame_current_final)
+        nearest = min(range(len(group)), key=lambda i: abs(group[i]["time"] - now))
+        return group[min(max(nearest + self.step, 0), len(group) - 1)]
+
+    @staticmethod
+    def camera_of(context, root, view):
+        cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root]
+        by_name = [c for c in cameras if c.get("pags_view") == view["name"] and "pags_time" in c]
+        by_sensor = [c for c in cameras if c.data.pags.sensor == view["sensor"]]
+        same = [c for c in cameras if c.get("pags_view") == view["name"]]
+        return next(iter((by_sensor if view["sensor"] >= 0 else []) + by_name + same), None)
+
+
+class PAGS_OT_camera_here(bpy.types.Operator):
+    """Put a new camera where the view is and look through it"""
+
+    bl_idname = "pags.camera_here"
+    bl_label = "Camera at view"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None
+
+    def execute(self, context):
+        region = context.region_data
+        data = bpy.data.cameras.new("view")
+        data.lens = context.space_data.lens / 2  # a view shows what a 72 mm sensor would
+        data.clip_end = 10000
+        camera = bpy.data.objects.new("view", data)
+        context.scene.collection.objects.link(camera)
+        camera.matrix_world = region.view_matrix.inverted()
+        context.scene.camera = camera
+        region.view_perspective = "CAMERA"
+        return {"FINISHED"}
+
+
+class PAGS_OT_size_of_camera(bpy.types.Operator):
+    """Set the render size to that of the recording's camera"""
+
+    bl_idname = "pags.size_of_camera"
+    bl_label = "Recording's size"
+    bl_options = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context):
+        camera = context.scene.camera
+        return camera is not None and camera.type == "CAMERA" and camera.data.pags.width > 0
+
+    def execute(self, context):
+        size, render = context.scene.camera.data.pags, context.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = size.width, size.height, 100
+        return {"FINISHED"}
+
+
+class PAGS_OT_ego_path(bpy.types.Operator):
+    """Make a camera that drives as the recording car did, shifted to another lane or height"""
+
+    bl_idname = "pags.ego_path"
+    bl_label = "Camera along the drive"
+    bl_options = {"REGISTER", "UNDO"}
+
+    lane: FloatProperty(name="Lane shift", description="Metres to the right; negative to the left", default=0, unit="LENGTH")
+    ahead: FloatProperty(name="Ahead", description="Metres forward", default=0, unit="LENGTH")
+    height: FloatProperty(name="Height", description="Metres up", default=0, unit="LENGTH")
+    turn: FloatProperty(name="Turn", description="To the left", default=0, subtype="ANGLE")
+    sensor: IntProperty(name="Sensor", description="Whose lens and direction to take; -1: the first", default=-1, min=-1)
+
+    def execute(self, context):
+        root = need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        source = self.source(context, root)
+        if source is None:
+            self.report({"ERROR"}, "the scene was imported without its cameras, or nothing moved in it")
+            return {"CANCELLED"}
+        camera = source.copy()
+        camera.data = source.data.copy()
+        camera.name = "drive"
+        camera.animation_data_clear()
+        rig = bpy.data.objects.new("drive rig", None)
+        rig.empty_display_size = 0.5
+        for block in (rig, camera):
+            source.users_collection[0].objects.link(block)
+        rig.parent = source.parent
+        rig.location = (self.ahead, -self.lane, self.height)
+        rig.rotation_euler = (0, 0, self.turn)
+        camera.parent = rig
+        for name in ("pags_view", "pags_test"):
+            if name in camera:
+                del camera[name]
+        camera.pags.kind = "NONE"
+        camera.location, camera.rotation_quaternion = source.location, source.rotation_quaternion
+        context.scene.camera = camera
+        return {"FINISHED"}
+
+    def source(self, context, root):
+        cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root and o.parent and o.parent.pags.kind == "EGO"]
+        cameras.sort(key=lambda o: o.data.pags.sensor)
+        return next((c for c in cameras if self.sensor in (-1, c.data.pags.sensor)), None)
+
+
+# ---- Path files ----
+
+
+def record_of(view):
+    """A camera file's keys."""
+    pose = np.linalg.inv(lens.view_matrix4(view))
+    out = {k: view[k] for k in ("width", "height", "fx", "fy", "cx", "cy")}
+    out["camera_from_world_quaternion_wxyz"] = list(quaternion(pose[:3, :3]))
+    out["camera_from_world_translation"] = [float(v) for v in pose[:3, 3]]
+    out["time"] = view["time"]
+    return out
+
+
+def quaternion(r):
+    """w x y z in double; mathutils has floats."""
+    w = np.sqrt(max(0.0, 1 + r[0, 0] + r[1, 1] + r[2, 2])) / 2
+    x = np.sqrt(max(0.0, 1 + r[0, 0] - r[1, 1] - r[2, 2])) / 2
+    y = np.sqrt(max(0.0, 1 - r[0, 0] + r[1, 1] - r[2, 2])) / 2
+    z = np.sqrt(max(0.0, 1 - r[0, 0] - r[1, 1] + r[2, 2])) / 2
+    q = np.array([w, np.copysign(x, r[2, 1] - r[1, 2]), np.copysign(y, r[0, 2] - r[2, 0]), np.copysign(z, r[1, 0] - r[0, 1])])
+    if w < 1e-4:  # half a turn: signs from the products
+        k = int(np.argmax(q[1:] ** 2))
+        for j in range(3):
+            if j != k:
+                q[1 + j] = np.copysign(q[1 + j], r[k, j] + r[j, k])
+        q[1 + k] = abs(q[1 + k])
+    return [float(v) for v in q / np.linalg.norm(q)]
+
+
+def rotation(q):
+    w, x, y, z = np.array(q, dtype=np.float64) / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+class PAGS_OT_write_path(bpy.types.Operator, ExportHelper):
+    """Write the scene's camera over the frame range as a path that "pags render --path" takes"""
+
+    bl_idname = "export_scene.pags_path"
+    bl_label = "Write camera path"
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    single: BoolProperty(name="This frame alone", description="A camera file for pags render --camera", default=False)
+
+    def execute(self, context):
+        root = need_root(self, context)
+        scene = context.scene
+        if root is None or scene.camera is None:
+            self.report({"ERROR"}, "there is no camera in the scene")
+            return {"CANCELLED"}
+        try:
+            frames = self.frames(context, Frame(context, root))
+            with open(self.filepath, "w") as file:
+                json.dump(frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames}, file, indent=1)
+        except (native.SceneError, lens.LensError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{len(frames)} cameras in {self.filepath}")
+        return {"FINISHED"}
+
+    def frames(self, context, frame):
+        from .engine import picture_size
+
+        scene, before, out = context.scene, context.scene.frame_current_final, []
+        width, height = picture_size(scene.render)
+        numbers = [before] if self.single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        for number in numbers:
+            set_frame(scene, number)
+            camera = scene.camera.evaluated_get(context.evaluated_depsgraph_get())
+            if camera.data.type != "PERSP":
+                raise lens.LensError("a path holds perspective cameras alone")
+            out.append(record_of(frame.view_of(camera, number, width, height, scene.render)))
+        set_frame(scene, before)
+        return out
+
+
+class PAGS_OT_read_path(bpy.types.Operator, ImportHelper):
+    """Make an animated camera from a camera or path file"""
+
+    bl_idname = "import_scene.pags_path"
+    bl_label = "Read camera path"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filename_ext = ".json"
+    filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
+    timing: EnumProperty(
+        name="Timing",
+        items=[
+            ("FRAMES", "A frame each", "One camera a frame of the timeline, from its start"),
+            ("TIMES", "By their times", "Where the file has times, at the scene's own times"),
+        ],
+        default="TIMES",
+    )
+
+    def execute(self, context):
+        root = need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        try:
+            self.read(context, Frame(context, root))
+        except (native.SceneError, OSError) as error:
+            self.report({"ERROR"}, str(error))
+        except (ValueError, KeyError, TypeError, IndexError) as error:
+            self.report({"ERROR"}, f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})")
+        else:
+            return {"FINISHED"}
+        return {"CANCELLED"}
+
+    def read(self, context, frame):
+        with open(self.filepath) as file:
+            data = json.load(file)
+        records = data["frames"] if "frames" in data else [data]
+        poses, lenses, frames = [], [], []
+        for i, record in enumerate(records):
+            turn = rotation(record["camera_from_world_quaternion_wxyz"])
+            pose = np.eye(4)
+            pose[:3, :3] = turn.T
+            pose[:3, 3] = -turn.T @ np.array(record["camera_from_world_translation"], dtype=np.float64) - frame.origin
+            poses.append((pose @ lens.FLIP)[:3])
+            lenses.append({k: float(record[k]) for k in ("width", "height", "fx", "fy", "cx", "cy")})
+            timed = self.timing == "TIMES" and "time" in record
+            frames.append(frame.frame_of(float(record["time"])) if timed else context.scene.frame_start + i)
+        if len(set(frames)) < len(frames):  # one time, many places
+            frames = [context.scene.frame_start + i for i in range(len(frames))]
+        self.make(context, frame.root, np.array(poses), lenses, frames)
+
+    def make(self, context, root, poses, lenses, frames):
+        data = bpy.data.cameras.new("path")
+        lens.set_blender_lens(data, {**lenses[0], "width": int(lenses[0]["width"]), "height": int(lenses[0]["height"])})
+        data.clip_end = 10000
+        camera = bpy.data.objects.new("path", data)
+        context.scene.collection.objects.link(camera)
+        camera.parent = root
+        curves.set_track(camera, frames, poses)
+        width = lenses[0]["width"]
+        if any(one != lenses[0] for one in lenses):
+            curves.set_curve(data, "lens", 0, frames, [one["fx"] * 36.0 / one["width"] for one in lenses])
+            curves.set_curve(data, "shift_x", 0, frames, [0.5 - one["cx"] / one["width"] for one in lenses])
+            curves.set_curve(data, "shift_y", 0, frames, [(one["cy"] - one["height"] / 2) / width for one in lenses])
+        context.scene.camera = camera
+
+
+CLASSES = (PAGS_OT_jump, PAGS_OT_camera_here, PAGS_OT_size_of_camera, PAGS_OT_ego_path, PAGS_OT_write_path, PAGS_OT_read_path)
 
 
 def register():
-    pass
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister():
-    pass
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,10 +1,202 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""."""
+"""A CG object in the street: the PAGS scene drawn in a linked second scene, Blender's meshes by Cycles or EEVEE over it by depth, with
+proxies (or a plane for the road) that catch their shadows."""
+
+import bpy
+import numpy as np
+from bpy.props import EnumProperty, FloatProperty
+
+from . import cameras, native
+
+SECOND = "PAGS behind"
+
+
+def second_scene(scene, root):
+    """A scene with the PAGS collection and the same camera and timeline, drawn by PAGS."""
+    second = bpy.data.scenes.get(SECOND) or bpy.data.scenes.new(SECOND)
+    collections = [c for c in bpy.data.collections if root.name in c.objects]
+    for collection in collections:
+        if collection.name not in second.collection.children:
+            second.collection.children.link(collection)
+    second.camera = scene.camera
+    if scene.camera is not None and second.objects.get(scene.camera.name) is None:
+        second.collection.objects.link(scene.camera)
+    copy_settings(scene, second)
+    second.render.engine = "PAGS"
+    second.view_layers[0].use_pass_z = True
+    return second
+
+
+def copy_settings(scene, second):
+    for name in ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"):
+        setattr(second.render, name, getattr(scene.render, name))
+    second.frame_start, second.frame_end = scene.frame_start, scene.frame_end
+    second.frame_set(scene.frame_current)
+    for name in ("sh_degree", "antialiased", "threads", "hide_noncritical"):
+        setattr(second.pags, name, getattr(scene.pags, name))
+
+
+def road_height(entry, root):
+    """Of the ground below the drive, relative to the scene's origin: a low percentile of the background near the cameras."""
+    points = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3)
+    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(entry.info["origin"])
+    if not len(eyes) or not len(points):
+        return 0.0
+    middle = np.median(eyes, axis=0)
+    near = np.linalg.norm(points[:, :2] - middle[:2], axis=1) < 15
+    below = points[near & (points[:, 2] < middle[2]), 2]
+    return float(np.percentile(below, 10)) if len(below) > 10 else float(middle[2] - 1.6)
+
+
+def shadow_plane(scene, root, entry):
+    known = next((o for o in scene.objects if o.get("pags_catcher") == "road"), None)
+    if known is not None:
+        return known
+    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(entry.info["origin"])
+    low, high = (eyes.min(axis=0) - 40, eyes.max(axis=0) + 40) if len(eyes) else (np.full(3, -40), np.full(3, 40))
+    z = road_height(entry, root)
+    mesh = bpy.data.meshes.new("road")
+    mesh.from_pydata([(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)])
+    plane = bpy.data.objects.new("road", mesh)
+    plane["pags_catcher"] = "road"
+    plane.parent = root
+    plane.display_type = "WIRE"
+    return plane
+
+
+def use_catchers(scene, root, entry):
+    """Proxies where there are any, else a plane for the road; in a collection of the first scene alone."""
+    proxies = [o for o in scene.objects if o.get("pags_proxy") and o.type == "MESH"]
+    collection = bpy.data.collections.get("PAGS shadow catchers") or bpy.data.collections.new("PAGS shadow catchers")
+    if collection.name not in scene.collection.children:
+        scene.collection.children.link(collection)
+    catchers = proxies or [shadow_plane(scene, root, entry)]
+    for block in catchers:
+        if collection.objects.get(block.name) is None:
+            collection.objects.link(block)
+        block.is_shadow_catcher = True
+        block.hide_render = False
+    return catchers
+
+
+def hide_splats(scene, root):
+    """The first scene's view layer leaves the points out: they are the second's business."""
+    for part in scene.objects:
+        if part.pags.kind in {"BACKGROUND", "OBJECT"} and part.pags.root == root and len(part.users_collection) > 0:
+            part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
+
+
+def node_tree(scene):
+    """Of the compositor, emptied; and the node that takes its result."""
+    if hasattr(scene, "compositing_node_group"):  # 5.x
+        tree = bpy.data.node_groups.new("PAGS composite", "CompositorNodeTree")
+        scene.compositing_node_group = tree
+        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        return tree, tree.nodes.new("NodeGroupOutput")
+    scene.use_nodes = True
+    tree = scene.node_tree
+    tree.nodes.clear()
+    return tree, tree.nodes.new("CompositorNodeComposite")
+
+
+def math_node(tree, operation, first, second):
+    try:
+        node = tree.nodes.new("CompositorNodeMath")
+    except RuntimeError:
+        node = tree.nodes.new("ShaderNodeMath")  # 5.x
+    node.operation = operation
+    for socket, value in zip(node.inputs, (first, second)):
+        if hasattr(value, "links"):
+            tree.links.new(value, socket)
+        else:
+            socket.default_value = value
+    return node.outputs[0]
+
+
+def alpha_over(tree, behind, front):
+    node = tree.nodes.new("CompositorNodeAlphaOver")
+    if "Background" in node.inputs:  # 5.x names them
+        tree.links.new(behind, node.inputs["Background"])
+        tree.links.new(front, node.inputs["Foreground"])
+    else:
+        tree.links.new(behind, node.inputs[1])
+        tree.links.new(front, node.inputs[2])
+    return node.outputs[0]
+
+
+def build_nodes(scene, second, tolerance):
+    """CG over the street wherever the CG is no more than `tolerance` metres behind it, so that a shadow lies on a road whose Gaussians
+    scatter about their surface, and a parked car hides what is behind it."""
+    tree, out = node_tree(scene)
+    front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
+    front.scene, behind.scene = scene, second
+    nearer = math_node(tree, "LESS_THAN", math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"]), tolerance)
+    masked = tree.nodes.new("CompositorNodeSetAlpha")
+    mode = masked.inputs.get("Type")
+    if mode is not None:
+        mode.default_value = "Apply Mask"
+    else:
+        masked.mode = "APPLY"
+    tree.links.new(front.outputs["Image"], masked.inputs["Image"])
+    tree.links.new(nearer, masked.inputs["Alpha"])
+    tree.links.new(alpha_over(tree, behind.outputs["Image"], masked.outputs[0]), out.inputs[0])
+    for x, node in enumerate(tree.nodes):
+        node.location = (200 * (x % 4), -250 * (x // 4))
+    return tree
+
+
+class PAGS_OT_composite(bpy.types.Operator):
+    """Set up F12 so that this file's meshes, rendered by Cycles or EEVEE, stand in the PAGS scene with their shadows on the road"""
+
+    bl_idname = "pags.composite"
+    bl_label = "Composite with Cycles/EEVEE"
+    bl_options = {"REGISTER", "UNDO"}
+
+    engine: EnumProperty(
+        name="Meshes by",
+        items=[("CYCLES", "Cycles", "Catches shadows and hides by depth"), ("EEVEE", "EEVEE", "Hides by depth; EEVEE catches no shadows")],
+    )
+    tolerance: FloatProperty(name="Tolerance", description="Metres that a mesh may be behind the splats and still be seen", default=0.3, min=0, unit="LENGTH")
+
+    def execute(self, context):
+        root = cameras.need_root(self, context)
+        scene = context.scene
+        if root is None:
+            return {"CANCELLED"}
+        if scene.camera is None:
+            self.report({"ERROR"}, "there is no camera in the scene")
+            return {"CANCELLED"}
+        try:
+            self.set_up(context, scene, root, native.load(cameras.absolute_path(root)))
+        except (native.SceneError, TypeError, AttributeError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        return {"FINISHED"}
+
+    def set_up(self, context, scene, root, entry):
+        if self.engine == "CYCLES":
+            scene.render.engine = "CYCLES"
+        else:
+            names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
+            scene.render.engine = "BLENDER_EEVEE_NEXT" if "BLENDER_EEVEE_NEXT" in names else "BLENDER_EEVEE"
+        scene.render.film_transparent = True
+        scene.render.use_compositing = True
+        context.view_layer.use_pass_z = True
+        second = second_scene(scene, root)
+        hide_splats(scene, root)
+        if self.engine == "CYCLES":
+            use_catchers(scene, root, entry)
+        build_nodes(scene, second, self.tolerance)
+
+
+CLASSES = (PAGS_OT_composite,)
 
 
 def register():
-    pass
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister():
-    pass
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -3,6 +3,7 @@
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 
 def fcurve_owner(block):
@@ -42,8 +43,6 @@ def set_curve(block, path, index, frames, values, interpolation="LINEAR"):
 
 def quaternions(rotations):
     """(n, 4) w x y z of (n, 3, 3), each on the side of the one before."""
-    from mathutils import Matrix
-
     out = np.array([list(Matrix(r.tolist()).to_quaternion()) for r in rotations])
     for i in range(1, len(out)):
         if out[i] @ out[i - 1] < 0:

@@ -1,10 +1,335 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""."""
+"""Exports through the `pags` program, with what was edited in Blender: objects moved, deleted or hidden, tracks changed.
+
+The program knows nothing of Blender. What it is given is a scene folder beside the export: scene.json with the tracks as the timeline has
+them now and without objects that are gone, and links to the models."""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy_extras.io_utils import ExportHelper
+
+from . import cameras, gather, lens, native
+from .properties import absolute_path, preferences
+
+
+def program(context):
+    """Path of the program, or None."""
+    chosen = preferences(context)
+    path = bpy.path.abspath(chosen.program) if chosen and chosen.program else os.environ.get("PAGS_PROGRAM", "")
+    return path if path and os.access(path, os.X_OK) else shutil.which("pags") if not path else None
+
+
+def parts_by_index(context, root):
+    """The Blender object of each of the scene's objects that is still there and is rendered."""
+    out = {}
+    for part in context.scene.objects:
+        if part.pags.kind == "OBJECT" and part.pags.root == root and part.pags.index not in out:
+            out[part.pags.index] = part
+    return out
+
+
+def pose_now(root_inverse, part, origin):
+    pose, _ = lens.rigid(root_inverse @ lens.matrix(part.matrix_world))
+    pose[:3, 3] += origin
+    return pose
+
+
+class Edited:
+    """The scene as Blender has it now, as a folder."""
+
+    def __init__(self, context, root):
+        self.context, self.root = context, root
+        self.frame = cameras.Frame(context, root)
+        self.entry = self.frame.entry
+        if not os.path.isdir(self.entry.path):
+            raise native.SceneError(f"{self.entry.path}: edits are exported of scene folders; this is a bare splat file")
+        with open(os.path.join(self.entry.path, "scene.json")) as file:
+            self.scene = json.load(file)
+        self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
+        self.moved, self.gone = [], []
+
+    def collect(self):
+        """New knots of the objects that were moved. The timeline is played through once."""
+        parts, scene, before = parts_by_index(self.context, self.root), self.context.scene, self.context.scene.frame_current_final
+        records = self.scene.get("objects", [])
+        self.gone = [i for i, r in enumerate(self.entry.objects) if r["gaussians"] > 0 and (i not in parts or parts[i].hide_render and not animated(parts[i], "hide_render"))]
+        times = sorted({k["time"] for i in parts if i < len(records) and self.entry.objects[i]["tracked"] for k in records[i]["knots"]})
+        times = times or [self.entry.info["time_begin"]]
+        for time in times:
+            cameras.set_frame(scene, self.frame.frame_of(time))
+            depsgraph = self.context.evaluated_depsgraph_get()
+            for index, part in parts.items():
+                if index < len(records):
+                    self.take(records[index], index, part.evaluated_get(depsgraph), time, time == times[0])
+        cameras.set_frame(scene, before)
+        return self
+
+    def take(self, record, index, part, time, first):
+        pose = pose_now(self.inverse, part, self.frame.origin)
+        exact = self.entry.scene.pose(index, time)
+        if exact is None:
+            return
+        wanted = np.array(exact).reshape(3, 4)
+        same = np.abs(wanted[:, :3] - pose[:3, :3]).max() < gather.SNAP_ROTATION and np.abs(wanted[:, 3] - pose[:3, 3]).max() < gather.SNAP_METRES
+        if same:
+            return
+        if not self.entry.objects[index]["tracked"]:
+            if first:
+                self.moved.append((index, pose, wanted))
+            return
+        for knot in record["knots"]:
+            if abs(knot["time"] - time) < 1e-6:
+                knot.update(world_from_object=lens.pose12(pose), rotation=[0, 0, 0], translation=[0, 0, 0], trained=True)
+                if index not in [m[0] for m in self.moved]:
+                    self.moved.append((index, None, None))
+
+    def write(self, folder):
+        """The models that stay are links; a parked object's Gaussians lie in the background and are moved or cut out there."""
+        os.makedirs(os.path.join(folder, "objects"), exist_ok=True)
+        gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
+        rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
+        rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
+        for model in self.scene["models"]:
+            source, target = os.path.join(self.entry.path, model["file"]), os.path.join(folder, model["file"])
+            os.makedirs(os.path.dirname(target), exist_ok=True)
+            if model is self.scene["models"][0] and rewrite:
+                model["gaussians"] = rewrite_background(source, target, rewrite, self.frame.origin)
+            else:
+                os.symlink(os.path.abspath(source), target)
+        if self.scene.get("sky"):
+            os.symlink(os.path.abspath(os.path.join(self.entry.path, self.scene["sky"])), os.path.join(folder, self.scene["sky"]))
+        self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
+        for i in self.gone:
+            if self.scene["objects"][i].get("model"):
+                self.scene["objects"][i]["model"] = None
+        for i, pose, wanted in self.moved:
+            if pose is not None:
+                carry = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
+                for knot in self.scene["objects"][i]["knots"]:
+                    knot["world_from_object"] = lens.pose12(carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4))
+        with open(os.path.join(folder, "scene.json"), "w") as file:
+            json.dump(self.scene, file)
+        return folder
+
+
+def animated(block, path):
+    data = block.animation_data
+    if data is None or data.action is None:
+        return False
+    from . import curves
+
+    return curves.fcurve_owner(block).find(path) is not None
+
+
+def rewrite_background(source, target, rewrite, origin):
+    """A PLY of ours without the Gaussians of some objects (None) and with others' carried from pose to pose. Spherical harmonics turn with them to
+    the first degree; higher degrees stay as they are."""
+    with open(source, "rb") as file:
+        header = b""
+        while not header.endswith(b"end_header\n"):
+            line = file.readline()
+            if not line:
+                raise native.SceneError(f"{source}: its header doesn't end")
+            header += line
+        lines = header.decode().splitlines()
+        kinds = {"float": "<f4", "int": "<i4"}
+        fields = [(line.split()[2], kinds[line.split()[1]]) for line in lines if line.startswith("property")]
+        rows = np.frombuffer(file.read(), dtype=np.dtype(fields)).copy()
+    keep = np.ones(len(rows), dtype=bool)
+    for index, poses in rewrite.items():
+        mine = rows["object_id"] == index if "object_id" in rows.dtype.names else np.zeros(len(rows), dtype=bool)
+        if poses is None:
+            keep &= ~mine
+        elif mine.any():
+            carry(rows, mine, poses[0], poses[1], origin)
+    rows = rows[keep]
+    head = "\n".join(f"element vertex {len(rows)}" if line.startswith("element vertex") else line for line in lines) + "\n"
+    with open(target, "wb") as file:
+        file.write(head.encode() + rows.tobytes())
+    return len(rows)
+
+
+def carry(rows, mine, new, old, origin):
+    motion = new @ np.linalg.inv(np.vstack([old, [0, 0, 0, 1]]))
+    points = np.stack([rows[k][mine] for k in "xyz"], axis=1).astype(np.float64) + origin
+    moved = points @ motion[:3, :3].T + motion[:3, 3] - origin
+    for k, name in enumerate("xyz"):
+        rows[name][mine] = moved[:, k]
+    q = cameras.quaternion(motion[:3, :3])
+    old_q = np.stack([rows[f"rot_{k}"][mine] for k in range(4)], axis=1).astype(np.float64)
+    for k, values in enumerate(product(q, old_q)):
+        rows[f"rot_{k}"][mine] = values
+    turn_first_degree(rows, mine, motion[:3, :3])
+
+
+def product(q, p):
+    w, x, y, z = q
+    a, b, c, d = p.T
+    return (w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
+
+
+def turn_first_degree(rows, mine, turn):
+    """Coefficients 1 to 3 are -y, z, -x times a constant: the vector (x, y, z) that they stand for turns."""
+    rest = [name for name in rows.dtype.names if name.startswith("f_rest_")]
+    if not rest:
+        return
+    step = len(rest) // 3
+    for channel in range(3):
+        names = [f"f_rest_{channel * step + k}" for k in range(3)]
+        y, z, x = (rows[name][mine].astype(np.float64) for name in names)
+        v = np.stack([-x, -y, z], axis=1) @ turn.T
+        rows[names[0]][mine], rows[names[1]][mine], rows[names[2]][mine] = -v[:, 1], v[:, 2], -v[:, 0]
+
+
+class PAGS_OT_export(bpy.types.Operator, ExportHelper):
+    """Export proxies or splats with the pags program, Blender's edits applied"""
+
+    bl_idname = "export_scene.pags"
+    bl_label = "Export from PAGS scene"
+
+    filename_ext = ""
+    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.usda", options={"HIDDEN"})
+    proxy: EnumProperty(
+        name="Proxies",
+        items=[
+            ("mesh", "Surface", "The surface of each object"),
+            ("cage", "Cage", "A closed cage, subdivided"),
+            ("hull", "Hull", "Convex hulls"),
+            ("box", "Box", "The labelled boxes"),
+        ],
+    )
+    edits: BoolProperty(name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True)
+
+    def execute(self, context):
+        root = cameras.need_root(self, context)
+        command = program(context)
+        if root is None:
+            return {"CANCELLED"}
+        if command is None:
+            self.report({"ERROR"}, "the pags program isn't there: install it, or name it in the add-on's preferences")
+            return {"CANCELLED"}
+        try:
+            with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
+                source = Edited(context, root).collect().write(folder) if self.edits else absolute_path(root)
+                self.run(command, source)
+        except (native.SceneError, OSError, KeyError, ValueError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"wrote {self.filepath}")
+        return {"FINISHED"}
+
+    def run(self, command, source):
+        arguments = [command, "export", source, self.filepath]
+        if self.filepath.endswith((".glb", ".gltf")):
+            arguments += ["--proxy", self.proxy]
+        done = subprocess.run(arguments, capture_output=True, text=True)
+        if done.returncode != 0:
+            raise native.SceneError((done.stderr.strip().splitlines() or ["pags export failed"])[-1])
+
+
+class PAGS_OT_save_edited(bpy.types.Operator):
+    """Write the scene as Blender has it now into a new scene folder, which every pags command takes"""
+
+    bl_idname = "pags.save_edited"
+    bl_label = "Save edited scene"
+
+    directory: StringProperty(subtype="DIR_PATH")
+
+    def invoke(self, context, event):
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        root = cameras.need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        folder = bpy.path.abspath(self.directory)
+        try:
+            if os.path.exists(os.path.join(folder, "scene.json")):
+                raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
+            edited = Edited(context, root).collect()
+            edited.write(folder)
+        except (native.SceneError, OSError, KeyError, ValueError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out")
+        return {"FINISHED"}
+
+
+class PAGS_OT_import_proxies(bpy.types.Operator):
+    """Make the exporter's proxies and bring them in as hidden meshes on their objects' tracks"""
+
+    bl_idname = "pags.import_proxies"
+    bl_label = "Import proxies"
+    bl_options = {"REGISTER", "UNDO"}
+
+    filepath: StringProperty(name="File", description="A .glb of proxies; empty: made now by the pags program", subtype="FILE_PATH", default="")
+
+    def execute(self, context):
+        root = cameras.need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        try:
+            made = self.bring_in(context, root)
+        except (native.SceneError, OSError, RuntimeError, AttributeError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        self.report({"INFO"}, f"{len(made)} proxies")
+        return {"FINISHED"}
+
+    def bring_in(self, context, root):
+        if self.filepath:
+            return bring_in(context, root, bpy.path.abspath(self.filepath))
+        command = program(context)
+        if command is None:
+            raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
+        with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
+            path = os.path.join(folder, "proxies.glb")
+            done = subprocess.run([command, "export", absolute_path(root), path], capture_output=True, text=True)
+            if done.returncode != 0:
+                raise native.SceneError((done.stderr.strip().splitlines() or ["pags export failed"])[-1])
+            return bring_in(context, root, path)
+
+
+def bring_in(context, root, path):
+    if not hasattr(np, "bool"):
+        np.bool = bool  # Blender 3.4's importer of glTF asks for it; numpy dropped it
+    if not hasattr(bpy.ops.import_scene, "gltf"):
+        raise native.SceneError("Blender's glTF importer isn't enabled")
+    before = set(bpy.data.objects)
+    bpy.ops.import_scene.gltf(filepath=path)
+    made = [o for o in bpy.data.objects if o not in before]
+    for block in made:
+        if block.parent is None:
+            block.parent = root
+        block["pags_proxy"] = True
+        if block.type == "MESH":
+            block.hide_render = True
+            block.hide_set(True)
+    return [o for o in made if o.type == "MESH"]
+
+
+def menu(self, context):
+    self.layout.operator(PAGS_OT_export.bl_idname, text="From PAGS scene (proxies, splats)")
+
+
+CLASSES = (PAGS_OT_export, PAGS_OT_save_edited, PAGS_OT_import_proxies)
 
 
 def register():
-    pass
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.TOPBAR_MT_file_export.append(menu)
 
 
 def unregister():
-    pass
+    bpy.types.TOPBAR_MT_file_export.remove(menu)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

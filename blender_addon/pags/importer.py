@@ -7,8 +7,9 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
+from mathutils import Matrix, Quaternion
 
-from . import curves, lens, native
+from . import curves, lens, native, photographs
 from .properties import preferences
 
 # -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
@@ -38,7 +39,7 @@ class Import:
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
         self.root["pags_gaussians"] = self.info["gaussians"]
         if self.info["up"] == "-y":
-            self.root.matrix_world = FROM_MINUS_Y.tolist()
+            self.root.matrix_world = Matrix(FROM_MINUS_Y.tolist())  # a list of lists would be read by columns
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
@@ -78,6 +79,7 @@ class Import:
         part = self.link(bpy.data.objects.new(name, mesh), kind, parent)
         part.pags.index = index
         part.pass_index = index + 1
+        part.display_type = "BOUNDS"  # loose vertices would be drawn as black dots over everything
         return part
 
     def add_object(self, index, record, budget):
@@ -161,8 +163,6 @@ class Import:
         low, high = max(0, min(at - 1, len(self.ego_times) - 2)), min(max(at, 1), len(self.ego_times) - 1)
         span = self.ego_times[high] - self.ego_times[low]
         share = min(max((time - self.ego_times[low]) / span, 0), 1) if span > 0 else 0
-        from mathutils import Quaternion
-
         turns = curves.quaternions(self.ego_poses[[low, high], :3, :3])
         turn = (1 - share) * turns[0] + share * turns[1]
         out = np.eye(4)
@@ -184,9 +184,7 @@ class Import:
         curves.set_track(camera, self.frame_of([v["time"] for v in group]), np.array(poses)[:, :3])
         self.animate_lens(camera, group)
         if self.photographs:
-            from . import cameras
-
-            self.notes += cameras.show_photographs(camera, self.entry, self.root)
+            self.notes += photographs.show(camera, self.entry, self.root)
 
     def animate_lens(self, camera, group):
         """A lens that changes along the drive gets keyframes of its own."""
@@ -230,6 +228,13 @@ def adopt_settings(scene, work, rate, colors, size):
     if size and views:
         scene.render.resolution_x, scene.render.resolution_y = views[0]["width"], views[0]["height"]
         scene.render.resolution_percentage = 100
+
+
+def hide_relationship_lines(context):
+    """A line from every object to the scene's origin shows nothing but lines."""
+    for area in context.screen.areas if context.screen else ():
+        if area.type == "VIEW_3D":
+            area.spaces.active.overlay.show_relationship_lines = False
 
 
 class PAGS_OT_import(bpy.types.Operator, ImportHelper):
@@ -303,6 +308,8 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         adopt_settings(scene, work, rate, self.use_standard, empty or self.use_rate == "YES")
         if self.use_engine:
             scene.render.engine = "PAGS"
+        if empty:
+            hide_relationship_lines(context)
         for note in work.notes:
             self.report({"WARNING"}, note)
         if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:

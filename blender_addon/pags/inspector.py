@@ -1,10 +1,181 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""."""
+"""Looking into a scene: what is under the mouse; how a picture compares with the photograph."""
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty, IntProperty, StringProperty
+
+from . import cameras, gather, lens, native, photographs
+
+
+class PAGS_OT_pick(bpy.types.Operator):
+    """Click on the scene: which object, class, priority and depth"""
+
+    bl_idname = "pags.pick"
+    bl_label = "Pick"
+    bl_options = {"REGISTER", "UNDO"}
+
+    x: IntProperty(name="X", description="Pixels from the left of the view", default=0)
+    y: IntProperty(name="Y", description="Pixels from the bottom of the view", default=0)
+
+    @classmethod
+    def poll(cls, context):
+        return context.region_data is not None
+
+    def invoke(self, context, event):
+        context.window.cursor_modal_set("EYEDROPPER")
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "LEFTMOUSE" and event.value == "PRESS":
+            context.window.cursor_modal_restore()
+            self.x, self.y = event.mouse_region_x, event.mouse_region_y
+            return self.execute(context)
+        if event.type in {"ESC", "RIGHTMOUSE"}:
+            context.window.cursor_modal_restore()
+            return {"CANCELLED"}
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        region, view = context.region, context.region_data
+        values, pose = lens.of_view(view.window_matrix, view.view_matrix, region.width, region.height)
+        try:
+            found = pick(context, values, pose, self.x, region.height - 1 - self.y)
+        except (native.SceneError, RuntimeError, ValueError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        context.scene.pags_picked = describe(found)
+        self.report({"INFO"}, context.scene.pags_picked)
+        select(context, found)
+        return {"FINISHED"}
+
+
+def pick(context, values, pose, x, y):
+    """What a camera of Blender's world sees at a pixel (row 0 at the top): the C module's dictionary with "record", or None."""
+    depsgraph = context.evaluated_depsgraph_get()
+    state, _ = gather.gather(depsgraph)
+    if state is None:
+        raise native.SceneError("there is no PAGS scene to pick in")
+    entry = gather.load(state, True)
+    time = gather.time_of(state, entry, context.scene.frame_current_final)
+    camera = gather.camera_for(state, entry, values, pose, time)
+    parts = gather.placements(state, entry, time, context.scene.pags.hide_noncritical)
+    found = native.module.pick(entry.scene, camera, x, y, threads=context.scene.pags.threads, placements=parts)
+    if found is not None:
+        found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
+        found["root"] = state.root_name
+        found["depth"] = (found["depth"] - values.get("ortho", 0.0)) * state.scale
+    return found
+
+
+def describe(found):
+    if found is None:
+        return "nothing is drawn there"
+    record = found["record"]
+    what = f"{record['class']} {record['id']} (number {found['object']})" if record else "background"
+    return f"{what}, S_sem {found['priority']:.2f}, depth {found['depth']:.2f} m, Gaussian {found['id']}"
+
+
+def select(context, found):
+    if found is None:
+        return
+    index = found["object"] if found["object"] is not None else -1
+    for other in context.selected_objects:
+        other.select_set(False)
+    for part in context.view_layer.objects:
+        settings = part.pags
+        if settings.kind in {"OBJECT", "BACKGROUND"} and settings.index == index and settings.root and settings.root.name == found["root"]:
+            part.select_set(True)
+            context.view_layer.objects.active = part
+            return
+
+
+# ---- Against the photograph ----
+
+
+def psnr(a, b):
+    error = float(np.mean((np.clip(a, 0, 1) - np.clip(b, 0, 1)) ** 2))
+    return 99.0 if error == 0 else -10 * np.log10(error)
+
+
+def exposed(picture, view):
+    """As the photograph's own exposure shows it: photograph = gain * picture + offset."""
+    return np.clip(picture * np.array(view["gain"], dtype=np.float32) + np.array(view["offset"], dtype=np.float32), 0, 1)
+
+
+def draw_view(entry, view, threads):
+    """What the scene looks like from one of its views, untouched by Blender's edits: (height, width, 3) display-referred."""
+    picture = native.renderer("final", threads).submit(entry.scene, view).take()
+    return np.asarray(picture.rgba)[..., :3].copy()
+
+
+class PAGS_OT_compare(bpy.types.Operator):
+    """Put the photograph at the current time and the engine's picture of it side by side, with their PSNR"""
+
+    bl_idname = "pags.compare"
+    bl_label = "Compare with photograph"
+
+    name: StringProperty(name="Photograph", description="File name; empty: that of the active camera nearest in time", default="")
+    use_exposure: BoolProperty(name="Exposure", description="Expose the picture as training found the photograph to be", default=True)
+
+    def execute(self, context):
+        root = cameras.need_root(self, context)
+        if root is None:
+            return {"CANCELLED"}
+        try:
+            frame = cameras.Frame(context, root)
+            finder = type("Finder", (), {"name": self.name, "step": 0})
+            view = cameras.PAGS_OT_jump.find(finder, context, frame)
+            if view is None:
+                raise native.SceneError("the scene has no photographs")
+            photograph = photographs.load(frame.entry, view)
+            picture = draw_view(frame.entry, view, context.scene.pags.threads)
+        except (native.SceneError, OSError, RuntimeError) as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if self.use_exposure:
+            picture = exposed(picture, view)
+        value = psnr(picture, photograph)
+        self.show(context, photograph, picture, context.scene.pags.wipe)
+        context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
+        self.report({"INFO"}, context.scene.pags_compared)
+        return {"FINISHED"}
+
+    @staticmethod
+    def show(context, photograph, picture, wipe):
+        height, width = picture.shape[:2]
+        both = picture.copy()
+        edge = int(round(wipe * width))
+        both[:, :edge] = photograph[:, :edge]
+        if 0 < edge < width:
+            both[:, edge - 1 : edge + 1] = (1, 1, 1)
+        image = bpy.data.images.get("PAGS comparison")
+        if image is not None and tuple(image.size) != (width, height):
+            bpy.data.images.remove(image)
+            image = None
+        image = image or bpy.data.images.new("PAGS comparison", width, height, alpha=False)
+        rgba = np.ones((height, width, 4), dtype=np.float32)
+        rgba[..., :3] = both[::-1]
+        image.pixels.foreach_set(rgba.reshape(-1))
+        image.update()
+        for area in context.screen.areas if context.screen else ():
+            if area.type == "IMAGE_EDITOR":
+                area.spaces.active.image = image
+
+
+CLASSES = (PAGS_OT_pick, PAGS_OT_compare)
 
 
 def register():
-    pass
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.pags_picked = StringProperty(name="Picked", options={"SKIP_SAVE"})
+    bpy.types.Scene.pags_compared = StringProperty(name="Compared", options={"SKIP_SAVE"})
 
 
 def unregister():
-    pass
+    del bpy.types.Scene.pags_compared
+    del bpy.types.Scene.pags_picked
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,10 +1,180 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""."""
+"""In Solid and Material shading, and under other engines: the splats among the meshes by depth; where they aren't drawn, light points."""
+
+import time
+
+import bpy
+import gpu
+import numpy as np
+from gpu_extras.batch import batch_for_shader
+
+from . import draw, gather, viewport
+from .native import SceneError
+
+_views = {}  # by region pointer
+_batches = {}  # by mesh
+_handle = None
+_version = 0
+
+
+def changed():
+    global _version
+    _version += 1
+
+
+def forget():
+    for view in _views.values():
+        view.drop()
+    _views.clear()
+    _batches.clear()
+    changed()
+
+
+def draws_splats(context):
+    """Whether this view's splats are the overlay's to draw, not a render engine's or nobody's."""
+    shading = context.space_data.shading.type
+    if not context.scene.pags.overlay or shading == "WIREFRAME":
+        return False
+    return shading in {"SOLID", "MATERIAL"} or context.scene.render.engine != "PAGS"
+
+
+def view_of(context):
+    key = context.region.as_pointer()
+    view = _views.get(key)
+    if view is None:
+        view = _views[key] = viewport.View()
+        view.version = -1
+    return view
+
+
+def on_draw():
+    context = bpy.context
+    if context.region_data is None or not any(o.pags.kind == "ROOT" for o in context.scene.objects):
+        return
+    try:
+        if draws_splats(context):
+            draw_splats(context)
+        elif context.space_data.shading.type != "RENDERED" and context.scene.pags.points:
+            draw_points(context)
+    except (SceneError, RuntimeError, ValueError) as error:
+        view_of(context).error = str(error)
+
+
+def draw_splats(context):
+    begin = time.perf_counter()
+    view, width, height = view_of(context), context.region.width, context.region.height
+    depsgraph = context.evaluated_depsgraph_get()
+    if view.version != _version:
+        view.update(depsgraph)
+        view.version = _version
+    wanted = view.want(context, depsgraph, width, height, ("rgba", "depth"), True)
+    upload = view.advance(wanted)
+    middle = time.perf_counter()
+    if view.shown is not None and view.shown.depth is not None and view.state is not None:
+        put(context, view.shown)
+    elif context.scene.pags.points:
+        draw_points(context)
+    view.watch.add(1e3 * (middle - begin) - upload, upload, 1e3 * (time.perf_counter() - middle))
+
+
+def put(context, shown):
+    p = context.region_data.window_matrix
+    perspective = p[3][3] == 0
+    z, w = (p[2][2], p[2][3])
+    shader = draw.shader("depth")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    gpu.state.blend_set("ALPHA_PREMULT")
+    shader.bind()
+    shader.uniform_sampler("picture", shown.color)
+    shader.uniform_sampler("depths", shown.depth)
+    shader.uniform_float("lens", (z, w, 1.0 if perspective else 0.0, shown.values.get("ortho", 0.0)))
+    shader.uniform_float("encoded", 0.0)
+    draw.quad("depth").draw(shader)
+    gpu.state.blend_set("NONE")
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+
+
+# ---- Points ----
+
+
+def point_shader():
+    for name in ("POINT_FLAT_COLOR", "FLAT_COLOR", "3D_FLAT_COLOR"):
+        try:
+            return gpu.shader.from_builtin(name)
+        except (ValueError, SystemError):
+            continue
+    return None
+
+
+def batch_of(mesh, shader):
+    key = (mesh.name_full, len(mesh.vertices))
+    if key not in _batches:
+        count = len(mesh.vertices)
+        points, colors = np.empty(3 * count, dtype=np.float32), np.ones(4 * count, dtype=np.float32)
+        mesh.vertices.foreach_get("co", points)
+        attribute = mesh.attributes.get("Col")
+        if attribute and len(attribute.data) == count:
+            attribute.data.foreach_get("color", colors)
+        _batches[key] = batch_for_shader(shader, "POINTS", {"pos": points.reshape(-1, 3), "color": colors.reshape(-1, 4)})
+    return _batches[key]
+
+
+def draw_points(context):
+    shader = point_shader()
+    if shader is None:
+        return
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.depth_mask_set(True)
+    gpu.state.point_size_set(2.0)
+    depsgraph = context.evaluated_depsgraph_get()
+    for instance in depsgraph.object_instances:
+        part = instance.object
+        if part.original.pags.kind not in {"BACKGROUND", "OBJECT"} or part.type != "MESH" or not len(part.original.data.vertices):
+            continue
+        with gpu.matrix.push_pop():
+            gpu.matrix.multiply_matrix(instance.matrix_world)
+            batch_of(part.original.data, shader).draw(shader)
+    gpu.state.depth_mask_set(False)
+    gpu.state.depth_test_set("NONE")
+
+
+def on_draw_text():
+    """Statistics of the overlay's pictures, as render engines have theirs."""
+    context = bpy.context
+    if context.region_data is None or not draws_splats(context) or not context.space_data.overlay.show_text:
+        return
+    view = _views.get(context.region.as_pointer())
+    if view is None or (view.state is None and not view.error):
+        return
+    import blf
+
+    scale = context.preferences.system.ui_scale
+    size = int(11 * scale)
+    try:
+        blf.size(0, size)
+    except TypeError:
+        blf.size(0, size, 72)  # up to 3.x
+    blf.color(0, 1, 1, 1, 0.9)
+    blf.position(0, 20 * scale, 20 * scale, 0)
+    blf.draw(0, "PAGS | " + view.statistics(context.scene.pags))
 
 
 def register():
-    pass
+    global _handle
+    if bpy.app.background:
+        return
+    space = bpy.types.SpaceView3D
+    _handle = (
+        space.draw_handler_add(on_draw, (), "WINDOW", "POST_VIEW"),
+        space.draw_handler_add(on_draw_text, (), "WINDOW", "POST_PIXEL"),
+    )
 
 
 def unregister():
-    pass
+    global _handle
+    for handle in _handle or ():
+        bpy.types.SpaceView3D.draw_handler_remove(handle, "WINDOW")
+    _handle = None
+    forget()

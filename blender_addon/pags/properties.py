@@ -55,6 +55,18 @@ class PagsScene(bpy.types.PropertyGroup):
         description="Whether opacities are scaled by what the low-pass filter takes (Mip-Splatting)",
         items=[("SCENE", "As trained", "As the scene file says"), ("ON", "On", "Always"), ("OFF", "Off", "Never")],
     )
+    early_z: EnumProperty(
+        name="Early-Z",
+        description="Leave out what solid things hide before it is read and coloured",
+        items=[
+            ("off", "Off", "Draw everything in view"),
+            ("lossless", "Lossless", "The same picture to the bit"),
+            ("bounded", "Bounded", "No colour channel off by more than the bound"),
+            ("paper", "Paper", "The paper's hard depth test; loses what is behind half-transparent things"),
+        ],
+        default="off",
+    )
+    early_z_eps: FloatProperty(name="Bound", description="Largest error of a colour channel, 0 to 1", default=1 / 255, min=1e-5, max=0.5, precision=4)
     exact: BoolProperty(name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it")
     threads: IntProperty(name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256)
     deadline: FloatProperty(

@@ -1,0 +1,153 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The recording's photographs: found, freed of lens distortion, behind what their camera sees, frame for frame."""
+
+import hashlib
+import os
+
+import bpy
+import numpy as np
+
+from . import lens
+
+
+def path_of(entry, name):
+    """Of a view's photograph, or None where the data set isn't there."""
+    dataset = entry.info.get("dataset")
+    if not dataset:
+        return None
+    base = os.path.dirname(entry.path)
+    for folder in (dataset, os.path.join(base, dataset), os.path.join(base, os.path.basename(dataset.rstrip("/")))):
+        for inner in ("images", ""):
+            path = os.path.join(folder, inner, name)
+            if os.path.exists(path):
+                return path
+    return None
+
+
+def lens_file(entry, sensor):
+    """Nine numbers fx fy cx cy k1 k2 p1 p2 k3 of a driving set's camera where it has distortion, else None."""
+    path = os.path.join(entry.info.get("dataset") or "", "intrinsics", f"{sensor}.txt")
+    try:
+        with open(path) as file:
+            numbers = [float(word) for word in file.read().split()]
+    except (OSError, ValueError):
+        return None
+    return numbers[:9] if len(numbers) >= 9 and any(abs(k) > 1e-9 for k in numbers[4:9]) else None
+
+
+def read(path):
+    """(height, width, 3) display-referred sRGB, row 0 at the top."""
+    image = bpy.data.images.load(path, check_existing=False)
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        width, height = image.size
+        if width == 0:
+            raise OSError(f"{path}: not a picture that Blender reads")
+        flat = np.empty(width * height * image.channels, dtype=np.float32)
+        image.pixels.foreach_get(flat)
+        return flat.reshape(height, width, -1)[::-1, :, :3].copy()
+    finally:
+        bpy.data.images.remove(image)
+
+
+def sample(picture, x, y):
+    """Bilinear; x, y in pixels with corners at 0; held at the border."""
+    height, width = picture.shape[:2]
+    x, y = np.clip(x - 0.5, 0, width - 1), np.clip(y - 0.5, 0, height - 1)
+    x0, y0 = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
+    u, v = (x - x0)[..., None].astype(np.float32), (y - y0)[..., None].astype(np.float32)
+    top = picture[y0, x0] * (1 - u) + picture[y0, x0 + 1] * u
+    return top * (1 - v) + (picture[y0 + 1, x0] * (1 - u) + picture[y0 + 1, x0 + 1] * u) * v
+
+
+def as_view(picture, view, distortion):
+    """The photograph as the view's pinhole camera sees it, at the view's size (Brown's model of radial and tangential distortion)."""
+    height, width = picture.shape[:2]
+    u, v = np.meshgrid(np.arange(view["width"]) + 0.5, np.arange(view["height"]) + 0.5)
+    x, y = (u - view["cx"]) / view["fx"], (v - view["cy"]) / view["fy"]
+    if distortion is None:
+        if (width, height) == (view["width"], view["height"]):
+            return picture
+        return sample(picture, u * width / view["width"], v * height / view["height"])
+    fx, fy, cx, cy, k1, k2, p1, p2, k3 = distortion
+    r = x * x + y * y
+    radial = 1 + r * (k1 + r * (k2 + r * k3))
+    return sample(picture, fx * (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x)) + cx, fy * (y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y) + cy)
+
+
+def load(entry, view):
+    """A view's photograph as its pinhole camera sees it; OSError where it isn't there."""
+    path = path_of(entry, view["name"])
+    if path is None:
+        raise OSError(f"the photograph {view['name']} of {entry.info.get('dataset') or 'this scene'} is not there")
+    return as_view(read(path), view, lens_file(entry, view["sensor"]))
+
+
+def save(picture, path):
+    """8-bit PNG, row 0 at the top."""
+    height, width = picture.shape[:2]
+    image = bpy.data.images.new("pags photograph", width, height, alpha=False)
+    try:
+        image.colorspace_settings.name = "Non-Color"
+        rgba = np.ones((height, width, 4), dtype=np.float32)
+        rgba[..., :3] = picture[::-1]
+        image.pixels.foreach_set(rgba.reshape(-1))
+        image.file_format = "PNG"
+        image.filepath_raw = path
+        image.save()
+    finally:
+        bpy.data.images.remove(image)
+
+
+def cache_folder(entry, sensor, fps):
+    """Where numbered copies or links are kept: below the user's own data, as extensions must."""
+    key = hashlib.sha1(f"{entry.path} {entry.stamp} {sensor} {fps:.6f}".encode()).hexdigest()[:12]
+    inner = os.path.join("photographs", key)
+    if hasattr(bpy.utils, "extension_path_user") and __package__.startswith("bl_ext."):
+        return bpy.utils.extension_path_user(__package__, path=inner, create=True)
+    return bpy.utils.user_resource("DATAFILES", path=os.path.join("pags", inner), create=True)
+
+
+def prepare(entry, sensor, folder, fps):
+    """A file for every frame of the timeline, the photograph nearest in time: 00001.*, ... Returns how many."""
+    views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
+    times = np.array([v["time"] for v in views])
+    paths = [path_of(entry, v["name"]) for v in views]
+    if not paths or not all(paths):
+        raise OSError(f"the photographs of {entry.info.get('dataset') or 'this scene'} are not there")
+    distortion = lens_file(entry, sensor)
+    begin = entry.info["time_begin"]
+    count = int(np.floor((times[-1] - begin) * fps + 1e-6)) + 1
+    made = {}
+    extension = ".png" if distortion else os.path.splitext(paths[0])[1]
+    for number in range(count):
+        nearest = int(np.argmin(np.abs(times - (begin + number / fps))))
+        target = os.path.join(folder, f"{number + 1:05d}{extension}")
+        if os.path.lexists(target):
+            continue
+        if distortion and nearest not in made:
+            save(as_view(read(paths[nearest]), views[nearest], distortion), target)
+            made[nearest] = target
+        else:
+            os.symlink(made.get(nearest, os.path.abspath(paths[nearest])), target)
+    return count, extension
+
+
+def show(camera, entry, root):
+    """Puts them behind what the sensor's camera sees. Returns what is to be told."""
+    sensor = camera.data.pags.sensor
+    try:
+        folder = cache_folder(entry, sensor, root.pags.fps)
+        count, extension = prepare(entry, sensor, folder, root.pags.fps)
+        image = bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True)
+    except (OSError, RuntimeError) as error:
+        return [f"{camera.name}: {error}"]
+    image.source = "SEQUENCE" if count > 1 else "FILE"
+    camera.data.show_background_images = True
+    background = camera.data.background_images.new()
+    background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
+    background.frame_method = "STRETCH"
+    user = background.image_user
+    user.frame_duration, user.frame_start, user.frame_offset = count, int(round(root.pags.frame_start)), 0
+    user.use_auto_refresh = True
+    return []

@@ -1,0 +1,117 @@
+"""What tests inside of Blender share: the add-on installed from its zip, pictures from F12, pictures from the program."""
+
+import json
+import os
+import sys
+import time
+import unittest
+
+import bpy
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
+sys.dont_write_bytecode = True
+
+import fixtures  # noqa: E402
+from fixtures import Case, read_png  # noqa: E402
+from test_drive import make_drive  # noqa: E402
+
+PROGRAM, PACKAGE = sys.argv[sys.argv.index("--") + 1 :][:2]
+fixtures.PAGS = PROGRAM
+os.environ["PAGS_PROGRAM"] = PROGRAM
+
+
+def install():
+    """The zip as a user installs it; returns the add-on's package."""
+    if bpy.app.version >= (4, 2, 0):
+        bpy.ops.extensions.package_install_files(filepath=PACKAGE, repo="user_default", enable_on_install=True, overwrite=True)
+        name = "bl_ext.user_default.pags"
+        if name not in bpy.context.preferences.addons:
+            bpy.ops.preferences.addon_enable(module=name)
+    else:
+        bpy.ops.preferences.addon_install(filepath=PACKAGE, overwrite=True)
+        bpy.ops.preferences.addon_enable(module="pags")
+        name = "pags"
+    __import__(name)
+    return sys.modules[name]
+
+
+addon = install()
+
+
+class BlenderCase(Case):
+    def setUp(self):
+        super().setUp()
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        if addon.__name__ not in bpy.context.preferences.addons:
+            bpy.ops.preferences.addon_enable(module=addon.__name__)
+        make_drive(self.path("scene"))
+        begin = time.monotonic()
+        self.addCleanup(lambda: print(f"[{self.id()}: {time.monotonic() - begin:.1f} s]"))
+
+    @property
+    def scene(self):
+        return bpy.context.scene
+
+    def bring_in(self, name="scene", **keywords):
+        answer = bpy.ops.import_scene.pags(filepath=self.path(name), **keywords)
+        self.assertEqual(answer, {"FINISHED"})
+        scene = self.scene
+        scene.render.image_settings.file_format = "PNG"
+        scene.render.image_settings.color_mode = "RGB"
+        scene.render.dither_intensity = 0  # Blender adds noise of half a grey level otherwise
+        return next(o for o in scene.objects if o.pags.kind == "ROOT")
+
+    def part(self, index):
+        return next(o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"} and o.pags.index == index)
+
+    def track(self, index):
+        return next(o for o in self.scene.objects if o.pags.kind == "TRACK" and o.pags.index == index)
+
+    def f12(self, name="f12"):
+        """(width, height, channels, bits, samples) of what F12 gives."""
+        path = self.path(name + ".png")
+        self.scene.render.filepath = path
+        bpy.ops.render.render(write_still=True)
+        return read_png(path)
+
+    def program(self, *more, scene="scene"):
+        """What the program draws for the scene's camera, by the add-on's own camera file."""
+        bpy.ops.export_scene.pags_path(filepath=self.path("camera.json"), single=True)
+        self.succeeds("render", self.path(scene), "--camera", self.path("camera.json"), "-o", self.path("out"), *more)
+        return read_png(self.path("out", "00000.png"))
+
+    def assert_close(self, a, b, levels=1, mostly=0):
+        """No sample further apart than `levels`; some of them must not be black."""
+        self.assertEqual(a[:4], b[:4])
+        apart = max(abs(x - y) for x, y in zip(a[4], b[4]))
+        self.assertLessEqual(apart, levels)
+        self.assertGreater(max(a[4]), 100)
+
+    def difference(self, a, b):
+        return max(abs(x - y) for x, y in zip(a[4], b[4]))
+
+    def raises(self, words, operator, **keywords):
+        """The operator reports an error with these words, as RuntimeError from scripts, and leaves no traceback of its own."""
+        with self.assertRaises(RuntimeError) as caught:
+            operator(**keywords)
+        for word in words:
+            self.assertIn(str(word), str(caught.exception))
+        self.assertNotIn("Traceback", str(caught.exception))
+
+
+def pixel(picture, x, y):
+    at = (y * picture[0] + x) * picture[2]
+    return tuple(picture[4][at : at + 3])
+
+
+def main():
+    chosen = os.environ.get("PAGS_TESTS", "").split()
+    if unittest.main(module="__main__", argv=["test", *chosen], verbosity=2, exit=False).result.wasSuccessful():
+        print("all tests passed")
+        sys.stdout.flush()
+    else:
+        os._exit(3)
+
+
+__all__ = ["BlenderCase", "addon", "json", "main", "pixel", "PROGRAM"]

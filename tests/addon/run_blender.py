@@ -1,0 +1,64 @@
+"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. Exit code 77 and a line where
+there is no Blender, or no screen for a test that needs one."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+def skip(reason):
+    print("skipped:", reason)
+    sys.exit(77)
+
+
+def environment(folder):
+    """Without this Python's own folders: Debian's Blender looks for its library beside the first python3 on the PATH."""
+    own = os.path.join(os.path.realpath(sys.base_prefix), "bin")
+    rest = {key: value for key, value in os.environ.items() if key not in {"PYTHONHOME", "PYTHONPATH"}}
+    places = [p for p in os.environ.get("PATH", "").split(os.pathsep) if os.path.realpath(p) != own or own == "/usr/bin"]
+    return {
+        **rest,
+        "PATH": os.pathsep.join(places),
+        "BLENDER_USER_RESOURCES": folder,
+        "BLENDER_USER_SCRIPTS": os.path.join(folder, "scripts"),
+        "BLENDER_USER_CONFIG": os.path.join(folder, "config"),
+        "BLENDER_USER_DATAFILES": os.path.join(folder, "datafiles"),
+        "LIBGL_ALWAYS_SOFTWARE": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+
+
+def main():
+    test, pags, package = sys.argv[1:4]
+    blender = shutil.which(sys.argv[4] if len(sys.argv) > 4 else "blender")
+    if blender is None:
+        skip("there is no Blender here (Debian: apt-get install blender)")
+    window = os.path.basename(test).startswith("gui_")
+    common = ["--factory-startup", "-noaudio", "--python-exit-code", "3", "-P", os.path.join(HERE, test), "--", pags, package]
+    if window:
+        for tool in ("xvfb-run", "import"):
+            if shutil.which(tool) is None:
+                skip(f"there is no {tool} here (Debian: apt-get install xvfb xauth imagemagick)")
+        screen = ["xvfb-run", "-a", "-s", "-screen 0 1280x800x24 +extension GLX"]
+        command = [*screen, blender, "--no-window-focus", "-p", "0", "0", "1280", "800", *common]
+    elif os.path.basename(blender).startswith("python"):
+        command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # the bpy module
+    else:
+        command = [blender, "-b", *common]
+    with tempfile.TemporaryDirectory(prefix="pags-blender-") as folder:
+        for name in ("scripts", "config", "datafiles"):
+            os.makedirs(os.path.join(folder, name, "addons") if name == "scripts" else os.path.join(folder, name))
+        done = subprocess.run(command, env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    print(done.stdout)
+    if done.returncode == 0 and "all tests passed" not in done.stdout:
+        print("Blender ended without the tests' last word")
+        return 1
+    return done.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,401 @@
+"""The add-on in Blender without a window: import, F12 against the program, edits, cameras, files, errors."""
+
+import os
+import shutil
+import sys
+
+import bpy
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
+
+import fixtures  # noqa: E402
+from fixtures import ply_bytes, png_bytes, read_png, some_splats  # noqa: E402
+
+
+class Import(BlenderCase):
+    def test_what_it_makes(self):
+        root = self.bring_in()
+        kinds = sorted(o.pags.kind for o in self.scene.objects)
+        self.assertEqual(kinds, ["BACKGROUND", "CAMERA", "CAMERA", "EGO", "OBJECT", "OBJECT", "ROOT", "TRACK", "TRACK"])
+        car = self.part(1)
+        self.assertEqual((car["pags_id"], car["pags_class"], car["pags_critical"], car["pags_gaussians"]), ("c=2", "Car", True, 1))
+        self.assertEqual(car.parent, self.track(1))
+        self.assertEqual(self.track(1).parent, root)
+        self.assertEqual(len(car.data.vertices), 1)
+        self.assertEqual(len(bpy.data.collections), 1)
+        self.assertEqual(self.scene.render.engine, "PAGS")
+        self.assertEqual((self.scene.render.fps, self.scene.frame_end), (1, 3))  # an empty file takes the recording's
+        self.assertEqual((self.scene.render.resolution_x, self.scene.render.resolution_y), (101, 101))
+        for frame, y in ((1, 4), (2, 0), (3, -4)):
+            self.scene.frame_set(frame)
+            self.assertAlmostEqual(self.track(1).matrix_world.translation.y, y, places=4)
+            self.assertAlmostEqual(self.scene.camera.matrix_world.translation.x, frame - 1, places=4)
+        self.assertAlmostEqual(self.scene.camera.data.lens, 100 * 36 / 101, places=3)
+
+    def test_a_file_with_work_in_it_keeps_its_rate(self):
+        bpy.ops.mesh.primitive_uv_sphere_add()
+        self.scene.render.fps = 24
+        self.scene.frame_start = 10
+        self.bring_in()
+        self.assertEqual(self.scene.render.fps, 24)
+        self.scene.frame_set(10 + 24)  # a second later all the same
+        self.assertAlmostEqual(self.track(1).matrix_world.translation.y, 0, places=4)
+
+    def test_a_bare_file(self):
+        self.write("some.ply", ply_bytes(some_splats()))
+        root = self.bring_in("some.ply")
+        self.assertAlmostEqual(root.matrix_world.to_euler().x, -1.5707963, places=4)  # -y up
+        self.assertEqual(len(self.part(-1).data.vertices), 40)
+
+    def test_the_folder_s_scene_json(self):
+        bpy.ops.import_scene.pags(filepath=self.path("scene", "scene.json"))
+        self.assertEqual(len([o for o in self.scene.objects if o.pags.kind == "ROOT"]), 1)
+
+    def test_all_views(self):
+        self.bring_in(cameras="ALL")
+        self.assertEqual(len([o for o in self.scene.objects if o.type == "CAMERA"]), 8)
+
+    def test_errors_are_the_operator_s(self):
+        self.raises(["nowhere"], bpy.ops.import_scene.pags, filepath=self.path("nowhere"))
+        self.write("broken.ply", b"ply\nformat what\n")
+        self.raises(["broken.ply"], bpy.ops.import_scene.pags, filepath=self.path("broken.ply"))
+        with open(self.path("scene", "background.ply"), "r+b") as file:
+            file.truncate(300)
+        self.raises(["background.ply"], bpy.ops.import_scene.pags, filepath=self.path("scene"))
+        self.raises(["choose"], bpy.ops.import_scene.pags)
+        self.assertEqual(len(self.scene.objects), 0)
+
+
+class Final(BlenderCase):
+    def test_same_as_the_program(self):
+        self.bring_in()
+        pictures = []
+        for frame in (1, 2):
+            self.scene.frame_set(frame)
+            pictures.append(self.f12())
+            self.assert_close(pictures[-1], self.program())
+        self.scene.frame_set(1, subframe=0.5)
+        self.assert_close(self.f12(), self.program())
+        self.assertGreater(self.difference(*pictures), 100)
+
+    def test_moving_an_object_moves_it(self):
+        self.bring_in()
+        for index, name in ((1, "c=2"), (0, "p,1")):
+            before = self.f12()
+            self.part(index).location.x += 1  # forward in its own frame
+            after = self.f12()
+            self.assert_close(after, self.program("--move", name, "1,0,0,0"))
+            self.assertGreater(self.difference(before, after), 50)
+            self.part(index).location.x -= 1
+
+    def test_hiding_and_duplicating(self):
+        self.bring_in()
+        car = self.part(1)
+        car.hide_render = True
+        self.assert_close(self.f12(), self.program("--without", "c=2"))
+        car.hide_render = False
+        twin = car.copy()
+        car.users_collection[0].objects.link(twin)
+        twin.location.x += 1
+        self.assert_close(self.f12(), self.program("--add", "c=2", "1,0,0,0"))
+        bpy.data.objects.remove(twin)
+        self.scene.pags.hide_noncritical = True
+        critical = self.f12()
+        self.assertGreater(pixel(critical, 35, 50)[1], 200)
+        self.assertLess(max(pixel(critical, 50, 20)), 140)  # the wall is gone, the sky is seen
+
+    def test_the_whole_scene_moved(self):
+        """Moved together with its camera, a scene looks the same."""
+        root = self.bring_in()
+        before = self.f12()
+        root.location = (5, -3, 2)
+        root.rotation_euler = (0.2, 0.1, 1.0)
+        self.assertLessEqual(self.difference(before, self.f12()), 1)
+
+    def test_border_shift_and_size(self):
+        self.bring_in()
+        whole = self.f12()
+        render = self.scene.render
+        render.use_border, render.use_crop_to_border = True, True
+        render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.75, 0.4, 0.9
+        part = self.f12()
+        x0, y1 = int(0.25 * 101), int(0.9 * 101)
+        for x, y in ((3, 5), (10, 20), (25, 25)):
+            self.assertEqual(pixel(part, x, y), pixel(whole, x0 + x, 101 - y1 + y))
+        render.use_crop_to_border = False
+        pasted = self.f12()
+        self.assertEqual(pasted[:2], (101, 101))
+        self.assertEqual(pixel(pasted, 40, 40), pixel(whole, 40, 40))
+        render.use_border = False
+        self.scene.camera.data.shift_x += 0.1
+        self.assert_close(self.f12(), self.program())
+        render.resolution_x, render.resolution_y = 60, 90  # the sensor is wider than the picture
+        self.scene.camera.data.sensor_fit = "AUTO"
+        self.assert_close(self.f12(), self.program())
+
+    def test_passes(self):
+        self.bring_in()
+        self.scene.frame_set(2)
+        layer = bpy.context.view_layer
+        layer.use_pass_z = layer.use_pass_object_index = True
+        self.scene.pags.use_pass_heat = True
+        self.part(1).pass_index = 42
+        settings = self.scene.render.image_settings
+        if hasattr(settings, "media_type"):
+            settings.media_type = "MULTI_LAYER_IMAGE"
+        settings.file_format = "OPEN_EXR_MULTILAYER"
+        settings.color_depth = "32"
+        self.scene.render.filepath = self.path("passes.exr")
+        bpy.ops.render.render(write_still=True)
+        names = self.channel_names(self.path("passes.exr"))
+        for name in ("Combined.R", "Depth.Z", "IndexOB.X", "PriorityHeat.R"):
+            self.assertTrue(any(n.endswith(name) for n in names), (name, names))
+        values = self.exr_values(self.path("passes.exr"))
+        if values:
+            self.assertAlmostEqual(values["Depth.Z"], 10 - 1, delta=0.2)
+            self.assertEqual(values["IndexOB.X"], 42)
+
+    def channel_names(self, path):
+        """From the header's channel list."""
+        data = fixtures.read(path)[:4096]
+        at = data.index(b"channels\0chlist\0") + 20
+        names = []
+        while data[at]:
+            end = data.index(b"\0", at)
+            names.append(data[at:end].decode())
+            at = end + 17
+        return names
+
+    def exr_values(self, path):
+        """Of the middle pixel, by the program that reads them if it is there."""
+        tool = shutil.which("oiiotool")
+        if tool is None:
+            return None
+        import subprocess
+
+        text = subprocess.run([tool, path, "-a", "--dumpdata", "--cut", "1x1+50+50"], capture_output=True, text=True)
+        text = subprocess.run([tool, path, "--cut", "1x1+50+50", "--dumpdata"], capture_output=True, text=True).stdout
+        info = subprocess.run([tool, "--info", "-v", path], capture_output=True, text=True).stdout
+        line = next((row for row in info.splitlines() if "channel list:" in row), "")
+        names = [word.split(" (")[0].split(".", 1)[-1] for word in line.split(":", 1)[-1].strip().split(", ")]
+        numbers = [row for row in text.splitlines() if row.strip().startswith("Pixel")]
+        if not numbers or not names:
+            return None
+        found = [float(word) for word in numbers[0].split(":", 1)[1].split()]
+        return dict(zip(names, found)) if len(found) == len(names) else None
+
+    def test_transparent_sky_and_modes(self):
+        self.bring_in()
+        self.scene.frame_set(2)
+        self.scene.render.film_transparent = True
+        self.scene.render.image_settings.color_mode = "RGBA"
+        picture = self.f12()
+        self.assertEqual(picture[2], 4)
+        self.assertEqual(picture[4][(90 * 101 + 90) * 4 + 3], 0)
+        self.assertGreater(picture[4][(50 * 101 + 50) * 4 + 3], 250)
+        self.scene.render.film_transparent = False
+        self.scene.render.image_settings.color_mode = "RGB"
+        pictures = []
+        for mode in ("rgb", "priority", "critical", "depth", "size"):
+            self.scene.pags.mode = mode
+            pictures.append(self.f12())
+        for i, one in enumerate(pictures):
+            for other in pictures[i + 1 :]:
+                self.assertGreater(self.difference(one, other), 20)
+
+    def test_refusals(self):
+        self.bring_in()
+        good = self.f12()
+        self.scene.camera.data.type = "PANO"
+        self.raises(["panoram"], bpy.ops.render.render)
+        self.scene.camera.data.type = "PERSP"
+        self.assertEqual(self.f12()[4], good[4])
+        for part in [o for o in self.scene.objects if o.pags.kind in {"OBJECT", "BACKGROUND"}]:
+            part.hide_render = True
+        self.raises(["import"], bpy.ops.render.render)
+
+    def test_orthographic(self):
+        self.bring_in()
+        self.scene.frame_set(2)
+        self.scene.camera.data.type = "ORTHO"
+        self.scene.camera.data.ortho_scale = 10.1  # 10 pixels a metre
+        self.scene.camera.data.shift_x = self.scene.camera.data.shift_y = 0
+        picture = self.f12()
+        self.assertGreater(pixel(picture, 50, 50)[0], 200)  # the car before the camera
+        self.assertGreater(pixel(picture, 35, 50)[1], 200)  # the parked one 1.5 m to the left, whatever its distance
+
+
+class Files(BlenderCase):
+    def test_saved_and_opened_again(self):
+        self.bring_in()
+        self.part(1).location.x += 1
+        before = self.f12()
+        bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
+        bpy.ops.wm.save_mainfile()
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        bpy.ops.wm.open_mainfile(filepath=self.path("work.blend"))
+        root = next(o for o in self.scene.objects if o.pags.kind == "ROOT")
+        self.assertEqual(root.pags.path, "//scene")
+        self.assertEqual(self.f12("again")[4], before[4])
+
+    def test_a_missing_scene_is_said(self):
+        self.bring_in()
+        bpy.ops.wm.save_as_mainfile(filepath=self.path("work.blend"))
+        os.rename(self.path("scene"), self.path("elsewhere"))
+        bpy.ops.wm.open_mainfile(filepath=self.path("work.blend"))
+        self.raises([self.path("scene")], bpy.ops.render.render)
+        os.rename(self.path("elsewhere"), self.path("scene"))
+        self.assertGreater(max(self.f12()[4]), 100)
+
+    def test_undo(self):
+        self.bring_in()
+        bpy.ops.ed.undo_push(message="imported")
+        before = self.f12()
+        self.part(1).location.x += 1
+        bpy.ops.ed.undo_push(message="moved")
+        moved = self.f12()
+        bpy.ops.ed.undo()
+        self.assertEqual(self.f12()[4], before[4])
+        bpy.ops.ed.redo()
+        self.assertEqual(self.f12()[4], moved[4])
+
+
+class Cameras(BlenderCase):
+    def test_path_there_and_back(self):
+        self.bring_in()
+        bpy.ops.export_scene.pags_path(filepath=self.path("path.json"))
+        path = json.loads(fixtures.read(self.path("path.json")))
+        self.assertEqual([c["time"] for c in path["frames"]], [100.0, 101.0, 102.0])
+        self.succeeds("render", self.path("scene"), "--path", self.path("path.json"), "-o", self.path("drive"))
+        recorded = self.scene.camera
+        bpy.ops.import_scene.pags_path(filepath=self.path("path.json"))
+        self.assertIsNot(self.scene.camera, recorded)
+        for frame in (1, 3):
+            self.scene.frame_set(frame)
+            self.assert_close(self.f12(), read_png(self.path("drive", f"{frame - 1:05d}.png")))
+
+    def test_recorded_views_are_hit(self):
+        """The camera of a sensor sees what the program draws for the view of the scene file itself."""
+        self.bring_in()
+        self.succeeds("render", self.path("scene"), "--split", "all", "--no-exposure", "-o", self.path("views"))
+        for name, frame in (("001_0", 2), ("002_0", 3)):
+            self.scene.frame_set(frame)
+            self.assert_close(self.f12(), read_png(self.path("views", name + ".png")))
+
+    def test_jump(self):
+        self.bring_in()
+        bpy.ops.pags.jump(name="002_1.jpg")
+        self.assertEqual(self.scene.camera.data.pags.sensor, 1)
+        self.assertEqual(self.scene.frame_current, 3)
+        bpy.ops.pags.jump(step=-1)
+        self.assertEqual(self.scene.frame_current, 2)
+        self.raises(["none.jpg"], bpy.ops.pags.jump, name="none.jpg")
+
+    def test_lane_shift(self):
+        self.bring_in()
+        bpy.ops.pags.ego_path(lane=0.5, sensor=0)
+        self.scene.frame_set(2)
+        self.assertAlmostEqual(self.scene.camera.matrix_world.translation.y, -0.5, places=4)
+        self.succeeds("render", self.path("scene"), "--path", "ego", "--shift", "0.5", "--no-exposure", "-o", self.path("shifted"))
+        self.assert_close(self.f12(), read_png(self.path("shifted", "00001.png")))
+
+    def test_bad_paths(self):
+        self.raises(["PAGS scene"], bpy.ops.import_scene.pags_path, filepath=self.path("none.json"))
+        self.bring_in()
+        self.raises(["none.json"], bpy.ops.import_scene.pags_path, filepath=self.path("none.json"))
+        self.write("bad.json", '{"frames": [{}]}')
+        self.raises(["bad.json"], bpy.ops.import_scene.pags_path, filepath=self.path("bad.json"))
+
+
+class Edits(BlenderCase):
+    def test_saved_as_a_scene(self):
+        """What Blender shows after edits is what the program draws from the scene it saves."""
+        self.bring_in()
+        self.track(0).location.x -= 0.5  # parked
+        self.part(1).location.x += 0.7  # along its track
+        bpy.ops.pags.save_edited(directory=self.path("edited"))
+        for frame in (1, 2):
+            self.scene.frame_set(frame)
+            self.assert_close(self.f12(), self.program(scene="edited"))
+        self.raises(["scene already"], bpy.ops.pags.save_edited, directory=self.path("edited"))
+
+    def test_deleted_objects_are_left_out(self):
+        self.bring_in()
+        bpy.data.objects.remove(self.part(0))
+        bpy.ops.pags.save_edited(directory=self.path("fewer"))
+        self.assert_close(self.f12(), self.program(scene="fewer"))
+        bpy.data.objects.remove(self.part(1))
+        bpy.ops.pags.save_edited(directory=self.path("none"))
+        self.assert_close(self.f12(), self.program(scene="none"))
+
+
+class Inspecting(BlenderCase):
+    def test_pick(self):
+        self.bring_in()
+        self.scene.frame_set(2)
+        inspector = sys.modules[addon.__name__ + ".inspector"]
+        lens = sys.modules[addon.__name__ + ".lens"]
+        camera = self.scene.camera
+        values, pose = lens.of_camera(camera.data, camera.matrix_world, 101, 101)
+        found = inspector.pick(bpy.context, values, pose, 50, 50)
+        self.assertEqual((found["object"], found["record"]["class"], found["priority"]), (1, "Car", 1.0))
+        self.assertAlmostEqual(found["depth"], 9, delta=0.2)
+        inspector.select(bpy.context, found)
+        self.assertEqual(bpy.context.view_layer.objects.active, self.part(1))
+        self.assertIsNone(inspector.pick(bpy.context, values, pose, 90, 90))
+
+    def test_compare_with_the_photograph(self):
+        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("set", "images"), "--no-exposure")
+        record = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        record["dataset"] = self.path("set")
+        for view in record["cameras"]:
+            view["name"] = view["name"].replace(".jpg", ".png")
+        self.write("scene/scene.json", json.dumps(record))
+        self.bring_in()
+        bpy.ops.pags.compare(name="001_0.png", use_exposure=False)
+        self.assertRegex(self.scene.pags_compared, r"001_0\.png: PSNR [5-9]\d\.")
+        self.assertEqual(tuple(bpy.data.images["PAGS comparison"].size), (101, 101))
+        bpy.ops.pags.compare(name="001_0.png")  # exposed by 1.1
+        self.assertRegex(self.scene.pags_compared, r"PSNR [123]\d\.")
+        bpy.ops.pags.photographs()
+        background = self.scene.camera.data.background_images[0]
+        self.assertEqual((background.image.source, background.image_user.frame_duration), ("SEQUENCE", 3))
+        os.remove(self.path("set", "images", "001_0.png"))
+        self.raises(["001_0.png"], bpy.ops.pags.compare, name="001_0.png")
+
+
+class Composite(BlenderCase):
+    def test_a_cube_in_the_street(self):
+        """Before the car, behind it, and with the sky behind."""
+        root = self.bring_in()
+        self.scene.frame_set(2)
+        names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
+        if "CYCLES" not in names and not hasattr(bpy.types.Scene, "cycles"):
+            self.skipTest("this Blender has no Cycles")
+        street = self.f12()
+        bpy.ops.mesh.primitive_cube_add(size=0.5, location=(7, 1.2, 0))
+        cube = bpy.context.object
+        material = bpy.data.materials.new("blue")
+        material.use_nodes = True
+        material.node_tree.nodes.clear()
+        glow, out = material.node_tree.nodes.new("ShaderNodeEmission"), material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+        glow.inputs[0].default_value = (0, 1, 1, 1)
+        material.node_tree.links.new(glow.outputs[0], out.inputs[0])
+        cube.data.materials.append(material)
+        bpy.ops.pags.composite(engine="CYCLES", tolerance=0.3)
+        self.scene.cycles.samples = 4
+        self.scene.cycles.use_denoising = False
+        picture = self.f12()
+        self.assertEqual(pixel(picture, 50, 50), pixel(street, 50, 50))  # the car, untouched
+        x, y = 50 - int(1.2 / 6 * 100), 50
+        self.assertGreater(min(pixel(picture, x, y)[1:]), 200)  # the cube
+        self.assertLess(pixel(picture, x, y)[0], 60)
+        cube.location = (16, 1.2 * 15 / 6, 0)  # now behind where the parked car is drawn
+        cube.scale = (3, 3, 3)
+        behind = self.f12()
+        self.assertLess(abs(pixel(behind, 35, 50)[1] - pixel(street, 35, 50)[1]), 12)
+
+
+if __name__ == "__main__":
+    main()
