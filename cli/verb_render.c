@@ -24,6 +24,7 @@ typedef struct render_arguments {
   double background[3];
   float near_plane, low_pass;
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
+  const char *early_z;
   pags_dataset_options dataset_options;
 } render_arguments;
 
@@ -91,6 +92,9 @@ static const pags_option options[] = {
     PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL, "highest degree of colour used"),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL,
                 "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"),
+    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]", NULL,
+              "leave out what is hidden before it is read, shaded, sorted or binned. lossless: the same bits as off; "
+              "bounded: a pixel counts as full when no more than EPS (default 1/255) of what lies behind would show"),
     PAGS_SESSION_OPTIONS(render_arguments),
     {0}};
 
@@ -190,12 +194,14 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
     frame->low_pass = arguments->low_pass;
   frame->sh_degree = arguments->sh_degree;
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
+  pags_early_z_parse(arguments->early_z, frame); /* check_usage has seen to it that it can be read */
   frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
   frame->count_pairs = arguments->session.json != NULL;
 }
 
 static double total_ms(const pags_frame_stats *s) {
-  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster;
+  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster +
+         s->ms_occlude;
 }
 
 static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
@@ -206,41 +212,33 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
   pags_json_put_number(writer, "sort", s->ms_sort);
   pags_json_put_number(writer, "bin", s->ms_bin);
   pags_json_put_number(writer, "raster", s->ms_raster);
+  pags_json_put_number(writer, "occlude", s->ms_occlude);
   pags_json_put_number(writer, "total", total_ms(s));
   pags_json_end_object(writer);
   pags_json_put_integer(writer, "gaussians", s->gaussians);
+  pags_json_put_integer(writer, "in_view", s->in_view);
   pags_json_put_integer(writer, "loaded", s->loaded);
+  pags_json_put_integer(writer, "hidden", s->hidden);
   pags_json_put_integer(writer, "shaded", s->shaded);
   pags_json_put_integer(writer, "binned", s->binned);
+  pags_json_put_integer(writer, "pairs_hidden", s->pairs_hidden);
   pags_json_put_integer(writer, "pairs_binned", s->pairs_binned);
   pags_json_put_integer(writer, "pairs_evaluated", s->pairs_evaluated);
   pags_json_put_integer(writer, "pairs_blended", s->pairs_blended);
+  pags_json_put_integer(writer, "clusters", s->clusters);
+  pags_json_put_integer(writer, "clusters_hidden", s->clusters_hidden);
+  pags_json_put_integer(writer, "tiles", s->tiles);
+  pags_json_put_integer(writer, "tiles_full", s->tiles_full);
+  pags_json_put_integer(writer, "slabs", s->slabs);
 }
 
 /* Counts are rounded down. */
 static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count) {
   pags_frame_stats mean = {0};
   double n = count ? (double)count : 1;
-  for (int64_t i = 0; i < count; ++i) {
-    const pags_frame_stats *s = &stats[i];
-    mean.ms_cull += s->ms_cull / n;
-    mean.ms_project += s->ms_project / n;
-    mean.ms_shade += s->ms_shade / n;
-    mean.ms_sort += s->ms_sort / n;
-    mean.ms_bin += s->ms_bin / n;
-    mean.ms_raster += s->ms_raster / n;
-    mean.gaussians += s->gaussians;
-    mean.loaded += s->loaded;
-    mean.shaded += s->shaded;
-    mean.binned += s->binned;
-    mean.pairs_binned += s->pairs_binned;
-    mean.pairs_evaluated += s->pairs_evaluated;
-    mean.pairs_blended += s->pairs_blended;
-  }
-  int64_t *const counts[] = {&mean.gaussians,    &mean.loaded,          &mean.shaded,       &mean.binned,
-                             &mean.pairs_binned, &mean.pairs_evaluated, &mean.pairs_blended};
-  for (size_t i = 0; i < sizeof counts / sizeof counts[0]; ++i)
-    *counts[i] /= count ? count : 1;
+  for (int64_t i = 0; i < count; ++i)
+    pags_frame_stats_add(&mean, &stats[i]);
+  pags_frame_stats_divide(&mean, n);
   return mean;
 }
 
@@ -386,6 +384,9 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   if (!pags_channels_parse(arguments->channels, channels, unknown, sizeof unknown))
     return pags_usage_error(
         &verb, "--channel: expected color, alpha, depth, id, object, priority, normal or heat, got '%s'", unknown);
+  pags_frame_options early_z;
+  if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
+    return pags_usage_error(&verb, "--%s", pags_error_message());
   if ((arguments->shift != 0 || arguments->fps > 0) && strcmp(arguments->path, "ego") != 0)
     return pags_usage_error(&verb, "--shift and --fps need --path ego");
   if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
@@ -400,6 +401,7 @@ int pags_verb_render(int argc, char **argv) {
   pags_frame_options standard = pags_frame_options_default();
   render_arguments arguments = {.path = "orbit",
                                 .channels = "color",
+                                .early_z = "off",
                                 .frames = 120,
                                 .bits = 8,
                                 .exposure = 1,

@@ -1,10 +1,6 @@
 /* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the rectangle of pixel
  * centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024, Hanson et al. 2025). */
 
-/* Added to the cut-off, in powers of two: the rasteriser's rounding of u^2 + v^2 must never find a pixel that these tests
- * ruled out. u carries an error of about 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence u^2 at most 0.01. */
-#define PAGS_CUT_SLACK 0.02f
-
 /* Smallest u^2 + v^2 over [x0, x1] x [y0, y1], all relative to the mean. A convex quadratic with its minimum at the origin
  * has its minimum over a rectangle on an edge that faces the origin, or at the origin. */
 static inline vf quadratic_min(const pags_splat *s, vf x0, vf x1, vf y0, vf y1) {
@@ -62,9 +58,15 @@ typedef struct bin_sink {
   uint32_t *counts;
   int64_t *offsets;
   pags_entry *entries;
+  const uint8_t *full; /* per tile; NULL: none is */
+  int64_t hidden;
 } bin_sink;
 
 V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
+  if (sink->full && sink->full[tile]) {
+    sink->hidden++;
+    return;
+  }
   if (fill)
     sink->entries[sink->offsets[tile]++] = (pags_entry){sink->splat, sink->rank};
   else
@@ -94,15 +96,15 @@ V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, tile_box box, bool 
 
 enum { BIN_AHEAD = 12 }; /* splats are met in depth order, which is no order in memory */
 
-static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                         uint64_t *touched, uint32_t *counts) {
-  int64_t binned = 0;
+V_INLINE int64_t bin_count_with(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                                const uint8_t *full, uint64_t *touched, uint32_t *counts, int64_t *hidden) {
+  int64_t binned = 0, left_out = 0;
   for (int64_t i = 0; i < count; i++) {
     pags_splat *const s = splats + order[i];
     if (i + BIN_AHEAD < count)
       __builtin_prefetch(splats + order[i + BIN_AHEAD], 1);
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .counts = counts};
+    bin_sink sink = {.tiles_x = tiles_x, .counts = counts, .full = full};
     touched[i] = 0;
     if (box.nx > 0 && box.ny > 0 && (int64_t)box.nx * box.ny <= 64)
       bin_small(&sink, box, touched[i] = small_box_touched(s, box), false);
@@ -110,12 +112,22 @@ static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t coun
       bin_large(&sink, s, box, false);
     s->tiles = sink.rank;
     binned += sink.rank > 0;
+    left_out += sink.hidden;
   }
+  if (hidden)
+    *hidden = left_out;
   return binned;
 }
 
-static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                     const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
+static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const uint8_t *full,
+                         uint64_t *touched, uint32_t *counts, int64_t *hidden) {
+  if (full)
+    return bin_count_with(splats, order, count, tiles_x, tiles_y, full, touched, counts, hidden);
+  return bin_count_with(splats, order, count, tiles_x, tiles_y, NULL, touched, counts, hidden);
+}
+
+V_INLINE void bin_fill_with(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
+                            const uint8_t *full, const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
   for (int64_t i = 0; i < count; i++) {
     const pags_splat *const s = splats + order[i];
     if (i + BIN_AHEAD < count)
@@ -123,10 +135,18 @@ static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t co
     if (s->tiles == 0)
       continue;
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries};
+    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries, .full = full};
     if ((int64_t)box.nx * box.ny <= 64)
       bin_small(&sink, box, touched[i], true);
     else
       bin_large(&sink, s, box, true);
   }
+}
+
+static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const uint8_t *full,
+                     const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
+  if (full)
+    bin_fill_with(splats, order, count, tiles_x, tiles_y, full, touched, offsets, entries);
+  else
+    bin_fill_with(splats, order, count, tiles_x, tiles_y, NULL, touched, offsets, entries);
 }

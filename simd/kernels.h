@@ -20,6 +20,10 @@ enum {
 #define PAGS_ALPHA_MIN (1.0f / 255.0f)
 #define PAGS_T_STOP 1e-4f
 #define PAGS_LOG2_255 7.99435344f
+/* Added to the cut-off, in powers of two, by whatever rules out pixels before they are computed: the rasteriser's rounding of
+ * u^2 + v^2 must never find a pixel that was ruled out. u carries an error of about 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence
+ * u^2 at most 0.01. */
+#define PAGS_CUT_SLACK 0.02f
 
 /* A projected Gaussian, 64 bytes, one cache line.
  * The falloff is 2^(log2_opacity - u^2 - v^2) with u = p (dx - h dy), v = w dy, d = pixel centre - mean: the Cholesky
@@ -37,6 +41,11 @@ typedef struct pags_splat {
   uint32_t tiles;      /* tiles it falls into; set by binning */
   uint32_t clamped;    /* bit c: channel c was clamped at 0 */
 } pags_splat;
+
+/* The 4x4-pixel blocks of the picture, [x0, x1) x [y0, y1), outside of which a splat can't change a pixel. Empty: it changes none. */
+typedef struct pags_reach {
+  uint16_t x0, x1, y0, y1;
+} pags_reach;
 
 /* What projection needs of a camera and a part; floats derived in double. */
 typedef struct pags_projection {
@@ -62,10 +71,14 @@ typedef struct pags_entry {
   uint32_t splat, rank;
 } pags_entry;
 
-typedef struct pags_raster_out { /* top left pixel of the tile in each plane; NULL where not wanted (all of the last two or none) */
+/* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none). A tile that is not
+ * finished leaves what it is resumed from: colour without background, transmittance with the sign set where the pixel has stopped,
+ * sum(w) in depth. */
+typedef struct pags_raster_out {
   float *rgb[3];
   float *transmittance;
   float *depth, *depth_sum; /* sum(w z)/sum(w); sum(w z) */
+  float *best;         /* the largest weight; only read and written where a tile is resumed or left unfinished */
   int32_t *id;
   int64_t stride;
   float background[3];
@@ -80,6 +93,9 @@ typedef struct pags_raster_in {
   int exp_degree;      /* 3 or 5 */
   uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
   int64_t *pairs; /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
+  bool resume;         /* go on from what the planes hold, not from nothing */
+  bool unfinished;     /* more may follow: don't finish the tile unless all of its pixels have stopped */
+  float eps;           /* > 0: a pixel also stops as soon as its transmittance is <= eps */
 } pags_raster_in;
 
 typedef struct pags_raster_back {
@@ -145,12 +161,13 @@ typedef struct pags_kernels {
   const char *name; /* "scalar", "avx2", "avx512", "neon" */
 
   /* Projects rows [0, count) of the planes (plane p at data + p * stride; rounded up to 16 rows must be readable) into
-   * `splats` (colour untouched) and `keys`: the bits of z, or UINT32_MAX where nothing is to be drawn. count <= 256.
+   * `splats` (colour untouched), `keys`: the bits of z, or UINT32_MAX where nothing is to be drawn, and `reaches` of what is to be
+   * drawn, unless that is NULL. count <= 256.
    * Zhou/Zwicker's EWA with INRIA's constants; det by Cauchy-Binet (a sum of squares: never negative).
    * `factor`: what each row's opacity is multiplied by, 0 for a row that isn't to be drawn, readable as the planes are; NULL: 1. The way
    * back needs none: it goes by the logarithm of the opacity. */
   void (*project)(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                  pags_splat *splats, uint32_t *keys);
+                  pags_splat *splats, uint32_t *keys, pags_reach *reaches);
 
   /* Colours of the rows whose key is not UINT32_MAX: max(0, 0.5 + SH(direction)). `dc`: three planes of the constant term, as far
    * apart as the data's, to be used in place of the data's own; NULL: the own. */
@@ -158,15 +175,16 @@ typedef struct pags_kernels {
                 const uint32_t *keys, pags_splat *splats);
 
   /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
-   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Returns how many splats touch
-   * a tile at all. */
+   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Tiles with full[tile] != 0 are left out
+   * and counted in *hidden; both may be NULL. Returns how many splats touch a tile at all. */
   int64_t (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                       uint64_t *touched, uint32_t *counts);
+                       const uint8_t *full, uint64_t *touched, uint32_t *counts, int64_t *hidden);
   /* Writes each pair to entries[offsets[tile]++]. */
   void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                   const uint64_t *touched, int64_t *offsets, pags_entry *entries);
+                   const uint8_t *full, const uint64_t *touched, int64_t *offsets, pags_entry *entries);
 
-  void (*raster)(const pags_raster_in *in, const pags_raster_out *out);
+  /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
+  unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
   void (*raster_backward)(const pags_raster_back *in);
 
   /* rgb += transmittance * sky over a whole tile with its top left pixel at (x0, y0), to which the planes point; sky.inl. */

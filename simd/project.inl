@@ -115,8 +115,29 @@ static inline void project_all(projected *s, const pags_projection *view, const 
 
 #define PAGS_HALF_LOG2E 0.72134752f
 
+/* Blocks whose pixel centres lie within `extent` of the mean: first[k] = floor((m - e + 1/2)/4), end[k] = floor((m + e - 1/2)/4) + 1,
+ * floors being roundings half a block away; e gets a hair more for the roundings before. */
+static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int32_t *first, int32_t *end) {
+  const vf e = v_fma(extent, v_set(1.00001f), v_fma(v_abs(mean), v_set(1e-6f), v_set(1e-3f)));
+  const vf zero = v_zero(), blocks = v_set(size * 0.25f + 1.0f), quarter = v_set(0.25f), half = v_set(0.5f);
+  const vf lo = v_mul(v_add(v_sub(mean, e), half), quarter), hi = v_mul(v_sub(v_add(mean, e), half), quarter);
+  i_store(first, v_to_i(v_clamp(v_maskz(drawn, v_sub(lo, half)), zero, blocks)));
+  i_store(end, v_to_i(v_clamp(v_maskz(drawn, v_add(hi, half)), zero, blocks)));
+}
+
+/* Beyond the reach, u^2 + v^2 exceeds what the rasteriser's test of blocks lets pass (bin.inl): the cut-off with its slack. */
+static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vm drawn, int lanes,
+                                   pags_reach *reaches) {
+  const vf reach = v_mul(v_add(log2_opacity, v_set(PAGS_LOG2_255 + PAGS_CUT_SLACK)), v_set(1.0f / PAGS_HALF_LOG2E));
+  int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
+  project_blocks(drawn, s->mx, v_sqrt(v_max(v_mul(reach, s->a), v_zero())), view->width, x0, x1);
+  project_blocks(drawn, s->my, v_sqrt(v_max(v_mul(reach, s->c), v_zero())), view->height, y0, y1);
+  for (int k = 0; k < lanes; k++)
+    reaches[k] = (pags_reach){(uint16_t)x0[k], (uint16_t)x1[k], (uint16_t)y0[k], (uint16_t)y1[k]};
+}
+
 static void project(const pags_projection *view, const float *data, int64_t stride, const float *factor, int count,
-                    pags_splat *splats, uint32_t *keys) {
+                    pags_splat *splats, uint32_t *keys, pags_reach *reaches) {
   for (int first = 0; first < count; first += V_LANES) {
     projected s;
     project_all(&s, view, data + first, stride);
@@ -151,6 +172,8 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     v_store(field[8], extent_x);
     v_store(field[9], extent_y);
     const int lanes = count - first < V_LANES ? count - first : V_LANES;
+    if (reaches)
+      project_reaches(&s, view, l, drawn, lanes, reaches + first);
     for (int k = 0; k < lanes; k++) {
       uint32_t *const key = keys + first + k;
       if (!(bits >> k & 1u)) {

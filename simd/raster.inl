@@ -30,9 +30,21 @@ V_INLINE raster_cover raster_alpha(vf exponent, int degree) {
   return (raster_cover){v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)), v_ge(exponent, v_set(-PAGS_LOG2_255))};
 }
 
-V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, bool extra, bool counted) {
+/* What one call of the rasteriser does throughout. */
+typedef struct raster_how {
+  int degree;
+  bool extra, counted, bounded;
+  float eps; /* where bounded */
+} raster_how;
+
+/* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel that has stopped,
+ * for either reason, would stop there whatever came in between. */
+V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, raster_how how) {
+  const bool extra = how.extra, counted = how.counted;
   const vf next = v_fnma(state->t, cover.alpha, state->t);
-  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
+  vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
+  if (how.bounded) /* whatever remains weighs no more than eps: stop */
+    blends = m_and(blends, v_gt(state->t, v_set(how.eps)));
   const vf w = v_maskz(blends, v_mul(cover.alpha, state->t));
   state->r = v_fma(w, v_set(s->r), state->r);
   state->g = v_fma(w, v_set(s->g), state->g);
@@ -63,11 +75,11 @@ V_INLINE raster_pipeline raster_prime(const pags_splat *first, const pags_splat 
 }
 
 V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_state *state, const pags_splat *after_next, vf px, vf py,
-                              int degree, bool extra, bool counted) {
+                              raster_how how) {
   vf u, v;
   const vf exponent = raster_exponent(after_next, px, py, &u, &v);
-  const raster_cover cover = raster_alpha(pipe->next, degree);
-  const unsigned blends = raster_blend(state, pipe->splat, pipe->now, extra, counted);
+  const raster_cover cover = raster_alpha(pipe->next, how.degree);
+  const unsigned blends = raster_blend(state, pipe->splat, pipe->now, how);
   *pipe = (raster_pipeline){cover, exponent, pipe->next_splat, after_next};
   return blends;
 }
@@ -98,10 +110,17 @@ static inline void chunk_masks(const pags_splat *chunk, int count, int x0, int y
   }
 }
 
+V_INLINE bool raster_stopped(const raster_state *state, raster_how how) {
+  unsigned stopped = v_sign_bits(state->t);
+  if (how.bounded)
+    stopped |= m_bits(v_le(state->t, v_set(how.eps)));
+  return stopped == 0xFFFFu;
+}
+
 /* Blends the chunk's splats with bit `block` set into one block. Returns the chunk position from which on the block no longer
  * changes (count if it may). */
 V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, int count, uint16_t *masks, int block, vf px,
-                               vf py, int degree, bool extra, bool counted, int64_t *pairs) {
+                               vf py, raster_how how, int64_t *pairs) {
   int32_t list[RASTER_CHUNK + V_LANES];
   int n = 0;
   vi index = v_to_i(v_iota());
@@ -111,29 +130,33 @@ V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, in
     return count;
   list[n] = list[n + 1] = list[n - 1]; /* fetched by the pipeline, never blended */
   raster_state state = *block_state;
-  raster_pipeline pipe = raster_prime(chunk + list[0], chunk + list[1], px, py, degree);
+  raster_pipeline pipe = raster_prime(chunk + list[0], chunk + list[1], px, py, how.degree);
   int64_t blends = 0;
   int stopped_at = count, done = n;
   for (int k = 0; k < n;) {
     const int end = k + 8 < n ? k + 8 : n; /* stopping is looked for every 8 splats */
     for (; k < end; k++)
-      blends += raster_step(&pipe, &state, chunk + list[k + 2], px, py, degree, extra, counted);
-    if (v_sign_bits(state.t) == 0xFFFFu) {
+      blends += raster_step(&pipe, &state, chunk + list[k + 2], px, py, how);
+    if (raster_stopped(&state, how)) {
       stopped_at = list[k - 1] + 1;
       done = k;
       break;
     }
   }
   *block_state = state;
-  if (counted && pairs) {
+  if (how.counted && pairs) {
     pairs[0] += (int64_t)done * V_LANES;
     pairs[1] += blends;
   }
   return stopped_at;
 }
 
+static inline int64_t block_at(const pags_raster_out *out, int block) {
+  return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
+}
+
 V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
-  const int64_t at = (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
+  const int64_t at = block_at(out, block);
   const vf t = v_abs(state->t);
   v_store_4x4(out->rgb[0] + at, out->stride, v_fma(t, v_set(out->background[0]), state->r));
   v_store_4x4(out->rgb[1] + at, out->stride, v_fma(t, v_set(out->background[1]), state->g));
@@ -148,19 +171,56 @@ V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state
   }
 }
 
-V_INLINE void raster_tile(const pags_raster_in *in, const pags_raster_out *out, int degree, bool extra, bool counted) {
-  raster_state state[PAGS_TILE_BLOCKS];
+/* As it is, to be resumed. */
+V_INLINE void raster_suspend(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
+  const int64_t at = block_at(out, block);
+  v_store_4x4(out->rgb[0] + at, out->stride, state->r);
+  v_store_4x4(out->rgb[1] + at, out->stride, state->g);
+  v_store_4x4(out->rgb[2] + at, out->stride, state->b);
+  v_store_4x4(out->transmittance + at, out->stride, state->t);
+  if (extra && out->depth) {
+    v_store_4x4(out->depth + at, out->stride, state->weight);
+    v_store_4x4(out->depth_sum + at, out->stride, state->depth);
+    v_store_4x4(out->best + at, out->stride, state->best);
+    v_store_4x4((float *)(void *)(out->id + at), out->stride, v_from_bits(state->id));
+  }
+}
+
+V_INLINE void raster_resume(const pags_raster_out *out, raster_state *state, int block, bool extra) {
+  const int64_t at = block_at(out, block);
+  state->r = v_load_4x4(out->rgb[0] + at, out->stride);
+  state->g = v_load_4x4(out->rgb[1] + at, out->stride);
+  state->b = v_load_4x4(out->rgb[2] + at, out->stride);
+  state->t = v_load_4x4(out->transmittance + at, out->stride);
+  if (extra && out->depth) {
+    state->weight = v_load_4x4(out->depth + at, out->stride);
+    state->depth = v_load_4x4(out->depth_sum + at, out->stride);
+    state->best = v_load_4x4(out->best + at, out->stride);
+    state->id = v_bits(v_load_4x4((const float *)(const void *)(out->id + at), out->stride));
+  }
+}
+
+/* Returns the blocks that are to be blended: those inside of the picture that haven't stopped. */
+V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
   unsigned active = 0;
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
     const vm inside = block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height);
     state[b] = (raster_state){.r = v_zero(), .g = v_zero(), .b = v_zero()};
     state[b].t = v_select(inside, v_set(1.0f), v_set(-1.0f));
-    if (extra) {
+    if (how.extra) {
       state[b].depth = state[b].weight = state[b].best = v_zero();
       state[b].id = i_set(-1);
     }
-    active |= (unsigned)(m_bits(inside) != 0) << b;
+    if (in->resume)
+      raster_resume(out, state + b, b, how.extra);
+    active |= (unsigned)(m_bits(inside) != 0 && !(in->resume && raster_stopped(state + b, how))) << b;
   }
+  return active;
+}
+
+V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
+  raster_state state[PAGS_TILE_BLOCKS];
+  unsigned active = raster_begin(state, in, out, how);
   pags_splat chunk[RASTER_CHUNK];
   uint16_t masks[RASTER_CHUNK];
   int64_t start = 0;
@@ -177,9 +237,9 @@ V_INLINE void raster_tile(const pags_raster_in *in, const pags_raster_out *out, 
     for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
       if (!(active >> b & 1u))
         continue;
-      const int stopped_at = raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), degree,
-                                          extra, counted, in->pairs);
-      if (stopped_at < count || v_sign_bits(state[b].t) == 0xFFFFu) {
+      const int stopped_at =
+          raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), how, in->pairs);
+      if (stopped_at < count || raster_stopped(state + b, how)) {
         active &= ~(1u << b);
         for (int i = stopped_at; i < count; i++)
           masks[i] = (uint16_t)(masks[i] & ~(1u << b));
@@ -191,26 +251,33 @@ V_INLINE void raster_tile(const pags_raster_in *in, const pags_raster_out *out, 
   if (in->block_masks && start < in->count)
     memset(in->block_masks + start, 0, (size_t)(in->count - start) * sizeof *in->block_masks);
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
-    raster_write(out, state + b, b, extra);
+    if (in->unfinished && active)
+      raster_suspend(out, state + b, b, how.extra);
+    else
+      raster_write(out, state + b, b, how.extra);
+  return active;
 }
 
 /* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
  * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
-#define RASTER_VARIANT(name, degree, extra, counted)                                \
-  static void name(const pags_raster_in *in, const pags_raster_out *out) {          \
-    raster_tile(in, out, degree, extra, counted);                                   \
+#define RASTER_VARIANT(name, degree, extra, bounded)                                \
+  static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
+    return raster_tile(in, out, (raster_how){degree, extra, extra, bounded, in->eps}); \
   }
 RASTER_VARIANT(raster_5, 5, false, false)
-RASTER_VARIANT(raster_5_extra, 5, true, true)
+RASTER_VARIANT(raster_5_extra, 5, true, false)
 RASTER_VARIANT(raster_3, 3, false, false)
-RASTER_VARIANT(raster_3_extra, 3, true, true)
+RASTER_VARIANT(raster_3_extra, 3, true, false)
+RASTER_VARIANT(raster_5_bounded, 5, false, true)
+RASTER_VARIANT(raster_5_extra_bounded, 5, true, true)
+RASTER_VARIANT(raster_3_bounded, 3, false, true)
+RASTER_VARIANT(raster_3_extra_bounded, 3, true, true)
 
-static void raster(const pags_raster_in *in, const pags_raster_out *out) {
-  const bool extra = out->depth || in->pairs;
-  if (in->exp_degree >= 5)
-    (extra ? raster_5_extra : raster_5)(in, out);
-  else
-    (extra ? raster_3_extra : raster_3)(in, out);
+static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
+  typedef unsigned variant(const pags_raster_in *, const pags_raster_out *);
+  static variant *const variants[2][2][2] = {{{raster_3, raster_3_bounded}, {raster_3_extra, raster_3_extra_bounded}},
+                                             {{raster_5, raster_5_bounded}, {raster_5_extra, raster_5_extra_bounded}}};
+  return variants[in->exp_degree >= 5][out->depth || in->pairs][in->eps > 0.0f](in, out);
 }
 
 /* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */
@@ -221,7 +288,7 @@ V_INLINE float roofline_steps(const pags_splat *splats, int64_t steps, int degre
   const pags_splat s = *splats;
   raster_pipeline pipe = raster_prime(&s, &s, px, py, degree);
   for (int64_t i = 0; i < steps; i++) {
-    raster_step(&pipe, &state, &s, px, py, degree, false, false);
+    raster_step(&pipe, &state, &s, px, py, (raster_how){.degree = degree});
     px = v_add(px, hair);
     py = v_add(py, hair);
   }

@@ -14,7 +14,8 @@ typedef struct bin_context {
   uint32_t *counts; /* tiles per block */
   int64_t *offsets; /* tiles per block */
   uint64_t *touched; /* per drawn splat */
-  int64_t binned[MOST_BLOCKS];
+  const uint8_t *full; /* per tile; may be NULL */
+  int64_t binned[MOST_BLOCKS], hidden[MOST_BLOCKS];
 } bin_context;
 
 static void count_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -24,15 +25,15 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   uint32_t *const counts = c->counts + begin / c->grain * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
   c->binned[begin / c->grain] =
-      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
-                        counts);
+      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->full, c->touched + begin,
+                            counts, &c->hidden[begin / c->grain]);
 }
 
 static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   bin_context *const c = context;
   pags_frame *const f = c->frame;
   (void)worker;
-  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->touched + begin,
+  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->full, c->touched + begin,
                        c->offsets + begin / c->grain * c->tiles, f->entries);
 }
 
@@ -66,6 +67,7 @@ static pags_result place_slots(pags_frame *frame) {
 
 pags_result pags_stage_bin(pags_frame *frame) {
   bin_context c = {.frame = frame, .tiles = (int64_t)frame->tiles_x * frame->tiles_y};
+  c.full = frame->full ? frame->full->tile_full : NULL;
   c.grain = (frame->drawn_count + MOST_BLOCKS - 1) / MOST_BLOCKS;
   c.grain = c.grain < LEAST_SPLATS ? LEAST_SPLATS : c.grain;
   const int64_t blocks = (frame->drawn_count + c.grain - 1) / c.grain;
@@ -77,13 +79,15 @@ pags_result pags_stage_bin(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
   const int64_t pairs = place_blocks(&c, blocks);
-  frame->stats.pairs_binned = pairs;
+  frame->stats.pairs_binned += pairs;
   frame->entries = pags_frame_alloc(frame, pairs, sizeof *frame->entries, "tile lists");
   if (!frame->entries)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, fill_block, &c));
-  for (int64_t b = 0; b < blocks; b++)
+  for (int64_t b = 0; b < blocks; b++) {
     frame->stats.binned += c.binned[b];
+    frame->stats.pairs_hidden += c.hidden[b];
+  }
   if (!frame->options.keep_for_backward)
     return PAGS_OK;
   frame->block_masks = pags_frame_alloc(frame, pairs, sizeof *frame->block_masks, "block masks");

@@ -17,6 +17,7 @@ typedef struct cull_context {
   const pags_clusters *clusters;
   const pags_projection *view;
   uint8_t *seen;
+  cluster_bound *bounds; /* of those seen; NULL: not wanted */
   float lim2_x, lim2_y; /* 1 + largest clamp^2 */
   float reach_max;
 } cull_context;
@@ -25,16 +26,40 @@ typedef struct cull_context {
 static float ratio_min(float lo, float z0, float z1) { return lo < 0.0f ? lo / z0 : lo / z1; }
 static float ratio_max(float hi, float z0, float z1) { return hi > 0.0f ? hi / z0 : hi / z1; }
 
-static bool axis_outside(float lo, float hi, float z0, float z1, float focal, float centre, float size, float sigma,
-                         float lim2, float low_pass, float reach_max) {
+typedef struct interval { /* of pixels that members can change, px */
+  float lo, hi;
+} interval;
+
+static interval axis_reach(float lo, float hi, float z0, float z1, float focal, float centre, float sigma, float lim2,
+                           float low_pass, float reach_max) {
   const float j = focal / z0;
   const float extent = 1.0001f * sqrtf(reach_max * (sigma * sigma * j * j * lim2 + low_pass)) + 1e-3f;
   const float right = focal * ratio_max(hi, z0, z1) + centre, left = focal * ratio_min(lo, z0, z1) + centre;
   const float slack = 1e-5f * (fabsf(right) + fabsf(left)) + extent;
-  return right + slack <= 0.0f || left - slack >= size; /* false for NaN: keep */
+  return (interval){left - slack, right + slack};
 }
 
-static bool cluster_outside(const cull_context *c, int64_t i) {
+/* false for NaN: keep */
+static bool is_outside(interval reach, float size) { return reach.hi <= 0.0f || reach.lo >= size; }
+
+/* Blocks of 4 px whose pixel centres the interval holds; all of them for NaN. */
+static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *end) {
+  const float blocks = ceilf(size * 0.25f);
+  const float lo = floorf((reach.lo + 0.5f) * 0.25f), hi = floorf((reach.hi - 0.5f) * 0.25f) + 1.0f;
+  *first = (uint16_t)(lo > 0.0f ? lo < blocks ? lo : blocks : 0.0f);
+  *end = (uint16_t)(hi < blocks ? hi > 0.0f ? hi : 0.0f : blocks);
+}
+
+/* Where nothing that can be drawn is nearer than z, its key is no smaller than that of z. Everything, for NaN. */
+static cluster_bound everywhere(const pags_projection *v) {
+  cluster_bound bound = {.near = 0.0f};
+  const interval all = {-INFINITY, INFINITY};
+  reach_blocks(all, v->width, &bound.reach.x0, &bound.reach.x1);
+  reach_blocks(all, v->height, &bound.reach.y0, &bound.reach.y1);
+  return bound;
+}
+
+static bool cluster_outside(const cull_context *c, int64_t i, cluster_bound *bound) {
   const pags_clusters *const k = c->clusters;
   const pags_projection *const v = c->view;
   float lo[3], hi[3], centre[3], half[3];
@@ -57,19 +82,28 @@ static bool cluster_outside(const cull_context *c, int64_t i) {
   if (hi[2] <= v->near_plane)
     return true;
   const float z0 = lo[2] > v->near_plane ? lo[2] : v->near_plane, z1 = hi[2];
+  *bound = everywhere(v);
   if (!(z0 > 0.0f))
     return false;
-  return axis_outside(lo[0], hi[0], z0, z1, v->fx, v->cx, v->width, k->sigma[i], c->lim2_x, v->low_pass,
-                      c->reach_max) ||
-         axis_outside(lo[1], hi[1], z0, z1, v->fy, v->cy, v->height, k->sigma[i], c->lim2_y, v->low_pass,
-                      c->reach_max);
+  const interval x = axis_reach(lo[0], hi[0], z0, z1, v->fx, v->cx, k->sigma[i], c->lim2_x, v->low_pass, c->reach_max);
+  const interval y = axis_reach(lo[1], hi[1], z0, z1, v->fy, v->cy, k->sigma[i], c->lim2_y, v->low_pass, c->reach_max);
+  if (is_outside(x, v->width) || is_outside(y, v->height))
+    return true;
+  bound->near = z0;
+  reach_blocks(x, v->width, &bound->reach.x0, &bound->reach.x1);
+  reach_blocks(y, v->height, &bound->reach.y0, &bound->reach.y1);
+  return false;
 }
 
 static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
   const cull_context *const c = context;
   (void)worker;
-  for (int64_t i = begin; i < end; i++)
-    c->seen[i] = !cluster_outside(c, i);
+  cluster_bound bound;
+  for (int64_t i = begin; i < end; i++) {
+    c->seen[i] = !cluster_outside(c, i, &bound);
+    if (c->bounds && c->seen[i])
+      c->bounds[i] = bound;
+  }
 }
 
 typedef struct touch_context {
@@ -86,27 +120,30 @@ static void touch_block(void *context, int64_t begin, int64_t end, int worker) {
 
 static float largest_reach(const pags_part *part) {
   const bool boosted = part->opacity_factor && part->opacity_factor_most > 1.0f;
-  return (PAGS_LOG2_255 + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
+  return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
 static float largest_square(float a, float b) { return 1.0f + (a * a > b * b ? a * a : b * b); }
 
-static void append_seen(pags_frame *frame, int part, const uint8_t *seen) {
-  const pags_clusters *const clusters = frame->parts[part].clusters;
+static void append_seen(const cull_context *c, int part) {
+  pags_frame *const frame = c->frame;
+  const pags_clusters *const clusters = c->clusters;
   const int64_t gaussians = frame->parts[part].gaussians->count;
   for (int64_t i = 0; i < clusters->count; i++) {
-    if (!seen[i])
+    if (!c->seen[i])
       continue;
     const int64_t first = i * clusters->size;
     const int64_t left = gaussians - first;
     const int32_t count = (int32_t)(left < clusters->size ? left : clusters->size);
+    if (c->bounds)
+      frame->bounds[frame->cluster_count] = c->bounds[i];
     frame->clusters[frame->cluster_count++] = (view_cluster){part, count, i, first, frame->dense_count};
     frame->dense_count += (count + 15) / 16 * 16;
-    frame->stats.loaded += count;
+    frame->stats.in_view += count;
   }
 }
 
-pags_result pags_stage_cull(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   int64_t most = 0, all = 0;
   for (int p = 0; p < frame->part_count; p++) {
     const int64_t count = frame->parts[p].clusters->count;
@@ -114,19 +151,27 @@ pags_result pags_stage_cull(pags_frame *frame, pags_touch_fn *touch, void *user)
     all += count;
   }
   uint8_t *const seen = pags_frame_alloc(frame, most, 1, "cluster flags");
+  cluster_bound *const bounds = bounded ? pags_frame_alloc(frame, most, sizeof *bounds, "cluster bounds") : NULL;
   frame->clusters = pags_frame_alloc(frame, all, sizeof *frame->clusters, "clusters in view");
-  if (!seen || !frame->clusters)
+  frame->bounds = bounded ? pags_frame_alloc(frame, all, sizeof *frame->bounds, "cluster bounds") : NULL;
+  if (!seen || !frame->clusters || (bounded && (!bounds || !frame->bounds)))
     return PAGS_ERROR_MEMORY;
   frame->cluster_count = frame->dense_count = 0;
   for (int p = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;
-    cull_context c = {frame, frame->parts[p].clusters, view, seen, largest_square(view->lim_x0, view->lim_x1),
+    cull_context c = {frame, frame->parts[p].clusters, view, seen, bounds, largest_square(view->lim_x0, view->lim_x1),
                       largest_square(view->lim_y0, view->lim_y1), largest_reach(frame->parts + p)};
     PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
-    append_seen(frame, p, seen);
+    append_seen(&c, p);
   }
+  frame->stats.clusters = frame->cluster_count;
   if (frame->dense_count >= INT64_C(1) << 31)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn", (long long)frame->dense_count);
+  return PAGS_OK;
+}
+
+pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user) {
+  frame->stats.loaded = frame->stats.in_view;
   if (!touch)
     return PAGS_OK;
   touch_context t = {frame, touch, user};

@@ -8,7 +8,7 @@
 #include "stages.h"
 
 pags_frame_options pags_frame_options_default(void) {
-  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5};
+  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5, .early_z_eps = 1.0f / 255.0f};
 }
 
 double pags_frame_clock_ms(void) {
@@ -116,6 +116,7 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
   frame->camera = *camera;
   frame->options = *options;
   frame->rendered = false;
+  frame->full = NULL;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
   frame->part_count = part_count;
@@ -150,13 +151,10 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
   }
 }
 
-pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
-                              const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
-  assert(!(options->exposed && options->keep_for_backward));
-  assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
-  PAGS_TRY(prepare(frame, parts, part_count, camera, options));
+/* Everything after culling, at once. */
+static pags_result draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_frame_clock_ms();
-  PAGS_TRY(pags_stage_cull(frame, touch, user));
+  PAGS_TRY(pags_stage_touch(frame, touch, user));
   const double t1 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_project(frame));
   const double t2 = pags_frame_clock_ms();
@@ -169,8 +167,27 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   PAGS_TRY(pags_stage_raster(frame));
   const double t6 = pags_frame_clock_ms();
   pags_frame_stats *const s = &frame->stats;
-  s->ms_cull = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2;
-  s->ms_sort = t4 - t3, s->ms_bin = t5 - t4, s->ms_raster = t6 - t5;
+  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_sort = t4 - t3;
+  s->ms_bin = t5 - t4, s->ms_raster = t6 - t5;
+  s->slabs = 1;
+  return PAGS_OK;
+}
+
+pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
+                              const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
+  assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
+  assert(!(options->exposed && options->keep_for_backward));
+  assert(options->slab_size >= 0);
+  assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
+  PAGS_TRY(prepare(frame, parts, part_count, camera, options));
+  if (options->keep_for_backward)
+    frame->options.early_z = PAGS_EARLY_Z_OFF;
+  const bool slabs = frame->options.early_z != PAGS_EARLY_Z_OFF;
+  const double t0 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_cull(frame, slabs));
+  frame->stats.ms_cull = pags_frame_clock_ms() - t0;
+  frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
+  PAGS_TRY(slabs ? pags_frame_draw_slabs(frame, touch, user) : draw(frame, touch, user));
   frame->rendered = true;
   fill_picture(frame, out);
   return PAGS_OK;

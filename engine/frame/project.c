@@ -5,22 +5,24 @@ static int32_t splat_id(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + (int32_t)row;
 }
 
+void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, pags_reach *reaches) {
+  const pags_part *const part = frame->parts + c->part;
+  pags_splat *const splats = frame->splats + c->base;
+  uint32_t *const keys = frame->keys + c->base;
+  frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride,
+                          part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys, reaches);
+  for (int k = 0; k < c->count; k++)
+    if (keys[k] != UINT32_MAX)
+      splats[k].id = splat_id(part, c->first + k);
+  for (int k = c->count; k % 16 != 0; k++)
+    keys[k] = UINT32_MAX;
+}
+
 static void project_block(void *context, int64_t begin, int64_t end, int worker) {
-  pags_frame *const frame = context;
+  const pags_frame *const frame = context;
   (void)worker;
-  for (int64_t i = begin; i < end; i++) {
-    const view_cluster *const c = frame->clusters + i;
-    const pags_part *const part = frame->parts + c->part;
-    pags_splat *const splats = frame->splats + c->base;
-    uint32_t *const keys = frame->keys + c->base;
-    frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride,
-                            part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys);
-    for (int k = 0; k < c->count; k++)
-      if (keys[k] != UINT32_MAX)
-        splats[k].id = splat_id(part, c->first + k);
-    for (int k = c->count; k % 16 != 0; k++)
-      keys[k] = UINT32_MAX;
-  }
+  for (int64_t i = begin; i < end; i++)
+    pags_frame_project_cluster(frame, frame->clusters + i, NULL);
 }
 
 pags_result pags_stage_project(pags_frame *frame) {

@@ -15,34 +15,54 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   if (frame->options.extra_channels) {
     out.depth = frame_plane(frame, PLANE_DEPTH) + at;
     out.depth_sum = frame_plane(frame, PLANE_DEPTH_SUM) + at;
+    out.best = frame_plane(frame, PLANE_BEST) + at;
     out.id = (int32_t *)(void *)frame_plane(frame, PLANE_ID) + at;
   }
   return out;
 }
 
+/* Whether this slab has nothing to do there: the tile is finished, or nothing was added and more may come. */
+static bool tile_rests(const pags_frame *f, int64_t tile) {
+  return f->full && (f->full->tile_full[tile] || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
+}
+
+static void raster_tile(const raster_context *c, int64_t tile, int worker) {
+  const pags_frame *const f = c->frame;
+  const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
+  const int64_t start = f->tile_start[tile];
+  const pags_raster_in in = {.splats = f->splats,
+                             .entries = f->entries + start,
+                             .count = f->tile_start[tile + 1] - start,
+                             .x0 = x0,
+                             .y0 = y0,
+                             .width = f->camera.width,
+                             .height = f->camera.height,
+                             .exp_degree = f->options.exp_degree,
+                             .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
+                             .pairs = c->pairs ? c->pairs[worker] : NULL,
+                             .resume = f->full && f->full->tile_begun[tile],
+                             .unfinished = f->full && !f->last_slab,
+                             .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
+  const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
+  const unsigned open = f->kernels->raster(&in, &out);
+  if (f->full) {
+    f->full->tile_begun[tile] = 1;
+    f->full->tile_open[tile] = (uint16_t)open;
+    f->full->tile_full[tile] = open == 0;
+  }
+  if (in.unfinished && open)
+    return;
+  if (f->has_sky) /* while the tile is in the cache */
+    pags_frame_blend_sky(f, tile);
+  if (f->options.exposed)
+    pags_frame_expose(f, tile);
+}
+
 static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) {
   const raster_context *const c = context;
-  const pags_frame *const f = c->frame;
-  for (int64_t tile = begin; tile < end; tile++) {
-    const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-    const int64_t start = f->tile_start[tile];
-    const pags_raster_in in = {.splats = f->splats,
-                               .entries = f->entries + start,
-                               .count = f->tile_start[tile + 1] - start,
-                               .x0 = x0,
-                               .y0 = y0,
-                               .width = f->camera.width,
-                               .height = f->camera.height,
-                               .exp_degree = f->options.exp_degree,
-                               .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
-                               .pairs = c->pairs ? c->pairs[worker] : NULL};
-    const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
-    f->kernels->raster(&in, &out);
-    if (f->has_sky) /* while the tile is in the cache */
-      pags_frame_blend_sky(f, tile);
-    if (f->options.exposed)
-      pags_frame_expose(f, tile);
-  }
+  for (int64_t tile = begin; tile < end; tile++)
+    if (!tile_rests(c->frame, tile))
+      raster_tile(c, tile, worker);
 }
 
 pags_result pags_stage_raster(pags_frame *frame) {

@@ -8,10 +8,6 @@
 
 enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 3, BLOCK = 1 << 15 };
 
-typedef struct depth_key {
-  uint32_t key, index;
-} depth_key;
-
 typedef struct sort_context {
   pags_frame *frame;
   depth_key *from, *to;
@@ -74,7 +70,7 @@ static bool digit_places(sort_context *c, int64_t blocks) {
 
 /* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. Shell sort: runs are short, and
  * a long one (a wall of equal depths) still costs n^1.3. */
-static void order_ties(const pags_frame *frame, depth_key *keys, int64_t count) {
+void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t count) {
   for (int64_t begin = 0; begin < count;) {
     int64_t end = begin + 1;
     while (end < count && keys[end].key == keys[begin].key)
@@ -115,6 +111,14 @@ static pags_result radix_sort(sort_context *c) {
   return PAGS_OK;
 }
 
+pags_result pags_frame_radix_sort(pags_frame *frame, depth_key **keys, depth_key **spare, int64_t count) {
+  sort_context c = {.frame = frame, .from = *keys, .to = *spare, .count = count};
+  PAGS_TRY(radix_sort(&c));
+  *keys = c.from;
+  *spare = c.to;
+  return PAGS_OK;
+}
+
 pags_result pags_stage_sort(pags_frame *frame) {
   const int64_t dense_blocks = (frame->dense_count + BLOCK - 1) / BLOCK;
   sort_context c = {.frame = frame};
@@ -136,7 +140,7 @@ pags_result pags_stage_sort(pags_frame *frame) {
   PAGS_TRY(pags_frame_for(frame, frame->dense_count, BLOCK, gather_drawn, &c));
   PAGS_TRY(radix_sort(&c));
   if (!frame->ids_ascend)
-    order_ties(frame, c.from, c.count);
+    pags_frame_order_ties(frame, c.from, c.count);
   for (int64_t i = 0; i < c.count; i++)
     frame->order[i] = c.from[i].index;
   return PAGS_OK;

@@ -13,6 +13,27 @@ typedef struct view_cluster {
   int64_t cluster, first, base;
 } view_cluster;
 
+/* What can be said of a cluster's members that are drawn without reading them. */
+typedef struct cluster_bound {
+  float near;       /* no member's camera z, as the projection kernel rounds it, is smaller; metres, >= 0 */
+  pags_reach reach; /* no member changes a pixel beyond */
+} cluster_bound;
+
+/* What is sorted: bits of z, and whose. */
+typedef struct depth_key {
+  uint32_t key, index;
+} depth_key;
+
+/* What is full while a frame is drawn slab by slab (slabs.c). */
+typedef struct fullness {
+  uint8_t *tile_full;   /* per tile: 1, every pixel has stopped and the tile is finished */
+  uint8_t *tile_begun;  /* per tile: 1, its planes hold what an earlier slab left */
+  uint16_t *tile_open;  /* per tile: blocks that have a pixel which hasn't stopped */
+  uint64_t *open;       /* the same, row of blocks after row of blocks, a bit a block */
+  int words, rows;      /* a row's words, rows of blocks */
+  int64_t tiles_full;
+} fullness;
+
 struct pags_frame {
   pags_tasks *tasks;
   pags_arena *arena; /* everything of one frame */
@@ -28,6 +49,7 @@ struct pags_frame {
   pags_sky_rays rays; /* where there is a sky */
 
   view_cluster *clusters;
+  cluster_bound *bounds; /* per cluster, only of frames drawn slab by slab */
   int64_t cluster_count, dense_count;
   pags_splat *splats;  /* dense_count */
   uint32_t *keys;      /* dense_count; UINT32_MAX = nothing to draw */
@@ -38,25 +60,41 @@ struct pags_frame {
   int64_t *tile_start; /* tiles + 1 */
   pags_entry *entries; /* tile after tile, front to back */
   uint16_t *block_masks; /* per entry */
+  fullness *full;        /* NULL: one slab */
+  bool last_slab;
   int64_t *slot_start;   /* dense_count + 1 */
 
-  float *planes;       /* 6 float planes and one of ids, of plane_size each */
+  float *planes;       /* 7 float planes and one of ids, of plane_size each */
   int64_t plane_capacity, plane_size;
   int stride, rows;    /* padded to whole tiles */
   uint64_t plane_calls;
   pags_frame_stats stats;
 };
 
-enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_ID, PLANE_COUNT };
+enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_BEST, PLANE_ID, PLANE_COUNT };
 static inline float *frame_plane(const pags_frame *frame, int plane) { return frame->planes + plane * frame->plane_size; }
 
 /* In the order in which frame.c runs them; each returns PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY. */
-pags_result pags_stage_cull(pags_frame *frame, pags_touch_fn *touch, void *user); /* -> clusters */
+pags_result pags_stage_cull(pags_frame *frame, bool bounded);                     /* -> clusters, bounds */
+pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);
 pags_result pags_stage_project(pags_frame *frame);                                /* -> splats (no colour), keys */
 pags_result pags_stage_shade(pags_frame *frame);                                  /* -> colours */
 pags_result pags_stage_sort(pags_frame *frame);                                   /* -> order */
 pags_result pags_stage_bin(pags_frame *frame);                                    /* -> tile lists */
 pags_result pags_stage_raster(pags_frame *frame);                                 /* -> planes */
+
+/* Nothing is full; what the last raster stage left. */
+pags_result pags_frame_fullness_begin(pags_frame *frame);
+void pags_frame_fullness_update(pags_frame *frame);
+/* Everything after culling, slab of depth by slab. */
+pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
+
+/* Projects one cluster's members and gives them their ids. `reaches` may be NULL. */
+void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
+/* Sorts by key, stable; *keys and *spare may be swapped. */
+pags_result pags_frame_radix_sort(pags_frame *frame, depth_key **keys, depth_key **spare, int64_t count);
+/* Puts splats of equal depth into the order of their ids. */
+void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t count);
 
 /* Of the sky (sky.c): directions, before anything is drawn; a tile that has just been blended over zeros; the way back, which adds to the
  * gradient's texels. */

@@ -41,7 +41,7 @@ static bins bin(const pags_kernels *k, const bins *in) {
   b.counts = CHECK_NEW(uint32_t, tiles);
   memset(b.counts, 0, (size_t)tiles * sizeof *b.counts);
   b.touched = CHECK_NEW(uint64_t, b.count);
-  k->bin_count(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, b.touched, b.counts);
+  k->bin_count(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, b.counts, NULL);
   b.start = CHECK_NEW(int64_t, tiles + 1);
   b.start[0] = 0;
   for (int64_t t = 0; t < tiles; t++)
@@ -52,7 +52,7 @@ static bins bin(const pags_kernels *k, const bins *in) {
   memcpy(offsets, b.start, (size_t)tiles * sizeof *offsets);
   check_freeze(b.splats);
   check_freeze(b.touched);
-  k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, b.touched, offsets, b.entries);
+  k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, offsets, b.entries);
   for (int64_t t = 0; t < tiles; t++)
     CHECK(offsets[t] == b.start[t + 1]);
   return b;
@@ -247,10 +247,10 @@ static void test_bench(const pags_kernels *k) {
   uint64_t *const touched = CHECK_NEW(uint64_t, b.count);
   CHECK(b.total > b.count);
   CHECK_BENCH("bin_count", b.count, "splat")
-  k->bin_count(in.splats, b.order, b.count, b.tiles_x, b.tiles_y, touched, b.counts);
+  k->bin_count(in.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, touched, b.counts, NULL);
   CHECK_BENCH("bin_fill", b.total, "pair") {
     memcpy(offsets, b.start, 40 * 30 * sizeof *offsets);
-    k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, b.touched, offsets, b.entries);
+    k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, offsets, b.entries);
   }
 }
 

@@ -13,7 +13,7 @@ typedef struct projection {
 
 static projection project_by(const pags_kernels *k, const pags_projection *view, const rows *r, const float *factor) {
   const projection p = {CHECK_NEW(pags_splat, r->count), CHECK_NEW(uint32_t, r->count)};
-  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys);
+  k->project(view, r->data, r->stride, factor, r->count, p.splats, p.keys, NULL);
   return p;
 }
 
@@ -157,7 +157,7 @@ static void test_edges(const pags_kernels *k) {
   }
   pags_splat splats[16];
   uint32_t keys[16];
-  k->project(&view, data[0], 16, NULL, 16, splats, keys);
+  k->project(&view, data[0], 16, NULL, 16, splats, keys, NULL);
   for (int i = 0; i < 16; i++)
     CHECK((keys[i] == UINT32_MAX) == (i == 0));
   for (int plane = 0; plane < ROW_SH; plane++) {
@@ -167,7 +167,7 @@ static void test_edges(const pags_kernels *k) {
       const uint32_t nan = (i & 1 ? 0x7FC00000u : 0xFFC00000u) | (check_u32() & 0x3FFFFFu);
       memcpy(&data[plane][i], &nan, sizeof nan);
     }
-    k->project(&view, data[0], 16, NULL, 16, splats, keys);
+    k->project(&view, data[0], 16, NULL, 16, splats, keys, NULL);
     for (int i = 0; i < 16; i++)
       if (keys[i] != UINT32_MAX)
         CHECK_FAIL("drawn with NaN in plane %d", plane);
@@ -179,7 +179,7 @@ static void test_bench(const pags_kernels *k) {
   const pags_projection view = view_random(3, false);
   const rows r = rows_random(&view, 256, ROWS_ORDINARY);
   const projection p = project(k, &view, &r);
-  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys);
+  CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, NULL);
 }
 
 int main(int argc, char **argv) {

@@ -24,7 +24,7 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
   f.keys = CHECK_NEW(uint32_t, count);
   f.slot_start = CHECK_NEW(int64_t, count);
   f.poisoned = CHECK_NEW(bool, count);
-  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys);
+  k->project(&f.view, f.rows.data, f.rows.stride, NULL, count, f.splats, f.keys, NULL);
   k->shade(&f.view, f.rows.data, f.rows.stride, NULL, count, f.keys, f.splats);
   for (int i = 0; i < count; i++) {
     f.slot_start[i] = f.keys[i] == UINT32_MAX ? INT64_MAX / 2 : f.slot_count; /* of no row that isn't drawn */

@@ -48,6 +48,15 @@ typedef struct pags_part {
   float opacity_factor_most;       /* no factor is larger; not looked at without factors */
 } pags_part;
 
+/* What is hidden can be left out before it is read, shaded, sorted or binned: docs/rendering.md. */
+typedef enum pags_early_z {
+  PAGS_EARLY_Z_OFF,      /* draw everything; a pixel stops where it is full */
+  PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id */
+  PAGS_EARLY_Z_BOUNDED   /* a pixel stops as soon as T <= eps; no colour channel is off from OFF's by more than eps x the largest
+                            of shaded colours, sky and background, transmittance by eps (before clamping; plus rounding); depth and
+                            ids carry no bound */
+} pags_early_z;
+
 typedef struct pags_frame_options {
   double origin[3];     /* of the float positions, metres */
   float background[3];  /* display-referred sRGB, 0..1; not used where there is a sky */
@@ -65,12 +74,20 @@ typedef struct pags_frame_options {
   int exposed;           /* 1: rgb becomes gain * rgb + offset per channel, as a camera of that exposure shows it (pags_scene_exposure).
                             Not with keep_for_backward. Default 0 */
   float gain[3], offset[3];
+  pags_early_z early_z; /* default OFF. A render with keep_for_backward is always drawn with OFF */
+  float early_z_eps;    /* of BOUNDED: 0 < eps < 1, default 1/255 */
+  int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen. Changes no bit */
   int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs some per cent of the backward pass), else 0s */
 } pags_frame_options;
 
 PAGS_API pags_frame_options pags_frame_options_default(void);
 /* Sets `exposed`, gain and offset; returns whether they change anything, which is what `exposed` becomes. */
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
+
+/* Reads "off", "lossless", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. PAGS_ERROR_ARGUMENT names what was
+ * expected; then the options stay as they were. */
+PAGS_API pags_result pags_early_z_parse(const char *text, pags_frame_options *options);
+PAGS_API const char *pags_early_z_name(pags_early_z mode); /* as parse reads it, without EPS */
 
 /* Planes of `stride` floats a row, `height` rows (and up to 15 of padding); owned by the frame, valid until its next render. */
 typedef struct pags_picture {
@@ -86,14 +103,25 @@ typedef struct pags_picture {
 typedef struct pags_frame_stats {
   double ms_cull, ms_project, ms_shade, ms_sort, ms_bin, ms_raster; /* forward */
   double ms_raster_backward, ms_project_backward;                    /* backward; the latter with the receiver's work */
+  double ms_occlude;       /* of early-z: ordering clusters, testing them, keeping account of what is full */
   int64_t gaussians;       /* that exist */
-  int64_t loaded;          /* read: members of clusters in view */
+  int64_t in_view;         /* members of clusters in view */
+  int64_t loaded;          /* read: in_view less the members of clusters known to be hidden */
+  int64_t hidden;          /* projected, then known to be hidden before their colour was read */
   int64_t shaded;          /* colour computed */
   int64_t binned;          /* in at least one tile */
+  int64_t pairs_hidden;    /* (Gaussian, tile): not binned, the tile being full */
   int64_t pairs_binned;    /* (Gaussian, tile) */
   int64_t pairs_evaluated; /* (Gaussian, pixel) lanes computed; 0 unless counted */
   int64_t pairs_blended;   /* of these, blended; 0 unless counted */
+  int64_t clusters, clusters_hidden; /* in view; of these, never read */
+  int64_t tiles, tiles_full; /* of the picture; of these, full before the last slab */
+  int64_t slabs;           /* of depth, drawn one after another: 1 with OFF */
 } pags_frame_stats;
+
+/* For means over frames: every member of `one` is added to `sum`; counts are rounded down by divide. */
+PAGS_API void pags_frame_stats_add(pags_frame_stats *sum, const pags_frame_stats *one);
+PAGS_API void pags_frame_stats_divide(pags_frame_stats *sum, double n);
 
 typedef struct pags_frame pags_frame;
 

@@ -1,0 +1,339 @@
+/* Early-Z: LOSSLESS gives OFF's bits and BOUNDED keeps its bound on random and on adversarial scenes, however the frame is cut into
+ * slabs, for any number of threads and any cluster size.
+ *
+ *   PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <pags/frame.h>
+
+enum { MOST_PARTS = 3, MOST_GAUSSIANS = 3000, SIDE = 112 };
+
+/* Random numbers: splitmix64. */
+static uint64_t state;
+static uint64_t next_u64(void) {
+  uint64_t z = (state += 0x9E3779B97F4A7C15u);
+  z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
+  z = (z ^ z >> 27) * 0x94D049BB133111EBu;
+  return z ^ z >> 31;
+}
+static int below(int n) { return (int)(next_u64() % (uint64_t)n); }
+static float uniform(float lo, float hi) { return lo + (hi - lo) * (float)(next_u64() >> 40) * 0x1p-24f; }
+static float log_uniform(float lo, float hi) { return expf(uniform(logf(lo), logf(hi))); }
+
+/* Scenes, all in front of a camera at the origin that looks along z. */
+
+typedef enum recipe {
+  OPAQUE_WALLS, TRANSLUCENT_WALLS, NEEDLES, GIANTS, DUST, INSIDE, SAME_DEPTH, BEHIND, NOTHING, ONE, MIXTURE, RECIPES
+} recipe;
+
+typedef struct scene {
+  int part_count;
+  pags_part parts[MOST_PARTS];
+  pags_gaussians gaussians[MOST_PARTS];
+  pags_clusters clusters[MOST_PARTS];
+  int32_t *ids[MOST_PARTS];
+  pags_camera camera;
+  pags_frame_options options;
+  float sky_texels[6 * 2 * 2 * 3];
+  pags_sky sky;
+} scene;
+
+static void put(pags_gaussians *g, int64_t i, int plane, float value) { pags_plane(g, plane)[i] = value; }
+
+static void put_shape(pags_gaussians *g, int64_t i, const float mean[3], const float sigma[3], float opacity) {
+  for (int k = 0; k < 3; k++) {
+    put(g, i, PAGS_MEAN + k, mean[k]);
+    put(g, i, PAGS_SCALE + k, logf(sigma[k]));
+  }
+  for (int k = 0; k < 4; k++)
+    put(g, i, PAGS_ROTATION + k, uniform(-1, 1));
+  put(g, i, PAGS_OPACITY, logf(opacity / (1 - opacity)));
+  for (int plane = PAGS_SH; plane < pags_plane_count(g->sh_degree); plane++)
+    put(g, i, plane, uniform(-1, 1));
+}
+
+static void put_random(pags_gaussians *g, int64_t i, recipe r) {
+  const float layer = (float)below(6), z = 2 + 1.5f * layer + uniform(0, 0.1f);
+  float mean[3] = {uniform(-0.7f, 0.7f) * z, uniform(-0.7f, 0.7f) * z, z};
+  float size = log_uniform(0.05f, 0.6f), opacity = uniform(0.9f, 0.9999f);
+  float sigma[3] = {size, size * uniform(0.3f, 1), size * uniform(0.05f, 1)};
+  if (r == MIXTURE)
+    r = (recipe)below(SAME_DEPTH);
+  if (r == TRANSLUCENT_WALLS)
+    opacity = uniform(0.02f, 0.5f);
+  if (r == NEEDLES)
+    sigma[0] = log_uniform(0.5f, 50), sigma[1] = sigma[2] = log_uniform(1e-4f, 0.02f);
+  if (r == GIANTS)
+    sigma[0] = log_uniform(1, 1000), sigma[1] = log_uniform(1, 1000), opacity = uniform(0.01f, 0.999f);
+  if (r == DUST)
+    sigma[0] = sigma[1] = sigma[2] = log_uniform(1e-4f, 0.01f), opacity = uniform(0.005f, 0.9f);
+  if (r == INSIDE)
+    for (int k = 0; k < 3; k++)
+      mean[k] = uniform(-0.3f, 0.3f), sigma[k] = log_uniform(0.1f, 5);
+  if (r == SAME_DEPTH)
+    mean[2] = (float)(2 + below(4));
+  if (r == BEHIND)
+    mean[2] = -mean[2];
+  put_shape(g, i, mean, sigma, opacity);
+}
+
+static void rotate_part(pags_part *part) {
+  const double yaw = (double)uniform(-0.3f, 0.3f), c = cos(yaw), s = sin(yaw);
+  const double pose[12] = {c, 0, s, (double)uniform(-1, 1), 0, 1, 0, (double)uniform(-1, 1), -s, 0, c, (double)uniform(0, 2)};
+  memcpy(part->world_from_model, pose, sizeof pose);
+}
+
+static void add_part(scene *s, recipe r, int64_t count, int32_t *first_id) {
+  static const int sizes[] = {1, 16, 64, 256};
+  const int p = s->part_count++;
+  assert_int_equal(pags_gaussians_create(&s->gaussians[p], count, below(4)), PAGS_OK);
+  for (int64_t i = 0; i < count; i++)
+    put_random(&s->gaussians[p], i, r);
+  assert_int_equal(pags_clusters_create(&s->clusters[p], count, sizes[below(4)]), PAGS_OK);
+  pags_clusters_update(&s->clusters[p], &s->gaussians[p], 0, s->clusters[p].count);
+  s->ids[p] = below(2) ? malloc((size_t)(count + 1) * sizeof(int32_t)) : NULL;
+  for (int64_t i = 0; s->ids[p] && i < count; i++)
+    s->ids[p][i] = *first_id + (int32_t)(count - 1 - i);
+  s->parts[p] = (pags_part){.gaussians = &s->gaussians[p], .clusters = &s->clusters[p], .id = s->ids[p], .first_id = *first_id,
+                            .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  if (p > 0)
+    rotate_part(&s->parts[p]);
+  *first_id += (int32_t)count;
+}
+
+static void sort_near_together(pags_gaussians *g) { /* as scenes are: neighbours lie together */
+  int64_t *const index = malloc((size_t)(g->count + 1) * sizeof *index);
+  pags_gaussians sorted;
+  assert_int_equal(pags_gaussians_morton_order(g, index), PAGS_OK);
+  assert_int_equal(pags_gaussians_create_like(&sorted, g->count, g), PAGS_OK);
+  pags_gaussians_gather(g, index, g->count, &sorted);
+  free(index);
+  pags_gaussians_destroy(g);
+  *g = sorted;
+}
+
+static void scene_create(scene *s, recipe r, int64_t count) {
+  int32_t first_id = 0;
+  memset(s, 0, sizeof *s);
+  const int parts = r == NOTHING || r == ONE ? 1 : 1 + below(MOST_PARTS);
+  for (int p = 0; p < parts; p++)
+    add_part(s, r, r == NOTHING ? 0 : r == ONE ? 1 : count / parts + below(30), &first_id);
+  for (int p = 0; p < parts && below(4); p++) {
+    sort_near_together(&s->gaussians[p]);
+    pags_clusters_update(&s->clusters[p], &s->gaussians[p], 0, s->clusters[p].count);
+  }
+  const int width = 1 + below(SIDE), height = 1 + below(SIDE);
+  s->camera = (pags_camera){.width = width, .height = height, .fx = width * (double)uniform(0.5f, 1.5f), .fy = height * (double)uniform(0.5f, 1.5f),
+                            .cx = width * 0.5, .cy = height * 0.5, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  s->options = pags_frame_options_default();
+  for (int c = 0; c < 3; c++)
+    s->options.background[c] = uniform(0, 1);
+  for (size_t i = 0; i < sizeof s->sky_texels / sizeof *s->sky_texels; i++)
+    s->sky_texels[i] = uniform(0, 1);
+  s->sky = (pags_sky){.size = 2, .texels = s->sky_texels};
+  s->options.sky = below(2) ? &s->sky : NULL;
+  s->options.extra_channels = below(4) > 0;
+  s->options.exp_degree = below(2) ? 5 : 3;
+  s->options.antialiased = below(2);
+}
+
+static void scene_destroy(scene *s) {
+  for (int p = 0; p < s->part_count; p++) {
+    pags_gaussians_destroy(&s->gaussians[p]);
+    pags_clusters_destroy(&s->clusters[p]);
+    free(s->ids[p]);
+  }
+}
+
+/* Pictures without padding. */
+typedef struct shot {
+  float *planes; /* r g b T depth depth_sum */
+  int32_t *id;
+  int64_t pixels;
+  pags_frame_stats stats;
+} shot;
+
+enum { PLANES = 6 };
+
+static shot shoot_parts(pags_tasks *tasks, const scene *s, const pags_frame_options *options) {
+  pags_frame *frame;
+  pags_picture picture;
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  assert_int_equal(pags_frame_render(frame, s->parts, s->part_count, &s->camera, options, NULL, NULL, &picture), PAGS_OK);
+  const int64_t width = picture.width, pixels = width * picture.height;
+  shot out = {calloc((size_t)pixels * PLANES, sizeof(float)), calloc((size_t)pixels, sizeof(int32_t)), pixels, *pags_frame_stats_get(frame)};
+  const float *const planes[PLANES] = {picture.rgb[0], picture.rgb[1], picture.rgb[2], picture.transmittance, picture.depth, picture.depth_sum};
+  for (int y = 0; y < picture.height; y++) {
+    for (int p = 0; p < PLANES; p++)
+      if (planes[p])
+        memcpy(out.planes + p * pixels + y * width, planes[p] + (int64_t)y * picture.stride, (size_t)width * sizeof(float));
+    if (picture.id)
+      memcpy(out.id + y * width, picture.id + (int64_t)y * picture.stride, (size_t)width * sizeof(int32_t));
+  }
+  pags_frame_destroy(frame);
+  return out;
+}
+
+static shot shoot(int threads, const scene *s, pags_early_z mode, float eps, int64_t slab) {
+  pags_tasks *const tasks = pags_tasks_create(threads);
+  pags_frame_options options = s->options;
+  options.early_z = mode;
+  options.early_z_eps = eps;
+  options.slab_size = slab;
+  const shot out = shoot_parts(tasks, s, &options);
+  pags_tasks_destroy(tasks);
+  return out;
+}
+
+static void shot_destroy(shot *s) {
+  free(s->planes);
+  free(s->id);
+}
+
+static int same_bits(const shot *a, const shot *b) {
+  return memcmp(a->planes, b->planes, (size_t)a->pixels * PLANES * sizeof(float)) == 0 &&
+         memcmp(a->id, b->id, (size_t)a->pixels * sizeof(int32_t)) == 0;
+}
+
+/* The largest colour that can show: of any Gaussian that OFF draws, sky or background. SH of degree 3 with coefficients in [-1, 1]
+ * sums |Y_k| <= 4 over 16 terms each; the exact one is taken from what is shaded, by drawing each Gaussian's colour bound. */
+static float largest_colour(const scene *s) {
+  float largest = 1; /* background and sky texels are <= 1 */
+  static const float bound[4] = {0.2821f, 0.2821f + 0.8463f, 0.2821f + 0.8463f + 2.4f, 0.2821f + 0.8463f + 2.4f + 4.6f};
+  for (int p = 0; p < s->part_count; p++)
+    if (s->gaussians[p].count)
+      largest = fmaxf(largest, 0.5f + bound[s->gaussians[p].sh_degree]);
+  return largest;
+}
+
+static void check_bound(const shot *off, const shot *bounded, float eps, float largest, uint64_t seed) {
+  const float rounding = 1e-4f * largest; /* 2^-24 a splat, 1700 of them */
+  for (int64_t i = 0; i < off->pixels; i++) {
+    const float t = fabsf(off->planes[3 * off->pixels + i] - bounded->planes[3 * off->pixels + i]);
+    if (t > eps)
+      fail_msg("seed %llu: pixel %lld: transmittance off by %g, bound %g", (unsigned long long)seed, (long long)i, (double)t, (double)eps);
+    for (int c = 0; c < 3; c++) {
+      const float d = fabsf(off->planes[c * off->pixels + i] - bounded->planes[c * off->pixels + i]);
+      if (!(d <= eps * largest + rounding))
+        fail_msg("seed %llu: pixel %lld: colour off by %g, bound %g", (unsigned long long)seed, (long long)i, (double)d, (double)(eps * largest));
+    }
+  }
+}
+
+typedef struct totals {
+  int64_t pixels, hidden, clusters_hidden, pairs_hidden, tiles_full, slabs;
+} totals;
+
+static void check_scene(uint64_t seed, recipe r, int64_t count, totals *sum) {
+  scene s;
+  state = seed;
+  scene_create(&s, r, count);
+  const int64_t slab = 1 + below(400);
+  const float eps = below(2) ? 1.0f / 255.0f : log_uniform(1e-5f, 0.5f);
+  shot off = shoot(1, &s, PAGS_EARLY_Z_OFF, 0.5f, 0);
+  shot lossless = shoot(1 + below(2), &s, PAGS_EARLY_Z_LOSSLESS, 0.5f, slab);
+  shot bounded = shoot(1, &s, PAGS_EARLY_Z_BOUNDED, eps, slab);
+  shot again = shoot(2, &s, PAGS_EARLY_Z_BOUNDED, eps, 1 + below(4000));
+  if (!same_bits(&off, &lossless))
+    fail_msg("seed %llu, recipe %d: lossless differs from off", (unsigned long long)seed, (int)r);
+  if (!same_bits(&bounded, &again))
+    fail_msg("seed %llu, recipe %d: bounded depends on the slabs", (unsigned long long)seed, (int)r);
+  check_bound(&off, &bounded, eps, largest_colour(&s), seed);
+  sum->pixels += off.pixels;
+  sum->hidden += lossless.stats.hidden;
+  sum->clusters_hidden += lossless.stats.clusters_hidden;
+  sum->pairs_hidden += lossless.stats.pairs_hidden;
+  sum->tiles_full += lossless.stats.tiles_full;
+  sum->slabs += lossless.stats.slabs;
+  shot_destroy(&off), shot_destroy(&lossless), shot_destroy(&bounded), shot_destroy(&again);
+  scene_destroy(&s);
+}
+
+static void print_totals(const char *what, int64_t scenes, const totals *t) {
+  print_message("%s: %lld scenes, %lld pixels, %lld slabs, %lld tiles full, hidden: %lld Gaussians, %lld clusters, %lld pairs\n",
+                what, (long long)scenes, (long long)t->pixels, (long long)t->slabs, (long long)t->tiles_full, (long long)t->hidden,
+                (long long)t->clusters_hidden, (long long)t->pairs_hidden);
+}
+
+static void test_random_scenes(void **unused) {
+  (void)unused;
+  const char *const wanted = getenv("PAGS_EARLY_Z_SCENES");
+  const int64_t scenes = wanted ? strtoll(wanted, NULL, 10) : 200;
+  totals sum = {0};
+  for (int64_t i = 0; i < scenes; i++) {
+    state = (uint64_t)i * 77777 + 5;
+    check_scene((uint64_t)i + 1, (recipe)below(RECIPES), below(MOST_GAUSSIANS), &sum);
+  }
+  print_totals("random", scenes, &sum);
+  assert_true(scenes < 200 || (sum.hidden > 0 && sum.clusters_hidden > 0 && sum.pairs_hidden > 0 && sum.tiles_full > 0));
+}
+
+static void test_every_recipe(void **unused) {
+  (void)unused;
+  totals sum = {0};
+  for (int r = 0; r < RECIPES; r++)
+    check_scene(1000 + (uint64_t)r, (recipe)r, MOST_GAUSSIANS, &sum);
+  print_totals("recipes", RECIPES, &sum);
+}
+
+/* Words. */
+static void test_parse(void **unused) {
+  (void)unused;
+  pags_frame_options o = pags_frame_options_default();
+  assert_int_equal(o.early_z, PAGS_EARLY_Z_OFF);
+  assert_int_equal(pags_early_z_parse("lossless", &o), PAGS_OK);
+  assert_int_equal(o.early_z, PAGS_EARLY_Z_LOSSLESS);
+  assert_int_equal(pags_early_z_parse("bounded=0.01", &o), PAGS_OK);
+  assert_int_equal(o.early_z, PAGS_EARLY_Z_BOUNDED);
+  assert_float_equal(o.early_z_eps, 0.01f, 0);
+  assert_int_equal(pags_early_z_parse("bounded", &o), PAGS_OK);
+  assert_float_equal(o.early_z_eps, 1.0f / 255.0f, 0);
+  static const char *const wrong[] = {"", "on", "bounded=", "bounded=0", "bounded=1", "bounded=x", "bounded=nan", "bounded=0.1x", "lossless=1", "lossles"};
+  for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
+    assert_int_equal(pags_early_z_parse(wrong[i], &o), PAGS_ERROR_ARGUMENT);
+  assert_int_equal(o.early_z, PAGS_EARLY_Z_BOUNDED);
+  for (int mode = 0; mode <= PAGS_EARLY_Z_BOUNDED; mode++) {
+    assert_int_equal(pags_early_z_parse(pags_early_z_name((pags_early_z)mode), &o), PAGS_OK);
+    assert_int_equal((int)o.early_z, mode);
+  }
+}
+
+/* From the third frame on no heap call, whatever is hidden. */
+static void test_steady(void **unused) {
+  (void)unused;
+  scene s;
+  state = 3;
+  scene_create(&s, OPAQUE_WALLS, MOST_GAUSSIANS);
+  pags_tasks *const tasks = pags_tasks_create(2);
+  pags_frame *frame;
+  pags_picture picture;
+  uint64_t calls = 0;
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  s.options.early_z = PAGS_EARLY_Z_LOSSLESS;
+  for (int i = 0; i < 8; i++) {
+    s.options.slab_size = 300;
+    assert_int_equal(pags_frame_render(frame, s.parts, s.part_count, &s.camera, &s.options, NULL, NULL, &picture), PAGS_OK);
+    if (i == 2)
+      calls = pags_frame_heap_calls(frame);
+  }
+  assert_int_equal(pags_frame_heap_calls(frame), calls);
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  scene_destroy(&s);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_parse),
+      cmocka_unit_test(test_every_recipe),
+      cmocka_unit_test(test_random_scenes),
+      cmocka_unit_test(test_steady),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
