@@ -179,7 +179,7 @@ pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sight
   facts->observed = observed_share(proxy);
   if (!sights->count || !proxy->triangle_count)
     return PAGS_OK;
-  PAGS_TRY(pags_solid_of_surface(proxy, &solid));
+  PAGS_TRY(pags_solid_of_shell(proxy, &solid));
   comparison self = {.sights = sights,
                      .solid = solid,
 

@@ -296,7 +296,7 @@ static pags_result make_level(const pags_workshop *w, const pags_object_shape *s
                               pags_shell *out) {
   switch (level) {
     case PAGS_PROXY_MESH: return pags_shell_simplify(&shape->surface, w->options->triangles, out);
-    case PAGS_PROXY_CAGE: return pags_shell_cage(&shape->surface, w->options->cage_level, out);
+    case PAGS_PROXY_CAGE: return pags_shell_cage(&shape->surface, w->options->cage_level, w->options->triangles, out);
     default: return pags_shell_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
   }
 }

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #if PAGS_EMBREE >= 4 /* major version, from CMake */
 #include <embree4/rtcore.h>
@@ -20,7 +21,8 @@ struct pags_solid {
 typedef struct query {
   const pags_solid *solid;
   double point[3];
-  double best; /* squared */
+  double best;    /* squared */
+  double foot[3]; /* the nearest point, relative to `point` */
   uint32_t primitive;
 } query;
 
@@ -29,8 +31,8 @@ static double dot(const double a[3], const double b[3]) {
 }
 
 /* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it, else to the
- * nearest edge. */
-static double triangle_distance(const double a[3], const double b[3], const double c[3]) {
+ * nearest edge. `foot` receives the nearest point. */
+static double triangle_distance(const double a[3], const double b[3], const double c[3], double foot[3]) {
   const double *corners[3] = {a, b, c};
   double u[3], v[3], n[3], nearest = HUGE_VAL;
   bool inside = true;
@@ -43,36 +45,45 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   double area = dot(n, n);
   for (int i = 0; i < 3; ++i) {
     const double *p = corners[i], *q = corners[(i + 1) % 3];
-    double edge[3], side[3], foot = 0;
+    double edge[3], side[3], at[3], squared = 0;
     for (int k = 0; k < 3; ++k)
       edge[k] = q[k] - p[k];
     for (int k = 0; k < 3; ++k)
       side[k] = n[(k + 1) % 3] * edge[(k + 2) % 3] - n[(k + 2) % 3] * edge[(k + 1) % 3];
     inside = inside && dot(side, p) <= 0;
     double length = dot(edge, edge), t = length > 0 ? fmin(fmax(-dot(edge, p) / length, 0), 1) : 0;
-    for (int k = 0; k < 3; ++k)
-      foot += (p[k] + t * edge[k]) * (p[k] + t * edge[k]);
-    nearest = fmin(nearest, foot);
+    for (int k = 0; k < 3; ++k) {
+      at[k] = p[k] + t * edge[k];
+      squared += at[k] * at[k];
+    }
+    if (squared < nearest) {
+      nearest = squared;
+      memcpy(foot, at, sizeof at);
+    }
   }
   if (!inside || !(area > 0))
     return nearest;
   double height = dot(n, a);
+  for (int k = 0; k < 3; ++k)
+    foot[k] = n[k] * (height / area);
   return height * height / area;
 }
 
 static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   query *q = arguments->userPtr;
-  double corner[3][3], squared;
+  double corner[3][3], foot[3], squared;
   int corners = q->solid->triangles ? 3 : 1;
   for (int i = 0; i < corners; ++i) {
     uint32_t at = corners == 3 ? q->solid->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
     for (int k = 0; k < 3; ++k)
       corner[i][k] = (double)q->solid->points[3 * (size_t)at + (size_t)k] - q->point[k];
   }
-  squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2]) : dot(corner[0], corner[0]);
+  memcpy(foot, corner[0], sizeof foot);
+  squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : dot(foot, foot);
   if (!(squared < q->best))
     return false;
   q->best = squared;
+  memcpy(q->foot, foot, sizeof foot);
   q->primitive = arguments->primID;
   /* Rounded up: what is equally near may still be asked. */
   arguments->query->radius = nextafterf((float)sqrt(squared), INFINITY);
@@ -138,7 +149,7 @@ static pags_result add_points(pags_solid *solid, int64_t count) {
   return attach(solid, geometry);
 }
 
-pags_result pags_solid_of_surface(const pags_shell *surface, pags_solid **out) {
+pags_result pags_solid_of_shell(const pags_shell *surface, pags_solid **out) {
   *out = NULL;
   pags_solid *solid = calloc(1, sizeof *solid);
   if (!solid)
@@ -177,15 +188,27 @@ void pags_solid_destroy(pags_solid *solid) {
   free(solid);
 }
 
-double pags_solid_distance(const pags_solid *solid, const double point[3], uint32_t *primitive) {
+static query ask(const pags_solid *solid, const double point[3]) {
   query q = {.solid = solid, .point = {point[0], point[1], point[2]}, .best = HUGE_VAL, .primitive = UINT32_MAX};
-  struct RTCPointQuery ask = {
+  struct RTCPointQuery sphere = {
       .x = (float)point[0], .y = (float)point[1], .z = (float)point[2], .time = 0, .radius = INFINITY};
   struct RTCPointQueryContext context;
   rtcInitPointQueryContext(&context);
-  rtcPointQuery(solid->scene, &ask, &context, visit, &q);
+  rtcPointQuery(solid->scene, &sphere, &context, visit, &q);
+  return q;
+}
+
+double pags_solid_distance(const pags_solid *solid, const double point[3], uint32_t *primitive) {
+  query q = ask(solid, point);
   if (primitive)
     *primitive = q.primitive;
+  return sqrt(q.best);
+}
+
+double pags_solid_nearest(const pags_solid *solid, const double point[3], double nearest[3]) {
+  query q = ask(solid, point);
+  for (int k = 0; k < 3; ++k)
+    nearest[k] = point[k] + q.foot[k];
   return sqrt(q.best);
 }
 
