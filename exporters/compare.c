@@ -34,6 +34,7 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
 
 typedef struct sample {
   float seen[3], met[3]; /* of the Gaussians, of the proxy */
+  uint32_t triangle_met, triangle_near; /* of the proxy: met by the ray, nearest to what is seen */
   uint8_t has_seen, has_met, covered;
 } sample;
 
@@ -42,6 +43,9 @@ typedef struct comparison {
   const pags_solid *solid, *cloud;
   sample *samples; /* SIDE * SIDE a view */
 
+  const int32_t *group_of; /* of the proxy's triangles; NULL: one group */
+  int64_t group_count;
+  double range;      /* depths beyond are left out */
   double *to, *from; /* one a sample; negative: none */
 } comparison;
 
@@ -54,10 +58,10 @@ static void take_sample(const comparison *self, const pags_sight *sight, int x, 
   pags_sight_point(sight, x, y, 1, direction);
   for (int k = 0; k < 3; ++k)
     direction[k] -= origin[k];
-  double t = pags_solid_ray(self->solid, origin, direction, NULL);
+  double t = pags_solid_ray(self->solid, origin, direction, &out->triangle_met);
   out->covered = sight->cover[pixel] >= 128;
   out->has_met = t > 0;
-  out->has_seen = depth > 0;
+  out->has_seen = depth > 0 && depth < self->range;
   for (int k = 0; k < 3 && t > 0; ++k)
     out->met[k] = (float)(origin[k] + t * direction[k]);
   if (depth > 0) {
@@ -85,11 +89,11 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
   comparison *self = context;
   (void)worker;
   for (int64_t i = begin; i < end; ++i) {
-    const sample *s = &self->samples[i];
+    sample *s = &self->samples[i];
     self->to[i] = self->from[i] = -1;
     if (s->has_seen) {
       const double p[3] = {(double)s->seen[0], (double)s->seen[1], (double)s->seen[2]};
-      self->from[i] = pags_solid_distance(self->solid, p, NULL);
+      self->from[i] = pags_solid_distance(self->solid, p, &s->triangle_near);
     }
     if (s->has_met && s->has_seen) {
       const double p[3] = {(double)s->met[0], (double)s->met[1], (double)s->met[2]};
@@ -98,12 +102,17 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
   }
 }
 
-static int64_t keep_measured(double *values, int64_t count) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < count; ++i)
-    if (values[i] >= 0 && isfinite(values[i]))
-      values[kept++] = values[i];
-  return kept;
+/* Of one group, or of all where `group_of` is NULL, into `kept`. */
+static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near, int64_t group,
+                                     double *kept) {
+  int64_t n = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    const sample *s = &self->samples[i];
+    if (values[i] >= 0 && isfinite(values[i]) &&
+        (!self->group_of || self->group_of[near ? s->triangle_near : s->triangle_met] == group))
+      kept[n++] = values[i];
+  }
+  return pags_distance_summary(kept, n);
 }
 
 static void overlap(const sample *samples, int64_t count, pags_proxy_facts *facts) {
@@ -117,10 +126,14 @@ static void overlap(const sample *samples, int64_t count, pags_proxy_facts *fact
 
 static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
   float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
+  double *kept = malloc(((size_t)count + 1) * sizeof *kept);
   pags_solid *cloud = NULL;
   int64_t found = 0;
-  if (!points)
+  if (!points || !kept) {
+    free(points);
+    free(kept);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  }
   for (int64_t i = 0; i < count; ++i)
     if (self->samples[i].has_seen)
       memcpy(points + 3 * found++, self->samples[i].seen, 3 * sizeof *points);
@@ -130,24 +143,28 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
     if (!pags_parallel_for(tasks, count, 1024, measure_samples, self))
       result = pags_fail(PAGS_CANCELLED, "interrupted");
     else {
-      facts->to_gaussians = pags_distance_summary(self->to, keep_measured(self->to, count));
-      facts->from_gaussians = pags_distance_summary(self->from, keep_measured(self->from, count));
+      for (int64_t g = 0; g < self->group_count; ++g) {
+        facts[g].to_gaussians = summarise(self, self->to, count, 0, g, kept);
+        facts[g].from_gaussians = summarise(self, self->from, count, 1, g, kept);
+      }
     }
   }
   pags_solid_destroy(cloud);
   free(points);
+  free(kept);
   return result;
 }
 
 static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
   if (!pags_parallel_for(tasks, self->sights->count, 1, sample_views, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
-  overlap(self->samples, count, facts);
+  if (!self->group_of)
+    overlap(self->samples, count, facts);
   return measure(self, count, tasks, facts);
 }
 
 /* By area, over the corners' flags. */
-static double observed_share(const pags_shell *surface) {
+double pags_shell_observed(const pags_shell *surface) {
   double seen = 0, all = 0;
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     const uint32_t *t = surface->triangles + 3 * i;
@@ -168,30 +185,41 @@ static double observed_share(const pags_shell *surface) {
   return all > 0 ? seen / all : 0;
 }
 
-pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
-                               pags_proxy_facts *facts) {
-  const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
-  int64_t count = sights->count * SIDE * SIDE;
+static pags_result run(const pags_shell *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
+  int64_t count = self->sights->count * SIDE * SIDE;
   pags_solid *solid = NULL;
-  facts->to_gaussians = facts->from_gaussians = nothing;
-  facts->silhouette_iou = (double)NAN;
-  facts->silhouette_views = (int)sights->count;
-  facts->observed = observed_share(proxy);
-  if (!sights->count || !proxy->triangle_count)
+  for (int64_t g = 0; g < self->group_count; ++g) {
+    const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
+    facts[g].to_gaussians = facts[g].from_gaussians = nothing;
+    facts[g].silhouette_iou = (double)NAN;
+    facts[g].silhouette_views = (int)self->sights->count;
+  }
+  if (!self->sights->count || !proxy->triangle_count)
     return PAGS_OK;
   PAGS_TRY(pags_solid_of_shell(proxy, &solid));
-  comparison self = {.sights = sights,
-                     .solid = solid,
-
-                     .samples = malloc((size_t)count * sizeof *self.samples),
-                     .to = malloc((size_t)count * sizeof *self.to),
-                     .from = malloc((size_t)count * sizeof *self.from)};
-  pags_result result = self.samples && self.to && self.from
-                           ? compare(&self, count, tasks, facts)
+  self->solid = solid;
+  self->samples = malloc((size_t)count * sizeof *self->samples);
+  self->to = malloc((size_t)count * sizeof *self->to);
+  self->from = malloc((size_t)count * sizeof *self->from);
+  pags_result result = self->samples && self->to && self->from
+                           ? compare(self, count, tasks, facts)
                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
-  free(self.samples);
-  free(self.to);
-  free(self.from);
+  free(self->samples);
+  free(self->to);
+  free(self->from);
   pags_solid_destroy(solid);
   return result;
+}
+
+pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
+                               pags_proxy_facts *facts) {
+  comparison self = {.sights = sights, .range = HUGE_VAL, .group_count = 1};
+  facts->observed = pags_shell_observed(proxy);
+  return run(proxy, &self, tasks, facts);
+}
+
+pags_result pags_proxies_compare(const pags_shell *proxies, const int32_t *group_of, int64_t group_count,
+                                 const pags_sights *sights, double range, pags_tasks *tasks, pags_proxy_facts *facts) {
+  comparison self = {.sights = sights, .range = range, .group_of = group_of, .group_count = group_count};
+  return run(proxies, &self, tasks, facts);
 }

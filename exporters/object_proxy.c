@@ -73,23 +73,36 @@ static int is_its_own(const double object_from_scene[12], const double size[3], 
   return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
 }
 
-/* Of the background, what is known as the parked object's and what lies in its box. */
-static pags_result gather_parked(const pags_workshop *w, int64_t object, const double pose[12], pags_gaussians *out) {
-  const pags_object *record = &w->scene->objects[object].record;
-  const pags_gaussians *g = &w->scene->models[0].gaussians;
-  double object_from_scene[12];
-  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
-  if (!index)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken) {
+  const pags_object *record = &workshop->scene->objects[object].record;
+  const pags_gaussians *g = &workshop->scene->models[0].gaussians;
+  double pose[12], object_from_scene[12];
+  parked_pose(workshop, record, pose);
   pags_rigid_inverse(pose, object_from_scene);
   for (int64_t i = 0; i < g->count; ++i)
     if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
                    pags_plane(g, PAGS_MEAN + 2), i, g->object_id ? g->object_id[i] : -1, object))
-      index[count++] = i;
-  pags_result result = pags_gaussians_create_like(out, count, g);
+      taken[i] = 1;
+}
+
+/* Of the background, what is known as the parked object's and what lies in its box. */
+static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_gaussians *out) {
+  const pags_gaussians *g = &w->scene->models[0].gaussians;
+  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
+  uint8_t *taken = calloc((size_t)g->count + 1, 1);
+  pags_result result = index && taken ? PAGS_OK
+                                      : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  if (result == PAGS_OK) {
+    pags_object_mark(w, object, taken);
+    for (int64_t i = 0; i < g->count; ++i)
+      if (taken[i])
+        index[count++] = i;
+    result = pags_gaussians_create_like(out, count, g);
+  }
   if (result == PAGS_OK)
     pags_gaussians_gather(g, index, count, out);
   free(index);
+  free(taken);
   return result;
 }
 
@@ -264,7 +277,7 @@ pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object
     PAGS_TRY(copy_model(&workshop->scene->models[o->model].gaussians, &shape->gaussians));
   } else if (workshop->scene->model_count > 0) {
     parked_pose(workshop, &o->record, pose);
-    PAGS_TRY(gather_parked(workshop, object, pose, &shape->gaussians));
+    PAGS_TRY(gather_parked(workshop, object, &shape->gaussians));
     pags_rigid_inverse(pose, model_pose);
   }
   shape->s_sem = mean_s_sem(&shape->gaussians);

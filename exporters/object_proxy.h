@@ -35,6 +35,8 @@ typedef struct pags_object_shape {
 
 /* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
 pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape);
+/* Sets `taken` (one byte a Gaussian of the background) where it is this parked object's. */
+void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken);
 void pags_object_shape_destroy(pags_object_shape *shape);
 
 /* The level asked for; where it can't be, the box, `note` (static) saying why. `level` receives what was made. */

@@ -8,6 +8,7 @@
 
 #include "base/json.h"
 #include "base/text.h"
+#include "backdrop.h"
 #include "compare.h"
 #include "gltf.h"
 #include "object_proxy.h"
@@ -346,6 +347,87 @@ static pags_result finish_shapes(exporter *self) {
   return PAGS_OK;
 }
 
+static int tell_background(void *user, double fraction, const char *what) {
+  const exporter *self = user;
+  return tell(self, self->workshop.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
+}
+
+/* All chunks as one mesh, and whose its triangles are. */
+static pags_result join_chunks(const pags_backdrop *b, pags_shell *all, int32_t **group_of) {
+  int64_t triangles = 0;
+  for (int64_t i = 0; i < b->chunk_count; ++i)
+    triangles += b->chunks[i].shell.triangle_count;
+  *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
+  if (!*group_of)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)triangles);
+  for (int64_t i = 0; i < b->chunk_count; ++i) {
+    const pags_shell *s = &b->chunks[i].shell;
+    uint32_t first = (uint32_t)all->vertex_count;
+    for (int64_t v = 0; v < s->vertex_count; ++v)
+      pags_shell_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
+    for (int64_t t = 0; t < s->triangle_count; ++t) {
+      (*group_of)[all->triangle_count] = (int32_t)i;
+      pags_shell_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1], first + s->triangles[3 * t + 2]);
+    }
+  }
+  return pags_shell_check(all);
+}
+
+static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t index, pags_proxy_facts *facts) {
+  const pags_chunk *chunk = &b->chunks[index];
+  char name[NAME_SIZE];
+  if (!strcmp(chunk->class_name, "ground"))
+    snprintf(name, NAME_SIZE, "ground");
+  else
+    snprintf(name, NAME_SIZE, "%s_%03d", chunk->class_name, chunk->number);
+  facts->name = name;
+  facts->class_name = chunk->class_name;
+  facts->level = PAGS_PROXY_MESH;
+  facts->object = -1;
+  facts->gaussians = b->gaussians;
+  facts->s_sem = b->s_sem;
+  facts->vertices = chunk->shell.vertex_count;
+  facts->triangles = chunk->shell.triangle_count;
+  facts->observed = pags_shell_observed(&chunk->shell);
+  if (self->background < 0)
+    self->background = pags_gltf_node(self->gltf, self->root, "background");
+  int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
+  int node = pags_gltf_node(self->gltf, parent, name);
+  pags_gltf_node_mesh(self->gltf, node, pags_gltf_mesh(self->gltf, name, &chunk->shell, self->sheet, PAGS_GLTF_NORMALS));
+  if (self->workshop.options->visibility)
+    pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
+  PAGS_TRY(put_extras(self, node, facts, NULL));
+  return pags_proxy_report_add(self->report, facts);
+}
+
+static pags_result measure_chunks(exporter *self, const pags_backdrop *b, pags_proxy_facts *facts) {
+  pags_shell all = {0};
+  int32_t *group_of = NULL;
+  pags_result result = join_chunks(b, &all, &group_of);
+  if (result == PAGS_OK)
+    result = pags_proxies_compare(&all, group_of, b->chunk_count, &b->sights, self->workshop.options->range,
+                                  self->workshop.tasks, facts);
+  free(group_of);
+  pags_shell_destroy(&all);
+  return result;
+}
+
+static pags_result add_background(exporter *self) {
+  pags_backdrop b;
+  PAGS_TRY(pags_backdrop_make(&self->workshop, tell_background, self, &b));
+  pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
+  pags_result result = facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
+  if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
+    self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
+  if (result == PAGS_OK)
+    result = measure_chunks(self, &b, facts);
+  for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; ++i)
+    result = add_chunk(self, &b, i, &facts[i]);
+  free(facts);
+  pags_backdrop_destroy(&b);
+  return result;
+}
+
 static pags_result fill(exporter *self) {
   const pags_scene *scene = self->workshop.scene;
   double pose[12];
@@ -354,14 +436,17 @@ static pags_result fill(exporter *self) {
   root_pose(scene->up, pose);
   self->root = pags_gltf_node(self->gltf, -1, "scene");
   pags_gltf_node_pose(self->gltf, self->root, pose);
-  self->material = pags_gltf_material(self->gltf, "proxy", 0);
+  if (scene->object_count)
+    self->material = pags_gltf_material(self->gltf, "proxy", 0);
   for (int64_t i = 0; i < scene->object_count; ++i) {
     if (self->workshop.options->chosen && !self->workshop.options->chosen[i])
       continue;
     snprintf(what, sizeof what, "object %lld of %lld", (long long)i + 1, (long long)scene->object_count);
-    PAGS_TRY(tell(self, (double)i / (double)(scene->object_count + 1), what));
+    PAGS_TRY(tell(self, (self->workshop.options->background ? 0.5 : 1) * (double)i / (double)scene->object_count, what));
     PAGS_TRY(add_object(self, i));
   }
+  if (self->workshop.options->background)
+    PAGS_TRY(add_background(self));
   PAGS_TRY(put_asset(self));
   return finish_shapes(self);
 }

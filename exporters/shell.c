@@ -189,7 +189,8 @@ static void find_parts(const pags_shell *s, uint32_t *parent) {
     }
 }
 
-pags_result pags_shell_keep_parts(pags_shell *surface, double share) {
+/* Keeps parts of at least `least` square metres, and of at least `share` of the largest's area. */
+static pags_result keep_parts(pags_shell *surface, double share, double least) {
   uint32_t *parent = malloc(((size_t)surface->vertex_count + 1) * sizeof *parent);
   double *area = calloc((size_t)surface->vertex_count + 1, sizeof *area), largest = 0;
   if (!parent || !area) {
@@ -207,12 +208,20 @@ pags_result pags_shell_keep_parts(pags_shell *surface, double share) {
     largest = fmax(largest, area[i]);
   int64_t kept = 0;
   for (int64_t i = 0; i < surface->triangle_count; ++i)
-    if (area[root_of(parent, surface->triangles[3 * i])] >= share * largest)
+    if (area[root_of(parent, surface->triangles[3 * i])] >= fmax(share * largest, least))
       memmove(surface->triangles + 3 * kept++, surface->triangles + 3 * i, 3 * sizeof(uint32_t));
   surface->triangle_count = kept;
   free(parent);
   free(area);
   return pags_shell_compact(surface);
+}
+
+pags_result pags_shell_keep_parts(pags_shell *surface, double share) {
+  return keep_parts(surface, share, 0);
+}
+
+pags_result pags_shell_drop_small(pags_shell *surface, double area) {
+  return keep_parts(surface, 0, area);
 }
 
 static int compare_edges(const void *left, const void *right) {

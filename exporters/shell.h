@@ -18,23 +18,26 @@ typedef struct pags_shell {
   bool failed;        /* memory ran out: the surface lacks parts */
 } pags_shell;
 
-void pags_shell_destroy(pags_shell *surface); /* frees and zeroes; a zeroed struct is allowed */
+void pags_shell_destroy(pags_shell *shell); /* frees and zeroes; a zeroed struct is allowed */
 /* PAGS_ERROR_MEMORY where `failed` is set. */
-pags_result pags_shell_check(const pags_shell *surface);
+pags_result pags_shell_check(const pags_shell *shell);
 
-uint32_t pags_shell_vertex(pags_shell *surface, const float position[3], const float color[3], int observed);
+uint32_t pags_shell_vertex(pags_shell *shell, const float position[3], const float color[3], int observed);
 /* Left out where two corners are the same. */
-void pags_shell_triangle(pags_shell *surface, uint32_t a, uint32_t b, uint32_t c);
+void pags_shell_triangle(pags_shell *shell, uint32_t a, uint32_t b, uint32_t c);
 pags_result pags_shell_copy(const pags_shell *from, pags_shell *to);
 
 /* Keeps vertices that triangles use, in the order of their first use. */
-pags_result pags_shell_compact(pags_shell *surface);
+pags_result pags_shell_compact(pags_shell *shell);
 
 /* The box of this size about the origin: 8 vertices, 12 triangles. */
 pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out);
 
 /* Keeps the largest connected part (by area) and those with at least `share` of its area. */
-pags_result pags_shell_keep_parts(pags_shell *surface, double share);
+pags_result pags_shell_keep_parts(pags_shell *shell, double share);
+
+/* Drops connected parts of less than `area` square metres. */
+pags_result pags_shell_drop_small(pags_shell *shell, double area);
 
 typedef struct pags_shell_topology {
   int64_t open_edges;   /* with one face */
@@ -42,13 +45,13 @@ typedef struct pags_shell_topology {
   double volume;        /* signed, as if closed */
   bool closed;          /* no such edges, positive volume, not empty */
 } pags_shell_topology;
-pags_result pags_shell_inspect(const pags_shell *surface, pags_shell_topology *out);
+pags_result pags_shell_inspect(const pags_shell *shell, pags_shell_topology *out);
 
 /* Takes out faces that cover each other and cuts edges of more than two faces apart by doubling vertices. */
-pags_result pags_shell_repair(pags_shell *surface);
+pags_result pags_shell_repair(pags_shell *shell);
 
-double pags_shell_area(const pags_shell *surface);
-void pags_shell_normals(const pags_shell *surface, float *normals); /* by area; 3 a vertex, unit length */
+double pags_shell_area(const pags_shell *shell);
+void pags_shell_normals(const pags_shell *shell, float *normals); /* by area; 3 a vertex, unit length */
 
 /* At most `budget` triangles (meshoptimizer). A closed surface stays closed: where a collapse would break it, it is
  * made from a coarser one until it holds. */

@@ -19,6 +19,7 @@ void pags_sights_destroy(pags_sights *sights) {
     free(sights->list[i].depth);
     free(sights->list[i].cover);
     free(sights->list[i].rgb);
+    free(sights->list[i].labels);
   }
   free(sights->list);
   memset(sights, 0, sizeof *sights);

@@ -19,6 +19,7 @@ typedef struct pags_sight {
   int64_t view;                /* of the scene */
   float *depth;                /* camera z in metres, or a code above */
   uint8_t *cover;              /* alpha, 0..255 */
+  uint8_t *labels;             /* what its users make of them, one a pixel; NULL: none */
   uint8_t *rgb;                /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
 } pags_sight;
 

@@ -1,0 +1,361 @@
+/* Finding the ground.
+ *
+ * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the ground must be, it
+ * grows from cell to cell: a cell's height is the median of those near what its neighbours say, so that tables, roofs and
+ * reflections are passed over and a kerb is not. What is missing near the path is filled by a membrane, which also takes out noise. */
+#include "ground.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const double cell = 0.2;         /* metres */
+static const double farthest = 25;      /* depth beyond which a pixel is too flat on the ground to tell its height; metres */
+static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
+enum { LEAST_HEIGHTS = 3, SWEEPS = 200, WINDOW = 2 };
+
+typedef struct heights {
+  int64_t *first; /* cells + 1 */
+  float *values;  /* by cell, ascending */
+} heights;
+
+void pags_ground_destroy(pags_ground *ground) {
+  free(ground->z);
+  free(ground->known);
+  memset(ground, 0, sizeof *ground);
+}
+
+static int64_t cell_of(const pags_ground *g, double x, double y) {
+  double i = floor((x - g->x0) / g->step + 0.5), j = floor((y - g->y0) / g->step + 0.5);
+  return i >= 0 && j >= 0 && i < g->nx && j < g->ny ? (int64_t)j * g->nx + (int64_t)i : -1;
+}
+
+/* The point of a pixel where it and its neighbours make a level plane. */
+static int level_point(const pags_sight *s, int x, int y, double p[3]) {
+  int w = s->camera.width;
+  double right[3], below[3], n[3];
+  int64_t at = (int64_t)y * w + x;
+  if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > farthest)
+    return 0;
+  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  pags_sight_point(s, x + 1, y, (double)s->depth[at + 1], right);
+  pags_sight_point(s, x, y + 1, (double)s->depth[at + w], below);
+  for (int k = 0; k < 3; ++k) {
+    right[k] -= p[k];
+    below[k] -= p[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
+  return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+static int compare_floats(const void *a, const void *b) {
+  float x = *(const float *)a, y = *(const float *)b;
+  return x < y ? -1 : x > y;
+}
+
+/* Twice over all pixels: first counting, then putting. */
+static void visit_pixels(const pags_ground *g, const pags_sights *sights, int64_t *count, float *values) {
+  for (int64_t i = 0; i < sights->count; ++i) {
+    const pags_sight *s = &sights->list[i];
+    for (int y = 0; y + 1 < s->camera.height; ++y)
+      for (int x = 0; x + 1 < s->camera.width; ++x) {
+        double p[3];
+        int64_t at = level_point(s, x, y, p) ? cell_of(g, p[0], p[1]) : -1;
+        if (at >= 0 && values)
+          values[count[at]++] = (float)p[2];
+        else if (at >= 0)
+          ++count[at + 1];
+      }
+  }
+}
+
+static pags_result gather_heights(const pags_ground *g, const pags_sights *sights, heights *out) {
+  int64_t cells = (int64_t)g->nx * g->ny;
+  int64_t *next = calloc((size_t)cells + 1, sizeof *next);
+  out->first = calloc((size_t)cells + 2, sizeof *out->first);
+  if (next && out->first) {
+    visit_pixels(g, sights, out->first, NULL);
+    for (int64_t i = 0; i < cells; ++i)
+      out->first[i + 1] += out->first[i];
+    memcpy(next, out->first, (size_t)cells * sizeof *next);
+    out->values = malloc(((size_t)out->first[cells] + 1) * sizeof *out->values);
+  }
+  if (!out->values) {
+    free(next);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  }
+  visit_pixels(g, sights, next, out->values);
+  free(next);
+  for (int64_t i = 0; i < cells; ++i)
+    qsort(out->values + out->first[i], (size_t)(out->first[i + 1] - out->first[i]), sizeof *out->values, compare_floats);
+  return PAGS_OK;
+}
+
+/* The median of a cell's heights within `band` of `expected`; returns how many there are. */
+static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
+  int64_t begin = h->first[at], end = h->first[at + 1];
+  while (begin < end && (double)h->values[begin] < expected - band)
+    ++begin;
+  while (end > begin && (double)h->values[end - 1] > expected + band)
+    --end;
+  if (end > begin)
+    *median = 0.5 * ((double)h->values[begin + (end - begin - 1) / 2] + (double)h->values[begin + (end - begin) / 2]);
+  return end - begin;
+}
+
+static int compare_doubles(const void *a, const void *b) {
+  double x = *(const double *)a, y = *(const double *)b;
+  return x < y ? -1 : x > y;
+}
+
+/* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of its height above
+ * their lower quartile. NaN when nothing is seen there. */
+static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
+  int64_t most = path_count * 1681, found = 0;
+  double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
+  for (int64_t i = 0; list && i < path_count; ++i)
+    for (int dy = -20; dy <= 20; ++dy)
+      for (int dx = -20; dx <= 20; ++dx) {
+        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        if (at < 0 || h->first[at + 1] - h->first[at] < LEAST_HEIGHTS)
+          continue;
+        double height = path[3 * i + 2] - (double)h->values[h->first[at] + (h->first[at + 1] - h->first[at]) / 4];
+        if (height > 0.4 && height < 5)
+          list[found++] = height;
+      }
+  if (found) {
+    qsort(list, (size_t)found, sizeof *list, compare_doubles);
+    result = list[found / 2];
+  }
+  free(list);
+  return result;
+}
+
+static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height, int64_t *queue) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < path_count; ++i)
+    for (int dy = -15; dy <= 15; ++dy)
+      for (int dx = -15; dx <= 15; ++dx) {
+        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        double z;
+        if (at < 0 || g->known[at] ||
+            median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
+          continue;
+        g->known[at] = 1;
+        g->z[at] = (float)z;
+        queue[count++] = at;
+      }
+  return count;
+}
+
+/* Mean height of the known cells around; 0 when there is none. */
+static int around(const pags_ground *g, int64_t x, int64_t y, double *mean) {
+  double sum = 0;
+  int count = 0;
+  for (int64_t j = y - WINDOW; j <= y + WINDOW; ++j)
+    for (int64_t i = x - WINDOW; i <= x + WINDOW; ++i)
+      if (i >= 0 && j >= 0 && i < g->nx && j < g->ny && g->known[j * g->nx + i]) {
+        sum += (double)g->z[j * g->nx + i];
+        ++count;
+      }
+  *mean = count ? sum / count : 0;
+  return count;
+}
+
+static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count) {
+  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
+  for (int64_t head = 0; head < count; ++head)
+    for (int d = 0; d < 4; ++d) {
+      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
+      double expected, z;
+      if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
+        continue;
+      around(g, x, y, &expected);
+      if (median_near(h, y * g->nx + x, expected, grow_band, &z) < LEAST_HEIGHTS)
+        continue;
+      g->known[y * g->nx + x] = 1;
+      g->z[y * g->nx + x] = (float)z;
+      queue[count++] = y * g->nx + x;
+    }
+}
+
+/* Cells within `reach` of the path become ground: at first as high as the nearest that is. */
+static void fill(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
+  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
+  int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
+  for (int64_t i = 0; i < path_count; ++i) {
+    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5), y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
+    for (int64_t j = -radius; j <= radius; ++j)
+      for (int64_t k = -radius; k <= radius; ++k)
+        if (k * k + j * j <= radius * radius && x + k >= 0 && y + j >= 0 && x + k < g->nx && y + j < g->ny &&
+            !g->known[(y + j) * g->nx + x + k])
+          g->known[(y + j) * g->nx + x + k] = 3; /* wanted */
+  }
+  for (int64_t i = 0; i < cells; ++i)
+    if (g->known[i] == 1)
+      queue[count++] = i;
+  for (int64_t head = 0; head < count; ++head)
+    for (int d = 0; d < 4; ++d) {
+      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
+      if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x] != 3)
+        continue;
+      g->known[y * g->nx + x] = 2;
+      g->z[y * g->nx + x] = g->z[queue[head]];
+      queue[count++] = y * g->nx + x;
+    }
+  for (int64_t i = 0; i < cells; ++i)
+    if (g->known[i] == 3)
+      g->known[i] = 0; /* out of reach of any ground */
+}
+
+/* Minimises sum of w (z - measured)^2 + sum over neighbours of (z - z')^2 by successive over-relaxation; w grows with how many heights a
+ * cell has and is 0 where it has none. */
+static pags_result relax(pags_ground *g, const heights *h) {
+  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
+  int64_t cells = (int64_t)g->nx * g->ny;
+  float *measured = malloc(((size_t)cells + 1) * sizeof *measured);
+  if (!measured)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  memcpy(measured, g->z, (size_t)cells * sizeof *measured);
+  for (int sweep = 0; sweep < SWEEPS; ++sweep)
+    for (int64_t i = 0; i < cells; ++i) {
+      if (!g->known[i])
+        continue;
+      double w = g->known[i] == 1 ? 0.25 * fmin((double)(h->first[i + 1] - h->first[i]), 24) : 0;
+      double sum = w * (double)measured[i];
+      for (int d = 0; d < 4; ++d) {
+        int64_t x = i % g->nx + dx[d], y = i / g->nx + dy[d];
+        if (x >= 0 && y >= 0 && x < g->nx && y < g->ny && g->known[y * g->nx + x]) {
+          sum += (double)g->z[y * g->nx + x];
+          ++w;
+        }
+      }
+      if (w > 0)
+        g->z[i] += (float)(1.6 * (sum / w - (double)g->z[i]));
+    }
+  free(measured);
+  return PAGS_OK;
+}
+
+static pags_result find(const pags_sights *sights, const double *path, int64_t path_count, double reach, heights *h,
+                        pags_ground *g) {
+  int64_t cells = (int64_t)g->nx * g->ny;
+  PAGS_TRY(gather_heights(g, sights, h));
+  double height = camera_height(g, h, path, path_count);
+  int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
+  if (!queue)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  int64_t planted = isnan(height) ? 0 : plant(g, h, path, path_count, height, queue);
+  grow(g, h, queue, planted);
+  fill(g, path, path_count, reach, queue);
+  free(queue);
+  if (!planted) {
+    pags_ground_destroy(g);
+    return PAGS_OK;
+  }
+  return relax(g, h);
+}
+
+pags_result pags_ground_find(const pags_sights *sights, const double *path, int64_t path_count, double reach, pags_ground *out) {
+  double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
+  *out = (pags_ground){.step = cell};
+  for (int64_t i = 0; i < path_count; ++i)
+    for (int k = 0; k < 2; ++k) {
+      lo[k] = fmin(lo[k], path[3 * i + k] - farthest);
+      hi[k] = fmax(hi[k], path[3 * i + k] + farthest);
+    }
+  if (!path_count)
+    return PAGS_OK;
+  double nx = ceil((hi[0] - lo[0]) / cell) + 1, ny = ceil((hi[1] - lo[1]) / cell) + 1;
+  if (!(nx * ny < 1e8))
+    return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground", hi[0] - lo[0],
+                     hi[1] - lo[1]);
+  out->nx = (int)nx;
+  out->ny = (int)ny;
+  out->x0 = lo[0];
+  out->y0 = lo[1];
+  out->z = calloc((size_t)(nx * ny), sizeof *out->z);
+  out->known = calloc((size_t)(nx * ny), 1);
+  heights h = {0};
+  pags_result result = out->z && out->known ? find(sights, path, path_count, reach, &h, out)
+                                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+  free(h.first);
+  free(h.values);
+  if (result != PAGS_OK)
+    pags_ground_destroy(out);
+  return result;
+}
+
+int pags_ground_height(const pags_ground *ground, double x, double y, double *z) {
+  double u = (x - ground->x0) / ground->step, v = (y - ground->y0) / ground->step, sum = 0;
+  double i = floor(u), j = floor(v);
+  if (!ground->nx || !(i >= 0 && j >= 0 && i + 1 < ground->nx && j + 1 < ground->ny))
+    return 0;
+  for (int c = 0; c < 4; ++c) {
+    int64_t at = ((int64_t)j + (c >> 1)) * ground->nx + (int64_t)i + (c & 1);
+    if (!ground->known[at])
+      return 0;
+    sum += (double)ground->z[at] * (c & 1 ? u - i : 1 - u + i) * (c >> 1 ? v - j : 1 - v + j);
+  }
+  *z = sum;
+  return 1;
+}
+
+/* Every `stride`th point of the lattice; two triangles where all four corners are ground. */
+static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *out) {
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
+  uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
+  *out = (pags_shell){0};
+  if (!place)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+  for (int j = 0; j < ny; ++j)
+    for (int i = 0; i < nx; ++i) {
+      int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;
+      const float p[3] = {(float)(g->x0 + i * stride * g->step), (float)(g->y0 + j * stride * g->step), g->z[at]};
+      place[(size_t)j * (size_t)nx + (size_t)i] = g->known[at] ? pags_shell_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
+    }
+  for (int j = 0; j + 1 < ny; ++j)
+    for (int i = 0; i + 1 < nx; ++i) {
+      const uint32_t *row = place + (size_t)j * (size_t)nx + (size_t)i;
+      uint32_t a = row[0], b = row[1], c = row[nx + 1], d = row[nx];
+      if (a == UINT32_MAX || b == UINT32_MAX || c == UINT32_MAX || d == UINT32_MAX)
+        continue;
+      pags_shell_triangle(out, a, b, c);
+      pags_shell_triangle(out, a, c, d);
+    }
+  free(place);
+  PAGS_TRY(pags_shell_check(out));
+  return pags_shell_compact(out);
+}
+
+/* Whether seen from above every triangle turns the same way: then no point of the plane has two heights. */
+static int single_valued(const pags_shell *s) {
+  for (int64_t i = 0; i < s->triangle_count; ++i) {
+    const uint32_t *t = s->triangles + 3 * i;
+    const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1], *c = s->positions + 3 * (int64_t)t[2];
+    double area = ((double)b[0] - (double)a[0]) * ((double)c[1] - (double)a[1]) -
+                  ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]);
+    if (!(area > 0))
+      return 0;
+  }
+  return 1;
+}
+
+pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out) {
+  pags_shell full;
+  PAGS_TRY(mesh_lattice(ground, 1, &full));
+  pags_result result = pags_shell_simplify(&full, budget, out);
+  pags_shell_destroy(&full);
+  if (result == PAGS_OK && single_valued(out))
+    return PAGS_OK;
+  if (result == PAGS_OK)
+    pags_shell_destroy(out);
+  for (int stride = 2;; ++stride) { /* collapses have folded it: every second point, every third, ... */
+    PAGS_TRY(mesh_lattice(ground, stride, out));
+    if (out->triangle_count <= budget)
+      return PAGS_OK;
+    pags_shell_destroy(out);
+  }
+}
