@@ -15,6 +15,23 @@ const char *pags_up_name(pags_up up) {
   return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
 }
 
+/* How many Gaussians need which degree of spherical harmonics: what packing by degree would have to store. */
+static void put_degrees(pags_facts *facts, const pags_scene *scene) {
+  static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
+  int64_t count[4] = {0};
+  int most = 0;
+  for (int64_t m = 0; m < scene->model_count; ++m) {
+    const pags_gaussians *g = &scene->models[m].gaussians;
+    most = g->sh_degree > most ? g->sh_degree : most;
+    for (int64_t i = 0; i < g->count; ++i)
+      ++count[pags_gaussians_row_degree(g, i)];
+  }
+  pags_facts_begin_group(facts, "gaussians_by_colour");
+  for (int degree = 0; degree <= most; ++degree)
+    pags_facts_count(facts, names[degree], count[degree]);
+  pags_facts_end_group(facts);
+}
+
 static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
   for (int64_t o = 0; o < scene->object_count; ++o)
     if (scene->objects[o].model == model)
@@ -402,6 +419,7 @@ pags_result pags_scene_facts(pags_facts *facts, const char *path, const char *ki
   pags_facts_count(facts, "gaussians", pags_scene_gaussian_count(&scene));
   pags_result result = put_models(facts, path, &scene, &bytes);
   pags_facts_bytes(facts, "bytes", (double)bytes);
+  put_degrees(facts, &scene);
   put_world(facts, &scene);
   put_views(facts, &scene);
   put_drive(facts, &scene);

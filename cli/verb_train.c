@@ -101,6 +101,12 @@ static const pags_option options[] = {
                "four fifths of what affinity and cgroup allow, less the image cache",
                "turned into a bound on Gaussians by their number and the picture's size"),
 
+    PAGS_VALUE("target-size", 0, DOUBLE, CONFIG(target_size), 0, 1e9, "MB", "10^6 bytes; 0: none", NULL,
+               "never have more Gaussians than scene.json, models and sky of the finished scene may hold in MB"),
+    PAGS_VALUE("sh-error", 0, DOUBLE, CONFIG(sh_error), 0, 255, "E", "255ths; 0: all keep theirs", NULL,
+               "let each Gaussian of the scene keep the lowest degree of spherical harmonics that changes its colour by no more "
+               "than E from wherever a training view sees it"),
+
     PAGS_GROUP("Density"),
     PAGS_CHOICE(
         "strategy", CONFIG(strategy), "default|mcmc", NULL,

@@ -5,7 +5,6 @@
  * with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in double. */
 #include <pags/compose.h>
 
-#include <float.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -363,35 +362,20 @@ static bool place(const pags_composition *c, const group *g, const double *motio
   return true;
 }
 
-/* Share of the track's time that has passed; of the scene's for what has no track. */
+/* Of the track's span; of the scene's for what has no track. */
 static double phase(const pags_scene *scene, const group *g, double time) {
-  double begin = scene->time_begin, end = scene->time_end;
-  if (g->object >= 0) {
-    const pags_object *object = &scene->objects[g->object].record;
-    begin = object->knots[0].time;
-    end = object->knots[object->knot_count - 1].time;
-  }
-  return end > begin ? (time - begin) / (end - begin) : 0;
+  if (g->object < 0)
+    return pags_fourier_phase(scene->time_begin, scene->time_end, time);
+  const pags_object *object = &scene->objects[g->object].record;
+  return pags_fourier_phase(object->knots[0].time, object->knots[object->knot_count - 1].time, time);
 }
 
-/* Summed in double and held within what a float can say, so that no terms add up to infinity. */
 static void evaluate_dc(const pags_scene *scene, group *g, double time) {
-  const pags_gaussians *gaussians = &g->gaussians;
   double basis[5];
   if (g->dc_time == time)
     return;
   pags_fourier_basis(phase(scene, g, time), basis);
-  for (int channel = 0; channel < 3; ++channel) {
-    const float *constant = pags_plane(gaussians, PAGS_SH + channel);
-    const float *terms = gaussians->fourier + channel * gaussians->stride;
-    float *dc = g->dc + channel * gaussians->stride;
-    for (int64_t i = 0; i < gaussians->count; ++i) {
-      double sum = (double)constant[i];
-      for (int k = 1; k < 5; ++k)
-        sum += basis[k] * (double)terms[3 * (k - 1) * gaussians->stride + i];
-      dc[i] = (float)fmin(fmax(sum, (double)-FLT_MAX), (double)FLT_MAX);
-    }
-  }
+  pags_fourier_colour(&g->gaussians, basis, 0, g->gaussians.count, g->dc);
   g->dc_time = time;
 }
 

@@ -2,6 +2,7 @@
 #include <pags/gaussians.h>
 
 #include <assert.h>
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -107,6 +108,36 @@ void pags_fourier_basis(double u, double basis[5]) {
   basis[2] = cos(turn * u);
   basis[3] = sin(2 * turn * u);
   basis[4] = cos(2 * turn * u);
+}
+
+int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row) {
+  int degree = g->sh_degree;
+  for (int k = 3 * pags_sh_coefficients(degree) - 1; k >= 3; --k) {
+    if (pags_plane(g, PAGS_SH + k)[row] != 0)
+      return degree;
+    if (k == 3 * pags_sh_coefficients(degree - 1))
+      --degree;
+  }
+  return 0;
+}
+
+double pags_fourier_phase(double begin, double end, double time) {
+  return end > begin ? fmin(fmax((time - begin) / (end - begin), 0.0), 1.0) : 0.0;
+}
+
+/* Summed in double and held within what a float can say, so that no terms add up to infinity. */
+void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc) {
+  const double most = (double)FLT_MAX;
+  for (int channel = 0; channel < 3; ++channel) {
+    const float *constant = pags_plane(g, PAGS_SH + channel), *terms = g->fourier + channel * g->stride;
+    float *out = dc + channel * g->stride;
+    for (int64_t i = first; i < last; ++i) {
+      double sum = (double)constant[i];
+      for (int k = 1; k < 5; ++k)
+        sum += basis[k] * (double)terms[3 * (k - 1) * g->stride + i];
+      out[i] = (float)fmin(fmax(sum, -most), most);
+    }
+  }
 }
 
 /* Moves planes of `count` used floats to a wider stride, the rest zero. */

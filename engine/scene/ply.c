@@ -262,11 +262,15 @@ static void pack_rows(const pags_gaussians *g, int count, const column columns[]
     pack_floats(g->fourier + p * g->stride + first, rows, stride, out);
 }
 
+int pags_ply_row_bytes(const pags_gaussians *g) {
+  return 4 * (pags_plane_count(g->sh_degree) + NORMALS + (g->s_sem != NULL) + (g->object_id != NULL) +
+              (g->fourier ? FOURIER_PLANES : 0));
+}
+
 pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   column columns[MAX_COLUMNS];
   int count = list_columns(gaussians->sh_degree, columns);
-  size_t stride = 4 * ((size_t)count + (gaussians->s_sem != NULL) + (gaussians->object_id != NULL) +
-                       (gaussians->fourier ? FOURIER_PLANES : 0));
+  size_t stride = (size_t)pags_ply_row_bytes(gaussians);
   uint8_t *block = malloc(stride * BLOCK_ROWS);
   if (!block)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);

@@ -296,6 +296,17 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   return PAGS_OK;
 }
 
+pags_result pags_scene_json_size(const pags_scene *scene, uint64_t *bytes) {
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 1);
+  pags_result result = write_root(&writer, scene);
+  if (result == PAGS_OK)
+    result = pags_json_writer_finish(&writer);
+  *bytes = writer.size;
+  pags_json_writer_destroy(&writer);
+  return result;
+}
+
 pags_result pags_scene_json_write(const char *path, const pags_scene *scene) {
   pags_json_writer writer;
   pags_json_writer_init(&writer, 1);

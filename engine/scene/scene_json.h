@@ -16,5 +16,7 @@ typedef struct pags_scene_files {
  * frees. On failure what was filled stays for pags_scene_destroy. */
 pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files);
 pags_result pags_scene_json_write(const char *path, const pags_scene *scene);
+/* Bytes of what it writes. */
+pags_result pags_scene_json_size(const pags_scene *scene, uint64_t *bytes);
 
 #endif

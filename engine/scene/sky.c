@@ -144,6 +144,11 @@ static pags_result put_texels(pags_file_writer *writer, const char *path, const 
   return PAGS_OK;
 }
 
+uint64_t pags_sky_file_size(const pags_sky *sky) {
+  uint8_t header[2 * HEADER_ALIGNMENT];
+  return make_header(sky->size, header) + 2 * (uint64_t)18 * (uint64_t)sky->size * (uint64_t)sky->size;
+}
+
 pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   assert(sky->size > 0 && sky->texels);
   uint8_t header[2 * HEADER_ALIGNMENT];

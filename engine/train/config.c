@@ -66,6 +66,8 @@ static const field fields[] = {
     FIELD(reset_every, FIELD_I64, 1, MAX_STEPS),
     FIELD(reset_opacity, FIELD_F64, 1e-6, 1),
     FIELD(max_gaussians, FIELD_I64, 0, max_count),
+    FIELD(target_size, FIELD_F64, 0, 1e9),
+    FIELD(sh_error, FIELD_F64, 0, 255),
     FIELD(dropout, FIELD_INT, 0, 1),
     FIELD(dropout_beta, FIELD_F64, 0, 1),
     FIELD(dropout_gamma, FIELD_F64, 0, 0.9),

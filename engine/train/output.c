@@ -14,6 +14,7 @@
 #include "base/json.h"
 #include "base/text.h"
 #include "kernels.h"
+#include "scene/scene_json.h"
 #include "train/config.h"
 #include "train/notes.h"
 
@@ -39,25 +40,53 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
 }
 
 static int is_ours(const char *name) {
-  static const char *const names[] = {"checkpoint.pags", "log.jsonl",      "report.json", "scene.json",
-                                      "background.ply",  "objects",        "sky.npy"};
+  static const char *const names[] = {"checkpoint.pags", "log.jsonl", "report.json", "scene.json"};
   for (size_t i = 0; i < sizeof names / sizeof *names; i++)
     if (strcmp(name, names[i]) == 0)
       return 1;
   return strncmp(name, preview_prefix, strlen(preview_prefix)) == 0 && strcmp(pags_path_extension(name), ".png") == 0;
 }
 
+/* A file of the folder, if there. */
+static pags_result remove_file(const pags_output *output, const char *name) {
+  char *path = pags_path_join(output->folder, name);
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+  pags_result result = pags_file_exists(path) ? pags_remove_tree(path) : PAGS_OK;
+  free(path);
+  return result;
+}
+
+/* The files that the folder's scene.json names, and the folder of objects' models if that leaves it empty. A scene.json that can't
+ * be read names nothing: what may be another's stays, and is written over where names meet. */
+static pags_result remove_scene(const pags_output *output) {
+  pags_scene scene = {0};
+  pags_scene_files files = {0};
+  char *path = pags_path_join(output->folder, "scene.json"), *objects = pags_path_join(output->folder, "objects");
+  pags_result result = path && objects ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+  if (result == PAGS_OK && pags_file_exists(path) && pags_scene_json_read(path, &scene, &files) == PAGS_OK) {
+    for (int64_t i = 0; i < scene.model_count && result == PAGS_OK; i++)
+      result = remove_file(output, scene.models[i].file);
+    if (result == PAGS_OK && files.sky)
+      result = remove_file(output, files.sky);
+    rmdir(objects); /* does nothing unless empty */
+  }
+  pags_scene_destroy(&scene);
+  free(files.counts);
+  free(files.sky);
+  free(path);
+  free(objects);
+  return result;
+}
+
 static pags_result remove_earlier(const pags_output *output) {
   pags_dir_list list;
+  PAGS_TRY(remove_scene(output));
   PAGS_TRY(pags_dir_list_read(output->folder, &list));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
-    if (!is_ours(list.names[i]))
-      continue;
-    char *path = pags_path_join(output->folder, list.names[i]);
-    result = path ? pags_remove_tree(path) : pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
-    free(path);
-  }
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
+    if (is_ours(list.names[i]))
+      result = remove_file(output, list.names[i]);
   pags_dir_list_destroy(&list);
   return result;
 }
@@ -245,60 +274,145 @@ static pags_result list_objects(const pags_dataset *dataset, const pags_train_st
   return PAGS_OK;
 }
 
-/* Models' Gaussians are the state's; only their file names are new. */
-static pags_result list_models(const pags_train_state *state, pags_scene *scene) {
-  scene->models = calloc((size_t)state->model_count, sizeof *scene->models);
-  if (!scene->models)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)state->model_count);
-  for (int64_t i = 0; i < state->model_count; i++) {
-    const pags_train_model *m = &state->models[i];
-    const char *name = m->object < 0 ? "background" : state->tracks.objects[m->object].id;
-    scene->models[i] = (pags_model){.name = borrow(name), .gaussians = m->gaussians};
-    scene->models[i].file = m->object < 0 ? pags_text_copy("background.ply") : pags_scene_model_file(scene, name);
-    scene->model_count = i + 1;
-    if (!scene->models[i].file)
-      return pags_fail(PAGS_ERROR_MEMORY, "no memory for the name of a model");
-    if (m->object >= 0)
-      scene->objects[m->object].model = i;
+/* A scene whose arrays are its own. */
+typedef struct description {
+  pags_scene scene;
+  char config[PAGS_CONFIG_TEXT];
+  int by_degree;           /* 1: PLYs of the degrees that rows need */
+  pags_gaussians parts[4]; /* the background's rows then */
+} description;
+
+/* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
+static pags_result split_background(const pags_gaussians *g, pags_gaussians parts[4], int *count) {
+  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
+  pags_result result = index ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to write %lld Gaussians", (long long)g->count);
+  for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
+    int64_t rows = 0;
+    for (int64_t i = 0; i < g->count; i++)
+      if (pags_gaussians_row_degree(g, i) == degree)
+        index[rows++] = i;
+    if (rows == 0 && (degree > 0 || *count > 0))
+      continue;
+    pags_gaussians *part = &parts[(*count)++];
+    result = pags_gaussians_create_like(part, rows, g);
+    if (result == PAGS_OK)
+      pags_gaussians_gather(g, index, rows, part);
+    part->sh_degree = degree; /* the planes beyond lie at the end and are zeros */
+  }
+  free(index);
+  return result;
+}
+
+/* `file` NULL: named after the object that `name` is. */
+static pags_result add_model(pags_scene *scene, const char *name, const char *file, const pags_gaussians *g) {
+  pags_model *model = &scene->models[scene->model_count];
+  *model = (pags_model){.name = borrow(name), .gaussians = *g};
+  model->file = file ? pags_text_copy(file) : pags_scene_model_file(scene, name);
+  scene->model_count++;
+  return model->file ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for the name of a model");
+}
+
+static pags_result add_background(const pags_train_state *state, description *d) {
+  static const char *const names[] = {"background-sh0", "background-sh1", "background-sh2"};
+  static const char *const files[] = {"background-sh0.ply", "background-sh1.ply", "background-sh2.ply"};
+  const pags_gaussians *g = &state->models[0].gaussians;
+  int count = 0;
+  if (!d->by_degree)
+    return add_model(&d->scene, "background", "background.ply", g);
+  PAGS_TRY(split_background(g, d->parts, &count));
+  for (int i = 0; i < count; i++) {
+    const int degree = d->parts[i].sh_degree;
+    PAGS_TRY(i == 0 ? add_model(&d->scene, "background", "background.ply", &d->parts[i])
+                    : add_model(&d->scene, names[degree], files[degree], &d->parts[i]));
   }
   return PAGS_OK;
 }
 
-static void free_lists(pags_scene *scene) {
-  for (int64_t i = 0; i < scene->model_count; i++)
-    free(scene->models[i].file);
-  free(scene->models);
-  free(scene->objects);
-  free(scene->views);
-  free(scene->notes);
+static int highest_degree(const pags_gaussians *g) {
+  int most = 0;
+  for (int64_t i = 0; i < g->count && most < g->sh_degree; i++) {
+    int degree = pags_gaussians_row_degree(g, i);
+    most = degree > most ? degree : most;
+  }
+  return most;
+}
+
+/* Models' Gaussians are the state's; only their file names are new. */
+static pags_result list_models(const pags_train_state *state, description *d) {
+  pags_scene *scene = &d->scene;
+  scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
+  if (!scene->models)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)state->model_count);
+  PAGS_TRY(add_background(state, d));
+  for (int64_t i = 1; i < state->model_count; i++) {
+    const pags_train_model *m = &state->models[i];
+    pags_gaussians g = m->gaussians;
+    if (d->by_degree)
+      g.sh_degree = highest_degree(&g);
+    scene->objects[m->object].model = scene->model_count;
+    PAGS_TRY(add_model(scene, state->tracks.objects[m->object].id, NULL, &g));
+  }
+  return PAGS_OK;
+}
+
+static void destroy_description(description *d) {
+  for (int64_t i = 0; i < d->scene.model_count; i++)
+    free(d->scene.models[i].file);
+  for (int i = 0; i < 4; i++)
+    pags_gaussians_destroy(&d->parts[i]);
+  free(d->scene.models);
+  free(d->scene.objects);
+  free(d->scene.views);
+  free(d->scene.notes);
+}
+
+/* To be destroyed on failure, too; it isn't to be moved. */
+static pags_result describe(const pags_dataset *dataset, const pags_train_state *state, description *d) {
+  const pags_train_config *config = &state->schedule.config;
+  pags_scene *scene = &d->scene;
+  pags_config_write_json(config, d->config);
+  *scene = (pags_scene){.up = pags_dataset_up(dataset),
+                        .antialiased = config->antialiased,
+                        .seed = config->seed,
+                        .dataset = borrow(pags_dataset_path(dataset)),
+                        .config = d->config,
+                        .iterations = state->step,
+                        .fps = pags_dataset_fps(dataset),
+                        .sky = state->sky.sky};
+  for (int k = 0; k < 3; k++) {
+    scene->origin[k] = pags_dataset_origin(dataset)[k];
+    scene->background[k] = (float)config->background[k];
+  }
+  PAGS_TRY(list_views(dataset, state, scene));
+  PAGS_TRY(list_objects(dataset, state, scene));
+  PAGS_TRY(list_models(state, d));
+  return scene->fps > 0.0 ? pags_notes_write(dataset, state, &scene->notes) : PAGS_OK;
 }
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
-  const pags_train_config *config = &state->schedule.config;
-  char text[PAGS_CONFIG_TEXT];
-  pags_config_write_json(config, text);
-  pags_scene scene = {.up = pags_dataset_up(dataset),
-                      .antialiased = config->antialiased,
-                      .seed = config->seed,
-                      .dataset = borrow(pags_dataset_path(dataset)),
-                      .config = text,
-                      .iterations = state->step,
-                      .fps = pags_dataset_fps(dataset),
-                      .sky = state->sky.sky};
-  for (int k = 0; k < 3; k++) {
-    scene.origin[k] = pags_dataset_origin(dataset)[k];
-    scene.background[k] = (float)config->background[k];
-  }
-  pags_result result = list_views(dataset, state, &scene);
+  description *d = calloc(1, sizeof *d);
+  if (!d)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the description of a scene");
+  d->by_degree = state->schedule.config.sh_error > 0.0;
+  pags_result result = describe(dataset, state, d);
   if (result == PAGS_OK)
-    result = list_objects(dataset, state, &scene);
+    result = pags_scene_save(output->folder, &d->scene);
+  destroy_description(d);
+  free(d);
+  return result;
+}
+
+pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
+  description *d = calloc(1, sizeof *d);
+  if (!d)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the description of a scene");
+  pags_result result = describe(dataset, state, d);
+  d->scene.dataset = NULL; /* where the data set lies must not decide how many Gaussians a run has */
   if (result == PAGS_OK)
-    result = list_models(state, &scene);
-  if (result == PAGS_OK && scene.fps > 0.0)
-    result = pags_notes_write(dataset, state, &scene.notes);
-  if (result == PAGS_OK)
-    result = pags_scene_save(output->folder, &scene);
-  free_lists(&scene);
+    result = pags_scene_json_size(&d->scene, bytes);
+  *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
+  destroy_description(d);
+  free(d);
   return result;
 }
 

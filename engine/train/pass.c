@@ -17,12 +17,6 @@
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, EXPOSED, ZEROS = 8, PLANES };
 
-static double lap(double *since) {
-  double now = pags_trainer_clock(), passed = now - *since;
-  *since = now;
-  return passed;
-}
-
 /* Memory. */
 
 pags_result pags_pass_create(pags_trainer *t) {
@@ -165,12 +159,6 @@ static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t k
   p->part_knot[p->part_count++] = knot;
 }
 
-/* Place of `time` in the track's span, 0..1; 0 where it has no length. */
-static double track_share(const pags_object *object, double time) {
-  double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
-  return end > begin ? fmin(fmax((time - begin) / (end - begin), 0.0), 1.0) : 0.0;
-}
-
 void pags_pass_compose(pags_trainer *t, int64_t view) {
   const pags_view *v = pags_dataset_view(t->dataset, view);
   const double *origin = pags_dataset_origin(t->dataset);
@@ -186,7 +174,8 @@ void pags_pass_compose(pags_trainer *t, int64_t view) {
       if (pags_object_pose(object, v->camera.time, pose)) {
         for (int k = 0; k < 3; k++)
           pose[4 * k + 3] -= origin[k];
-        pags_fourier_basis(track_share(object, v->camera.time), t->pass.basis[i]);
+        double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
+        pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->pass.basis[i]);
         add_part(t, i, first_id, pags_tracks_knot(object, v->frame), pose);
       }
     }
@@ -217,37 +206,31 @@ typedef struct pass_context {
   int first_part; /* of the trainer's parts that the frame was given */
 } pass_context;
 
-/* dc = constant term + sum of basis times Fourier terms, for the rows of one cluster. */
-static void colour_now(const pags_train_model *m, const double basis[5], int64_t cluster, float *dc) {
-  const pags_gaussians *g = &m->gaussians;
-  int64_t first = cluster * m->clusters.size, last = first + m->clusters.size;
-  last = last < g->stride ? last : g->stride;
-  for (int c = 0; c < 3; c++)
-    for (int64_t i = first; i < last; i++) {
-      float x = pags_plane(g, PAGS_SH + c)[i];
-      for (int k = 1; k < 5; k++)
-        x += (float)basis[k] * g->fourier[(3 * (k - 1) + c) * g->stride + i];
-      dc[c * g->stride + i] = x;
-    }
+/* The rows of one cluster, padding included. */
+static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, int64_t *last) {
+  *first = cluster * m->clusters.size;
+  *last = *first + m->clusters.size < m->gaussians.stride ? *first + m->clusters.size : m->gaussians.stride;
 }
 
 /* Who of one cluster is left out of the step. */
 static void drop(const pass_context *c, int64_t model, int64_t cluster) {
   const pags_train_model *m = &c->trainer->state.models[model];
   pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
-  int64_t first = cluster * m->clusters.size, rest = m->gaussians.stride - first;
-  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, rest < m->clusters.size ? rest : m->clusters.size,
-                    c->trainer->pass.factor[model]);
+  int64_t first, last;
+  rows_of(m, cluster, &first, &last);
+  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->pass.factor[model]);
 }
 
 static void touch(void *user, int part, int64_t cluster, int worker) {
   const pass_context *c = user;
   int64_t model = c->trainer->pass.part_model[c->first_part + part];
   pags_train_model *m = &c->trainer->state.models[model];
+  int64_t first, last;
   (void)worker;
   pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
+  rows_of(m, cluster, &first, &last);
   if (m->gaussians.fourier)
-    colour_now(m, c->trainer->pass.basis[model], cluster, c->trainer->pass.dc[model]);
+    pags_fourier_colour(&m->gaussians, c->trainer->pass.basis[model], first, last, c->trainer->pass.dc[model]);
   if (c->trainer->pass.parts[c->first_part + part].opacity_factor)
     drop(c, model, cluster);
 }
@@ -462,7 +445,7 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
-  t->ms.wait += lap(&clock);
+  t->ms.wait += pags_trainer_lap(&clock);
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->absgrad;
@@ -470,10 +453,10 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   pags_pass_compose(t, v->view);
   PAGS_TRY(reserve_factors(t, step));
   PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));
-  t->ms.forward += lap(&clock);
+  t->ms.forward += pags_trainer_lap(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
   PAGS_TRY(losses(t, step, v, exposure_gradient, &gradient));
-  t->ms.loss += lap(&clock);
+  t->ms.loss += pags_trainer_lap(&clock);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, &bad));
   t->bad_rows += bad;
@@ -484,6 +467,6 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
     if (t->state.exposures.count > 0)
       pags_exposures_update(&t->state.exposures, t->dataset, v->view, exposure_gradient, &t->state.schedule, step);
   }
-  t->ms.backward += lap(&clock);
+  t->ms.backward += pags_trainer_lap(&clock);
   return PAGS_OK;
 }

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "train/budget.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/init.h"
@@ -213,7 +214,8 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
   PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, 1 + pags_dataset_object_count(t->dataset)));
   t->state.cap = choose_cap(t, config);
-  return driving ? start_driving(t, config, extent) : start_static(t, config, extent);
+  PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
+  return pags_budget_start(t->dataset, &t->state, t->tasks);
 }
 
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {

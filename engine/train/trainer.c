@@ -13,11 +13,13 @@
 #include <time.h>
 
 #include "base/log.h"
+#include "train/budget.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/densify.h"
 #include "train/fourier.h"
 #include "train/mcmc.h"
+#include "train/sh_trim.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
 
@@ -27,7 +29,7 @@ double pags_trainer_clock(void) {
   return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-static double lap(double *since) {
+double pags_trainer_lap(double *since) {
   double now = pags_trainer_clock(), passed = now - *since;
   *since = now;
   return passed;
@@ -107,13 +109,19 @@ static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_ch
 }
 
 /* What the bound leaves to grow into is shared out in proportion to what the models have. */
-static void share_cap(pags_train_state *s) {
-  int64_t total = pags_state_gaussian_count(s), room = s->cap > total ? s->cap - total : 0;
+static pags_result share_cap(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int64_t total = pags_state_gaussian_count(s), room;
+  PAGS_TRY(pags_budget_room(t->dataset, s, &room));
+  int bounded = s->cap > 0 || room < INT32_MAX;
+  if (s->cap > 0)
+    room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
   for (int64_t i = 0; i < s->model_count; i++) {
     int64_t count = s->models[i].gaussians.count;
     double share = (double)count / (double)(total > 0 ? total : 1);
-    s->models[i].cap = s->cap == 0 ? 0 : count + (int64_t)((double)room * share);
+    s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
   }
+  return PAGS_OK;
 }
 
 /* Density control of all models after the step just done, settled. */
@@ -121,7 +129,7 @@ static pags_result refine(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
   pags_density_change change = {0};
-  share_cap(s);
+  PAGS_TRY(share_cap(t));
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
   if (mcmc || !t->output.stream)
@@ -174,7 +182,7 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
   PAGS_TRY(control_density(t));
-  t->ms.density += lap(&clock);
+  t->ms.density += pags_trainer_lap(&clock);
   return PAGS_OK;
 }
 
@@ -341,6 +349,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   pags_train_state *s = &t->state;
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_state_flush(s, t->tasks);
+  PAGS_TRY(pags_sh_trim(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;
   return pags_output_report(&t->output, r, t->tasks);

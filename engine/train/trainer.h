@@ -59,5 +59,7 @@ void pags_trainer_fit_box(pags_train_state *state, int64_t model);
 
 /* Milliseconds of a clock that only goes forward. */
 double pags_trainer_clock(void);
+/* What has passed since `*since`, which becomes now. */
+double pags_trainer_lap(double *since);
 
 #endif

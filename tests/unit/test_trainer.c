@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <pags/compose.h>
 #include <pags/frame.h>
 #include <pags/image.h>
 #include <pags/scene.h>
@@ -379,6 +380,39 @@ static void a_folder_in_use_is_refused_untouched(void **unused) {
   assert_int_equal(run(&config, "/proc/no/such/place", 1, options, &result), PAGS_ERROR_IO);
 }
 
+/* A scene with a background and two models, one of them in the folder of objects. */
+static void save_old_scene(const char *folder) {
+  pags_model models[3] = {{.name = (char[]){"background"}, .file = (char[]){"background.ply"}},
+                          {.name = (char[]){"car"}, .file = (char[]){"objects/car.ply"}},
+                          {.name = (char[]){"tree"}, .file = (char[]){"tree.ply"}}};
+  pags_scene scene = {.model_count = 3, .models = models};
+  for (int i = 0; i < 3; i++)
+    assert_int_equal(pags_gaussians_create(&models[i].gaussians, 1, 0), PAGS_OK);
+  assert_int_equal(pags_scene_save(folder, &scene), PAGS_OK);
+  for (int i = 0; i < 3; i++)
+    pags_gaussians_destroy(&models[i].gaussians);
+}
+
+static void overwriting_removes_what_the_scene_names(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  options.overwrite = 1;
+  config.iterations = 5;
+  save_old_scene(in_root("old"));
+  assert_int_equal(pags_file_write(in_root("old/objects/mine.ply"), "ply", 3), PAGS_OK);
+  assert_int_equal(pags_file_write(in_root("old/sky.npy"), "not the scene's", 15), PAGS_OK);
+  assert_int_equal(run(&config, in_root("old"), 1, options, &result), PAGS_OK);
+  assert_false(pags_file_exists(in_root("old/objects/car.ply")));
+  assert_false(pags_file_exists(in_root("old/tree.ply")));
+  assert_true(pags_file_exists(in_root("old/objects/mine.ply")) && pags_file_exists(in_root("old/sky.npy")));
+  assert_true(pags_file_exists(in_root("old/background.ply")));
+  save_old_scene(in_root("older"));
+  assert_int_equal(run(&config, in_root("older"), 1, options, &result), PAGS_OK);
+  assert_false(pags_path_exists(in_root("older/objects")));
+}
+
 static void an_estimate_writes_nothing(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
@@ -414,6 +448,95 @@ static void memory_becomes_a_bound_on_the_count(void **unused) {
   assert_true(result.gaussians <= 1024);
 }
 
+static uint64_t scene_bytes(const char *folder) {
+  static const char *const files[] = {"scene.json", "background.ply", "background-sh0.ply", "background-sh1.ply"};
+  uint64_t sum = 0;
+  for (int i = 0; i < 4; i++) {
+    char path[192];
+    uint64_t bytes = 0;
+    snprintf(path, sizeof path, "%s/%s", folder, files[i]);
+    if (pags_file_exists(path))
+      assert_int_equal(pags_file_size(path, &bytes), PAGS_OK);
+    sum += bytes;
+  }
+  return sum;
+}
+
+/* Growth stops at the size; a start that is too large is thinned; what can't be is refused. */
+static void a_size_becomes_a_bound_on_the_count(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  config.max_gaussians = 0;
+  for (int i = 0; i < 2; i++) {
+    char name[16];
+    snprintf(name, sizeof name, "size%d", i);
+    config.target_size = i ? 0.036 : 0.1;
+    assert_int_equal(run(&config, in_root(name), 2, options, &result), PAGS_OK);
+    const uint64_t bytes = scene_bytes(in_root(name));
+    print_message("%g MB: %lld Gaussians, %llu bytes\n", config.target_size, (long long)result.gaussians, (unsigned long long)bytes);
+    assert_true((double)bytes <= config.target_size * 1e6);
+    assert_true((double)bytes >= config.target_size * 1e6 - 14000.0); /* what is set aside */
+  }
+  config.target_size = 0.001;
+  assert_int_equal(run(&config, in_root("size2"), 2, options, &result), PAGS_ERROR_LIMIT);
+  assert_non_null(strstr(pags_error_message(), "target_size"));
+}
+
+static float largest_difference(pags_frame *frames[2], pags_composition *scenes[2], const pags_camera *camera) {
+  pags_picture picture[2];
+  float most = 0.0f;
+  for (int k = 0; k < 2; k++) {
+    const pags_part *parts;
+    int count;
+    pags_frame_options options = pags_composition_options(scenes[k]);
+    pags_compose(scenes[k], NAN, &parts, &count);
+    assert_int_equal(pags_frame_render(frames[k], parts, count, camera, &options, NULL, NULL, &picture[k]), PAGS_OK);
+  }
+  for (int y = 0; y < picture[0].height; y++)
+    for (int x = 0; x < picture[0].width; x++)
+      for (int c = 0; c < 3; c++) {
+        int64_t at = (int64_t)y * picture[0].stride + x;
+        most = fmaxf(most, fabsf(picture[0].rgb[c][at] - picture[1].rgb[c][at]));
+      }
+  return most;
+}
+
+/* The same run with and without: pictures of training views within the error, fewer bytes, and the checkpoint as if nothing were. */
+static void colour_terms_go_where_they_do_not_show(void **unused) {
+  (void)unused;
+  pags_train_config config = small_config();
+  pags_composition *scenes[2];
+  pags_frame *frames[2];
+  pags_tasks *tasks = pags_tasks_create(1);
+  config.sh_degree = 2;
+  config.sh_interval = 3000;
+  config.iterations = 400;
+  float most = 0.0f;
+  for (int k = 0; k < 2; k++) {
+    config.sh_error = k ? 6.0 : 0.0;
+    train(&config, in_root(k ? "low" : "high"), 2, 0);
+    assert_int_equal(pags_composition_load(in_root(k ? "low" : "high"), &scenes[k]), PAGS_OK);
+    assert_int_equal(pags_frame_create(tasks, &frames[k]), PAGS_OK);
+  }
+  const pags_scene *low = pags_composition_scene(scenes[1]), *high = pags_composition_scene(scenes[0]);
+  for (int v = 0; v < VIEWS; v++)
+    most = fmaxf(most, largest_difference(frames, scenes, &low->views[v].camera));
+  print_message("%llu bytes instead of %llu in %lld models instead of %lld; pictures differ by %.2f of 255\n",
+                (unsigned long long)scene_bytes(in_root("low")), (unsigned long long)scene_bytes(in_root("high")),
+                (long long)low->model_count, (long long)high->model_count, 255.0f * most);
+  assert_true(most > 0.0f && 255.0f * most <= 6.01f);
+  assert_true(high->model_count == 1 && low->model_count > 1);
+  assert_true(scene_bytes(in_root("low")) * 100 < scene_bytes(in_root("high")) * 97);
+  assert_int_equal(pags_composition_gaussian_count(scenes[0]), pags_composition_gaussian_count(scenes[1]));
+  for (int k = 0; k < 2; k++) {
+    pags_frame_destroy(frames[k]);
+    pags_composition_destroy(scenes[k]);
+  }
+  pags_tasks_destroy(tasks);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(learns_the_scene),
@@ -424,9 +547,12 @@ int main(void) {
       cmocka_unit_test(being_killed_changes_no_bit),
       cmocka_unit_test(resuming_may_go_further_but_not_elsewhere),
       cmocka_unit_test(a_folder_in_use_is_refused_untouched),
+      cmocka_unit_test(overwriting_removes_what_the_scene_names),
       cmocka_unit_test(an_estimate_writes_nothing),
       cmocka_unit_test(a_time_limit_sets_the_steps),
       cmocka_unit_test(memory_becomes_a_bound_on_the_count),
+      cmocka_unit_test(a_size_becomes_a_bound_on_the_count),
+      cmocka_unit_test(colour_terms_go_where_they_do_not_show),
   };
   return cmocka_run_group_tests(tests, make_data, remove_data);
 }

@@ -47,6 +47,9 @@ static inline float *pags_plane(const pags_gaussians *g, int plane) {
   return g->data + (int64_t)plane * g->stride;
 }
 
+/* The lowest degree that shows a row's colour as it is: no term beyond it differs from 0. */
+PAGS_API int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row);
+
 /* Makes room for `count` Gaussians of zeros; `g` is overwritten. PAGS_ERROR_MEMORY or PAGS_ERROR_LIMIT (2^31 - 64). */
 PAGS_API pags_result pags_gaussians_create(pags_gaussians *g, int64_t count, int sh_degree);
 PAGS_API void pags_gaussians_destroy(pags_gaussians *g); /* frees and zeroes; a zeroed struct is allowed */
@@ -69,6 +72,10 @@ PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *i
 /* Street Gaussians (Yan et al. 2024): constant term at u = dc + sum_k basis[k] fourier_k, u = (t - t0) / (t1 - t0) over the track's
  * time, 0 where t1 = t0: basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u. */
 PAGS_API void pags_fourier_basis(double u, double basis[5]);
+/* u of `time`, held to 0..1. */
+PAGS_API double pags_fourier_phase(double begin, double end, double time);
+/* Constant terms of rows [first, last) of a model with Fourier planes, to three planes g->stride floats apart; finite for any terms. */
+PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc);
 
 /* Adds the Fourier planes (zeros) where they are missing. */
 PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);

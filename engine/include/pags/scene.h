@@ -82,6 +82,8 @@ PAGS_API char *pags_scene_model_file(const pags_scene *scene, const char *id);
  * same bytes; normals are kept as zeros. */
 PAGS_API pags_result pags_ply_load(const char *path, pags_gaussians *out);
 PAGS_API pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians);
+/* What each of its Gaussians takes in such a file, bytes; the header takes less than 4 KiB. */
+PAGS_API int pags_ply_row_bytes(const pags_gaussians *gaussians);
 /* `kind` receives a static string ("PLY", "compressed PLY", "splat", "SPZ v4"); antialiased 1 if the file says so. Both
  * may be NULL. */
 PAGS_API pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased);

@@ -22,6 +22,8 @@ PAGS_API void pags_sky_destroy(pags_sky *sky);                 /* frees and zero
 
 /* sky.npy: float16 [6][size][size][3], C order. */
 PAGS_API pags_result pags_sky_load(const char *path, pags_sky *sky);
+/* Bytes of what pags_sky_save writes. */
+PAGS_API uint64_t pags_sky_file_size(const pags_sky *sky);
 PAGS_API pags_result pags_sky_save(const char *path, const pags_sky *sky);
 
 /* Colour towards `direction` (world, any length > 0). */

@@ -82,6 +82,11 @@ typedef struct pags_train_config {
   double reset_opacity;  /* upper bound set then; default 0.01 */
   int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). Default 0 */
 
+  /* What the scene may store */
+  double target_size; /* MB (10^6 bytes) of the scene folder's scene.json, models and sky: no more Gaussians than fit; 0: no bound. Default 0 */
+  double sh_error;    /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour, from any direction
+                         in which a training view sees it, by no more; 0: all keep theirs. Default 0 */
+
   /* Adaptive stochastic dropout */
   int dropout;          /* 1: each step leaves Gaussians out at random. Default 0 */
   double dropout_beta;  /* 0..1: how much semantic priority protects; default 0.5 */

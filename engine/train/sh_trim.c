@@ -1,0 +1,226 @@
+/* Which degree a Gaussian needs; see sh_trim.h. */
+#include "train/sh_trim.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+
+enum { TRIM_GRAIN = 256, MOST_DEGREE = 3 };
+
+/* As the frame's culling has it: sigma at most s, |tx| at most its clamp, opacity at most 1, alpha down to 1/255. */
+static const double reach = 3.3291; /* sqrt(2 ln 255) */
+
+static double reach_of(double focal, double centre, double size) {
+  double tangent = 0.5 * size / focal;
+  double most = fmax(fabs(-centre / focal - 0.3 * tangent), fabs((size - centre) / focal + 0.3 * tangent));
+  return 1.0001 * reach * focal * sqrt(1.0 + most * most);
+}
+
+pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_from_model[12], const double origin[3],
+                               double near_plane, double low_pass) {
+  double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
+  memcpy(local, camera->world_from_camera, sizeof local);
+  for (int k = 0; k < 3; k++)
+    local[4 * k + 3] -= origin[k];
+  pags_rigid_inverse(local, camera_from_world);
+  pags_rigid_multiply(camera_from_world, world_from_model, camera_from_model);
+  pags_rigid_inverse(camera_from_model, model_from_camera);
+  pags_sh_view v = {.fx = (float)camera->fx,
+                    .fy = (float)camera->fy,
+                    .cx = (float)camera->cx,
+                    .cy = (float)camera->cy,
+                    .width = (float)camera->width,
+                    .height = (float)camera->height,
+                    .reach_x = (float)reach_of(camera->fx, camera->cx, camera->width),
+                    .reach_y = (float)reach_of(camera->fy, camera->cy, camera->height),
+                    .near_plane = (float)near_plane,
+                    .low = (float)(1.0001 * reach * sqrt(low_pass) + 0.01)};
+  for (int i = 0; i < 3; i++) {
+    for (int k = 0; k < 3; k++)
+      v.r[3 * i + k] = (float)camera_from_model[4 * i + k];
+    v.t[i] = (float)camera_from_model[4 * i + 3];
+    v.eye[i] = (float)model_from_camera[4 * i + 3];
+  }
+  return v;
+}
+
+/* Whether a Gaussian there, of sigma at most `sigma`, may show. */
+static int may_show(const pags_sh_view *v, const float p[3], float sigma) {
+  float z = v->r[6] * p[0] + v->r[7] * p[1] + v->r[8] * p[2] + v->t[2];
+  if (!(z > v->near_plane))
+    return 0;
+  float x = v->r[0] * p[0] + v->r[1] * p[1] + v->r[2] * p[2] + v->t[0];
+  float y = v->r[3] * p[0] + v->r[4] * p[1] + v->r[5] * p[2] + v->t[1];
+  float u = v->fx * x / z + v->cx, w = v->fy * y / z + v->cy;
+  float extent_x = v->reach_x * sigma / z + v->low, extent_y = v->reach_y * sigma / z + v->low;
+  return u > -extent_x && u < v->width + extent_x && w > -extent_y && w < v->height + extent_y;
+}
+
+/* Real spherical harmonics of degrees 1 to 3 at a unit vector, with INRIA's signs; constants sqrt((2l+1)(l-|m|)! / (4 pi (l+|m|)!)) times
+ * sqrt 2 where m isn't 0, multiplied out. basis[0] isn't looked at. */
+static void sh_basis(int degree, const float d[3], float basis[16]) {
+  float x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
+  basis[1] = -0.48860251f * y;
+  basis[2] = 0.48860251f * z;
+  basis[3] = -0.48860251f * x;
+  if (degree < 2)
+    return;
+  basis[4] = 1.09254843f * x * y;
+  basis[5] = -1.09254843f * y * z;
+  basis[6] = 0.31539157f * (2.0f * zz - xx - yy);
+  basis[7] = -1.09254843f * x * z;
+  basis[8] = 0.54627422f * (xx - yy);
+  if (degree < 3)
+    return;
+  basis[9] = -0.59004359f * y * (3.0f * xx - yy);
+  basis[10] = 2.89061144f * x * y * z;
+  basis[11] = -0.45704580f * y * (4.0f * zz - xx - yy);
+  basis[12] = 0.37317633f * z * (2.0f * zz - 3.0f * xx - 3.0f * yy);
+  basis[13] = -0.45704580f * x * (4.0f * zz - xx - yy);
+  basis[14] = 1.44530572f * z * (xx - yy);
+  basis[15] = -0.59004359f * x * (xx - 3.0f * yy);
+}
+
+/* Of one row: the range of what the terms beyond each degree add to a channel. */
+typedef struct row_ranges {
+  float lo[MOST_DEGREE][3], hi[MOST_DEGREE][3];
+} row_ranges;
+
+static void add_direction(row_ranges *ranges, int degree, const float direction[3], const float coefficients[48]) {
+  float basis[16];
+  sh_basis(degree, direction, basis);
+  for (int c = 0; c < 3; c++) {
+    float beyond = 0.0f;
+    for (int l = degree; l >= 1; l--) {
+      for (int k = l * l; k < (l + 1) * (l + 1); k++)
+        beyond += basis[k] * coefficients[3 * k + c];
+      ranges->lo[l - 1][c] = fminf(ranges->lo[l - 1][c], beyond);
+      ranges->hi[l - 1][c] = fmaxf(ranges->hi[l - 1][c], beyond);
+    }
+  }
+}
+
+static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int64_t view_count, int64_t row,
+                        row_ranges *ranges) {
+  float p[3], coefficients[48];
+  float sigma = expf(fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
+                           pags_plane(g, PAGS_SCALE + 2)[row]));
+  for (int k = 0; k < 3; k++)
+    p[k] = pags_plane(g, PAGS_MEAN + k)[row];
+  for (int k = 0; k < 3 * pags_sh_coefficients(g->sh_degree); k++)
+    coefficients[k] = pags_plane(g, PAGS_SH + k)[row];
+  for (int l = 0; l < MOST_DEGREE; l++)
+    for (int c = 0; c < 3; c++) {
+      ranges->lo[l][c] = INFINITY;
+      ranges->hi[l][c] = -INFINITY;
+    }
+  for (int64_t i = 0; i < view_count; i++) {
+    if (!may_show(&views[i], p, sigma))
+      continue;
+    float d[3] = {p[0] - views[i].eye[0], p[1] - views[i].eye[1], p[2] - views[i].eye[2]};
+    float inverse = 1.0f / sqrtf(fmaxf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1e-30f));
+    for (int k = 0; k < 3; k++)
+      d[k] *= inverse;
+    add_direction(ranges, g->sh_degree, d, coefficients);
+  }
+}
+
+/* Half of the widest channel's range: what is left once the constant term takes the middle. */
+static int fits(const row_ranges *ranges, int degree, double error) {
+  for (int c = 0; c < 3; c++) {
+    float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
+    if (lo < hi && !(0.5 * ((double)hi - (double)lo) <= error))
+      return 0;
+  }
+  return 1;
+}
+
+static void lower(pags_gaussians *g, int64_t row, int degree, const row_ranges *ranges) {
+  for (int c = 0; c < 3; c++) {
+    float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
+    if (lo <= hi)
+      pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / 0.28209479177387814);
+  }
+  for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
+    pags_plane(g, PAGS_SH + k)[row] = 0.0f;
+}
+
+void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t view_count, double error, int64_t first,
+                       int64_t last) {
+  for (int64_t row = first; row < last; row++) {
+    row_ranges ranges;
+    find_ranges(g, views, view_count, row, &ranges);
+    for (int degree = 0; degree < g->sh_degree; degree++)
+      if (fits(&ranges, degree, error)) {
+        lower(g, row, degree, &ranges);
+        break;
+      }
+  }
+}
+
+typedef struct trim_context {
+  pags_gaussians *g;
+  const pags_sh_view *views;
+  int64_t view_count;
+  double error;
+} trim_context;
+
+static void trim_block(void *context, int64_t begin, int64_t end, int worker) {
+  const trim_context *c = context;
+  int64_t last = end * TRIM_GRAIN < c->g->count ? end * TRIM_GRAIN : c->g->count;
+  (void)worker;
+  pags_sh_trim_rows(c->g, c->views, c->view_count, c->error, begin * TRIM_GRAIN, last);
+}
+
+/* The training views in which the model is there. */
+static int64_t list_views(const pags_trainer *t, const pags_train_model *m, pags_sh_view *views) {
+  static const double still[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  const pags_train_config *c = &t->state.schedule.config;
+  const double *origin = pags_dataset_origin(t->dataset);
+  int64_t count = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    double pose[12];
+    memcpy(pose, still, sizeof pose);
+    if (m->object >= 0) {
+      if (!pags_object_pose(&t->state.tracks.objects[m->object], camera->time, pose))
+        continue;
+      for (int k = 0; k < 3; k++)
+        pose[4 * k + 3] -= origin[k];
+    }
+    views[count++] = pags_sh_view_make(camera, pose, origin, c->near_plane, c->low_pass);
+  }
+  return count;
+}
+
+static int64_t add_degrees(const pags_gaussians *g, int64_t degrees[4]) {
+  for (int64_t i = 0; i < g->count; i++)
+    degrees[pags_gaussians_row_degree(g, i)]++;
+  return g->count;
+}
+
+pags_result pags_sh_trim(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  double error = s->schedule.config.sh_error / 255.0;
+  int64_t degrees[4] = {0}, count = 0;
+  if (error <= 0.0 || s->schedule.config.sh_degree == 0)
+    return PAGS_OK;
+  pags_sh_view *views = malloc((size_t)(t->view_count > 0 ? t->view_count : 1) * sizeof *views);
+  if (!views)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)t->view_count);
+  for (int64_t i = 0; i < s->model_count; i++) {
+    trim_context context = {&s->models[i].gaussians, views, list_views(t, &s->models[i], views), error};
+    int64_t blocks = (context.g->count + TRIM_GRAIN - 1) / TRIM_GRAIN;
+    if (!pags_parallel_for(t->tasks, blocks, 1, trim_block, &context)) {
+      free(views);
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    }
+    count += add_degrees(context.g, degrees);
+  }
+  free(views);
+  pags_log(PAGS_LOG_INFO, "colour: of %lld Gaussians, %lld keep degree 0, %lld 1, %lld 2, %lld 3", (long long)count,
+           (long long)degrees[0], (long long)degrees[1], (long long)degrees[2], (long long)degrees[3]);
+  return PAGS_OK;
+}
