@@ -69,6 +69,21 @@ static double hurry(const pags_schedule *schedule) {
   return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 
+/* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no picture. The labels'
+ * mean knows, so that what one knot has gone is taken back from all that photographs have moved. */
+static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6]) {
+  const pags_moments *m = tracks->moments[object];
+  pags_object *o = &tracks->objects[object];
+  double moved = 0.0;
+  for (int64_t k = 0; k < o->knot_count; k++)
+    moved += m[k].count > 0;
+  for (int64_t k = 0; k < o->knot_count; k++)
+    for (int i = 0; i < 3 && m[k].count > 0; i++) {
+      o->knots[k].rotation[i] += gone[i] / moved;
+      o->knots[k].translation[i] += gone[3 + i] / moved;
+    }
+}
+
 void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
                         const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
@@ -82,7 +97,10 @@ void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const
   if (!pags_moments_step(&tracks->moments[object][knot], g, c, direction))
     return;
   for (int i = 0; i < 3; i++) {
-    k->rotation[i] -= fall * c->track_rotation_rate * direction[i];
-    k->translation[i] -= fall * c->track_translation_rate * direction[3 + i];
+    direction[i] *= fall * c->track_rotation_rate;
+    direction[3 + i] *= fall * c->track_translation_rate;
+    k->rotation[i] -= direction[i];
+    k->translation[i] -= direction[3 + i];
   }
+  hold_mean(tracks, object, direction);
 }
