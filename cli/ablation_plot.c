@@ -8,6 +8,7 @@
 
 enum { QUALITIES = 3 };
 static const char *const quality_titles[QUALITIES] = {"PSNR", "PSNR, critical pixels", "PSNR, other pixels"};
+static const char *const quality_names[QUALITIES] = {"all pixels", "critical", "other"};
 static const pags_ablation_figure qualities[QUALITIES] = {PAGS_ABLATION_PSNR, PAGS_ABLATION_CRITICAL,
                                                           PAGS_ABLATION_NONCRITICAL};
 
@@ -72,8 +73,8 @@ static void plot_alpha(const pags_ablation *self, const pags_ablation_set *sets,
       y[q][k] = pags_ablation_mean_of(&sets[rows[k]], qualities[q]).mean;
   }
   for (int q = 0; q < QUALITIES; ++q)
-    lines[q] = (pags_plot_line){quality_titles[q], count, x, y[q]};
-  pags_plot_lines(plot, title, "alpha: the share of the semantic score", "dB, held-out views", lines, QUALITIES);
+    lines[q] = (pags_plot_line){quality_names[q], count, x, y[q]};
+  pags_plot_lines(plot, title, "alpha: the share of the semantic score", "PSNR, dB, held-out views", lines, QUALITIES);
 }
 
 typedef struct rate_grid {
