@@ -440,26 +440,27 @@ static pags_result add_size(const char *folder, const char *name, double *bytes)
   return result;
 }
 
+/* Whether a file of the scene's folder is needed to draw it: log, reports, previews and checkpoint aren't. */
+static bool is_drawn(const char *name) {
+  const char *extension = pags_path_extension(name);
+  return !strcmp(name, "scene.json") || !strcmp(extension, ".ply") || !strcmp(extension, ".npy");
+}
+
 static pags_result add_folder(const char *folder, double *bytes) {
   pags_dir_list list;
   PAGS_TRY(pags_dir_list_read(folder, &list));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < list.count && result == PAGS_OK; ++i)
-    result = add_size(folder, list.names[i], bytes);
+    if (is_drawn(list.names[i]))
+      result = add_size(folder, list.names[i], bytes);
   pags_dir_list_destroy(&list);
   return result;
 }
 
-/* Bytes of what a scene needs to be drawn: log and checkpoint don't count. */
 static pags_result scene_bytes(const char *scene, double *bytes) {
-  static const char *const names[] = {"scene.json", "background.ply", "sky.npy"};
   char path[MOST_PATH + 64];
   *bytes = 0;
-  for (size_t i = 0; i < sizeof names / sizeof names[0]; ++i) {
-    snprintf(path, sizeof path, "%s/%s", scene, names[i]);
-    if (pags_file_exists(path))
-      PAGS_TRY(add_size(scene, names[i], bytes));
-  }
+  PAGS_TRY(add_folder(scene, bytes));
   snprintf(path, sizeof path, "%s/objects", scene);
   return pags_dir_exists(path) ? add_folder(path, bytes) : PAGS_OK;
 }
