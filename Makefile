@@ -20,6 +20,7 @@ all:
 
 setup:
 	sh scripts/setup.sh
+	sh scripts/segment_venv.sh
 
 demo: setup
 	$(MAKE) all
