@@ -351,7 +351,7 @@ class Runs(Scratch):
                 self.add_photo(frame, camera)
         self.text("dataset.json", json.dumps({"kind": "pandaset", "fps": 10}))
         self.network = self.path("labels.onnx")
-        networks.semantic(self.network, size=(96, 64))
+        networks.semantic(self.network, size=(96, 64), shrink=1)
 
     def add_photo(self, frame, camera):
         Image.fromarray(self.photo).save(os.path.join(self.data, "images", f"{frame:03d}_{camera}.png"))
