@@ -14,7 +14,7 @@ pags_result pags_budget_rows(const pags_dataset *dataset, const pags_train_state
  * target, or a prune by score still to come, which sees to it. */
 pags_result pags_budget_room(const pags_dataset *dataset, const pags_train_state *state, int64_t *gaussians);
 
-/* Before the first step, where no prune by score is to come: leaves every so manieth row of the background, so that the start fits. */
+/* Before the first step, where no prune by score is to come: thins the background evenly, so that the start fits. */
 pags_result pags_budget_start(const pags_dataset *dataset, pags_train_state *state, pags_tasks *tasks);
 
 #endif
