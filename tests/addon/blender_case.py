@@ -11,6 +11,7 @@ import bpy
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, "..", "cli")]
 sys.dont_write_bytecode = True
+sys.stdout.reconfigure(line_buffering=True)
 
 import fixtures  # noqa: E402
 from fixtures import Case, read_png  # noqa: E402

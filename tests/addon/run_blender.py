@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 
+SIZE = os.environ.get("PAGS_WINDOW", "800x560").split("x")  # of the window; drawn in software
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -43,8 +44,8 @@ def main():
         for tool in ("xvfb-run", "import"):
             if shutil.which(tool) is None:
                 skip(f"there is no {tool} here (Debian: apt-get install xvfb xauth imagemagick)")
-        screen = ["xvfb-run", "-a", "-s", "-screen 0 1280x800x24 +extension GLX"]
-        command = [*screen, blender, "--no-window-focus", "-p", "0", "0", "1280", "800", *common]
+        screen = ["xvfb-run", "-a", "-s", f"-screen 0 {SIZE[0]}x{SIZE[1]}x24 +extension GLX"]
+        command = [*screen, blender, "--no-window-focus", "-p", "0", "0", *SIZE, *common]
     elif os.path.basename(blender).startswith("python"):
         command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # the bpy module
     else:
