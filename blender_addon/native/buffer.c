@@ -6,8 +6,7 @@
 enum { MAX_DIMENSIONS = 3 };
 
 typedef struct native_buffer {
-  PyObject_HEAD
-  PyObject *owner; /* NULL: `data` is ours */
+  PyObject_HEAD PyObject *owner; /* NULL: `data` is ours */
   void *data;
   char format[2];
   int dimensions;
@@ -44,7 +43,8 @@ PyObject *native_buffer_new(const native_state *state, PyObject *owner, const vo
   return create(state, owner, (void *)(size_t)data, format, dimensions, shape);
 }
 
-PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions, const Py_ssize_t *shape) {
+PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions,
+                            const Py_ssize_t *shape) {
   PyObject *self = create(state, NULL, data, format, dimensions, shape);
   if (!self)
     free(data);
@@ -94,12 +94,13 @@ static Py_ssize_t buffer_length(PyObject *object) {
 }
 
 static PyGetSetDef buffer_getset[] = {{"shape", buffer_shape, NULL, "sizes, the last varying fastest", NULL}, {0}};
-static PyType_Slot buffer_slots[] = {{Py_tp_dealloc, buffer_dealloc},
-                                     {Py_bf_getbuffer, buffer_get},
-                                     {Py_tp_getset, buffer_getset},
-                                     {Py_sq_length, buffer_length},
-                                     {Py_tp_doc, "Memory of the engine's: memoryview(x) or numpy.asarray(x) see it without a copy."},
-                                     {0, NULL}};
+static PyType_Slot buffer_slots[] = {
+    {Py_tp_dealloc, buffer_dealloc},
+    {Py_bf_getbuffer, buffer_get},
+    {Py_tp_getset, buffer_getset},
+    {Py_sq_length, buffer_length},
+    {Py_tp_doc, "Memory of the engine's: memoryview(x) or numpy.asarray(x) see it without a copy."},
+    {0, NULL}};
 PyType_Spec native_buffer_spec = {.name = "pags.Buffer",
                                   .basicsize = sizeof(native_buffer),
                                   .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,

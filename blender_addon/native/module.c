@@ -42,7 +42,8 @@ static PyTypeObject *add_type(PyObject *module, PyType_Spec *spec, const char *n
   return NULL;
 }
 
-static PyObject *add_exception(PyObject *module, const char *full, const char *name, const char *about, PyObject *base) {
+static PyObject *add_exception(PyObject *module, const char *full, const char *name, const char *about,
+                               PyObject *base) {
   PyObject *type = PyErr_NewExceptionWithDoc(full, about, base, NULL);
   if (type && PyModule_AddObjectRef(module, name, type) == 0)
     return type;
@@ -92,12 +93,15 @@ static int module_clear(PyObject *module) {
 }
 
 static PyMethodDef methods[] = {
-    {"load", native_scene_load, METH_VARARGS, "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat)."},
+    {"load", native_scene_load, METH_VARARGS,
+     "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat)."},
     {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
      "render(scene, camera, threads=0, **as for Renderer.submit) -> Picture\n\nDraws once and waits."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
-     "pick(scene, camera, x, y, threads=0, **as for Renderer.submit) -> dict or None\n\nWhat is seen at pixel (x, y), row 0 at "
-     "the top: id of the Gaussian that weighs most, object (number or None), priority, depth (metres along the camera's axis), "
+     "pick(scene, camera, x, y, threads=0, **as for Renderer.submit) -> dict or None\n\nWhat is seen at pixel (x, y), "
+     "row 0 at "
+     "the top: id of the Gaussian that weighs most, object (number or None), priority, depth (metres along the "
+     "camera's axis), "
      "point (world, metres)."},
     {"available_threads", available_threads, METH_NOARGS, "Processors that this process may use."},
     {0}};
@@ -106,9 +110,11 @@ static PyModuleDef_Slot slots[] = {{Py_mod_exec, module_exec}, {0, NULL}};
 static struct PyModuleDef module_definition = {
     PyModuleDef_HEAD_INIT,
     .m_name = "pags",
-    .m_doc = "Priority-Adaptive Gaussian Splatting on CPUs.\n\n"
-             "Cameras are dictionaries: width, height, fx, fy, cx, cy (pixels; corners at 0 and width), world_from_camera (12 "
-             "numbers,\n3 x 4 row by row; x right, y down, z forward; metres) and time (seconds; may be left out).",
+    .m_doc =
+        "Priority-Adaptive Gaussian Splatting on CPUs.\n\n"
+        "Cameras are dictionaries: width, height, fx, fy, cx, cy (pixels; corners at 0 and width), world_from_camera "
+        "(12 "
+        "numbers,\n3 x 4 row by row; x right, y down, z forward; metres) and time (seconds; may be left out).",
     .m_size = sizeof(native_state),
     .m_methods = methods,
     .m_slots = slots,

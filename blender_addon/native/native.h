@@ -31,19 +31,19 @@ PyObject *native_raise_text(const native_state *state, pags_result code, const c
 PyObject *native_buffer_new(const native_state *state, PyObject *owner, const void *data, char format, int dimensions,
                             const Py_ssize_t *shape);
 /* The same of memory that the buffer frees. Takes `data` over, on failure as well. */
-PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions, const Py_ssize_t *shape);
+PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions,
+                            const Py_ssize_t *shape);
 extern PyType_Spec native_buffer_spec;
 
 /* ---- Scenes ---- */
 
 typedef struct native_scene {
-  PyObject_HEAD
-  pags_composition *composition;
+  PyObject_HEAD pags_composition *composition;
   pthread_mutex_t lock; /* of the composition and of what is below */
   bool has_lock;
-  int32_t *object_of;  /* by id; filled when first asked for */
+  int32_t *object_of; /* by id; filled when first asked for */
   float *priority_of;
-  float *size_of;      /* largest sigma, metres */
+  float *size_of; /* largest sigma, metres */
 } native_scene;
 
 extern PyType_Spec native_scene_spec;
@@ -65,18 +65,25 @@ PyObject *native_numbers(const double *values, Py_ssize_t count);
 /* ---- Pictures ---- */
 
 typedef enum native_mode { MODE_RGB, MODE_PRIORITY, MODE_CRITICAL, MODE_DEPTH, MODE_SIZE, MODE_COUNT } native_mode;
-enum { OUTPUT_RGBA = 1, OUTPUT_DEPTH = 2, OUTPUT_OBJECT = 4, OUTPUT_ID = 8, OUTPUT_PRIORITY = 16, OUTPUT_HEAT = 32,
-       OUTPUT_KINDS = 6 };
+enum {
+  OUTPUT_RGBA = 1,
+  OUTPUT_DEPTH = 2,
+  OUTPUT_OBJECT = 4,
+  OUTPUT_ID = 8,
+  OUTPUT_PRIORITY = 16,
+  OUTPUT_HEAT = 32,
+  OUTPUT_KINDS = 6
+};
 
 /* How planes are to be handed over. */
 typedef struct native_layout {
   int x, y, width, height; /* window of the picture, row 0 at the top */
   unsigned outputs;
   native_mode mode;
-  bool linear;      /* colours decoded from sRGB to linear light */
-  bool flip;        /* bottom row first, as Blender has it */
-  bool transparent; /* alpha as drawn, colours premultiplied; else alpha is 1 */
-  float depth_empty;       /* depth where nothing was blended */
+  bool linear;       /* colours decoded from sRGB to linear light */
+  bool flip;         /* bottom row first, as Blender has it */
+  bool transparent;  /* alpha as drawn, colours premultiplied; else alpha is 1 */
+  float depth_empty; /* depth where nothing was blended */
   float depth_scale;
   const float *object_values; /* by object; NULL: its number + 1; elsewhere 0 */
 } native_layout;

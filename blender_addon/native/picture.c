@@ -193,8 +193,7 @@ void native_planes_free(native_planes *planes) {
 /* ---- The Python object ---- */
 
 typedef struct native_picture {
-  PyObject_HEAD
-  native_planes planes;
+  PyObject_HEAD native_planes planes;
 } native_picture;
 
 PyObject *native_picture_new(const native_state *state, native_planes *planes) {
@@ -237,13 +236,15 @@ static PyObject *picture_size(PyObject *object, void *closure) {
 static PyObject *picture_stats(PyObject *object, void *closure) {
   const native_planes *p = &((native_picture *)object)->planes;
   const pags_frame_stats *s = &p->stats;
-  double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster;
+  double frame = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
   PyObject *dict = PyDict_New();
   (void)closure;
   bool good = dict && native_put(dict, "ms", PyFloat_FromDouble(frame)) &&
               native_put(dict, "ms_job", PyFloat_FromDouble(p->ms)) &&
               native_put(dict, "ms_raster", PyFloat_FromDouble(s->ms_raster)) &&
               native_put(dict, "gaussians", PyLong_FromLongLong(s->gaussians)) &&
+              native_put(dict, "hidden", PyLong_FromLongLong(s->hidden)) &&
+              native_put(dict, "in_view", PyLong_FromLongLong(s->in_view)) &&
               native_put(dict, "loaded", PyLong_FromLongLong(s->loaded)) &&
               native_put(dict, "shaded", PyLong_FromLongLong(s->shaded)) &&
               native_put(dict, "binned", PyLong_FromLongLong(s->binned)) &&
@@ -260,18 +261,20 @@ static const int plane_numbers[] = {PLANE_RGBA, PLANE_DEPTH, PLANE_OBJECT, PLANE
 static PyGetSetDef picture_getset[] = {
     {"width", picture_size, NULL, "pixels", NULL},
     {"height", picture_size, NULL, "pixels", PLANE(0)},
-    {"stats", picture_stats, NULL, "dictionary: ms of the frame and of the whole job, Gaussians that exist, loaded, shaded, ...", NULL},
-    {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for", PLANE(PLANE_RGBA)},
+    {"stats", picture_stats, NULL,
+     "dictionary: ms of the frame and of the whole job, Gaussians that exist, loaded, shaded, ...", NULL},
+    {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for",
+     PLANE(PLANE_RGBA)},
     {"depth", picture_plane, NULL, "Buffer [height][width] float32, along the camera's axis", PLANE(PLANE_DEPTH)},
-    {"object", picture_plane, NULL, "Buffer [height][width] float32: number of the object + 1, or its given value; 0: none", PLANE(PLANE_OBJECT)},
+    {"object", picture_plane, NULL,
+     "Buffer [height][width] float32: number of the object + 1, or its given value; 0: none", PLANE(PLANE_OBJECT)},
     {"priority", picture_plane, NULL, "Buffer [height][width] float32, 0 to 1", PLANE(PLANE_PRIORITY)},
     {"heat", picture_plane, NULL, "Buffer [height][width][4] float32: the priority as colours", PLANE(PLANE_HEAT)},
-    {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none", PLANE(PLANE_ID)},
+    {"id", picture_plane, NULL, "Buffer [height][width] int32: Gaussian of the largest weight, -1: none",
+     PLANE(PLANE_ID)},
     {0}};
-static PyType_Slot picture_slots[] = {{Py_tp_dealloc, picture_dealloc},
-                                      {Py_tp_getset, picture_getset},
-                                      {Py_tp_doc, "What was drawn."},
-                                      {0, NULL}};
+static PyType_Slot picture_slots[] = {
+    {Py_tp_dealloc, picture_dealloc}, {Py_tp_getset, picture_getset}, {Py_tp_doc, "What was drawn."}, {0, NULL}};
 PyType_Spec native_picture_spec = {.name = "pags.Picture",
                                    .basicsize = sizeof(native_picture),
                                    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,

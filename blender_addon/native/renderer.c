@@ -17,8 +17,7 @@ typedef enum job_state { JOB_QUEUED, JOB_RUNNING, JOB_DONE } job_state;
 typedef struct native_job native_job;
 
 typedef struct native_renderer {
-  PyObject_HEAD
-  pags_tasks *tasks;
+  PyObject_HEAD pags_tasks *tasks;
   pthread_t thread;
   bool has_thread, has_lock;
   pthread_mutex_t lock;
@@ -28,8 +27,7 @@ typedef struct native_renderer {
 } native_renderer;
 
 struct native_job {
-  PyObject_HEAD
-  PyObject *scene, *renderer;
+  PyObject_HEAD PyObject *scene, *renderer;
   native_job *next;
   job_state state;
   bool cancelled, taken;
@@ -70,7 +68,8 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scen
   double begin = now_ms();
   PAGS_TRY(need_tables(scene, &job->layout));
   if (job->placements)
-    PAGS_TRY(pags_compose_placed(scene->composition, job->camera.time, job->placements, job->placement_count, &parts, &count));
+    PAGS_TRY(pags_compose_placed(scene->composition, job->camera.time, job->placements, job->placement_count, &parts,
+                                 &count));
   else
     pags_compose(scene->composition, job->camera.time, &parts, &count);
   PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
@@ -180,17 +179,14 @@ static void stop(native_renderer *self) {
 static void renderer_dealloc(PyObject *object) {
   native_renderer *self = (native_renderer *)object;
   PyTypeObject *type = Py_TYPE(object);
-  Py_BEGIN_ALLOW_THREADS
-  if (self->has_thread)
-    stop(self);
+  Py_BEGIN_ALLOW_THREADS if (self->has_thread) stop(self);
   pags_tasks_destroy(self->tasks);
   if (self->has_lock) {
     pthread_cond_destroy(&self->wake);
     pthread_cond_destroy(&self->finished);
     pthread_mutex_destroy(&self->lock);
   }
-  Py_END_ALLOW_THREADS
-  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_END_ALLOW_THREADS((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
   Py_DECREF(type);
 }
 
@@ -295,8 +291,8 @@ static bool read_object_values(PyObject *value, native_job *job) {
 
 /* Everything that submit, render and pick take after scene and camera; -1 and NaN stand for "as the scene asks for". */
 typedef struct wishes {
-  PyObject *outputs, *placements, *window, *object_values, *background;
-  const char *mode;
+  PyObject *outputs, *placements, *window, *object_values, *background, *exposure;
+  const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double near_plane, depth_empty, depth_scale;
 } wishes;
@@ -323,6 +319,16 @@ static bool read_options(const wishes *w, const native_scene *scene, native_job 
   if (w->transparent) {
     o->sky = NULL;
     memset(o->background, 0, sizeof o->background);
+  }
+  if (w->exposure != Py_None) {
+    double values[6]; /* gain, offset */
+    if (!native_read_numbers(w->exposure, "exposure: gain and offset", 6, values))
+      return false;
+    pags_frame_options_expose(o, values, values + 3);
+  }
+  if (pags_early_z_parse(w->early_z, o) != PAGS_OK) {
+    PyErr_SetString(PyExc_ValueError, pags_error_message());
+    return false;
   }
   o->sh_degree = w->sh_degree;
   o->exp_degree = w->exp_degree;
@@ -375,18 +381,28 @@ static PyObject *create_job(const native_state *state, PyObject *scene, PyObject
 }
 
 static wishes default_wishes(void) {
-  return (wishes){.outputs = Py_None, .placements = Py_None, .window = Py_None, .object_values = Py_None, .background = Py_None,
-                  .mode = "rgb", .antialiased = -1, .sh_degree = 3, .exp_degree = 5, .depth_scale = 1};
+  return (wishes){.outputs = Py_None,
+                  .placements = Py_None,
+                  .window = Py_None,
+                  .object_values = Py_None,
+                  .background = Py_None,
+                  .exposure = Py_None,
+                  .mode = "rgb",
+                  .early_z = "off",
+                  .antialiased = -1,
+                  .sh_degree = 3,
+                  .exp_degree = 5,
+                  .depth_scale = 1};
 }
 
-#define WISH_NAMES                                                                                                       \
-  "outputs", "placements", "window", "object_values", "background", "mode", "linear", "flip", "transparent", "antialiased", \
-      "sh_degree", "exp_degree", "near_plane", "depth_empty", "depth_scale"
-#define WISH_FORMAT "OOOOOspppiiiddd"
-#define WISH_TARGETS(w)                                                                                                \
-  &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).mode, &(w).linear, &(w).flip, \
-      &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, &(w).near_plane, &(w).depth_empty,        \
-      &(w).depth_scale
+#define WISH_NAMES                                                                                                   \
+  "outputs", "placements", "window", "object_values", "background", "exposure", "mode", "early_z", "linear", "flip", \
+      "transparent", "antialiased", "sh_degree", "exp_degree", "near_plane", "depth_empty", "depth_scale"
+#define WISH_FORMAT "OOOOOOsspppiiiddd"
+#define WISH_TARGETS(w)                                                                                          \
+  &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).mode,     \
+      &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, \
+      &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
 static void enqueue(native_renderer *self, native_job *job) {
   Py_INCREF((PyObject *)self);
@@ -469,7 +485,8 @@ static bool wait_for(native_job *job, double seconds) {
   pthread_mutex_lock(&r->lock);
   int late = 0;
   while (job->state != JOB_DONE && !late)
-    late = seconds < 0 ? pthread_cond_wait(&r->finished, &r->lock) : pthread_cond_timedwait(&r->finished, &r->lock, &until);
+    late = seconds < 0 ? pthread_cond_wait(&r->finished, &r->lock)
+                       : pthread_cond_timedwait(&r->finished, &r->lock, &until);
   bool done = job->state == JOB_DONE;
   pthread_mutex_unlock(&r->lock);
   return done;
@@ -478,11 +495,9 @@ static bool wait_for(native_job *job, double seconds) {
 static void job_dealloc(PyObject *object) {
   native_job *job = (native_job *)object;
   PyTypeObject *type = Py_TYPE(object);
-  Py_BEGIN_ALLOW_THREADS
-  cancel(job);
+  Py_BEGIN_ALLOW_THREADS cancel(job);
   wait_for(job, -1);
-  Py_END_ALLOW_THREADS
-  native_planes_free(&job->planes);
+  Py_END_ALLOW_THREADS native_planes_free(&job->planes);
   free(job->placements);
   free(job->object_values);
   Py_XDECREF(job->scene);
@@ -501,10 +516,8 @@ static PyObject *job_wait(PyObject *object, PyObject *arguments) {
   bool done;
   if (!PyArg_ParseTuple(arguments, "|d:wait", &seconds))
     return NULL;
-  Py_BEGIN_ALLOW_THREADS
-  done = wait_for((native_job *)object, seconds);
-  Py_END_ALLOW_THREADS
-  return PyBool_FromLong(done);
+  Py_BEGIN_ALLOW_THREADS done = wait_for((native_job *)object, seconds);
+  Py_END_ALLOW_THREADS return PyBool_FromLong(done);
 }
 
 static PyObject *job_cancel(PyObject *object, PyObject *unused) {
@@ -526,10 +539,8 @@ static PyObject *take(const native_state *state, native_job *job) {
 
 static PyObject *job_take(PyObject *object, PyObject *unused) {
   (void)unused;
-  Py_BEGIN_ALLOW_THREADS
-  wait_for((native_job *)object, -1);
-  Py_END_ALLOW_THREADS
-  return take(native_state_of(object), (native_job *)object);
+  Py_BEGIN_ALLOW_THREADS wait_for((native_job *)object, -1);
+  Py_END_ALLOW_THREADS return take(native_state_of(object), (native_job *)object);
 }
 
 /* ---- At once ---- */
@@ -584,8 +595,9 @@ static PyObject *describe(native_scene *scene, const pags_camera *camera, double
   int32_t object = scene->object_of[id];
   PyObject *dict = PyDict_New(), *none = Py_None;
   Py_INCREF(none);
-  bool good = dict && native_put(dict, "id", PyLong_FromLong(id)) && native_put(dict, "depth", PyFloat_FromDouble(depth)) &&
-              native_put(dict, "priority", PyFloat_FromDouble(priority)) && native_put(dict, "point", native_numbers(point, 3));
+  bool good =
+      dict && native_put(dict, "id", PyLong_FromLong(id)) && native_put(dict, "depth", PyFloat_FromDouble(depth)) &&
+      native_put(dict, "priority", PyFloat_FromDouble(priority)) && native_put(dict, "point", native_numbers(point, 3));
   good = good && PyDict_SetItemString(dict, "object", none) == 0;
   Py_DECREF(none);
   good = good && (object < 0 || native_put(dict, "object", PyLong_FromLong(object)));
@@ -625,19 +637,24 @@ PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords)
 static PyMethodDef renderer_methods[] = {
     {"submit", (PyCFunction)(void (*)(void))renderer_submit, METH_VARARGS | METH_KEYWORDS,
      "submit(scene, camera, *, outputs=('rgba',), placements=None, window=None, object_values=None, background=None,\n"
-     "       mode='rgb', linear=False, flip=False, transparent=False, antialiased=-1, sh_degree=3, exp_degree=5,\n"
+     "       exposure=None, mode='rgb', early_z='off', linear=False, flip=False, transparent=False, antialiased=-1, "
+     "sh_degree=3, exp_degree=5,\n"
      "       near_plane=0, depth_empty=0, depth_scale=1) -> Job\n\n"
-     "Queues a picture and returns at once. placements: list of (object, world_from_object) in place of the scene's own tracks,\n"
-     "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, priority,\n"
-     "critical, depth or size. linear: decode sRGB. flip: bottom row first. -1 and 0: as the scene asks for."},
+     "Queues a picture and returns at once. placements: list of (object, world_from_object) in place of the scene's "
+     "own tracks,\n"
+     "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, "
+     "priority,\n"
+     "critical, depth or size. exposure: gain and offset, 6 numbers. early_z: off, lossless or bounded=EPS. linear: "
+     "decode sRGB. flip: bottom row first. -1 and 0: as the scene asks for."},
     {0}};
 static PyGetSetDef renderer_getset[] = {{"threads", renderer_threads, NULL, "that draw", NULL}, {0}};
-static PyType_Slot renderer_slots[] = {{Py_tp_new, renderer_new},
-                                       {Py_tp_dealloc, renderer_dealloc},
-                                       {Py_tp_methods, renderer_methods},
-                                       {Py_tp_getset, renderer_getset},
-                                       {Py_tp_doc, "Renderer(threads=0)\n\nDraws what is submitted, one after another; 0: on all processors."},
-                                       {0, NULL}};
+static PyType_Slot renderer_slots[] = {
+    {Py_tp_new, renderer_new},
+    {Py_tp_dealloc, renderer_dealloc},
+    {Py_tp_methods, renderer_methods},
+    {Py_tp_getset, renderer_getset},
+    {Py_tp_doc, "Renderer(threads=0)\n\nDraws what is submitted, one after another; 0: on all processors."},
+    {0, NULL}};
 PyType_Spec native_renderer_spec = {.name = "pags.Renderer",
                                     .basicsize = sizeof(native_renderer),
                                     .flags = Py_TPFLAGS_DEFAULT,
@@ -646,7 +663,8 @@ PyType_Spec native_renderer_spec = {.name = "pags.Renderer",
 static PyMethodDef job_methods[] = {
     {"done", job_done, METH_NOARGS, "done() -> whether take() would return at once"},
     {"wait", job_wait, METH_VARARGS, "wait(seconds=forever) -> whether it is done"},
-    {"take", job_take, METH_NOARGS, "take() -> Picture\n\nWaits; raises Cancelled, or Error with the engine's message."},
+    {"take", job_take, METH_NOARGS,
+     "take() -> Picture\n\nWaits; raises Cancelled, or Error with the engine's message."},
     {"cancel", job_cancel, METH_NOARGS, "Asks it to stop soon; doesn't wait."},
     {0}};
 static PyType_Slot job_slots[] = {{Py_tp_dealloc, job_dealloc},

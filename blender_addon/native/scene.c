@@ -29,8 +29,7 @@ PyObject *native_scene_load(PyObject *module, PyObject *arguments) {
   pags_result result = PAGS_OK;
   const char *path = PyBytes_AsString(bytes);
   if (self) {
-    Py_BEGIN_ALLOW_THREADS
-    result = pags_composition_load(path, &self->composition);
+    Py_BEGIN_ALLOW_THREADS result = pags_composition_load(path, &self->composition);
     Py_END_ALLOW_THREADS
   }
   Py_DECREF(bytes);
@@ -151,7 +150,8 @@ static PyObject *scene_info(PyObject *self, void *closure) {
               native_put(dict, "sky", PyBool_FromLong(s->sky.size > 0)) &&
               native_put(dict, "models", PyLong_FromLongLong(s->model_count)) &&
               native_put(dict, "iterations", PyLong_FromLongLong(s->iterations)) &&
-              native_put(dict, "dataset", text_or_none(s->dataset)) && native_put(dict, "config", text_or_none(s->config));
+              native_put(dict, "dataset", text_or_none(s->dataset)) &&
+              native_put(dict, "config", text_or_none(s->config));
   if (good)
     return dict;
   Py_XDECREF(dict);
@@ -177,18 +177,17 @@ static PyObject *object_dict(native_scene *self, int64_t index) {
   const pags_scene_object *o = &s->objects[index];
   PyObject *dict = PyDict_New();
   int64_t gaussians;
-  Py_BEGIN_ALLOW_THREADS
-  gaussians = count_gaussians(self, index);
-  Py_END_ALLOW_THREADS
-  bool good = dict && native_put(dict, "id", text_or_none(o->record.id)) &&
-              native_put(dict, "class", text_or_none(o->record.class_name)) &&
-              native_put(dict, "category", PyUnicode_FromString(pags_category_name(o->record.category))) &&
-              native_put(dict, "critical", PyBool_FromLong(o->critical)) &&
-              native_put(dict, "moving", PyBool_FromLong(o->record.moving)) &&
-              native_put(dict, "rigid", PyBool_FromLong(o->rigid)) &&
-              native_put(dict, "size", native_numbers(o->record.size, 3)) &&
-              native_put(dict, "tracked", PyBool_FromLong(o->model >= 0)) &&
-              native_put(dict, "gaussians", PyLong_FromLongLong(gaussians));
+  Py_BEGIN_ALLOW_THREADS gaussians = count_gaussians(self, index);
+  Py_END_ALLOW_THREADS bool good =
+      dict && native_put(dict, "id", text_or_none(o->record.id)) &&
+      native_put(dict, "class", text_or_none(o->record.class_name)) &&
+      native_put(dict, "category", PyUnicode_FromString(pags_category_name(o->record.category))) &&
+      native_put(dict, "critical", PyBool_FromLong(o->critical)) &&
+      native_put(dict, "moving", PyBool_FromLong(o->record.moving)) &&
+      native_put(dict, "rigid", PyBool_FromLong(o->rigid)) &&
+      native_put(dict, "size", native_numbers(o->record.size, 3)) &&
+      native_put(dict, "tracked", PyBool_FromLong(o->model >= 0)) &&
+      native_put(dict, "gaussians", PyLong_FromLongLong(gaussians));
   if (good)
     return dict;
   Py_XDECREF(dict);
@@ -260,6 +259,15 @@ static PyObject *scene_pose(PyObject *self, PyObject *arguments) {
   else if (!pags_object_pose(&scene_of(self)->objects[object].record, time, pose))
     Py_RETURN_NONE;
   return native_numbers(pose, 12);
+}
+
+static PyObject *scene_exposure(PyObject *self, PyObject *arguments) {
+  int sensor;
+  double time, values[6];
+  if (!PyArg_ParseTuple(arguments, "id:exposure", &sensor, &time))
+    return NULL;
+  pags_scene_exposure(scene_of(self), sensor, time, values, values + 3);
+  return native_numbers(values, 6);
 }
 
 static PyObject *scene_track(PyObject *self, PyObject *arguments) {
@@ -345,8 +353,7 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
   Py_ssize_t taken = 0;
   pags_result result = points && colors ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a sample");
-  Py_BEGIN_ALLOW_THREADS
-  pthread_mutex_lock(&self->lock);
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
   const pags_part *parts;
   int count;
   if (result == PAGS_OK)
@@ -354,8 +361,7 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   if (result == PAGS_OK)
     taken = sample(parts, count, budget, points, colors);
   pthread_mutex_unlock(&self->lock);
-  Py_END_ALLOW_THREADS
-  if (result != PAGS_OK) {
+  Py_END_ALLOW_THREADS if (result != PAGS_OK) {
     free(points);
     free(colors);
     return native_raise(state, result);
@@ -371,16 +377,22 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
 
 static PyGetSetDef scene_getset[] = {
     {"info", scene_info, NULL, "dictionary: gaussians, bytes, origin, up, time_begin, time_end, fps, sky, ...", NULL},
-    {"objects", scene_objects, NULL, "list of dictionaries: id, class, category, critical, moving, tracked, size, gaussians", NULL},
+    {"objects", scene_objects, NULL,
+     "list of dictionaries: id, class, category, critical, moving, tracked, size, gaussians", NULL},
     {"views", scene_views, NULL, "list of cameras with name, test, sensor, frame, gain, offset", NULL},
     {0}};
 static PyMethodDef scene_methods[] = {
     {"pose", scene_pose, METH_VARARGS,
-     "pose(object, time) -> 12 numbers or None\n\nworld_from_object, metres; of a parked object always its rest pose; None where "
+     "pose(object, time) -> 12 numbers or None\n\nworld_from_object, metres; of a parked object always its rest pose; "
+     "None where "
      "a tracked one isn't there."},
-    {"track", scene_track, METH_VARARGS, "track(object) -> Buffer [knots][13]: time and world_from_object at each label"},
+    {"exposure", scene_exposure, METH_VARARGS,
+     "exposure(sensor, time) -> gain and offset, 6 numbers\n\nHow that camera of the rig exposes at that time."},
+    {"track", scene_track, METH_VARARGS,
+     "track(object) -> Buffer [knots][13]: time and world_from_object at each label"},
     {"points", scene_points, METH_VARARGS,
-     "points(object, budget) -> (Buffer [n][3] metres, Buffer [n][4] linear RGBA)\n\nAn even sample of at most `budget` Gaussians "
+     "points(object, budget) -> (Buffer [n][3] metres, Buffer [n][4] linear RGBA)\n\nAn even sample of at most "
+     "`budget` Gaussians "
      "in the object's frame; object -1: what belongs to none, relative to the scene's origin."},
     {0}};
 static PyType_Slot scene_slots[] = {{Py_tp_dealloc, scene_dealloc},

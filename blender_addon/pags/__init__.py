@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""PAGS in Blender: import a reconstructed driving scene, see it, scrub its time, move its objects, place cameras, render.
+"""PAGS in Blender: import a reconstructed driving scene, see it, scrub its time, move its objects, place cameras,
+render.
 
-One tree is a legacy add-on up to Blender 4.1 and an extension from 4.2 on. Layers: this file registers; engine.py, viewport.py and
-overlay.py draw; gather.py turns Blender's state into what is to be drawn; native.py alone knows the C module."""
+One tree is a legacy add-on up to Blender 4.1 and an extension from 4.2 on. Layers: this file registers; engine.py,
+viewport.py and overlay.py draw; gather.py turns Blender's state into what is to be drawn; native.py alone knows the C
+module."""
 
 bl_info = {
     "name": "PAGS: driving scenes as Gaussian splats",
@@ -13,8 +15,6 @@ bl_info = {
     "description": "Import, edit and render Gaussian-splat driving scenes with the PAGS engine",
     "category": "Import-Export",
 }
-
-import bpy
 
 from . import (
     cameras,

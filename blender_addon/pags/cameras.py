@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placing cameras: at a photograph's, at the view, along the drive; paths that `pags render --path` takes, written and read."""
+"""Placing cameras: at a photograph's, at the view, along the drive; paths that `pags render --path` takes,
+written and read."""
 
 import json
 
@@ -50,11 +51,17 @@ class Frame:
 
     def view_of(self, camera, frame, width, height, render):
         """What the engine is to be asked for to see what a Blender camera sees."""
-        values, pose = lens.of_camera(camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y)
+        values, pose = lens.of_camera(
+            camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
+        )
         root = np.linalg.inv(lens.matrix(self.root.matrix_world))
         pose, _ = lens.rigid(root @ pose)
         pose[:3, 3] += self.origin
-        return {**{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")}, "world_from_camera": lens.pose12(pose), "time": self.time_of(frame)}
+        return {
+            **{k: values[k] for k in ("width", "height", "fx", "fy", "cx", "cy")},
+            "world_from_camera": lens.pose12(pose),
+            "time": self.time_of(frame),
+        }
 
 
 def set_frame(scene, frame):
@@ -72,7 +79,9 @@ class PAGS_OT_jump(bpy.types.Operator):
     bl_label = "Jump to photograph"
     bl_options = {"REGISTER", "UNDO"}
 
-    step: IntProperty(name="Step", description="Photographs of this camera forward or back from the current time", default=0)
+    step: IntProperty(
+        name="Step", description="Photographs of this camera forward or back from the current time", default=0
+    )
     name: StringProperty(name="Photograph", description="File name; empty: the nearest in time", default="")
 
     def execute(self, context):
@@ -86,7 +95,9 @@ class PAGS_OT_jump(bpy.types.Operator):
             return {"CANCELLED"}
         view = self.find(context, frame)
         if view is None:
-            self.report({"ERROR"}, f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs")
+            self.report(
+                {"ERROR"}, f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs"
+            )
             return {"CANCELLED"}
         camera = self.camera_of(context, root, view)
         if camera is None:
@@ -172,11 +183,15 @@ class PAGS_OT_ego_path(bpy.types.Operator):
     bl_label = "Camera along the drive"
     bl_options = {"REGISTER", "UNDO"}
 
-    lane: FloatProperty(name="Lane shift", description="Metres to the right; negative to the left", default=0, unit="LENGTH")
+    lane: FloatProperty(
+        name="Lane shift", description="Metres to the right; negative to the left", default=0, unit="LENGTH"
+    )
     ahead: FloatProperty(name="Ahead", description="Metres forward", default=0, unit="LENGTH")
     height: FloatProperty(name="Height", description="Metres up", default=0, unit="LENGTH")
     turn: FloatProperty(name="Turn", description="To the left", default=0, subtype="ANGLE")
-    sensor: IntProperty(name="Sensor", description="Whose lens and direction to take; -1: the first", default=-1, min=-1)
+    sensor: IntProperty(
+        name="Sensor", description="Whose lens and direction to take; -1: the first", default=-1, min=-1
+    )
 
     def execute(self, context):
         root = need_root(self, context)
@@ -207,7 +222,11 @@ class PAGS_OT_ego_path(bpy.types.Operator):
         return {"FINISHED"}
 
     def source(self, context, root):
-        cameras = [o for o in context.scene.objects if o.pags.kind == "CAMERA" and o.pags.root == root and o.parent and o.parent.pags.kind == "EGO"]
+        cameras = [
+            o
+            for o in context.scene.objects
+            if o.pags.kind == "CAMERA" and o.pags.root == root and o.parent and o.parent.pags.kind == "EGO"
+        ]
         cameras.sort(key=lambda o: o.data.pags.sensor)
         return next((c for c in cameras if self.sensor in (-1, c.data.pags.sensor)), None)
 
@@ -231,7 +250,9 @@ def quaternion(r):
     x = np.sqrt(max(0.0, 1 + r[0, 0] - r[1, 1] - r[2, 2])) / 2
     y = np.sqrt(max(0.0, 1 - r[0, 0] + r[1, 1] - r[2, 2])) / 2
     z = np.sqrt(max(0.0, 1 - r[0, 0] - r[1, 1] + r[2, 2])) / 2
-    q = np.array([w, np.copysign(x, r[2, 1] - r[1, 2]), np.copysign(y, r[0, 2] - r[2, 0]), np.copysign(z, r[1, 0] - r[0, 1])])
+    q = np.array(
+        [w, np.copysign(x, r[2, 1] - r[1, 2]), np.copysign(y, r[0, 2] - r[2, 0]), np.copysign(z, r[1, 0] - r[0, 1])]
+    )
     if w < 1e-4:  # half a turn: signs from the products
         k = int(np.argmax(q[1:] ** 2))
         for j in range(3):
@@ -271,7 +292,11 @@ class PAGS_OT_write_path(bpy.types.Operator, ExportHelper):
         try:
             frames = self.frames(context, Frame(context, root))
             with open(self.filepath, "w") as file:
-                json.dump(frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames}, file, indent=1)
+                json.dump(
+                    frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},
+                    file,
+                    indent=1,
+                )
         except (native.SceneError, lens.LensError, OSError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
@@ -360,7 +385,14 @@ class PAGS_OT_read_path(bpy.types.Operator, ImportHelper):
         context.scene.camera = camera
 
 
-CLASSES = (PAGS_OT_jump, PAGS_OT_camera_here, PAGS_OT_size_of_camera, PAGS_OT_ego_path, PAGS_OT_write_path, PAGS_OT_read_path)
+CLASSES = (
+    PAGS_OT_jump,
+    PAGS_OT_camera_here,
+    PAGS_OT_size_of_camera,
+    PAGS_OT_ego_path,
+    PAGS_OT_write_path,
+    PAGS_OT_read_path,
+)
 
 
 def register():

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A CG object in the street: the PAGS scene drawn in a linked second scene, Blender's meshes by Cycles or EEVEE over it by depth, with
-proxies (or a plane for the road) that catch their shadows."""
+"""A CG object in the street: the PAGS scene drawn in a linked second scene, Blender's meshes by Cycles or EEVEE over it
+by depth, with proxies (or a plane for the road) that catch their shadows."""
 
 import bpy
 import numpy as np
@@ -28,7 +28,15 @@ def second_scene(scene, root):
 
 
 def copy_settings(scene, second):
-    for name in ("resolution_x", "resolution_y", "resolution_percentage", "pixel_aspect_x", "pixel_aspect_y", "fps", "fps_base"):
+    for name in (
+        "resolution_x",
+        "resolution_y",
+        "resolution_percentage",
+        "pixel_aspect_x",
+        "pixel_aspect_y",
+        "fps",
+        "fps_base",
+    ):
         setattr(second.render, name, getattr(scene.render, name))
     second.frame_start, second.frame_end = scene.frame_start, scene.frame_end
     second.frame_set(scene.frame_current)
@@ -39,7 +47,9 @@ def copy_settings(scene, second):
 def road_height(entry, root):
     """Of the ground below the drive, relative to the scene's origin: a low percentile of the background near the cameras."""
     points = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3)
-    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(entry.info["origin"])
+    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(
+        entry.info["origin"]
+    )
     if not len(eyes) or not len(points):
         return 0.0
     middle = np.median(eyes, axis=0)
@@ -52,11 +62,15 @@ def shadow_plane(scene, root, entry):
     known = next((o for o in scene.objects if o.get("pags_catcher") == "road"), None)
     if known is not None:
         return known
-    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(entry.info["origin"])
+    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(
+        entry.info["origin"]
+    )
     low, high = (eyes.min(axis=0) - 40, eyes.max(axis=0) + 40) if len(eyes) else (np.full(3, -40), np.full(3, 40))
     z = road_height(entry, root)
     mesh = bpy.data.meshes.new("road")
-    mesh.from_pydata([(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)])
+    mesh.from_pydata(
+        [(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)]
+    )
     plane = bpy.data.objects.new("road", mesh)
     plane["pags_catcher"] = "road"
     plane.parent = root
@@ -130,7 +144,9 @@ def build_nodes(scene, second, tolerance):
     tree, out = node_tree(scene)
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
     front.scene, behind.scene = scene, second
-    nearer = math_node(tree, "LESS_THAN", math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"]), tolerance)
+    nearer = math_node(
+        tree, "LESS_THAN", math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"]), tolerance
+    )
     masked = tree.nodes.new("CompositorNodeSetAlpha")
     mode = masked.inputs.get("Type")
     if mode is not None:
@@ -154,9 +170,18 @@ class PAGS_OT_composite(bpy.types.Operator):
 
     engine: EnumProperty(
         name="Meshes by",
-        items=[("CYCLES", "Cycles", "Catches shadows and hides by depth"), ("EEVEE", "EEVEE", "Hides by depth; EEVEE catches no shadows")],
+        items=[
+            ("CYCLES", "Cycles", "Catches shadows and hides by depth"),
+            ("EEVEE", "EEVEE", "Hides by depth; EEVEE catches no shadows"),
+        ],
     )
-    tolerance: FloatProperty(name="Tolerance", description="Metres that a mesh may be behind the splats and still be seen", default=0.3, min=0, unit="LENGTH")
+    tolerance: FloatProperty(
+        name="Tolerance",
+        description="Metres that a mesh may be behind the splats and still be seen",
+        default=0.3,
+        min=0,
+        unit="LENGTH",
+    )
 
     def execute(self, context):
         root = cameras.need_root(self, context)

@@ -51,7 +51,8 @@ def quaternions(rotations):
 
 
 def set_track(block, frames, poses):
-    """Location and rotation keyframes of an object; poses (n, 3, 4) in its parent's frame. A single pose is set without keyframes."""
+    """Location and rotation keyframes of an object; poses (n, 3, 4) in its parent's frame. A single pose is
+    set without keyframes."""
     block.rotation_mode = "QUATERNION"
     turns = quaternions(poses[:, :, :3])
     block.location, block.rotation_quaternion = poses[0, :, 3], turns[0]

@@ -61,7 +61,9 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         width, height = picture_size(depsgraph.scene.render)
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
-        result = self.begin_result(0, 0, *size, layer=depsgraph.view_layer_eval.name if hasattr(depsgraph, "view_layer_eval") else "")
+        result = self.begin_result(
+            0, 0, *size, layer=depsgraph.view_layer_eval.name if hasattr(depsgraph, "view_layer_eval") else ""
+        )
         cancelled = False
         try:
             cancelled = not self.draw_into(depsgraph, result, width, height, window)
@@ -99,7 +101,9 @@ class PagsRenderEngine(bpy.types.RenderEngine):
     def submit(self, depsgraph, state, entry, width, height, window, layer):
         scene, render = depsgraph.scene, depsgraph.scene.render
         camera = scene.camera.evaluated_get(depsgraph)
-        values, pose = lens.of_camera(camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y)
+        values, pose = lens.of_camera(
+            camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
+        )
         time = gather.time_of(state, entry, scene.frame_current_final)
         names = {"Combined": "rgba", "Depth": "depth", "IndexOB": "object", "PriorityHeat": "heat"}
         outputs = [names[p.name] for p in layer.passes if p.name in names]
@@ -114,10 +118,16 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             transparent=render.film_transparent,
             depth_empty=EMPTY_DEPTH,
             **gather.wishes(scene.pags, state, entry, True),
+            **gather.exposure(scene.pags, entry, camera, time),
         )
 
     def hand_over(self, picture, layer):
-        planes = {"Combined": picture.rgba, "Depth": picture.depth, "IndexOB": picture.object, "PriorityHeat": picture.heat}
+        planes = {
+            "Combined": picture.rgba,
+            "Depth": picture.depth,
+            "IndexOB": picture.object,
+            "PriorityHeat": picture.heat,
+        }
         for render_pass in layer.passes:
             if planes.get(render_pass.name) is not None:
                 fill_pass(render_pass, planes[render_pass.name])

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports through the `pags` program, with what was edited in Blender: objects moved, deleted or hidden, tracks changed.
+"""Exports through the `pags` program, with what was edited in Blender: objects moved, deleted or hidden,
+tracks changed.
 
-The program knows nothing of Blender. What it is given is a scene folder beside the export: scene.json with the tracks as the timeline has
-them now and without objects that are gone, and links to the models."""
+The program knows nothing of Blender. What it is given is a scene folder: scene.json with the tracks as the
+timeline has them now and without objects that are gone, and links to the models."""
 
 import json
 import os
@@ -49,7 +50,9 @@ class Edited:
         self.frame = cameras.Frame(context, root)
         self.entry = self.frame.entry
         if not os.path.isdir(self.entry.path):
-            raise native.SceneError(f"{self.entry.path}: edits are exported of scene folders; this is a bare splat file")
+            raise native.SceneError(
+                f"{self.entry.path}: edits are exported of scene folders; this is a bare splat file"
+            )
         with open(os.path.join(self.entry.path, "scene.json")) as file:
             self.scene = json.load(file)
         self.inverse = np.linalg.inv(lens.matrix(root.matrix_world))
@@ -57,10 +60,25 @@ class Edited:
 
     def collect(self):
         """New knots of the objects that were moved. The timeline is played through once."""
-        parts, scene, before = parts_by_index(self.context, self.root), self.context.scene, self.context.scene.frame_current_final
+        parts, scene, before = (
+            parts_by_index(self.context, self.root),
+            self.context.scene,
+            self.context.scene.frame_current_final,
+        )
         records = self.scene.get("objects", [])
-        self.gone = [i for i, r in enumerate(self.entry.objects) if r["gaussians"] > 0 and (i not in parts or parts[i].hide_render and not animated(parts[i], "hide_render"))]
-        times = sorted({k["time"] for i in parts if i < len(records) and self.entry.objects[i]["tracked"] for k in records[i]["knots"]})
+        self.gone = [
+            i
+            for i, r in enumerate(self.entry.objects)
+            if r["gaussians"] > 0 and (i not in parts or parts[i].hide_render and not animated(parts[i], "hide_render"))
+        ]
+        times = sorted(
+            {
+                k["time"]
+                for i in parts
+                if i < len(records) and self.entry.objects[i]["tracked"]
+                for k in records[i]["knots"]
+            }
+        )
         times = times or [self.entry.info["time_begin"]]
         for time in times:
             cameras.set_frame(scene, self.frame.frame_of(time))
@@ -77,7 +95,10 @@ class Edited:
         if exact is None:
             return
         wanted = np.array(exact).reshape(3, 4)
-        same = np.abs(wanted[:, :3] - pose[:3, :3]).max() < gather.SNAP_ROTATION and np.abs(wanted[:, 3] - pose[:3, 3]).max() < gather.SNAP_METRES
+        same = (
+            np.abs(wanted[:, :3] - pose[:3, :3]).max() < gather.SNAP_ROTATION
+            and np.abs(wanted[:, 3] - pose[:3, 3]).max() < gather.SNAP_METRES
+        )
         if same:
             return
         if not self.entry.objects[index]["tracked"]:
@@ -86,7 +107,9 @@ class Edited:
             return
         for knot in record["knots"]:
             if abs(knot["time"] - time) < 1e-6:
-                knot.update(world_from_object=lens.pose12(pose), rotation=[0, 0, 0], translation=[0, 0, 0], trained=True)
+                knot.update(
+                    world_from_object=lens.pose12(pose), rotation=[0, 0, 0], translation=[0, 0, 0], trained=True
+                )
                 if index not in [m[0] for m in self.moved]:
                     self.moved.append((index, None, None))
 
@@ -104,7 +127,10 @@ class Edited:
             else:
                 os.symlink(os.path.abspath(source), target)
         if self.scene.get("sky"):
-            os.symlink(os.path.abspath(os.path.join(self.entry.path, self.scene["sky"])), os.path.join(folder, self.scene["sky"]))
+            os.symlink(
+                os.path.abspath(os.path.join(self.entry.path, self.scene["sky"])),
+                os.path.join(folder, self.scene["sky"]),
+            )
         self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
         for i in self.gone:
             if self.scene["objects"][i].get("model"):
@@ -113,7 +139,9 @@ class Edited:
             if pose is not None:
                 carry = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
                 for knot in self.scene["objects"][i]["knots"]:
-                    knot["world_from_object"] = lens.pose12(carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4))
+                    knot["world_from_object"] = lens.pose12(
+                        carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4)
+                    )
         with open(os.path.join(folder, "scene.json"), "w") as file:
             json.dump(self.scene, file)
         return folder
@@ -150,7 +178,9 @@ def rewrite_background(source, target, rewrite, origin):
         elif mine.any():
             carry(rows, mine, poses[0], poses[1], origin)
     rows = rows[keep]
-    head = "\n".join(f"element vertex {len(rows)}" if line.startswith("element vertex") else line for line in lines) + "\n"
+    head = (
+        "\n".join(f"element vertex {len(rows)}" if line.startswith("element vertex") else line for line in lines) + "\n"
+    )
     with open(target, "wb") as file:
         file.write(head.encode() + rows.tobytes())
     return len(rows)
@@ -172,7 +202,12 @@ def carry(rows, mine, new, old, origin):
 def product(q, p):
     w, x, y, z = q
     a, b, c, d = p.T
-    return (w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a)
+    return (
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    )
 
 
 def turn_first_degree(rows, mine, turn):
@@ -205,7 +240,9 @@ class PAGS_OT_export(bpy.types.Operator, ExportHelper):
             ("box", "Box", "The labelled boxes"),
         ],
     )
-    edits: BoolProperty(name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True)
+    edits: BoolProperty(
+        name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True
+    )
 
     def execute(self, context):
         root = cameras.need_root(self, context)
@@ -270,7 +307,12 @@ class PAGS_OT_import_proxies(bpy.types.Operator):
     bl_label = "Import proxies"
     bl_options = {"REGISTER", "UNDO"}
 
-    filepath: StringProperty(name="File", description="A .glb of proxies; empty: made now by the pags program", subtype="FILE_PATH", default="")
+    filepath: StringProperty(
+        name="File",
+        description="A .glb of proxies; empty: made now by the pags program",
+        subtype="FILE_PATH",
+        default="",
+    )
 
     def execute(self, context):
         root = cameras.need_root(self, context)

@@ -25,7 +25,13 @@ class Gathered:
         self.scaled = False
 
     def key(self):
-        return (self.path, self.world_from_root.tobytes(), self.fps, self.frame_start, tuple((i, m.tobytes()) for i, m in self.parts))
+        return (
+            self.path,
+            self.world_from_root.tobytes(),
+            self.fps,
+            self.frame_start,
+            tuple((i, m.tobytes()) for i, m in self.parts),
+        )
 
 
 def roots(depsgraph):
@@ -116,7 +122,15 @@ def wishes(settings, state, entry, final):
     if settings.antialiased != "SCENE":
         out["antialiased"] = int(settings.antialiased == "ON")
     out["depth_scale"] = state.scale
+    out["early_z"] = settings.early_z if settings.early_z != "bounded" else f"bounded={settings.early_z_eps:.6f}"
     return out
+
+
+def exposure(settings, entry, camera, time):
+    """Keywords for what a camera of the recording (a Blender object or None) does to colours."""
+    if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
+        return {}
+    return {"exposure": entry.scene.exposure(camera.data.pags.sensor, time)}
 
 
 def load(state, wait):

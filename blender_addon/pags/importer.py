@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A scene folder or splat file as Blender objects: a root, the background, an object on its track each, cameras on the ego."""
+"""A scene folder or splat file as Blender objects: a root, the background, an object on its track each,
+cameras on the ego."""
 
 import os
 
@@ -68,7 +69,9 @@ class Import:
         return self.link(empty, kind, parent)
 
     def add_part(self, name, index, kind, parent, budget):
-        points, colors = self.scene.points(index, max(1, int(budget))) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
+        points, colors = (
+            self.scene.points(index, max(1, int(budget))) if budget >= 1 else (np.zeros((0, 3)), np.zeros((0, 4)))
+        )
         points = np.ascontiguousarray(points, dtype=np.float32)
         mesh = bpy.data.meshes.new(name)
         mesh.vertices.add(len(points))
@@ -246,7 +249,9 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
 
     filename_ext = ".json"
     filter_glob: StringProperty(default="scene.json;*.ply;*.spz;*.splat", options={"HIDDEN"})
-    filepath: StringProperty(name="Path", description="scene.json, its folder, or a splat file", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filepath: StringProperty(
+        name="Path", description="scene.json, its folder, or a splat file", subtype="FILE_PATH", options={"SKIP_SAVE"}
+    )
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     cameras: EnumProperty(
@@ -259,7 +264,9 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         ],
     )
     photographs: BoolProperty(
-        name="Photographs", description="Show each sensor's photographs behind what its camera sees, as an image sequence", default=False
+        name="Photographs",
+        description="Show each sensor's photographs behind what its camera sees, as an image sequence",
+        default=False,
     )
     use_rate: EnumProperty(
         name="Frame rate",
@@ -271,10 +278,14 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         ],
     )
     use_standard: BoolProperty(
-        name="Standard view transform", description='Colour management "Standard", under which the photographs\' colours look as they are', default=True
+        name="Standard view transform",
+        description='Colour management "Standard", under which the photographs\' colours look as they are',
+        default=True,
     )
     use_engine: BoolProperty(name="Render with PAGS", description="Make PAGS the render engine", default=True)
-    relative: BoolProperty(name="Relative path", description="Remember the scene relative to the saved .blend", default=True)
+    relative: BoolProperty(
+        name="Relative path", description="Remember the scene relative to the saved .blend", default=True
+    )
 
     def execute(self, context):
         path = bpy.path.abspath(self.filepath or self.directory)
@@ -313,7 +324,10 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         for note in work.notes:
             self.report({"WARNING"}, note)
         if fps > 0 and not rate and abs(fps - work.fps) > 1e-3:
-            self.report({"INFO"}, f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed")
+            self.report(
+                {"INFO"},
+                f"the recording has {fps:g} frames a second, the timeline {work.fps:g}; its tracks keep their speed",
+            )
         for other in context.selected_objects:
             other.select_set(False)
         root.select_set(True)

@@ -85,7 +85,12 @@ def select(context, found):
         other.select_set(False)
     for part in context.view_layer.objects:
         settings = part.pags
-        if settings.kind in {"OBJECT", "BACKGROUND"} and settings.index == index and settings.root and settings.root.name == found["root"]:
+        if (
+            settings.kind in {"OBJECT", "BACKGROUND"}
+            and settings.index == index
+            and settings.root
+            and settings.root.name == found["root"]
+        ):
             part.select_set(True)
             context.view_layer.objects.active = part
             return
@@ -101,7 +106,9 @@ def psnr(a, b):
 
 def exposed(picture, view):
     """As the photograph's own exposure shows it: photograph = gain * picture + offset."""
-    return np.clip(picture * np.array(view["gain"], dtype=np.float32) + np.array(view["offset"], dtype=np.float32), 0, 1)
+    return np.clip(
+        picture * np.array(view["gain"], dtype=np.float32) + np.array(view["offset"], dtype=np.float32), 0, 1
+    )
 
 
 def draw_view(entry, view, threads):
@@ -116,8 +123,12 @@ class PAGS_OT_compare(bpy.types.Operator):
     bl_idname = "pags.compare"
     bl_label = "Compare with photograph"
 
-    name: StringProperty(name="Photograph", description="File name; empty: that of the active camera nearest in time", default="")
-    use_exposure: BoolProperty(name="Exposure", description="Expose the picture as training found the photograph to be", default=True)
+    name: StringProperty(
+        name="Photograph", description="File name; empty: that of the active camera nearest in time", default=""
+    )
+    use_exposure: BoolProperty(
+        name="Exposure", description="Expose the picture as training found the photograph to be", default=True
+    )
 
     def execute(self, context):
         root = cameras.need_root(self, context)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's cameras and the engine's: x right, y down, z forward; focal lengths and principal point in pixels, corners at 0 and width."""
+"""Blender's cameras and the engine's: x right, y down, z forward; focal lengths and principal point in pixels,
+corners at 0 and width."""
 
 import numpy as np
 

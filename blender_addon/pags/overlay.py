@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""In Solid and Material shading, and under other engines: the splats among the meshes by depth; where they aren't drawn, light points."""
+"""In Solid and Material shading, and under other engines: the splats among the meshes by depth; where they aren't drawn,
+light points."""
 
 import time
 
@@ -8,7 +9,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from . import draw, gather, viewport
+from . import draw, viewport
 from .native import SceneError
 
 _views = {}  # by region pointer
@@ -117,7 +118,9 @@ def batch_of(mesh, shader):
         attribute = mesh.attributes.get("Col")
         if attribute and len(attribute.data) == count:
             attribute.data.foreach_get("color", colors)
-        _batches[key] = batch_for_shader(shader, "POINTS", {"pos": points.reshape(-1, 3), "color": colors.reshape(-1, 4)})
+        _batches[key] = batch_for_shader(
+            shader, "POINTS", {"pos": points.reshape(-1, 3), "color": colors.reshape(-1, 4)}
+        )
     return _batches[key]
 
 
@@ -131,7 +134,11 @@ def draw_points(context):
     depsgraph = context.evaluated_depsgraph_get()
     for instance in depsgraph.object_instances:
         part = instance.object
-        if part.original.pags.kind not in {"BACKGROUND", "OBJECT"} or part.type != "MESH" or not len(part.original.data.vertices):
+        if (
+            part.original.pags.kind not in {"BACKGROUND", "OBJECT"}
+            or part.type != "MESH"
+            or not len(part.original.data.vertices)
+        ):
             continue
         with gpu.matrix.push_pop():
             gpu.matrix.multiply_matrix(instance.matrix_world)

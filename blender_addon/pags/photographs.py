@@ -7,8 +7,6 @@ import os
 import bpy
 import numpy as np
 
-from . import lens
-
 
 def path_of(entry, name):
     """Of a view's photograph, or None where the data set isn't there."""
@@ -72,7 +70,11 @@ def as_view(picture, view, distortion):
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = distortion
     r = x * x + y * y
     radial = 1 + r * (k1 + r * (k2 + r * k3))
-    return sample(picture, fx * (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x)) + cx, fy * (y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y) + cy)
+    return sample(
+        picture,
+        fx * (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x)) + cx,
+        fy * (y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y) + cy,
+    )
 
 
 def load(entry, view):

@@ -38,7 +38,9 @@ class PagsObject(bpy.types.PropertyGroup):
     # Of roots:
     path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
     frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
-    fps: FloatProperty(name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01)
+    fps: FloatProperty(
+        name="Frames a second", description="Frames of the timeline in a second of the scene", default=24, min=0.01
+    )
 
 
 class PagsCamera(bpy.types.PropertyGroup):
@@ -49,7 +51,9 @@ class PagsCamera(bpy.types.PropertyGroup):
 
 
 class PagsScene(bpy.types.PropertyGroup):
-    sh_degree: IntProperty(name="SH degree", description="Highest degree of view-dependent colour used", default=3, min=0, max=3)
+    sh_degree: IntProperty(
+        name="SH degree", description="Highest degree of view-dependent colour used", default=3, min=0, max=3
+    )
     antialiased: EnumProperty(
         name="Antialiasing",
         description="Whether opacities are scaled by what the low-pass filter takes (Mip-Splatting)",
@@ -62,13 +66,27 @@ class PagsScene(bpy.types.PropertyGroup):
             ("off", "Off", "Draw everything in view"),
             ("lossless", "Lossless", "The same picture to the bit"),
             ("bounded", "Bounded", "No colour channel off by more than the bound"),
-            ("paper", "Paper", "The paper's hard depth test; loses what is behind half-transparent things"),
         ],
         default="off",
     )
-    early_z_eps: FloatProperty(name="Bound", description="Largest error of a colour channel, 0 to 1", default=1 / 255, min=1e-5, max=0.5, precision=4)
-    exact: BoolProperty(name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it")
-    threads: IntProperty(name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256)
+    early_z_eps: FloatProperty(
+        name="Bound",
+        description="Largest error of a colour channel, 0 to 1",
+        default=1 / 255,
+        min=1e-5,
+        max=0.5,
+        precision=4,
+    )
+    exposure: BoolProperty(
+        name="Recorded exposure",
+        description="Through a camera of the recording, expose as training found that camera to expose at that time",
+    )
+    exact: BoolProperty(
+        name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it"
+    )
+    threads: IntProperty(
+        name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256
+    )
     deadline: FloatProperty(
         name="Deadline",
         description="Milliseconds a picture may take while something moves; resolution and colour detail are lowered to keep it",
@@ -83,7 +101,9 @@ class PagsScene(bpy.types.PropertyGroup):
         description="Draw the scene among the meshes in Solid and Material shading, each hiding what is behind it",
         default=True,
     )
-    points: BoolProperty(name="Points", description="Draw the light preview points where the splats aren't drawn", default=True)
+    points: BoolProperty(
+        name="Points", description="Draw the light preview points where the splats aren't drawn", default=True
+    )
     use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
     wipe: FloatProperty(
         name="Wipe",
@@ -104,7 +124,11 @@ class PagsPreferences(bpy.types.AddonPreferences):
         subtype="FILE_PATH",
     )
     budget: IntProperty(
-        name="Preview points", description="At most so many points in all for the preview of a scene", default=60000, min=0, max=5000000
+        name="Preview points",
+        description="At most so many points in all for the preview of a scene",
+        default=60000,
+        min=0,
+        max=5000000,
     )
 
     def draw(self, context):

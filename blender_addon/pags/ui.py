@@ -101,7 +101,12 @@ class PAGS_PT_object(bpy.types.Panel):
     def draw(self, context):
         block, layout = context.object, self.layout
         layout.prop(block.pags, "kind")
-        for key, label in (("pags_class", "Class"), ("pags_id", "Id"), ("pags_critical", "Critical"), ("pags_gaussians", "Gaussians")):
+        for key, label in (
+            ("pags_class", "Class"),
+            ("pags_id", "Id"),
+            ("pags_critical", "Critical"),
+            ("pags_gaussians", "Gaussians"),
+        ):
             if key in block:
                 layout.label(text=f"{label}: {block[key]}")
 
@@ -131,7 +136,14 @@ class PAGS_OT_add_preset(AddPresetBase, bpy.types.Operator):
     bl_label = "Add PAGS preset"
     preset_menu = "PAGS_MT_presets"
     preset_defines = ["settings = bpy.context.scene.pags"]
-    preset_values = ["settings.sh_degree", "settings.antialiased", "settings.early_z", "settings.early_z_eps", "settings.exact", "settings.deadline"]
+    preset_values = [
+        "settings.sh_degree",
+        "settings.antialiased",
+        "settings.early_z",
+        "settings.early_z_eps",
+        "settings.exact",
+        "settings.deadline",
+    ]
     preset_subdir = "pags/render"
 
 
@@ -149,7 +161,7 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
             layout.prop(settings, name)
         if settings.early_z == "bounded":
             layout.prop(settings, "early_z_eps")
-        for name in ("mode", "hide_noncritical", "threads", "exact", "deadline"):
+        for name in ("mode", "hide_noncritical", "exposure", "threads", "exact", "deadline"):
             layout.prop(settings, name)
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
 

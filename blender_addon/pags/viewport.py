@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A 3D view's picture: coarse while something moves, sharp when all is still, never waited for.
 
-Each view asks for what it wants (a key and the job's arguments) whenever it is drawn. At most one job of a view is under way. Where
-what is wanted has changed, the next job is one that keeps the deadline; when nothing has changed for a moment, a sharp one, which
-is broken off as soon as something changes again. A timer looks for finished jobs and has the views drawn."""
+Each view asks for what it wants (a key and the job's arguments) whenever it is drawn. At most one job of a view is under
+way. Where what is wanted has changed, the next job is one that keeps the deadline; when nothing has changed for a
+moment, a sharp one, which is broken off as soon as something changes again. A timer looks for finished jobs and has the views drawn."""
 
 import time
 import weakref
@@ -37,25 +37,27 @@ class Budget:
         self.known = True
 
     def choose(self, width, height, deadline):
-        """The finest scale that keeps the deadline; before anything is known a coarse one."""
+        """The finest scale that keeps the deadline, and whether any does; before anything is known a coarse one."""
         if not self.known:
-            return 4.0
+            return 4.0, True
         for scale in SCALES:
             if self.fixed + self.pixels * width * height / 1e6 / (scale * scale) <= deadline:
-                return scale
-        return SCALES[-1]
+                return scale, True
+        return SCALES[-1], False
 
 
 class Shown:
     """A picture on the GPU and what it shows."""
 
     def __init__(self, key, scale, picture, values):
-        self.key, self.scale, self.values = key, scale, values
+        self.key, self.scale, self.values, self.degree = key, scale, values, 3
         self.stats = picture.stats
         self.size = (picture.width, picture.height)
         begin = time.perf_counter()
         self.color = draw.texture(picture.rgba, picture.width, picture.height, 4)
-        self.depth = draw.texture(picture.depth, picture.width, picture.height, 1) if picture.depth is not None else None
+        self.depth = (
+            draw.texture(picture.depth, picture.width, picture.height, 1) if picture.depth is not None else None
+        )
         self.ms_upload = 1e3 * (time.perf_counter() - begin)
 
 
@@ -66,7 +68,12 @@ class Stopwatch:
         self.python, self.upload, self.draw, self.redraws = [], [], [], []
 
     def add(self, python, upload, drawn):
-        for values, value in ((self.python, python), (self.upload, upload), (self.draw, drawn), (self.redraws, time.monotonic())):
+        for values, value in (
+            (self.python, python),
+            (self.upload, upload),
+            (self.draw, drawn),
+            (self.redraws, time.monotonic()),
+        ):
             values.append(value)
             del values[:-600]
 
@@ -74,15 +81,14 @@ class Stopwatch:
 class View:
     def __init__(self):
         self.state, self.count = None, 0
-        self.job = self.job_key = self.job_scale = self.job_values = None
-        self.wanted, self.changed_at = None, 0.0
+        self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
+        self.wanted, self.changed_at, self.wanted_degree = None, 0.0, 3
         self.shown = None
         self.budget = Budget()
         self.error = ""
         self.pictures = []  # times at which pictures came
         self.watch = Stopwatch()
         self.loading = False
-        self.last_size = None
         views.add(self)
         start_timer()
 
@@ -108,6 +114,8 @@ class View:
         camera = gather.camera_for(self.state, entry, values, pose, now)
         wishes = gather.wishes(settings, self.state, entry, False)
         wishes.update(outputs=outputs, transparent=transparent)
+        if region.view_perspective == "CAMERA":
+            wishes.update(gather.exposure(settings, entry, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
         key += (self.state.key(), settings.hide_noncritical, tuple(sorted(wishes.items())))
         self.error = ""
@@ -116,14 +124,17 @@ class View:
     def submit(self, wanted, scale, degree):
         key, entry, camera, values, wishes, settings = wanted
         small = dict(camera)
-        small["width"], small["height"] = max(1, round(camera["width"] / scale)), max(1, round(camera["height"] / scale))
+        small["width"], small["height"] = (
+            max(1, round(camera["width"] / scale)),
+            max(1, round(camera["height"] / scale)),
+        )
         across, down = small["width"] / camera["width"], small["height"] / camera["height"]
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
         wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]))
         placements = gather.placements(self.state, entry, camera["time"], settings.hide_noncritical)
         self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **wishes)
-        self.job_key, self.job_scale, self.job_values = key, scale, values
+        self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
 
     def advance(self, wanted):
         """Takes what is ready and orders what is next; returns milliseconds of upload."""
@@ -131,28 +142,19 @@ class View:
         if wanted is None:
             return upload
         key, settings, now = wanted[0], wanted[5], time.monotonic()
+        self.wanted_degree = settings.sh_degree
         if key != self.wanted:
             self.wanted, self.changed_at = key, now
         if self.job is not None:
-            if self.job_key != key and self.job_scale <= self.sharpest(wanted) and now - self.changed_at < STILL:
+            if self.job_key != key and self.job_scale <= 1.0 and now - self.changed_at < STILL:
                 self.job.cancel()
             return upload
         if self.shown is None or self.shown.key != key:
-            scale = self.budget.choose(wanted[2]["width"], wanted[2]["height"], settings.deadline)
-            full = wanted[2]["width"] * wanted[2]["height"] / 1e6
-            over = self.budget.known and self.budget.fixed + self.budget.pixels * full / (scale * scale) > settings.deadline
-            self.submit(wanted, scale, 0 if over else settings.sh_degree)
-            self.shown_degree = 0 if over else settings.sh_degree
-        elif self.coarse(settings) and now - self.changed_at >= STILL:
+            scale, kept = self.budget.choose(wanted[2]["width"], wanted[2]["height"], settings.deadline)
+            self.submit(wanted, scale, settings.sh_degree if kept else 0)
+        elif self.shown.unsharp and now - self.changed_at >= STILL:
             self.submit(wanted, 1.0, settings.sh_degree)
-            self.shown_degree = settings.sh_degree
         return upload
-
-    def sharpest(self, wanted):
-        return 1.0
-
-    def coarse(self, settings):
-        return self.shown.scale > 1.0 or self.shown.degree < settings.sh_degree
 
     def collect(self):
         if self.job is None or not self.job.done():
@@ -166,7 +168,8 @@ class View:
             self.error = str(error)
             return 0.0
         self.shown = Shown(self.job_key, self.job_scale, picture, self.job_values)
-        self.shown.degree = self.shown_degree
+        self.shown.degree = self.job_degree
+        self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.wanted_degree
         self.budget.learn(self.shown.stats, picture.width, picture.height)
         self.pictures.append(time.monotonic())
         del self.pictures[:-20]
@@ -176,7 +179,9 @@ class View:
         """Whether the timer has to look after this view."""
         if self.loading or self.job is not None:
             return True
-        return self.shown is not None and self.wanted is not None and (self.shown.key != self.wanted or self.shown.scale > 1.0)
+        return (
+            self.shown is not None and self.wanted is not None and (self.shown.key != self.wanted or self.shown.unsharp)
+        )
 
     # ---- Statistics ----
 
@@ -190,7 +195,11 @@ class View:
         if self.shown is None:
             return "drawing ..."
         stats = self.shown.stats
-        text = f"{stats['gaussians']:,} Gaussians, {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
+        text = (
+            f"{stats['gaussians']:,} Gaussians, {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
+        )
+        if stats["hidden"] or stats["loaded"] < stats["in_view"]:
+            text += f" ({stats['in_view'] - stats['loaded'] + stats['hidden']:,} by Early-Z)"
         if self.rate() > 0:
             text += f", {self.rate():.1f} FPS"
         dropped = []
@@ -255,7 +264,9 @@ def tick():
     busy = [view for view in views if view.restless()]
     now = time.monotonic()
     due = any(
-        (view.job is None or view.job.done()) and (view.loading is False) and (view.job is not None or now - view.changed_at >= STILL)
+        (view.job is None or view.job.done())
+        and (view.loading is False)
+        and (view.job is not None or now - view.changed_at >= STILL)
         for view in busy
     )
     if due or any(view.loading for view in busy):

@@ -25,7 +25,9 @@ os.environ["PAGS_PROGRAM"] = PROGRAM
 def install():
     """The zip as a user installs it; returns the add-on's package."""
     if bpy.app.version >= (4, 2, 0):
-        bpy.ops.extensions.package_install_files(filepath=PACKAGE, repo="user_default", enable_on_install=True, overwrite=True)
+        bpy.ops.extensions.package_install_files(
+            filepath=PACKAGE, repo="user_default", enable_on_install=True, overwrite=True
+        )
         name = "bl_ext.user_default.pags"
         if name not in bpy.context.preferences.addons:
             bpy.ops.preferences.addon_enable(module=name)

@@ -1,5 +1,5 @@
-"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. Exit code 77 and a line where
-there is no Blender, or no screen for a test that needs one."""
+"""run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. Exit code 77 and a
+line where there is no Blender, or no screen for a test that needs one."""
 
 import os
 import shutil
@@ -20,7 +20,9 @@ def environment(folder):
     """Without this Python's own folders: Debian's Blender looks for its library beside the first python3 on the PATH."""
     own = os.path.join(os.path.realpath(sys.base_prefix), "bin")
     rest = {key: value for key, value in os.environ.items() if key not in {"PYTHONHOME", "PYTHONPATH"}}
-    places = [p for p in os.environ.get("PATH", "").split(os.pathsep) if os.path.realpath(p) != own or own == "/usr/bin"]
+    places = [
+        p for p in os.environ.get("PATH", "").split(os.pathsep) if os.path.realpath(p) != own or own == "/usr/bin"
+    ]
     return {
         **rest,
         "PATH": os.pathsep.join(places),
@@ -39,7 +41,17 @@ def main():
     if blender is None:
         skip("there is no Blender here (Debian: apt-get install blender)")
     window = os.path.basename(test).startswith("gui_")
-    common = ["--factory-startup", "-noaudio", "--python-exit-code", "3", "-P", os.path.join(HERE, test), "--", pags, package]
+    common = [
+        "--factory-startup",
+        "-noaudio",
+        "--python-exit-code",
+        "3",
+        "-P",
+        os.path.join(HERE, test),
+        "--",
+        pags,
+        package,
+    ]
     if window:
         for tool in ("xvfb-run", "import"):
             if shutil.which(tool) is None:
@@ -53,7 +65,9 @@ def main():
     with tempfile.TemporaryDirectory(prefix="pags-blender-") as folder:
         for name in ("scripts", "config", "datafiles"):
             os.makedirs(os.path.join(folder, name, "addons") if name == "scripts" else os.path.join(folder, name))
-        done = subprocess.run(command, env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        done = subprocess.run(
+            command, env=environment(folder), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
     print(done.stdout)
     if done.returncode == 0 and "all tests passed" not in done.stdout:
         print("Blender ended without the tests' last word")

@@ -10,7 +10,7 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 
 import fixtures  # noqa: E402
-from fixtures import ply_bytes, png_bytes, read_png, some_splats  # noqa: E402
+from fixtures import ply_bytes, read_png, some_splats  # noqa: E402
 
 
 class Import(BlenderCase):
@@ -19,7 +19,9 @@ class Import(BlenderCase):
         kinds = sorted(o.pags.kind for o in self.scene.objects)
         self.assertEqual(kinds, ["BACKGROUND", "CAMERA", "CAMERA", "EGO", "OBJECT", "OBJECT", "ROOT", "TRACK", "TRACK"])
         car = self.part(1)
-        self.assertEqual((car["pags_id"], car["pags_class"], car["pags_critical"], car["pags_gaussians"]), ("c=2", "Car", True, 1))
+        self.assertEqual(
+            (car["pags_id"], car["pags_class"], car["pags_critical"], car["pags_gaussians"]), ("c=2", "Car", True, 1)
+        )
         self.assertEqual(car.parent, self.track(1))
         self.assertEqual(self.track(1).parent, root)
         self.assertEqual(len(car.data.vertices), 1)
@@ -297,7 +299,9 @@ class Cameras(BlenderCase):
         bpy.ops.pags.ego_path(lane=0.5, sensor=0)
         self.scene.frame_set(2)
         self.assertAlmostEqual(self.scene.camera.matrix_world.translation.y, -0.5, places=4)
-        self.succeeds("render", self.path("scene"), "--path", "ego", "--shift", "0.5", "--no-exposure", "-o", self.path("shifted"))
+        self.succeeds(
+            "render", self.path("scene"), "--path", "ego", "--shift", "0.5", "--no-exposure", "-o", self.path("shifted")
+        )
         self.assert_close(self.f12(), read_png(self.path("shifted", "00001.png")))
 
     def test_bad_paths(self):
@@ -368,7 +372,7 @@ class Inspecting(BlenderCase):
 class Composite(BlenderCase):
     def test_a_cube_in_the_street(self):
         """Before the car, behind it, and with the sky behind."""
-        root = self.bring_in()
+        self.bring_in()
         self.scene.frame_set(2)
         names = {item.identifier for item in bpy.types.RenderSettings.bl_rna.properties["engine"].enum_items}
         if "CYCLES" not in names and not hasattr(bpy.types.Scene, "cycles"):
@@ -379,7 +383,10 @@ class Composite(BlenderCase):
         material = bpy.data.materials.new("blue")
         material.use_nodes = True
         material.node_tree.nodes.clear()
-        glow, out = material.node_tree.nodes.new("ShaderNodeEmission"), material.node_tree.nodes.new("ShaderNodeOutputMaterial")
+        glow, out = (
+            material.node_tree.nodes.new("ShaderNodeEmission"),
+            material.node_tree.nodes.new("ShaderNodeOutputMaterial"),
+        )
         glow.inputs[0].default_value = (0, 1, 1, 1)
         material.node_tree.links.new(glow.outputs[0], out.inputs[0])
         cube.data.materials.append(material)

@@ -1,4 +1,5 @@
-"""What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads pictures."""
+"""What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads
+pictures."""
 
 import os
 import re
@@ -47,7 +48,9 @@ class Install(Case):
 
     def c_program(self, prefix, splats):
         environment = {**os.environ, "PKG_CONFIG_PATH": os.path.join(prefix, "lib", "pkgconfig")}
-        answer = subprocess.run(["pkg-config", "--cflags", "--libs", "pags"], env=environment, capture_output=True, text=True)
+        answer = subprocess.run(
+            ["pkg-config", "--cflags", "--libs", "pags"], env=environment, capture_output=True, text=True
+        )
         self.assertEqual(answer.returncode, 0, answer.stderr)
         source = self.write("user.c", SOURCE)
         command = [COMPILER, "-std=c17", source, "-o", self.path("user"), *answer.stdout.split()]
@@ -72,7 +75,12 @@ class Install(Case):
         self.assertEqual([name for name in names if not name.startswith("pags_")], [])
 
     def python(self, prefix, splats):
-        module = [os.path.dirname(os.path.join(w, f)) for w, _, fs in os.walk(prefix) for f in fs if re.match(r"pags\.abi3", f)]
+        module = [
+            os.path.dirname(os.path.join(w, f))
+            for w, _, fs in os.walk(prefix)
+            for f in fs
+            if re.match(r"pags\.abi3", f)
+        ]
         code = f"import sys; sys.path.insert(0, {module[0]!r}); import pags; print(pags.load({splats!r}).info['gaussians'])"
         ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         self.assertEqual(ran.stdout.strip(), "40", ran.stderr)

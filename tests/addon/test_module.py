@@ -91,7 +91,9 @@ class Drawing(ModuleCase):
             self.assert_same(png, pags.render(self.scene, make_camera(time=100.0), placements=sorted(placements)))
 
     def test_hidden_and_twice(self):
-        alone = pags.render(self.scene, make_camera(), placements=[(1, self.scene.pose(1, 101.0))], background=[0, 0, 0])
+        alone = pags.render(
+            self.scene, make_camera(), placements=[(1, self.scene.pose(1, 101.0))], background=[0, 0, 0]
+        )
         reds = sum(v > 0.5 for v in floats(alone.rgba)[0::4])
         pose = list(self.scene.pose(1, 101.0))
         pose[11] += 1
@@ -147,6 +149,18 @@ class Drawing(ModuleCase):
             picture = pags.render(self.scene, make_camera(time=101.0), mode=mode)
             self.assertEqual(pixel(picture.rgba, 90, 90), (0, 0, 0, 1))
             self.assertGreater(max(pixel(picture.rgba, 50, 50)[:3]), 0.1, mode)
+
+    def test_exposure_and_early_z(self):
+        gain = self.scene.exposure(0, 102.0)
+        self.assertAlmostEqual(gain[0], 1.2)
+        plain = pags.render(self.scene, make_camera(time=100.0))
+        brighter = pags.render(self.scene, make_camera(time=100.0), exposure=gain)
+        self.assertAlmostEqual(pixel(brighter.rgba, 90, 90)[2], 1.2 * pixel(plain.rgba, 90, 90)[2], places=5)
+        early = pags.render(self.scene, make_camera(time=100.0), early_z="lossless")
+        self.assertEqual(bytes(memoryview(early.rgba)), bytes(memoryview(plain.rgba)))
+        pags.render(self.scene, make_camera(), early_z="bounded=0.01")
+        with self.assertRaises(ValueError):
+            pags.render(self.scene, make_camera(), early_z="sometimes")
 
     def test_pick(self):
         found = pags.pick(self.scene, make_camera(time=101.0), 50, 50)
