@@ -225,7 +225,8 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   pags_train_state *s = &t->state;
   const char *field = pags_config_difference(config, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: belongs to other views, or another choice of what is critical, than those of %s", path,
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: belongs to other views, or another choice of what is critical, than those of %s", path,
                      pags_dataset_path(t->dataset));
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,

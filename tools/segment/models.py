@@ -64,7 +64,7 @@ class Model:
             raise SegmentError(f"{path}: no such file; expected an ONNX model")
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
-        options.log_severity_level = 3
+        options.log_severity_level = 4  # what goes wrong is told by the exception
         try:
             self.session = onnxruntime.InferenceSession(path, options, providers=["CPUExecutionProvider"])
         except Exception as error:  # onnxruntime's own classes are not part of its documented interface
@@ -74,6 +74,7 @@ class Model:
         self.inputs = [tensor_of(value) for value in self.session.get_inputs()]
         self.outputs = [tensor_of(value) for value in self.session.get_outputs()]
         self.options = onnxruntime.RunOptions()
+        self.options.log_severity_level = 4
         self.options.only_execute_path_to_fetches = (
             True  # masks of full size, where the small ones do, are never computed
         )
