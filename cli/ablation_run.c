@@ -253,10 +253,10 @@ static void show_line(void *user, const char *line) {
   run *self = user;
   pags_ablation *a = self->ablation;
   char left[32];
-  long long step, view, views;
-  if (sscanf(line, "step %lld of", &step) == 1)
-    a->steps_told = step - self->step;
-  else if (sscanf(line, "view %lld of %lld", &view, &views) != 2)
+  long long at, all;
+  if (sscanf(line, "step %lld of %lld", &at, &all) == 2)
+    a->steps_told = at - self->step;
+  else if (sscanf(line, "view %lld of %lld", &at, &all) != 2)
     return;
   double done = (double)(a->steps_done + a->steps_told - a->steps_begun);
   double rate = done > 0 ? done / (pags_seconds() - a->begun) : 0;
@@ -479,7 +479,7 @@ static pags_result read_render_ms(const char *path, double *ms) {
 }
 
 static pags_result fill_result(const run *self, const char *eval, const char *render, pags_ablation_result *out) {
-  static const char *const keys[] = {"psnr",          "psnr_unexposed",     "ssim",       "lpips",
+  static const char *const keys[] = {"psnr",          "psnr_unexposed",   "ssim",       "lpips",
                                      "psnr_critical", "psnr_noncritical", "psnr_moving"};
   double *f = out->figures;
   const pags_ablation_moment *last = &self->moments[self->count - 1];

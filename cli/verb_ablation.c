@@ -4,6 +4,7 @@
 #include "verbs.h"
 
 #include <base/file.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -226,18 +227,25 @@ static void count_steps(pags_ablation *a) {
   a->steps_begun = a->steps_done;
 }
 
+static void tell_row(pags_ablation *a, int row, const pags_ablation_result *result, const char *how) {
+  const double *f = result->figures;
+  char regions[64] = "";
+  if (isfinite(f[PAGS_ABLATION_CRITICAL]))
+    snprintf(regions, sizeof regions, " (critical %.2f, other %.2f)", f[PAGS_ABLATION_CRITICAL],
+             f[PAGS_ABLATION_NONCRITICAL]);
+  pags_progress_say(&a->progress, "%-16s seed %llu%s: PSNR %.2f dB%s, %.0f Gaussians, %.0f s, %.2f ms a frame",
+                    a->rows[row].name, (unsigned long long)a->first_seed + (unsigned long long)result->seed, how,
+                    f[PAGS_ABLATION_PSNR], regions, f[PAGS_ABLATION_GAUSSIANS], f[PAGS_ABLATION_SECONDS],
+                    f[PAGS_ABLATION_RENDER_MS]);
+}
+
 static pags_result run_row(pags_ablation *a, int row, int seed) {
   pags_ablation_set *set = &a->sets[row];
   a->row_number = row + 1;
   a->row_name = a->rows[row].name;
   PAGS_TRY(pags_ablation_run(a, &a->rows[row], seed, &set->results[seed]));
   set->count = seed + 1;
-  const double *f = set->results[seed].figures;
-  pags_progress_say(&a->progress,
-                    "%-16s seed %llu: PSNR %.2f, critical %.2f, other %.2f dB; %.0f Gaussians, %.0f s, %.2f ms a frame",
-                    a->row_name, (unsigned long long)a->first_seed + (unsigned long long)seed, f[PAGS_ABLATION_PSNR],
-                    f[PAGS_ABLATION_CRITICAL], f[PAGS_ABLATION_NONCRITICAL], f[PAGS_ABLATION_GAUSSIANS],
-                    f[PAGS_ABLATION_SECONDS], f[PAGS_ABLATION_RENDER_MS]);
+  tell_row(a, row, &set->results[seed], "");
   PAGS_TRY(pags_ablation_write_tables(a));
   return pags_ablation_write_plots(a);
 }
@@ -275,11 +283,7 @@ static pags_result run_equal_row(pags_ablation *a, int row, int seed) {
   else
     PAGS_TRY(pags_ablation_run_equal(a, &a->rows[row], seed, a->equal_count, &set->results[seed]));
   set->count = seed + 1;
-  const double *f = set->results[seed].figures;
-  pags_progress_say(
-      &a->progress, "%-16s seed %llu at equal count: PSNR %.2f, critical %.2f, other %.2f dB; %.0f Gaussians",
-      a->rows[row].name, (unsigned long long)a->first_seed + (unsigned long long)seed, f[PAGS_ABLATION_PSNR],
-      f[PAGS_ABLATION_CRITICAL], f[PAGS_ABLATION_NONCRITICAL], f[PAGS_ABLATION_GAUSSIANS]);
+  tell_row(a, row, &set->results[seed], " at equal count");
   PAGS_TRY(pags_ablation_write_tables(a));
   return pags_ablation_write_plots(a);
 }
