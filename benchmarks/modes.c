@@ -8,18 +8,34 @@
 #include <stdlib.h>
 #include <string.h>
 
-const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "project", "shade", "sort", "bin", "raster", "frame"};
+const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "occlude", "project", "shade",
+                                                                     "sort", "bin",     "raster",  "frame"};
 
 static const size_t stage_at[PAGS_BENCH_STAGES - 1] = {
-    offsetof(pags_frame_stats, ms_cull), offsetof(pags_frame_stats, ms_project), offsetof(pags_frame_stats, ms_shade),
-    offsetof(pags_frame_stats, ms_sort), offsetof(pags_frame_stats, ms_bin),     offsetof(pags_frame_stats, ms_raster)};
+    offsetof(pags_frame_stats, ms_cull),  offsetof(pags_frame_stats, ms_occlude), offsetof(pags_frame_stats, ms_project),
+    offsetof(pags_frame_stats, ms_shade), offsetof(pags_frame_stats, ms_sort),    offsetof(pags_frame_stats, ms_bin),
+    offsetof(pags_frame_stats, ms_raster)};
 
 static const size_t count_at[] = {
-    offsetof(pags_frame_stats, gaussians),    offsetof(pags_frame_stats, loaded),
+    offsetof(pags_frame_stats, gaussians),    offsetof(pags_frame_stats, in_view),
+    offsetof(pags_frame_stats, loaded),       offsetof(pags_frame_stats, hidden),
     offsetof(pags_frame_stats, shaded),       offsetof(pags_frame_stats, binned),
     offsetof(pags_frame_stats, pairs_binned), offsetof(pags_frame_stats, pairs_evaluated),
     offsetof(pags_frame_stats, pairs_blended)};
 enum { COUNTS = sizeof count_at / sizeof count_at[0] };
+
+pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options) {
+  if (!strcmp(text, "exp3"))
+    options->exp_degree = 3;
+  else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
+    options->sh_degree = text[2] - '0';
+  else if (strcmp(text, "off"))
+    return pags_early_z_parse(text, options) == PAGS_OK
+               ? PAGS_OK
+               : pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected off, lossless, bounded, bounded=EPS, exp3, sh0, sh1 or sh2, got '%s'",
+                           text);
+  return PAGS_OK;
+}
 
 static double stage_ms(const pags_frame_stats *stats, int stage) {
   double ms = 0;
@@ -122,7 +138,7 @@ static pags_result look(measuring *m, const pags_camera *camera, const pags_part
     const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
     add_counts(stats, &m->sums[k]);
     m->sums[k].bytes += pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
-                                                 (double)camera->width * camera->height);
+                                                 (double)camera->width * camera->height, part_count > 0 && parts[0].packed);
     if (k == 0)
       PAGS_TRY(save_picture(&picture, &m->saved));
     compare(&picture, &m->saved, &m->sums[k], &m->results[k]);
@@ -205,7 +221,7 @@ static pags_result measure_all(measuring *m) {
   return PAGS_OK;
 }
 
-pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results) {
+pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results, int64_t *frame_bytes) {
   measuring m = {.frames = frames, .results = results};
   memset(results, 0, (size_t)frames->mode_count * sizeof *results);
   m.sums = calloc((size_t)frames->mode_count + 1, sizeof *m.sums);
@@ -216,6 +232,8 @@ pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_re
     result = measure_all(&m);
   for (int k = 0; k <= frames->mode_count; k++)
     free(m.sums[k].ms);
+  if (m.frame && frame_bytes)
+    *frame_bytes = (int64_t)pags_frame_bytes(m.frame);
   if (m.frame)
     pags_frame_destroy(m.frame);
   free(m.saved.planes);

@@ -4,13 +4,16 @@
 
 #include <pags/frame.h>
 
-enum { PAGS_BENCH_STAGES = 7 }; /* of a frame, the whole frame last */
+enum { PAGS_BENCH_STAGES = 8 }; /* of a frame, the whole frame last */
 extern const char *const pags_bench_stage_names[PAGS_BENCH_STAGES];
 
 typedef struct pags_bench_mode {
   const char *name;
   pags_frame_options options;
 } pags_bench_mode;
+
+/* "off", "lossless", "bounded", "bounded=EPS" (pags_early_z_parse), "exp3" (exp of degree 3), "sh0", "sh1", "sh2" (colour of at most that degree): what they change in the options. */
+pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options);
 
 /* Frames to draw. The first mode is what the others are held against. */
 typedef struct pags_bench_frames {
@@ -43,8 +46,8 @@ typedef struct pags_bench_mode_result {
 } pags_bench_mode_result;
 
 /* Draws each camera once per mode to count and to compare, then `repetitions` times with the clock, modes taking turns. `results` has
- * mode_count entries; free them with pags_bench_modes_free, also after a failure. */
-pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results);
+ * mode_count entries; free them with pags_bench_modes_free, also after a failure. `frame_bytes` (may be NULL) receives what the frame held. */
+pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_result *results, int64_t *frame_bytes);
 void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
 
 /* How deep a picture is: (Gaussian, pixel) pairs with alpha >= 1/255 by pixel, whether anything lies before them or not. By the areas of
@@ -52,7 +55,7 @@ void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
 double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
                          const pags_frame_options *options);
 
-/* What a forward frame moves, as `pags bench stages` counts it. `clusters`: that there are. */
-double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels);
+/* What a forward frame moves, as `pags bench stages` counts it. `clusters`: that there are; `packed`: rows are read packed. */
+double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels, int packed);
 
 #endif

@@ -196,6 +196,7 @@ static void print_help(void) {
   for (int i = 0; i < ENTRY_COUNT; i++)
     printf("  %-9s %s\n", entries[i].name, entries[i].verb->about);
   printf("  %-9s %s\n", "render", "Speed of drawing against error, mode by mode and stage by stage; table, CSV and plot.");
+  printf("  %-9s %s\n", "scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.");
   printf("  %-9s %s\n", "ablation", "Trains once for each set of options and compares quality, size and time.");
   printf("\n'pags bench WHAT --help' lists its options with units and defaults.\n");
 #ifndef PAGS_WITH_REFERENCE
@@ -233,10 +234,12 @@ int pags_verb_bench(int argc, char **argv) {
       return run_entry(&entries[i], argc - 1, argv + 1);
   if (argc > 0 && !strcmp(argv[0], "render"))
     return pags_verb_bench_render(argc - 1, argv + 1);
+  if (argc > 0 && !strcmp(argv[0], "scale"))
+    return pags_verb_bench_scale(argc - 1, argv + 1);
   if (argc > 0 && !strcmp(argv[0], "ablation"))
     return pags_verb_ablation(argc - 1, argv + 1);
   fprintf(stderr,
-          "pags bench: expected stages, roofline, render, train, ablation or error; 'pags bench --help' tells what each "
+          "pags bench: expected stages, roofline, render, scale, train, ablation or error; 'pags bench --help' tells what each "
           "measures\n");
   return PAGS_EXIT_USAGE;
 }

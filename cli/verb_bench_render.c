@@ -9,6 +9,7 @@
 #include <benchmarks/modes.h>
 #include <math.h>
 #include <pags/compose.h>
+#include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,6 +20,7 @@ typedef struct render_bench_arguments {
   const char *input, *path, *sizes, *modes, *csv, *plot;
   int64_t frames;
   int repetitions, exp_degree; /* exp_degree: index in "3|5" */
+  int packed;
 } render_bench_arguments;
 
 #define AT(member) offsetof(render_bench_arguments, member)
@@ -29,10 +31,11 @@ static const pags_option options[] = {
     PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", "pictures", NULL, "spread evenly along the path"),
     PAGS_TEXT("sizes", 0, AT(sizes), "WxH,...", "the cameras'", "sizes to draw at, by width; the middle is kept"),
     PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL,
-              "off: draw everything; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most that degree. The first is what others are "
-              "held against"),
+              "off, lossless, bounded, bounded=EPS: as of pags render --early-z; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most "
+              "that degree. The first is what others are held against"),
     PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL, "degree of the polynomial behind exp, as of pags render"),
+    PAGS_FLAG("packed", 0, AT(packed), "draw from the packed form"),
     PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per size and mode"),
     PAGS_TEXT("plot", 0, AT(plot), "FILE.svg", NULL, "draw time along the path, and speed against error"),
     PAGS_SESSION_OPTIONS(render_bench_arguments),
@@ -79,16 +82,6 @@ static bool next_word(const char **list, char word[NAME]) {
   return true;
 }
 
-static pags_result parse_mode(const char *text, pags_frame_options *out) {
-  if (!strcmp(text, "exp3"))
-    out->exp_degree = 3;
-  else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
-    out->sh_degree = text[2] - '0';
-  else if (strcmp(text, "off"))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected off, exp3, sh0, sh1 or sh2, got '%s'", text);
-  return PAGS_OK;
-}
-
 static pags_result parse_modes(render_bench *self) {
   const char *list = self->arguments->modes;
   pags_frame_options standard = pags_composition_options(self->composition);
@@ -96,7 +89,7 @@ static pags_result parse_modes(render_bench *self) {
   while (self->mode_count < MOST_MODES && next_word(&list, self->names[self->mode_count])) {
     pags_bench_mode *mode = &self->modes[self->mode_count];
     *mode = (pags_bench_mode){self->names[self->mode_count], standard};
-    PAGS_TRY(parse_mode(mode->name, &mode->options));
+    PAGS_TRY(pags_bench_mode_parse(mode->name, &mode->options));
     self->mode_count++;
   }
   return *list || self->mode_count == 0
@@ -207,7 +200,7 @@ static pags_result measure_size(render_bench *self, int index) {
                                     .repetitions = self->arguments->repetitions,
                                     .progress = show_progress,
                                     .progress_user = &self->progress};
-  const pags_result result = pags_bench_modes(&frames, self->results[index]);
+  const pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
   if (result == PAGS_OK)
     self->layers[index] = mean_layers(self, cameras);
   free(cameras);
@@ -230,15 +223,15 @@ static void say_size(const render_bench *self, int index) {
   pags_say(session, "\n%dx%d, %lld pictures, %d frames each; %.1f Gaussians a pixel, %.1f of them blended by %s\n",
            self->sizes[index].width, self->sizes[index].height, (long long)self->path.count, self->arguments->repetitions,
            self->layers[index], (double)results[0].counts.pairs_blended / pixels, self->modes[0].name);
-  pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %", "FPS",
-           "speed-up", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB", "max error", "differ");
+  pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %", "FPS",
+           "speed-up", "in view", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB", "max error", "differ");
   for (int k = 0; k < self->mode_count; k++) {
     const pags_bench_mode_result *r = &results[k];
     const pags_frame_stats *s = &r->counts;
     const pags_bench_span *ms = &r->ms[PAGS_BENCH_STAGES - 1];
-    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes[k].name,
-             ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up, (long long)s->loaded, (long long)s->shaded,
-             (long long)s->binned, (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6,
+    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes[k].name,
+             ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up, (long long)s->in_view, (long long)s->loaded,
+             (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6,
              (double)s->pairs_blended * 1e-6, r->bytes * 1e-6);
     say_error(session, r, k == 0);
   }
@@ -273,7 +266,9 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_put_number(json, "fps", 1000 / r->ms[PAGS_BENCH_STAGES - 1].median);
   pags_json_put_number(json, "speed_up", r->speed_up);
   pags_json_put_integer(json, "gaussians", s->gaussians);
+  pags_json_put_integer(json, "in_view", s->in_view);
   pags_json_put_integer(json, "loaded", s->loaded);
+  pags_json_put_integer(json, "hidden", s->hidden);
   pags_json_put_integer(json, "shaded", s->shaded);
   pags_json_put_integer(json, "binned", s->binned);
   pags_json_put_integer(json, "pairs_binned", s->pairs_binned);
@@ -323,9 +318,9 @@ static pags_result put_csv_row(pags_file_writer *file, const render_bench *self,
   for (int i = 0; i < PAGS_BENCH_STAGES; i++)
     length += snprintf(line + length, sizeof line - (size_t)length, ",%.4f,%.4f,%.4f", r->ms[i].median, r->ms[i].low,
                        r->ms[i].high);
-  length += snprintf(line + length, sizeof line - (size_t)length, ",%.3f,%.4f,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%.0f,%.3f,%.4f",
-                     1000 / r->ms[PAGS_BENCH_STAGES - 1].median, r->speed_up, (long long)s->gaussians, (long long)s->loaded,
-                     (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (long long)s->pairs_evaluated,
+  length += snprintf(line + length, sizeof line - (size_t)length, ",%.3f,%.4f,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%.0f,%.3f,%.4f",
+                     1000 / r->ms[PAGS_BENCH_STAGES - 1].median, r->speed_up, (long long)s->gaussians, (long long)s->in_view,
+                     (long long)s->loaded, (long long)s->hidden, (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (long long)s->pairs_evaluated,
                      (long long)s->pairs_blended, r->bytes, self->layers[size], r->psnr);
   length += snprintf(line + length, sizeof line - (size_t)length, ",%.3e,%.3e,%.6f\n", r->max_error, r->max_alpha_error,
                      r->differing);
@@ -339,7 +334,7 @@ static pags_result write_csv(const render_bench *self) {
     length += snprintf(head + length, sizeof head - (size_t)length, ",%s_ms,%s_ms_low,%s_ms_high", pags_bench_stage_names[i],
                        pags_bench_stage_names[i], pags_bench_stage_names[i]);
   length += snprintf(head + length, sizeof head - (size_t)length,
-                     ",fps,speed_up,gaussians,loaded,shaded,binned,pairs_binned,pairs_evaluated,pairs_blended,bytes_moved,"
+                     ",fps,speed_up,gaussians,in_view,loaded,hidden,shaded,binned,pairs_binned,pairs_evaluated,pairs_blended,bytes_moved,"
                      "gaussians_per_pixel,psnr,max_error,max_alpha_error,differing\n");
   pags_file_writer file;
   if (!self->arguments->csv)
@@ -398,13 +393,22 @@ static pags_result write_plot(const render_bench *self) {
 }
 
 static pags_result load(render_bench *self) {
+  const render_bench_arguments *a = self->arguments;
   pags_scene scene;
-  PAGS_TRY(pags_scene_load(self->arguments->input, &scene));
-  const pags_result result = find_path(self->arguments, &scene, &self->path);
+  if (pags_packed_is_file(a->input)) {
+    PAGS_TRY(pags_composition_open_packed(a->input, &self->composition));
+    return a->path && strcmp(a->path, "orbit") ? find_path(a, pags_composition_scene(self->composition), &self->path)
+                                               : pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --path FILE",
+                                                           a->input);
+  }
+  PAGS_TRY(pags_scene_load(a->input, &scene));
+  const pags_result result = find_path(a, &scene, &self->path);
   if (result == PAGS_OK)
     PAGS_TRY(pags_composition_create(&scene, &self->composition));
   else
     pags_scene_destroy(&scene);
+  if (result == PAGS_OK && a->packed)
+    PAGS_TRY(pags_composition_pack(self->composition));
   return result;
 }
 
@@ -433,7 +437,7 @@ static pags_result run(render_bench *self) {
 }
 
 int pags_verb_bench_render(int argc, char **argv) {
-  render_bench_arguments arguments = {.modes = "off,exp3,sh0", .frames = 12, .repetitions = 5, .exp_degree = 1};
+  render_bench_arguments arguments = {.modes = "off,lossless,bounded", .frames = 12, .repetitions = 5, .exp_degree = 1};
   render_bench *self = calloc(1, sizeof *self);
   pags_parsed parsed;
   const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);

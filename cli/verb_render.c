@@ -9,6 +9,7 @@
 
 #include <base/file.h>
 #include <math.h>
+#include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
@@ -26,6 +27,7 @@ typedef struct render_arguments {
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
   const char *early_z;
   pags_dataset_options dataset_options;
+  int packed;
 } render_arguments;
 
 #define AT(member) offsetof(render_arguments, member)
@@ -95,11 +97,13 @@ static const pags_option options[] = {
     PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]", NULL,
               "leave out what is hidden before it is read, shaded, sorted or binned. lossless: the same bits as off; "
               "bounded: a pixel counts as full when no more than EPS (default 1/255) of what lies behind would show"),
+    PAGS_FLAG("packed", 0, AT(packed),
+              "draw from the packed form: less memory, rounded as docs/packed.md says (a packed file always is)"),
     PAGS_SESSION_OPTIONS(render_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat"}, {NULL, NULL}};
+    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat, .pagsz (mapped, not read)"}, {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "render",
@@ -115,6 +119,7 @@ static const pags_verb verb = {
 typedef struct renderer {
   const render_arguments *arguments;
   pags_composition *composition;
+  bool packed; /* drawn from packed rows */
   pags_viewpoints viewpoints;
   pags_frame *frame;
   pags_frame_options options;
@@ -249,6 +254,7 @@ static pags_result write_json(const renderer *self) {
   pags_json_begin_object(&writer, NULL);
   pags_json_put_integer(&writer, "threads", pags_tasks_workers(self->arguments->session.tasks));
   pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
+  pags_json_put_integer(&writer, "bytes", (int64_t)pags_composition_bytes(self->composition));
   pags_json_begin_array(&writer, "frames");
   for (int64_t i = 0; i < self->done; ++i) {
     pags_json_begin_object(&writer, NULL);
@@ -315,24 +321,53 @@ static void report(const renderer *self) {
       self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
       (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
       mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
+  const int64_t count = pags_composition_gaussian_count(self->composition);
+  if (self->packed)
+    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
+             (double)pags_composition_bytes(self->composition) * 1e-6,
+             count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
+}
+
+static pags_result find_work(renderer *self, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
+                             int64_t *edit_count) {
+  const render_arguments *arguments = self->arguments;
+  PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
+  if (pags_option_given(parsed, "time"))
+    PAGS_TRY(set_time(arguments->time, scene, &self->viewpoints));
+  return pags_edits_find(&arguments->edits, scene, edits, edit_count);
+}
+
+/* A packed file is not read but mapped; it has neither views nor objects. */
+static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
+  const char *path = parsed->positionals[0];
+  const char *way = self->arguments->path;
+  if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE", path);
+  PAGS_TRY(pags_composition_open_packed(path, &self->composition));
+  self->packed = true;
+  return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
 }
 
 /* Views, times and edits first: what is wrong with them is found before the Gaussians are put in order. */
-static pags_result compose(renderer *self, const pags_parsed *parsed) {
-  const render_arguments *arguments = self->arguments;
+static pags_result open_scene(renderer *self, const pags_parsed *parsed, pags_edit **edits, int64_t *edit_count) {
   pags_scene scene;
-  pags_edit *edits = NULL;
-  int64_t edit_count = 0;
   PAGS_TRY(pags_scene_load(parsed->positionals[0], &scene));
-  pags_result result = find_viewpoints(arguments, parsed, &scene, &self->viewpoints);
-  if (result == PAGS_OK && pags_option_given(parsed, "time"))
-    result = set_time(arguments->time, &scene, &self->viewpoints);
+  const pags_result result = find_work(self, parsed, &scene, edits, edit_count);
   if (result == PAGS_OK)
-    result = pags_edits_find(&arguments->edits, &scene, &edits, &edit_count);
-  if (result == PAGS_OK)
-    result = pags_composition_create(&scene, &self->composition);
+    PAGS_TRY(pags_composition_create(&scene, &self->composition));
   else
     pags_scene_destroy(&scene);
+  self->packed = self->arguments->packed;
+  if (result == PAGS_OK && self->packed)
+    PAGS_TRY(pags_composition_pack(self->composition));
+  return result;
+}
+
+static pags_result compose(renderer *self, const pags_parsed *parsed) {
+  pags_edit *edits = NULL;
+  int64_t edit_count = 0;
+  pags_result result = pags_packed_is_file(parsed->positionals[0]) ? open_packed(self, parsed, &edits, &edit_count)
+                                                                   : open_scene(self, parsed, &edits, &edit_count);
   if (result == PAGS_OK)
     result = pags_composition_edit(self->composition, edits, edit_count);
   free(edits);

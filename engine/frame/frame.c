@@ -126,6 +126,7 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
     return PAGS_ERROR_MEMORY;
   frame->ids_ascend = true;
   for (int p = 0; p < part_count; p++) {
+    assert(!parts[p].packed || !options->keep_for_backward);
     frame->parts[p] = parts[p];
     frame->projections[p] = make_projection(camera, options, parts + p);
     frame->stats.gaussians += parts[p].gaussians->count;

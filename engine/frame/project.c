@@ -9,8 +9,11 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   const pags_part *const part = frame->parts + c->part;
   pags_splat *const splats = frame->splats + c->base;
   uint32_t *const keys = frame->keys + c->base;
-  frame->kernels->project(frame->projections + c->part, part->gaussians->data + c->first, part->gaussians->stride,
-                          part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys, reaches);
+  row_scratch scratch;
+  int64_t stride;
+  const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
+  frame->kernels->project(frame->projections + c->part, rows, stride, part->opacity_factor ? part->opacity_factor + c->first : NULL,
+                          c->count, splats, keys, reaches);
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
       splats[k].id = splat_id(part, c->first + k);
@@ -33,15 +36,26 @@ pags_result pags_stage_project(pags_frame *frame) {
   return pags_frame_for(frame, frame->cluster_count, 8, project_block, frame);
 }
 
+static bool is_any_drawn(const uint32_t *keys, int count) {
+  for (int k = 0; k < count; k++)
+    if (keys[k] != UINT32_MAX)
+      return true;
+  return false;
+}
+
 static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
   pags_frame *const frame = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const c = frame->clusters + i;
     const pags_part *const part = frame->parts + c->part;
-    const pags_gaussians *const g = part->gaussians;
-    frame->kernels->shade(frame->projections + c->part, g->data + c->first, g->stride, part->dc ? part->dc + c->first : NULL,
-                          c->count, frame->keys + c->base, frame->splats + c->base);
+    row_scratch scratch;
+    int64_t stride;
+    if (part->packed && !is_any_drawn(frame->keys + c->base, c->count))
+      continue;
+    const float *const rows = pags_frame_colours(part, c, frame->projections[c->part].sh_degree, &scratch, &stride);
+    frame->kernels->shade(frame->projections + c->part, rows, stride, part->dc ? part->dc + c->first : NULL, c->count,
+                          frame->keys + c->base, frame->splats + c->base);
   }
 }
 

@@ -162,13 +162,17 @@ static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
   const pags_part *const part = f->parts + c->part;
-  const pags_gaussians *const g = part->gaussians;
+  const float *rows = NULL;
+  row_scratch scratch;
+  int64_t stride = 0;
   for (int first = 0; first < c->count; first += GROUP) {
     const int group = first / GROUP, count = c->count - first < GROUP ? c->count - first : GROUP;
     if (!a->ready[group] || (a->shaded >> group & 1))
       continue;
+    if (!rows)
+      rows = pags_frame_colours(part, c, f->projections[c->part].sh_degree, &scratch, &stride);
     const uint32_t *const keys = f->keys + c->base + first;
-    f->kernels->shade(f->projections + c->part, g->data + c->first + first, g->stride,
+    f->kernels->shade(f->projections + c->part, rows + first, stride,
                       part->dc ? part->dc + c->first + first : NULL, count, keys, f->splats + c->base + first);
     a->shaded = (uint16_t)(a->shaded | 1u << group);
     for (int k = 0; k < count; k++)

@@ -4,6 +4,7 @@
 
 #include <kernels.h>
 #include <pags/frame.h>
+#include <pags/packed.h>
 #include <stdbool.h>
 
 /* A cluster in view. Its members' results lie at [base, base + count) of the dense arrays below; base is a multiple of 16. */
@@ -103,6 +104,16 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile);
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
 void pags_frame_expose(const pags_frame *frame, int64_t tile); /* when all else is in it */
+
+/* What a packed cluster is unpacked into. */
+typedef struct row_scratch {
+  float planes[PAGS_MAX_PLANES * PAGS_PACKED_ROWS] __attribute__((aligned(64)));
+} row_scratch;
+/* Planes of a cluster's rows, `stride` floats apart: those of geometry; means and colours up to a degree. Unpacked into the scratch where
+ * the part is packed. */
+const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch, int64_t *stride);
+const float *pags_frame_colours(const pags_part *part, const view_cluster *cluster, int sh_degree, row_scratch *scratch,
+                                int64_t *stride);
 
 /* count * size bytes of this frame, or NULL after pags_fail. */
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);

@@ -4,6 +4,7 @@
  * its own. Such a run is drawn with world_from_model = P D P^-1, P being its box and D the edit; one that follows a track
  * with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in double. */
 #include <pags/compose.h>
+#include <pags/packed.h>
 
 #include <math.h>
 #include <stdio.h>
@@ -11,6 +12,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "scene/packed_rows.h"
 
 enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
 
@@ -18,8 +20,9 @@ enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
 typedef struct group {
   pags_gaussians gaussians;
   pags_clusters clusters;
-  int32_t *id;
-  int64_t object; /* -1: none */
+  pags_packed packed; /* in place of `gaussians` and `clusters`, which are empty then; no rows where those are */
+  int32_t *id;        /* NULL: rows are ids, which a packed file's are */
+  int64_t object;     /* -1: none */
   bool tracked;   /* in the frame of its object and following it; else in the world */
   float *dc;      /* constant colour at dc_time; NULL: it doesn't change */
   double dc_time; /* NaN: not computed yet */
@@ -190,6 +193,8 @@ pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
 pags_result pags_composition_load(const char *path, pags_composition **out) {
   pags_scene scene;
   *out = NULL;
+  if (pags_packed_is_file(path))
+    return pags_composition_open_packed(path, out);
   PAGS_TRY(pags_scene_load(path, &scene));
   return pags_composition_create(&scene, out);
 }
@@ -200,6 +205,7 @@ void pags_composition_destroy(pags_composition *composition) {
   for (int64_t i = 0; i < composition->group_count; ++i) {
     pags_gaussians_destroy(&composition->groups[i].gaussians);
     pags_clusters_destroy(&composition->groups[i].clusters);
+    pags_packed_destroy(&composition->groups[i].packed);
     free(composition->groups[i].id);
     free(composition->groups[i].dc);
   }
@@ -227,6 +233,7 @@ size_t pags_composition_bytes(const pags_composition *composition) {
                  (g->gaussians.object_id ? 1 : 0) + (g->gaussians.fourier ? 15 : 0);
     bytes += (size_t)g->gaussians.stride * (size_t)planes * 4 + (size_t)g->gaussians.count * 4 +
              (size_t)g->clusters.count * 28;
+    bytes += pags_packed_bytes(&g->packed) + (g->id ? (size_t)g->packed.shape.count * 4 : 0);
   }
   return bytes;
 }
@@ -379,20 +386,26 @@ static void evaluate_dc(const pags_scene *scene, group *g, double time) {
   g->dc_time = time;
 }
 
+static int64_t group_rows(const group *g) {
+  return g->gaussians.count + g->packed.shape.count;
+}
+
 /* All of a part but its place. */
 static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
   if (g->dc)
     evaluate_dc(&c->scene, g, time);
-  part->gaussians = &g->gaussians;
-  part->clusters = &g->clusters;
+  const bool packed = g->packed.shape.count > 0;
+  part->gaussians = packed ? &g->packed.shape : &g->gaussians;
+  part->clusters = packed ? &g->packed.clusters : &g->clusters;
+  part->packed = packed ? &g->packed : NULL;
   part->id = g->id;
-  part->first_id = g->id[0];
+  part->first_id = g->id ? g->id[0] : 0;
   part->dc = g->dc;
 }
 
 static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
   pags_part *part = &c->parts[*count];
-  if (g->gaussians.count == 0 || !place(c, g, motion, time, part->world_from_model))
+  if (group_rows(g) == 0 || !place(c, g, motion, time, part->world_from_model))
     return;
   fill_part(c, g, time, part);
   ++*count;
@@ -488,7 +501,7 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   for (int64_t i = 0; i < count; ++i)
     for (int64_t k = 0; k < c->group_count; ++k) {
       group *g = &c->groups[k];
-      if (g->gaussians.count == 0 || !is_placed_by(c, g, placements[i].object))
+      if (group_rows(g) == 0 || !is_placed_by(c, g, placements[i].object))
         continue;
       pags_part *part = &c->placed_parts[(*part_count)++];
       fill_part(c, g, when, part);
@@ -498,11 +511,16 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   return PAGS_OK;
 }
 
+static int64_t id_of(const group *g, int64_t row) {
+  return g->id ? g->id[row] : row;
+}
+
 void pags_composition_objects(const pags_composition *composition, int32_t *object_of) {
   for (int64_t k = 0; k < composition->group_count; ++k) {
     const group *g = &composition->groups[k];
-    for (int64_t i = 0; i < g->gaussians.count; ++i)
-      object_of[g->id[i]] = g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
+    for (int64_t i = 0; i < group_rows(g); ++i)
+      object_of[id_of(g, i)] =
+          g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
   }
 }
 
@@ -511,9 +529,51 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
   for (int64_t k = 0; k < composition->group_count; ++k) {
     const group *g = &composition->groups[k];
     float rest = g->object >= 0 && composition->scene.objects[g->object].critical ? 1 : 0;
-    known = known || g->gaussians.s_sem;
-    for (int64_t i = 0; i < g->gaussians.count; ++i)
-      priority_of[g->id[i]] = g->gaussians.s_sem ? g->gaussians.s_sem[i] : rest;
+    known = known || g->gaussians.s_sem || g->packed.has_s_sem;
+    for (int64_t i = 0; i < group_rows(g); ++i)
+      priority_of[id_of(g, i)] = g->gaussians.s_sem       ? g->gaussians.s_sem[i]
+                                 : g->packed.has_s_sem ? pags_packed_s_sem(&g->packed, i)
+                                                          : rest;
   }
   return known;
+}
+
+/* Rows are in Morton order already. Where ids of objects are kept for rows without an object of the scene, they are lost. */
+pags_result pags_composition_pack(pags_composition *composition) {
+  for (int64_t k = 0; k < composition->group_count; ++k) {
+    group *g = &composition->groups[k];
+    if (g->gaussians.count == 0 || g->gaussians.fourier)
+      continue;
+    PAGS_TRY(pags_packed_create(&g->gaussians, &g->packed));
+    pags_gaussians_destroy(&g->gaussians);
+    pags_clusters_destroy(&g->clusters);
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_composition_open_packed(const char *path, pags_composition **out) {
+  pags_packed packed;
+  *out = NULL;
+  PAGS_TRY(pags_packed_open(path, &packed));
+  pags_composition *c = calloc(1, sizeof *c);
+  group *g = c ? next_group(c) : NULL;
+  if (!g || packed.shape.count > INT32_MAX - 64) {
+    pags_packed_destroy(&packed);
+    pags_composition_destroy(c);
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for a scene", path);
+  }
+  g->packed = packed;
+  c->gaussian_count = packed.shape.count;
+  c->scene.up = (pags_up)packed.up;
+  c->scene.antialiased = packed.antialiased;
+  for (int i = 0; i < 3; ++i) {
+    c->scene.origin[i] = packed.origin[i];
+    c->scene.background[i] = packed.background[i];
+  }
+  const pags_result result = pags_composition_edit(c, NULL, 0);
+  if (result == PAGS_OK)
+    *out = c;
+  else
+    pags_composition_destroy(c);
+  return result;
 }

@@ -4,6 +4,7 @@
 #include <string.h>
 #include <strings.h>
 
+#include <pags/packed.h>
 #include <pags/scene.h>
 
 #include "base/file.h"
@@ -66,7 +67,19 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
     *kind = "splat";
     return pags_splat_decode(path, bytes, size, out);
   }
-  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ or one named .splat)", path);
+  return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a splat file (PLY, SPZ, packed or one named .splat)", path);
+}
+
+static pags_result load_packed(const char *path, pags_gaussians *out, const char **kind, int *antialiased) {
+  pags_packed packed;
+  PAGS_TRY(pags_packed_open(path, &packed));
+  if (kind)
+    *kind = "packed";
+  if (antialiased)
+    *antialiased = packed.antialiased;
+  const pags_result result = pags_packed_unpack(&packed, out);
+  pags_packed_destroy(&packed);
+  return result;
 }
 
 pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **kind, int *antialiased) {
@@ -75,6 +88,8 @@ pags_result pags_splat_load(const char *path, pags_gaussians *out, const char **
   const char *found_kind = "";
   int found_antialiased = 0;
   *out = (pags_gaussians){0};
+  if (pags_packed_is_file(path))
+    return load_packed(path, out, kind, antialiased);
   PAGS_TRY(pags_file_read(path, &bytes, &size));
   pags_result result = decode(path, bytes, size, out, &found_kind, &found_antialiased);
   free(bytes);

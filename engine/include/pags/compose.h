@@ -20,8 +20,12 @@ typedef struct pags_composition pags_composition;
 
 /* Takes the scene over (`scene` is zeroed, on failure as well) and brings its Gaussians into Morton order under clusters. */
 PAGS_API pags_result pags_composition_create(pags_scene *scene, pags_composition **out);
-/* The same of a scene folder or a splat file. */
+/* The same of a scene folder or a splat file; a packed one is opened packed. */
 PAGS_API pags_result pags_composition_load(const char *path, pags_composition **out);
+/* A packed splat file (pags/packed.h), mapped: a scene without views and objects whose ids are the file's rows. */
+PAGS_API pags_result pags_composition_open_packed(const char *path, pags_composition **out);
+/* Replaces the Gaussians by their packed form, but for those whose colour changes with time. Pictures change by what packing rounds. */
+PAGS_API pags_result pags_composition_pack(pags_composition *composition);
 PAGS_API void pags_composition_destroy(pags_composition *composition); /* NULL is allowed */
 
 /* The scene, whose models have no Gaussians left: they are in the composition's own order now. */

@@ -35,7 +35,9 @@ PAGS_API void pags_clusters_update(pags_clusters *clusters, const pags_gaussians
 
 /* Gaussians that share a frame of reference. */
 typedef struct pags_part {
-  const pags_gaussians *gaussians;
+  const pags_gaussians *gaussians; /* of packed ones: count and degree alone */
+  const struct pags_packed *packed; /* pags/packed.h: unpacked cluster by cluster while drawing. NULL: the planes of `gaussians`. Not with
+                                       keep_for_backward */
   const pags_clusters *clusters;   /* over those Gaussians */
   const int32_t *id;               /* id of each Gaussian, for output and for ties; NULL: first_id + row */
   int32_t first_id;

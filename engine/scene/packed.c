@@ -1,0 +1,370 @@
+/* Packing, and the file: a head of 128 bytes, then bounds (seven planes of floats), geometry and colours, each at a multiple of 64. */
+#include <pags/packed.h>
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <fcntl.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/half.h"
+#include "scene/packed_rows.h"
+
+enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
+static const char magic[8] = {'P', 'A', 'G', 'S', 'P', 'K', '0', '1'};
+
+/* Where things lie in a file or block; `size` is all of it. */
+typedef struct places {
+  size_t bounds, geometry, colour, size;
+} places;
+
+static size_t align(size_t size) { return (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
+
+static places find_places(int64_t clusters, int sh_degree) {
+  places p = {.bounds = HEAD};
+  p.geometry = align(p.bounds + (size_t)clusters * BOUND_PLANES * sizeof(float));
+  p.colour = p.geometry + (size_t)clusters * PAGS_PACKED_GEOMETRY;
+  p.size = p.colour + (size_t)clusters * pags_packed_colour_bytes(sh_degree);
+  return p;
+}
+
+/* Points the struct's members into `bytes`. */
+static void attach(pags_packed *packed, uint8_t *bytes, int64_t count, int sh_degree) {
+  const int64_t clusters = (count + ROWS - 1) / ROWS;
+  const places p = find_places(clusters, sh_degree);
+  float *const bounds = (float *)(void *)(bytes + p.bounds);
+  packed->shape = (pags_gaussians){.count = count, .sh_degree = sh_degree};
+  packed->clusters = (pags_clusters){.count = clusters, .size = ROWS};
+  for (int k = 0; k < 3; k++) {
+    packed->clusters.lo[k] = bounds + k * clusters;
+    packed->clusters.hi[k] = bounds + (3 + k) * clusters;
+  }
+  packed->clusters.sigma = bounds + 6 * clusters;
+  packed->geometry = bytes + p.geometry;
+  packed->colour = bytes + p.colour;
+  packed->block = bytes;
+  packed->block_size = p.size;
+}
+
+static uint16_t quantise(float value, float lowest, float step, float most) {
+  const float code = floorf((value - lowest) / step + 0.5f);
+  return (uint16_t)(code > 0.0f ? code < most ? code : most : 0.0f); /* 0 for NaN */
+}
+
+static void put_word(uint8_t *block, int plane, int row, uint16_t word) {
+  memcpy(block + 2 * ((size_t)plane * ROWS + (size_t)row), &word, sizeof word);
+}
+
+static void pack_means(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters, int64_t cluster,
+                       uint8_t *block) {
+  for (int a = 0; a < 3; a++) {
+    const float *const mean = pags_plane(g, PAGS_MEAN + a) + first;
+    float lo = mean[0], hi = mean[0];
+    for (int i = 1; i < rows; i++) {
+      lo = mean[i] < lo ? mean[i] : lo;
+      hi = mean[i] > hi ? mean[i] : hi;
+    }
+    clusters->lo[a][cluster] = lo;
+    clusters->hi[a][cluster] = hi;
+    const float step = (hi - lo) * (1.0f / 65535.0f);
+    for (int i = 0; i < rows; i++)
+      put_word(block, a, i, step > 0.0f ? quantise(mean[i], lo, step, 65535.0f) : 0);
+  }
+}
+
+/* The smallest three of a unit quaternion whose largest part is positive. A zero quaternion is the identity. */
+static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *block) {
+  double q[4], norm = 0;
+  int largest = 0, place = 0;
+  for (int k = 0; k < 4; k++) {
+    q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[row];
+    norm += q[k] * q[k];
+    largest = fabs(q[k]) > fabs(q[largest]) ? k : largest;
+  }
+  const double scale = norm > 0 ? (q[largest] < 0 ? -1 : 1) / sqrt(norm) : 0;
+  for (int k = 0; k < 4; k++) {
+    if (k == largest)
+      continue;
+    uint16_t word = quantise((float)(q[k] * scale), -PAGS_PACKED_HALF_ROOT, PAGS_PACKED_TURN, 32767.0f);
+    if (place < 2 && (largest >> place & 1))
+      word |= 0x8000;
+    put_word(block, 6 + place++, i, word);
+  }
+}
+
+static void pack_geometry(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters, int64_t cluster,
+                          uint8_t *block) {
+  pack_means(g, first, rows, clusters, cluster, block);
+  for (int i = 0; i < rows; i++) {
+    for (int k = 0; k < 3; k++)
+      put_word(block, 3 + k, i,
+               quantise(pags_plane(g, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    pack_rotation(g, first + i, i, block);
+    put_word(block, 9, i, quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    if (g->s_sem)
+      block[2 * PAGS_PACKED_WORDS * ROWS + i] = (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
+  }
+}
+
+static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8_t *block) {
+  const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
+  uint8_t *const steps = block + pags_packed_steps_at(g->sh_degree);
+  for (int c = 0; c < 3; c++)
+    for (int i = 0; i < rows; i++) {
+      const float v = pags_plane(g, PAGS_SH + c)[first + i];
+      put_word(block, c, i, pags_half_from_float(v > 65504.0f ? 65504.0f : v < -65504.0f ? -65504.0f : v));
+    }
+  for (int p = 0; p < rest; p++) {
+    const float *const values = pags_plane(g, PAGS_SH + 3 + p) + first;
+    float most = 0.0f;
+    for (int i = 0; i < rows; i++)
+      most = fabsf(values[i]) > most ? fabsf(values[i]) : most;
+    const float step = most / 127.0f;
+    memcpy(steps + 4 * p, &step, sizeof step);
+    for (int i = 0; i < rows; i++)
+      block[(6 + p) * ROWS + i] = (uint8_t)(int8_t)(step > 0.0f ? lrintf(values[i] / step) : 0);
+  }
+}
+
+/* A hair more than exp of the largest, since the projection kernel's exp rounds otherwise than libm's. */
+static float largest_sigma(const pags_packed *packed, int64_t cluster, int rows) {
+  float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
+  pags_packed_geometry(packed, cluster, planes);
+  for (int k = 0; k < 3; k++)
+    for (int i = 0; i < rows; i++)
+      largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
+  return expf(largest) * 1.00001f;
+}
+
+pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
+  const int64_t clusters = (gaussians->count + ROWS - 1) / ROWS;
+  const size_t size = find_places(clusters, gaussians->sh_degree).size;
+  *out = (pags_packed){0};
+  uint8_t *const bytes = aligned_alloc(ALIGNMENT, align(size));
+  if (!bytes)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory to pack %lld Gaussians", (long long)gaussians->count);
+  memset(bytes, 0, align(size));
+  attach(out, bytes, gaussians->count, gaussians->sh_degree);
+  out->has_s_sem = gaussians->s_sem != NULL;
+  for (int64_t c = 0; c < clusters; c++) {
+    const int64_t first = c * ROWS;
+    const int rows = (int)(gaussians->count - first < ROWS ? gaussians->count - first : ROWS);
+    pack_geometry(gaussians, first, rows, &out->clusters, c, bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY);
+    pack_colours(gaussians, first, rows,
+                 bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
+    out->clusters.sigma[c] = largest_sigma(out, c, rows);
+  }
+  return PAGS_OK;
+}
+
+void pags_packed_destroy(pags_packed *packed) {
+  if (packed->mapped)
+    munmap(packed->block, packed->block_size);
+  else
+    free(packed->block);
+  *packed = (pags_packed){0};
+}
+
+size_t pags_packed_bytes(const pags_packed *packed) { return packed->block_size; }
+
+pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
+  float planes[PAGS_MAX_PLANES * ROWS];
+  const int degree = packed->shape.sh_degree, plane_count = pags_plane_count(degree);
+  PAGS_TRY(pags_gaussians_create(out, packed->shape.count, degree));
+  if (packed->has_s_sem) {
+    const pags_result result = pags_gaussians_add_s_sem(out);
+    if (result != PAGS_OK) {
+      pags_gaussians_destroy(out);
+      return result;
+    }
+  }
+  for (int64_t c = 0; c < packed->clusters.count; c++) {
+    const int64_t first = c * ROWS;
+    const int rows = (int)(out->count - first < ROWS ? out->count - first : ROWS);
+    pags_packed_geometry(packed, c, planes);
+    pags_packed_colours(packed, c, degree, planes + PAGS_SH * ROWS);
+    for (int p = 0; p < plane_count; p++)
+      memcpy(pags_plane(out, p) + first, planes + p * ROWS, (size_t)rows * sizeof(float));
+    for (int i = 0; i < rows && out->s_sem; i++)
+      out->s_sem[first + i] = pags_packed_s_sem(packed, first + i);
+  }
+  return PAGS_OK;
+}
+
+/* Head: magic, count, degree, rows a cluster, s_sem, up, antialiased, origin, background; the rest zeros. */
+static void fill_head(const pags_packed *packed, int64_t count, uint8_t head[HEAD]) {
+  memset(head, 0, HEAD);
+  memcpy(head, magic, sizeof magic);
+  memcpy(head + 8, &count, sizeof count);
+  head[16] = (uint8_t)packed->shape.sh_degree;
+  head[17] = ROWS;
+  head[18] = packed->has_s_sem != 0;
+  head[19] = (uint8_t)packed->up;
+  head[20] = packed->antialiased != 0;
+  memcpy(head + 24, packed->origin, sizeof packed->origin);
+  memcpy(head + 48, packed->background, sizeof packed->background);
+}
+
+static pags_result put_zeros(pags_file_writer *file, size_t count) {
+  static const uint8_t zeros[ALIGNMENT];
+  return count ? pags_file_writer_put(file, zeros, count) : PAGS_OK;
+}
+
+/* One plane of bounds for all copies, moved along `axis` (-1: not at all). */
+static pags_result put_bounds(pags_file_writer *file, const float *plane, int64_t clusters, int64_t copies, int axis,
+                              const double *offsets) {
+  float moved[CHUNK];
+  for (int64_t c = 0; c < copies; c++)
+    for (int64_t first = 0; first < clusters; first += CHUNK) {
+      const int64_t rows = clusters - first < CHUNK ? clusters - first : CHUNK;
+      for (int64_t i = 0; i < rows; i++)
+        moved[i] = axis >= 0 && offsets ? (float)((double)plane[first + i] + offsets[3 * c + axis]) : plane[first + i];
+      PAGS_TRY(pags_file_writer_put(file, moved, (size_t)rows * sizeof(float)));
+    }
+  return PAGS_OK;
+}
+
+static pags_result put_all(pags_file_writer *file, const pags_packed *packed, int64_t clusters, int64_t count,
+                           int64_t copies, const double *offsets) {
+  uint8_t head[HEAD];
+  const places p = find_places(clusters * copies, packed->shape.sh_degree);
+  fill_head(packed, count, head);
+  PAGS_TRY(pags_file_writer_put(file, head, HEAD));
+  for (int k = 0; k < 6; k++)
+    PAGS_TRY(put_bounds(file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3, offsets));
+  PAGS_TRY(put_bounds(file, packed->clusters.sigma, clusters, copies, -1, NULL));
+  PAGS_TRY(put_zeros(file, p.geometry - p.bounds - (size_t)(clusters * copies) * BOUND_PLANES * sizeof(float)));
+  for (int64_t c = 0; c < copies; c++)
+    PAGS_TRY(pags_file_writer_put(file, packed->geometry, (size_t)clusters * PAGS_PACKED_GEOMETRY));
+  for (int64_t c = 0; c < copies; c++)
+    PAGS_TRY(pags_file_writer_put(file, packed->colour, (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
+  return PAGS_OK;
+}
+
+pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_t copies, const double *offsets) {
+  const int64_t whole = packed->shape.count / ROWS;
+  const int64_t clusters = copies > 1 ? whole : packed->clusters.count;
+  const int64_t count = copies > 1 ? whole * ROWS * copies : packed->shape.count;
+  pags_file_writer file;
+  if (count > INT64_C(0x7FFFFFC0))
+    return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are more than the 2^31 - 64 of a packed file", path,
+                     (long long)count);
+  PAGS_TRY(pags_file_writer_begin(&file, path));
+  PAGS_TRY(put_all(&file, packed, clusters, count, copies, offsets));
+  return pags_file_writer_commit(&file);
+}
+
+static pags_result sort_rows(const pags_gaussians *gaussians, pags_gaussians *sorted) {
+  int64_t *const order = malloc((size_t)(gaussians->count + 1) * sizeof *order);
+  if (!order)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory to sort %lld Gaussians", (long long)gaussians->count);
+  pags_result result = pags_gaussians_morton_order(gaussians, order);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create_like(sorted, gaussians->count, gaussians);
+  if (result == PAGS_OK)
+    pags_gaussians_gather(gaussians, order, gaussians->count, sorted);
+  free(order);
+  return result;
+}
+
+pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head) {
+  pags_gaussians sorted;
+  pags_packed packed;
+  PAGS_TRY(sort_rows(gaussians, &sorted));
+  pags_result result = pags_packed_create(&sorted, &packed);
+  pags_gaussians_destroy(&sorted);
+  PAGS_TRY(result);
+  memcpy(packed.origin, head->origin, sizeof packed.origin);
+  memcpy(packed.background, head->background, sizeof packed.background);
+  packed.up = head->up;
+  packed.antialiased = head->antialiased;
+  result = pags_packed_save(path, &packed, 1, NULL);
+  pags_packed_destroy(&packed);
+  return result;
+}
+
+static pags_result check_bounds(const char *path, const pags_packed *packed) {
+  const pags_clusters *const c = &packed->clusters;
+  for (int64_t i = 0; i < c->count; i++) {
+    bool good = c->sigma[i] >= 0.0f && c->sigma[i] < 1e7f; /* false for NaN */
+    for (int k = 0; k < 3; k++)
+      good = good && c->lo[k][i] <= c->hi[k][i] && fabsf(c->lo[k][i]) < 1e30f && fabsf(c->hi[k][i]) < 1e30f;
+    if (!good)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: cluster %lld: expected finite bounds, lowest first", path, (long long)i);
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_head(const char *path, const uint8_t *head, uint64_t size, int64_t *count, int *degree,
+                             pags_packed *out) {
+  memcpy(count, head + 8, sizeof *count);
+  *degree = head[16];
+  if (memcmp(head, magic, sizeof magic) != 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01'", path);
+  if (*count < 0 || *count > INT64_C(0x7FFFFFC0) || *degree > 3 || head[17] != ROWS || head[19] > 2)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path,
+                     ROWS);
+  const places p = find_places((*count + ROWS - 1) / ROWS, *degree);
+  if (p.size != size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %llu bytes for %lld Gaussians of degree %d, found %llu", path,
+                     (unsigned long long)p.size, (long long)*count, *degree, (unsigned long long)size);
+  out->has_s_sem = head[18];
+  out->up = head[19];
+  out->antialiased = head[20] != 0;
+  memcpy(out->origin, head + 24, sizeof out->origin);
+  memcpy(out->background, head + 48, sizeof out->background);
+  for (int k = 0; k < 3; k++)
+    if (!isfinite(out->origin[k]) || !(out->background[k] >= 0.0f && out->background[k] <= 1.0f))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected a finite origin and a background from 0 to 1", path);
+  return PAGS_OK;
+}
+
+/* Maps a file of known size, privately: it is never written to. */
+static pags_result map_file(const char *path, uint64_t size, uint8_t **bytes) {
+  const int file = open(path, O_RDONLY);
+  void *const map = file < 0 ? MAP_FAILED : mmap(NULL, (size_t)size, PROT_READ | PROT_WRITE, MAP_PRIVATE, file, 0);
+  if (file >= 0)
+    close(file);
+  if (map == MAP_FAILED)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't be mapped into memory", path);
+  *bytes = map;
+  return PAGS_OK;
+}
+
+pags_result pags_packed_open(const char *path, pags_packed *out) {
+  uint64_t size;
+  uint8_t *bytes = NULL;
+  int64_t count = 0;
+  int degree = 0;
+  *out = (pags_packed){0};
+  PAGS_TRY(pags_file_size(path, &size));
+  if (size < HEAD)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD, (unsigned long long)size);
+  PAGS_TRY(map_file(path, size, &bytes));
+  pags_result result = read_head(path, bytes, size, &count, &degree, out);
+  if (result == PAGS_OK) {
+    attach(out, bytes, count, degree);
+    out->mapped = 1;
+    result = check_bounds(path, out);
+  } else {
+    munmap(bytes, (size_t)size);
+  }
+  if (result != PAGS_OK)
+    pags_packed_destroy(out);
+  return result;
+}
+
+int pags_packed_is_file(const char *path) {
+  char start[sizeof magic];
+  FILE *const file = fopen(path, "rb");
+  const bool is = file && fread(start, 1, sizeof start, file) == sizeof start && memcmp(start, magic, sizeof magic) == 0;
+  if (file)
+    fclose(file);
+  return is;
+}

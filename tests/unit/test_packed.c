@@ -1,0 +1,341 @@
+/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files and their faults. */
+#include <math.h>
+#include <pags/compose.h>
+#include <pags/packed.h>
+#include <pags/scene.h>
+
+#include "base/rng.h"
+#include "unit/scratch.h"
+
+static scratch place;
+
+static float normal(uint64_t what, int64_t row) {
+  double pair[2];
+  pags_rng_normal2(17, what, (uint64_t)row, pair);
+  return (float)pair[0];
+}
+
+/* A cloud before a camera at the origin that looks along z, with a few values beyond what is stored. */
+static pags_gaussians make_cloud(int64_t count, int degree) {
+  pags_gaussians g;
+  scratch_ok(pags_gaussians_create(&g, count, degree));
+  scratch_ok(pags_gaussians_add_s_sem(&g));
+  for (int64_t i = 0; i < count; i++) {
+    for (int k = 0; k < 3; k++) {
+      pags_plane(&g, PAGS_MEAN + k)[i] = (k == 2 ? 8.0f : 0.0f) + 2.0f * normal((uint64_t)k, i / 8) + 0.1f * normal(60u + (uint64_t)k, i);
+      pags_plane(&g, PAGS_SCALE + k)[i] = -2.5f + normal(3u + (uint64_t)k, i);
+    }
+    for (int k = 0; k < 4; k++)
+      pags_plane(&g, PAGS_ROTATION + k)[i] = 3.0f * normal(6u + (uint64_t)k, i);
+    pags_plane(&g, PAGS_OPACITY)[i] = 2.0f * normal(10, i);
+    for (int p = PAGS_SH; p < pags_plane_count(degree); p++)
+      pags_plane(&g, p)[i] = (p < PAGS_SH + 3 ? 1.0f : 0.1f) * normal((uint64_t)p, i);
+    g.s_sem[i] = fminf(fabsf(normal(59, i)), 1.0f);
+  }
+  return g;
+}
+
+static float largest_in_cluster(const float *plane, int64_t row, int64_t count) {
+  float most = 0.0f;
+  for (int64_t i = row / 64 * 64; i < count && i < row / 64 * 64 + 64; i++)
+    most = fmaxf(most, fabsf(plane[i]));
+  return most;
+}
+
+static void check_mean(const pags_gaussians *g, const pags_gaussians *back, const pags_packed *packed, int64_t i) {
+  for (int k = 0; k < 3; k++) {
+    const float side = packed->clusters.hi[k][i / 64] - packed->clusters.lo[k][i / 64];
+    const float error = fabsf(pags_plane(g, k)[i] - pags_plane(back, k)[i]);
+    assert_true(error <= side / 131070.0f * 1.001f + 2e-6f);
+    assert_true(pags_plane(back, k)[i] >= packed->clusters.lo[k][i / 64] && pags_plane(back, k)[i] <= packed->clusters.hi[k][i / 64]);
+  }
+}
+
+/* By the angle between the rotations: 2 acos |q . p|, from |q - p|, which float can tell. */
+static void check_rotation(const pags_gaussians *g, const pags_gaussians *back, int64_t i) {
+  double q[4], p[4], norm = 0, dot = 0, apart = 0;
+  for (int k = 0; k < 4; k++) {
+    q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
+    p[k] = (double)pags_plane(back, PAGS_ROTATION + k)[i];
+    norm += q[k] * q[k];
+    dot += q[k] * p[k];
+  }
+  for (int k = 0; k < 4; k++) {
+    const double difference = q[k] / sqrt(norm) * (dot < 0 ? -1 : 1) - p[k];
+    apart += difference * difference;
+  }
+  assert_true(2 * sqrt(apart) <= 1.2e-4);
+}
+
+static void test_errors(void **state) {
+  (void)state;
+  for (int degree = 0; degree <= 3; degree++) {
+    pags_gaussians g = make_cloud(1000, degree), back;
+    pags_packed packed;
+    scratch_ok(pags_packed_create(&g, &packed));
+    scratch_ok(pags_packed_unpack(&packed, &back));
+    assert_int_equal(back.count, g.count);
+    assert_int_equal(back.sh_degree, degree);
+    for (int64_t i = 0; i < g.count; i++) {
+      check_mean(&g, &back, &packed, i);
+      check_rotation(&g, &back, i);
+      for (int k = 0; k < 3; k++) {
+        assert_true(fabsf(pags_plane(&g, PAGS_SCALE + k)[i] - pags_plane(&back, PAGS_SCALE + k)[i]) <= 2.5e-4f);
+        assert_true(expf(pags_plane(&back, PAGS_SCALE + k)[i]) <= packed.clusters.sigma[i / 64]);
+        const float dc = pags_plane(&g, PAGS_SH + k)[i];
+        assert_true(fabsf(dc - pags_plane(&back, PAGS_SH + k)[i]) <= fabsf(dc) * 0x1p-11f + 0x1p-24f);
+      }
+      assert_true(fabsf(pags_plane(&g, PAGS_OPACITY)[i] - pags_plane(&back, PAGS_OPACITY)[i]) <= 2.5e-4f);
+      for (int p = PAGS_SH + 3; p < pags_plane_count(degree); p++)
+        assert_true(fabsf(pags_plane(&g, p)[i] - pags_plane(&back, p)[i]) <=
+                    largest_in_cluster(pags_plane(&g, p), i, g.count) / 254.0f * 1.001f);
+      assert_true(fabsf(g.s_sem[i] - back.s_sem[i]) <= 1.0f / 510.0f + 1e-6f);
+    }
+    pags_packed_destroy(&packed);
+    pags_gaussians_destroy(&back);
+    pags_gaussians_destroy(&g);
+  }
+}
+
+/* What lies beyond the range is held at its end; a zero quaternion is no rotation; one row is enough. */
+static void test_ends(void **state) {
+  (void)state;
+  pags_gaussians g, back;
+  pags_packed packed;
+  scratch_ok(pags_gaussians_create(&g, 1, 1));
+  pags_plane(&g, PAGS_MEAN)[0] = 1e9f;
+  pags_plane(&g, PAGS_SCALE)[0] = -200.0f;
+  pags_plane(&g, PAGS_SCALE + 1)[0] = 40.0f;
+  pags_plane(&g, PAGS_OPACITY)[0] = 30.0f;
+  pags_plane(&g, PAGS_SH)[0] = 1e9f;
+  scratch_ok(pags_packed_create(&g, &packed));
+  scratch_ok(pags_packed_unpack(&packed, &back));
+  assert_true(pags_plane(&back, PAGS_MEAN)[0] == 1e9f);
+  assert_true(pags_plane(&back, PAGS_SCALE)[0] == -16.0f && fabsf(pags_plane(&back, PAGS_SCALE + 1)[0] - 16.0f) < 1e-5f);
+  assert_true(fabsf(pags_plane(&back, PAGS_OPACITY)[0] - 16.0f) < 1e-5f);
+  assert_true(pags_plane(&back, PAGS_SH)[0] == 65504.0f);
+  assert_true(pags_plane(&back, PAGS_ROTATION)[0] > 0.9999f);
+  assert_null(back.s_sem);
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&back);
+  pags_gaussians_destroy(&g);
+}
+
+static void test_bytes(void **state) {
+  (void)state;
+  pags_gaussians g = make_cloud(64000, 1);
+  pags_packed packed;
+  scratch_ok(pags_packed_create(&g, &packed));
+  const double each = (double)pags_packed_bytes(&packed) / 64000;
+  assert_true(each > 37 && each < 39); /* 21 + 6 + 9, bounds 0.44, steps 0.56 and what fills them up to 64 */
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&g);
+}
+
+/* A composition of one model; takes `g` over. */
+static pags_composition *compose(pags_gaussians *g) {
+  pags_scene scene = {.model_count = 1, .up = PAGS_UP_Z};
+  pags_composition *out;
+  scene.models = calloc(1, sizeof *scene.models);
+  assert_non_null(scene.models);
+  scene.models[0].gaussians = *g;
+  scratch_ok(pags_composition_create(&scene, &out));
+  return out;
+}
+
+enum { WIDTH = 96, HEIGHT = 64 };
+typedef struct drawn {
+  float rgb[3][WIDTH * HEIGHT];
+  int32_t id[WIDTH * HEIGHT];
+} drawn;
+
+static void draw(pags_composition *composition, drawn *out) {
+  const pags_camera camera = {.width = WIDTH,
+                              .height = HEIGHT,
+                              .fx = 90,
+                              .fy = 90,
+                              .cx = 48,
+                              .cy = 32,
+                              .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  pags_frame_options options = pags_composition_options(composition);
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_frame *frame;
+  const pags_part *parts;
+  int count;
+  pags_picture picture;
+  options.extra_channels = 1;
+  scratch_ok(pags_frame_create(tasks, &frame));
+  pags_compose(composition, 0, &parts, &count);
+  scratch_ok(pags_frame_render(frame, parts, count, &camera, &options, NULL, NULL, &picture));
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++) {
+      for (int k = 0; k < 3; k++)
+        out->rgb[k][y * WIDTH + x] = picture.rgb[k][y * picture.stride + x];
+      out->id[y * WIDTH + x] = picture.id[y * picture.stride + x];
+    }
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+}
+
+/* Drawing packed rows is drawing what unpacking gives, to the bit, and near to the picture of the originals. */
+static void test_picture(void **state) {
+  (void)state;
+  static drawn original, packed, unpacked;
+  for (int degree = 0; degree <= 3; degree++) {
+    pags_gaussians g = make_cloud(3000, degree), same = make_cloud(3000, degree);
+    pags_composition *composition = compose(&g);
+    draw(composition, &original);
+    const size_t before = pags_composition_bytes(composition);
+    scratch_ok(pags_composition_pack(composition));
+    assert_true(pags_composition_bytes(composition) < before);
+    draw(composition, &packed);
+    float *priority = malloc(3000 * sizeof *priority);
+    assert_true(pags_composition_priorities(composition, priority));
+    assert_true(fabsf(priority[1234] - same.s_sem[1234]) <= 1.0f / 510.0f + 1e-6f);
+    free(priority);
+    pags_composition_destroy(composition);
+    double worst = 0, lit = 0;
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; i++) {
+      worst = fmax(worst, fabs((double)original.rgb[0][i] - (double)packed.rgb[0][i]));
+      lit += (double)packed.rgb[0][i];
+    }
+    assert_true(lit > 500 && worst < 0.02);
+    int64_t *order = malloc(3000 * sizeof *order);
+    pags_gaussians sorted, back;
+    pags_packed rows;
+    scratch_ok(pags_gaussians_create_like(&sorted, 3000, &same));
+    scratch_ok(pags_gaussians_morton_order(&same, order));
+    pags_gaussians_gather(&same, order, 3000, &sorted);
+    scratch_ok(pags_packed_create(&sorted, &rows));
+    scratch_ok(pags_packed_unpack(&rows, &back));
+    composition = compose(&back);
+    draw(composition, &unpacked);
+    assert_memory_equal(packed.rgb, unpacked.rgb, sizeof packed.rgb);
+    pags_composition_destroy(composition);
+    pags_packed_destroy(&rows);
+    pags_gaussians_destroy(&sorted);
+    pags_gaussians_destroy(&same);
+    free(order);
+  }
+}
+
+static void test_file(void **state) {
+  (void)state;
+  static drawn memory, file;
+  pags_gaussians g = make_cloud(700, 1), back;
+  pags_packed packed, opened;
+  char *path = pags_path_join(place.folder, "a.pagsz");
+  scratch_ok(pags_packed_create(&g, &packed));
+  packed.up = PAGS_UP_Z;
+  packed.origin[1] = 5;
+  scratch_ok(pags_packed_save(path, &packed, 1, NULL));
+  assert_true(pags_packed_is_file(path));
+  scratch_ok(pags_packed_open(path, &opened));
+  assert_int_equal(opened.shape.count, 700);
+  assert_true(opened.origin[1] == 5 && opened.up == PAGS_UP_Z && opened.has_s_sem == 1);
+  assert_int_equal(pags_packed_bytes(&opened), pags_packed_bytes(&packed));
+  assert_memory_equal((uint8_t *)opened.block + 128, (uint8_t *)packed.block + 128, packed.block_size - 128);
+  pags_packed_destroy(&opened);
+  pags_composition *composition;
+  scratch_ok(pags_composition_load(path, &composition));
+  assert_int_equal(pags_composition_gaussian_count(composition), 700);
+  assert_true(pags_composition_scene(composition)->origin[1] == 5);
+  draw(composition, &file);
+  pags_composition_destroy(composition);
+  scratch_ok(pags_packed_unpack(&packed, &back));
+  pags_scene scene;
+  scratch_ok(pags_scene_load(path, &scene)); /* as planes, for whoever asks for a scene */
+  assert_int_equal(scene.models[0].gaussians.count, 700);
+  assert_memory_equal(pags_plane(&scene.models[0].gaussians, 4), pags_plane(&back, 4), 700 * sizeof(float));
+  scratch_ok(pags_composition_create(&scene, &composition));
+  draw(composition, &memory);
+  assert_memory_equal(memory.rgb, file.rgb, sizeof file.rgb);
+  pags_composition_destroy(composition);
+  pags_gaussians_destroy(&back);
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&g);
+  free(path);
+}
+
+static void test_copies(void **state) {
+  (void)state;
+  const double offsets[6] = {0, 0, 0, 100, 0, -7};
+  pags_gaussians g = make_cloud(200, 1), once, twice;
+  pags_packed packed, opened;
+  const char *path = scratch_path(&place, "b.pagsz");
+  scratch_ok(pags_packed_create(&g, &packed));
+  scratch_ok(pags_packed_save(path, &packed, 2, offsets));
+  scratch_ok(pags_packed_open(path, &opened));
+  assert_int_equal(opened.shape.count, 2 * 192);
+  scratch_ok(pags_packed_unpack(&packed, &once));
+  scratch_ok(pags_packed_unpack(&opened, &twice));
+  for (int64_t i = 0; i < 192; i++) {
+    assert_true(pags_plane(&twice, 0)[i] == pags_plane(&once, 0)[i]);
+    assert_true(fabsf(pags_plane(&twice, 0)[192 + i] - pags_plane(&once, 0)[i] - 100.0f) < 1e-4f);
+    assert_true(fabsf(pags_plane(&twice, 2)[192 + i] - pags_plane(&once, 2)[i] + 7.0f) < 1e-4f);
+    assert_true(pags_plane(&twice, 13)[192 + i] == pags_plane(&once, 13)[i]);
+  }
+  pags_gaussians_destroy(&once);
+  pags_gaussians_destroy(&twice);
+  pags_packed_destroy(&opened);
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&g);
+}
+
+/* Writes the bytes and expects a refusal that says `part`. */
+static void refuses(const uint8_t *bytes, size_t size, const char *part) {
+  pags_packed opened;
+  scratch_write(&place, "bad.pagsz", bytes, size);
+  scratch_expect(pags_packed_open(place.path, &opened), PAGS_ERROR_FORMAT, part);
+  assert_null(opened.block);
+}
+
+static void test_faults(void **state) {
+  (void)state;
+  pags_gaussians g = make_cloud(100, 1);
+  pags_packed packed;
+  uint8_t *bytes;
+  size_t size;
+  char *path = pags_path_join(place.folder, "c.pagsz");
+  scratch_ok(pags_packed_create(&g, &packed));
+  scratch_ok(pags_packed_save(path, &packed, 1, NULL));
+  scratch_ok(pags_file_read(path, &bytes, &size));
+  refuses(bytes, 100, "a head of 128 bytes");
+  refuses(bytes, size - 1, "expected");
+  bytes[8] ^= 64;
+  refuses(bytes, size, "bytes for");
+  bytes[8] ^= 64;
+  bytes[15] = 0x7F;
+  refuses(bytes, size, "at most 2^31");
+  bytes[15] = 0;
+  bytes[16] = 9;
+  refuses(bytes, size, "degree 0 to 3");
+  bytes[16] = 1;
+  memcpy(bytes + 128, &(float){(float)NAN}, 4);
+  refuses(bytes, size, "cluster 0");
+  bytes[0] = 'X';
+  refuses(bytes, size, "PAGSPK01");
+  free(bytes);
+  free(path);
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&g);
+}
+
+static int setup(void **state) {
+  (void)state;
+  scratch_begin(&place);
+  return 0;
+}
+
+static int teardown(void **state) {
+  (void)state;
+  scratch_end(&place);
+  return 0;
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors), cmocka_unit_test(test_ends),   cmocka_unit_test(test_bytes),
+                                     cmocka_unit_test(test_picture), cmocka_unit_test(test_file), cmocka_unit_test(test_copies),
+                                     cmocka_unit_test(test_faults)};
+  return cmocka_run_group_tests(tests, setup, teardown);
+}
