@@ -153,7 +153,7 @@ static pags_result sort_rows(scale_bench *self, const pags_gaussians *from) {
   PAGS_TRY(result);
   PAGS_TRY(pags_clusters_create(&self->clusters, self->rows.count, PAGS_PACKED_ROWS));
   pags_clusters_update(&self->clusters, &self->rows, 0, self->clusters.count);
-  return PAGS_OK;
+  return pags_clusters_add_runs(&self->clusters);
 }
 
 static int ascending(const void *a, const void *b) {

@@ -4,15 +4,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { BOUND_PLANES = 7 };
+enum { BOUND_PLANES = 7, RUN = 64 };
 
-pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count, int size) {
-  memset(clusters, 0, sizeof *clusters);
-  if (size < 1 || size > 256 || (size > 1 && size % 16 != 0))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster size %d: expected 1 or a multiple of 16 up to 256", size);
+static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
   clusters->size = size;
-  clusters->count = (gaussian_count + size - 1) / size;
-  if (clusters->count == 0)
+  clusters->count = count;
+  if (count == 0)
     return PAGS_OK;
   float *const data = calloc((size_t)clusters->count, BOUND_PLANES * sizeof(float));
   if (!data)
@@ -25,7 +22,44 @@ pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count
   return PAGS_OK;
 }
 
+pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count, int size) {
+  memset(clusters, 0, sizeof *clusters);
+  if (size < 1 || size > 256 || (size > 1 && size % 16 != 0))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster size %d: expected 1 or a multiple of 16 up to 256", size);
+  return allocate(clusters, (gaussian_count + size - 1) / size, size);
+}
+
+void pags_clusters_drop_runs(pags_clusters *clusters) {
+  if (clusters->runs)
+    free(clusters->runs->lo[0]);
+  free(clusters->runs);
+  clusters->runs = NULL;
+}
+
+pags_result pags_clusters_add_runs(pags_clusters *clusters) {
+  pags_clusters *const runs = calloc(1, sizeof *runs);
+  if (!runs || allocate(runs, (clusters->count + RUN - 1) / RUN, RUN * clusters->size) != PAGS_OK) {
+    free(runs);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the bounds of %lld clusters", (long long)clusters->count);
+  }
+  for (int64_t r = 0; r < runs->count; r++) {
+    const int64_t begin = r * RUN, end = begin + RUN < clusters->count ? begin + RUN : clusters->count;
+    runs->sigma[r] = 0.0f;
+    for (int64_t i = begin; i < end; i++) {
+      for (int k = 0; k < 3; k++) {
+        runs->lo[k][r] = i == begin ? clusters->lo[k][i] : fminf(runs->lo[k][r], clusters->lo[k][i]);
+        runs->hi[k][r] = i == begin ? clusters->hi[k][i] : fmaxf(runs->hi[k][r], clusters->hi[k][i]);
+      }
+      runs->sigma[r] = fmaxf(runs->sigma[r], clusters->sigma[i]);
+    }
+  }
+  pags_clusters_drop_runs(clusters);
+  clusters->runs = runs;
+  return PAGS_OK;
+}
+
 void pags_clusters_destroy(pags_clusters *clusters) {
+  pags_clusters_drop_runs(clusters);
   free(clusters->lo[0]);
   memset(clusters, 0, sizeof *clusters);
 }

@@ -12,6 +12,8 @@
 
 #include "stages.h"
 
+enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
+
 typedef struct cull_context {
   pags_frame *frame;
   const pags_clusters *clusters;
@@ -59,8 +61,8 @@ static cluster_bound everywhere(const pags_projection *v) {
   return bound;
 }
 
-static bool cluster_outside(const cull_context *c, int64_t i, cluster_bound *bound) {
-  const pags_clusters *const k = c->clusters;
+/* Of clusters or of their runs: a run's box and sigma hold those of its clusters, so that nothing that passes by itself is lost. */
+static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64_t i, cluster_bound *bound) {
   const pags_projection *const v = c->view;
   float lo[3], hi[3], centre[3], half[3];
   for (int a = 0; a < 3; a++) {
@@ -100,7 +102,12 @@ static void cull_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   cluster_bound bound;
   for (int64_t i = begin; i < end; i++) {
-    c->seen[i] = !cluster_outside(c, i, &bound);
+    if (c->clusters->runs && i % RUN == 0 && i + RUN <= end && cluster_outside(c, c->clusters->runs, i / RUN, &bound)) {
+      memset(c->seen + i, 0, RUN);
+      i += RUN - 1;
+      continue;
+    }
+    c->seen[i] = !cluster_outside(c, c->clusters, i, &bound);
     if (c->bounds && c->seen[i])
       c->bounds[i] = bound;
   }

@@ -160,10 +160,14 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
                  bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
     out->clusters.sigma[c] = largest_sigma(out, c, rows);
   }
-  return PAGS_OK;
+  const pags_result result = pags_clusters_add_runs(&out->clusters);
+  if (result != PAGS_OK)
+    pags_packed_destroy(out);
+  return result;
 }
 
 void pags_packed_destroy(pags_packed *packed) {
+  pags_clusters_drop_runs(&packed->clusters);
   if (packed->mapped)
     munmap(packed->block, packed->block_size);
   else
@@ -352,6 +356,8 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
     attach(out, bytes, count, degree);
     out->mapped = 1;
     result = check_bounds(path, out);
+    if (result == PAGS_OK)
+      result = pags_clusters_add_runs(&out->clusters);
   } else {
     munmap(bytes, (size_t)size);
   }

@@ -2,10 +2,23 @@
 
 import csv
 import json
+import os
 import xml.dom.minidom
 
 import fixtures
 from fixtures import Case, ply_bytes, read, some_splats
+
+
+CAMERA = {
+    "width": 65,
+    "height": 49,
+    "fx": 60.0,
+    "fy": 60.0,
+    "cx": 32.5,
+    "cy": 24.5,
+    "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
+    "camera_from_world_translation": [0, 0, 5],
+}
 
 
 class Bench(Case):
@@ -39,6 +52,27 @@ class Bench(Case):
         plot = xml.dom.minidom.parse(self.path("a.svg"))
         self.assertEqual(len(plot.getElementsByTagName("g")), 6)
         self.assertIn("speed-up", done.stdout)
+
+    def test_scale(self):
+        scene = self.write("many.ply", ply_bytes(3 * some_splats()))
+        camera = self.write("camera.json", json.dumps(CAMERA))
+        done = self.succeeds(
+            *["bench", "scale", scene, "--camera", camera, "--millions", "0.001,0.002", "--scratch", self.path()],
+            *["--spacing", 3, "-n", 1, "-r", 1, "--csv", self.path("s.csv"), "--json", "-"],
+        )
+        rows = json.loads(done.stdout)["rows"]
+        kinds = [("shared", "off"), ("shared", "lossless"), ("packed", "off"), ("packed", "lossless")]
+        self.assertEqual([(r["form"], r["mode"]) for r in rows], 2 * kinds)
+        for row in rows:
+            # Whole clusters of 64 of the 120 rows are copied.
+            self.assertTrue(abs(row["gaussians"] - row["millions"] * 1e6) <= 64, row)
+            self.assertTrue(0 < row["loaded"] <= row["in_view"] <= row["gaussians"])
+            if row["mode"] == "lossless":
+                self.assertEqual(row["max_error"], 0)
+        self.assertEqual(rows[0]["rows_bytes"], rows[4]["rows_bytes"])
+        self.assertTrue(rows[2]["rows_bytes"] < rows[6]["rows_bytes"] < 64 * rows[6]["gaussians"])
+        self.assertEqual(len(read(self.path("s.csv")).decode().splitlines()), 9)
+        self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
 
     def test_wrong_usage(self):
         self.fails(self.render("--sizes", "64x"), "WIDTHxHEIGHT", code=2)

@@ -15,14 +15,14 @@ static float normal(uint64_t what, int64_t row) {
   return (float)pair[0];
 }
 
-/* A cloud before a camera at the origin that looks along z, with a few values beyond what is stored. */
+/* A cloud before a camera at the origin that looks along z, and as many behind it. */
 static pags_gaussians make_cloud(int64_t count, int degree) {
   pags_gaussians g;
   scratch_ok(pags_gaussians_create(&g, count, degree));
   scratch_ok(pags_gaussians_add_s_sem(&g));
   for (int64_t i = 0; i < count; i++) {
     for (int k = 0; k < 3; k++) {
-      pags_plane(&g, PAGS_MEAN + k)[i] = (k == 2 ? 8.0f : 0.0f) + 2.0f * normal((uint64_t)k, i / 8) + 0.1f * normal(60u + (uint64_t)k, i);
+      pags_plane(&g, PAGS_MEAN + k)[i] = (k == 2 ? i / 8 % 2 ? -40.0f : 8.0f : 0.0f) + 2.0f * normal((uint64_t)k, i / 8) + 0.1f * normal(60u + (uint64_t)k, i);
       pags_plane(&g, PAGS_SCALE + k)[i] = -2.5f + normal(3u + (uint64_t)k, i);
     }
     for (int k = 0; k < 4; k++)
@@ -143,7 +143,7 @@ static pags_composition *compose(pags_gaussians *g) {
   return out;
 }
 
-enum { WIDTH = 96, HEIGHT = 64 };
+enum { WIDTH = 96, HEIGHT = 64, CLOUD = 16000 }; /* 125 clusters on either side: a run of 64 that is culled as one */
 typedef struct drawn {
   float rgb[3][WIDTH * HEIGHT];
   int32_t id[WIDTH * HEIGHT];
@@ -182,14 +182,14 @@ static void test_picture(void **state) {
   (void)state;
   static drawn original, packed, unpacked;
   for (int degree = 0; degree <= 3; degree++) {
-    pags_gaussians g = make_cloud(3000, degree), same = make_cloud(3000, degree);
+    pags_gaussians g = make_cloud(CLOUD, degree), same = make_cloud(CLOUD, degree);
     pags_composition *composition = compose(&g);
     draw(composition, &original);
     const size_t before = pags_composition_bytes(composition);
     scratch_ok(pags_composition_pack(composition));
     assert_true(pags_composition_bytes(composition) < before);
     draw(composition, &packed);
-    float *priority = malloc(3000 * sizeof *priority);
+    float *priority = malloc(CLOUD * sizeof *priority);
     assert_true(pags_composition_priorities(composition, priority));
     assert_true(fabsf(priority[1234] - same.s_sem[1234]) <= 1.0f / 510.0f + 1e-6f);
     free(priority);
@@ -200,12 +200,12 @@ static void test_picture(void **state) {
       lit += (double)packed.rgb[0][i];
     }
     assert_true(lit > 500 && worst < 0.02);
-    int64_t *order = malloc(3000 * sizeof *order);
+    int64_t *order = malloc(CLOUD * sizeof *order);
     pags_gaussians sorted, back;
     pags_packed rows;
-    scratch_ok(pags_gaussians_create_like(&sorted, 3000, &same));
+    scratch_ok(pags_gaussians_create_like(&sorted, CLOUD, &same));
     scratch_ok(pags_gaussians_morton_order(&same, order));
-    pags_gaussians_gather(&same, order, 3000, &sorted);
+    pags_gaussians_gather(&same, order, CLOUD, &sorted);
     scratch_ok(pags_packed_create(&sorted, &rows));
     scratch_ok(pags_packed_unpack(&rows, &back));
     composition = compose(&back);

@@ -26,10 +26,14 @@ typedef struct pags_clusters {
   int size;       /* 1, or a multiple of 16 up to 256; 64 by default */
   float *lo[3], *hi[3]; /* bounding box of the means */
   float *sigma;   /* largest sigma of any member */
+  struct pags_clusters *runs; /* bounds of 64 clusters each, so that far more can exist than is looked at; NULL: none */
 } pags_clusters;
 
 PAGS_API pags_result pags_clusters_create(pags_clusters *clusters, int64_t gaussian_count, int size);
 PAGS_API void pags_clusters_destroy(pags_clusters *clusters);
+/* Adds bounds of runs of clusters, for clusters that don't change any more. */
+PAGS_API pags_result pags_clusters_add_runs(pags_clusters *clusters);
+PAGS_API void pags_clusters_drop_runs(pags_clusters *clusters);
 /* Recomputes the bounds of clusters [first, last) from the Gaussians. */
 PAGS_API void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussians, int64_t first, int64_t last);
 
