@@ -258,21 +258,21 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
   return result;
 }
 
-/* Rows of a copy that is cut short: whole clusters, the first along the curve. */
+/* Rows of a packed copy, cut short where fewer are left: whole clusters, the first along the curve. */
 static int64_t rows_of_copy(const scale_bench *self, int64_t left) {
   const int64_t whole = self->rows.count / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
   return left < whole ? (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS : whole;
 }
 
 static pags_result measure_shared(scale_bench *self, double millions) {
-  const int64_t wanted = (int64_t)(millions * 1e6 + 0.5), whole = rows_of_copy(self, INT64_MAX);
-  const int64_t copies = (wanted + whole - 1) / whole;
+  const int64_t wanted = (int64_t)(millions * 1e6 + 0.5), all = self->rows.count, copies = (wanted + all - 1) / all;
+  const int64_t left = wanted - (copies - 1) * all, rounded = (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
   pags_gaussians cut = self->rows; /* the last copy's view of the same rows */
   pags_clusters few = self->clusters;
   stage s = {calloc((size_t)copies, sizeof(pags_part)), (int)copies};
   if (!s.parts)
     return out_of_memory(self);
-  cut.count = rows_of_copy(self, wanted - (copies - 1) * whole);
+  cut.count = rounded < all ? rounded : all;
   few.count = (cut.count + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS;
   for (int64_t i = 0; i < copies; i++) {
     const bool last = i + 1 == copies;
