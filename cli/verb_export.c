@@ -14,6 +14,9 @@
 typedef struct export_arguments {
   pags_session session;
   pags_proxy_options proxy;
+  pags_splat_options splat;
+  int splats;
+  double time;
   pags_words only;
   int level, naming;
 } export_arguments;
@@ -42,16 +45,23 @@ static const pags_option options[] = {
                "what is farther from the cameras is left out of the background"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
+    PAGS_GROUP("Gaussians (.ply, .spz, .splat; .glb and .gltf with --splats)"),
+    PAGS_FLAG("splats", 0, AT(splats), "write the Gaussians themselves, KHR_gaussian_splatting"),
+    PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", NULL,
+               "objects are put where they are then"),
+    PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL, "higher terms of colour are cut"),
+    PAGS_VALUE("spz-version", 0, INT, AT(splat.spz_version), 3, 4, "3|4", NULL, NULL, "3: gzip; 4: zstd"),
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder"}, {"FILE", "what to write; its extension says which format: .glb, .gltf"}, {NULL, NULL}};
+    {"SCENE", "a scene folder, or a splat file"}, {"FILE", "what to write; its extension says which format"}, {NULL, NULL}};
 
 static const pags_verb verb = {.name = "export",
                                .usage = "SCENE FILE [options]",
-                               .about = "Writes proxy geometry of a scene: a named node for each labelled object with its "
-                                        "class, its track as animation and its measured error.",
+                               .about = "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
+                                        "its class, its track as animation and its measured error. Or its Gaussians, for "
+                                        "other programs: .ply, .spz, .splat.",
                                .positionals = positionals,
                                .options = options};
 
@@ -147,6 +157,20 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
   return *chosen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
 }
 
+static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
+  int64_t count = 0;
+  pags_json_writer writer;
+  arguments->splat.time = scene->time_begin + arguments->time;
+  PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
+  pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_integer(&writer, "gaussians", count);
+  pags_json_end_object(&writer);
+  return pags_session_json(&arguments->session, &writer);
+}
+
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
   PAGS_TRY(pags_check_writable(to));
@@ -154,7 +178,9 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   uint8_t *chosen;
   pags_result result = choose(arguments, &scene, &chosen);
   arguments->proxy.chosen = chosen;
-  if (result == PAGS_OK)
+  if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
+    result = export_splats(arguments, &scene, to);
+  else if (result == PAGS_OK)
     result = export_proxies(arguments, &scene, to);
   free(chosen);
   pags_scene_destroy(&scene);
@@ -162,14 +188,15 @@ static pags_result run(export_arguments *arguments, const char *from, const char
 }
 
 int pags_verb_export(int argc, char **argv) {
-  export_arguments arguments = {.proxy = pags_proxy_options_default()};
+  export_arguments arguments = {.proxy = pags_proxy_options_default(), .splat = pags_splat_options_default()};
   pags_parsed parsed;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
-  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0)
-    return pags_usage_error(&verb, "expected a file name ending in .glb or .gltf, got '%s'", parsed.positionals[1]);
+  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && !pags_export_is_splat(parsed.positionals[1]))
+    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz or .splat, got '%s'",
+                            parsed.positionals[1]);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = run(&arguments, parsed.positionals[0], parsed.positionals[1]);

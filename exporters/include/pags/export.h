@@ -42,7 +42,6 @@ typedef struct pags_proxy_options {
   double range;             /* depths beyond it are left out of the background, metres; default 60 */
   int cage_level;           /* subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int background;           /* 1: ground and chunks, too. Default 1 */
-  int cameras;              /* 1: the training views' cameras and the drive of the recording car. Default 0 */
   int visibility;           /* 1: KHR_node_visibility, proxies invisible (colliders only). Default 0 */
   int physics;              /* 1: KHR_implicit_shapes and KHR_physics_rigid_bodies, kinematic bodies. Default 0 */
 } pags_proxy_options;
@@ -88,6 +87,22 @@ PAGS_API void pags_proxy_facts_put(struct pags_json_writer *writer, const pags_p
 PAGS_API pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
                                          pags_tasks *tasks, pags_progress_fn *progress, void *user,
                                          pags_proxy_report *report);
+
+typedef struct pags_splat_options {
+  double time;     /* seconds of the scene's clock at which objects are put where they are; NaN: its begin */
+  int sh_degree;   /* higher terms are cut, 0..3; default 3 */
+  int spz_version; /* 3 (gzip, default) or 4 (zstd) */
+} pags_splat_options;
+
+PAGS_API pags_splat_options pags_splat_options_default(void);
+
+/* Whether the file's extension is one of splats alone: .ply, .spz, .splat. */
+PAGS_API int pags_export_is_splat(const char *path);
+
+/* The whole scene as it is at a time, objects in their places, their harmonics turned with them: .ply (INRIA's), .spz, .splat (no
+ * harmonics), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the scene's origin. Takes the scene's Gaussians
+ * (`scene` is zeroed). `count` (may be NULL) receives how many were written. */
+PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count);
 
 #ifdef __cplusplus
 }
