@@ -14,6 +14,7 @@ typedef struct train_arguments {
   const char *output;
   pags_dataset_options dataset;
   int reconstruction;
+  const char *prune_rate;
   pags_train_config config;
   pags_train_options options;
 } train_arguments;
@@ -96,7 +97,8 @@ static const pags_option options[] = {
 
     PAGS_GROUP("Bounds"),
     PAGS_VALUE("max-gaussians", 0, INT64, CONFIG(max_gaussians), 0, 2147483584.0, "N", NULL,
-               "0: none; 1000000 with --strategy mcmc", "never have more Gaussians"),
+               "0: none; 1000000 with --strategy mcmc",
+               "never have more Gaussians; with --preset: keep those with the highest scores at its last prune"),
     PAGS_VALUE("max-memory", 0, SIZE, RUN(max_memory), 0, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G; 0: none",
                "four fifths of what affinity and cgroup allow, less the image cache",
                "turned into a bound on Gaussians by their number and the picture's size"),
@@ -107,6 +109,22 @@ static const pags_option options[] = {
                "let each Gaussian of the scene keep the lowest degree of spherical harmonics that changes its colour by no more "
                "than E from wherever a training view sees it"),
 
+    PAGS_GROUP("Priority (see docs/priority.md)"),
+    PAGS_CHOICE("preset", CONFIG(preset), "none|short|paper", NULL,
+                "prune by score: short: after steps 10 000, 15 000, 20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 "
+                "of 50 000"),
+    PAGS_VALUE("alpha", 0, DOUBLE, CONFIG(alpha), 0, 1, "A", NULL, NULL,
+               "the score is A times what shows vehicles and people plus 1 - A times what the picture hangs on"),
+    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3",
+              "share of the Gaussians removed at the first three prunes, and at those after"),
+    PAGS_VALUE("prune-floor", 0, INT64, CONFIG(prune_floor), 0, 2147483584.0, "N", NULL, NULL,
+               "prune no object below so many Gaussians"),
+    PAGS_CHOICE("s-sem", CONFIG(s_sem), "pass|init|overlap", NULL,
+                "what shows vehicles and people: by weight in the photographs, anew at each prune; as at the start; or by mere overlap"),
+    PAGS_CHOICE("s-grad", CONFIG(s_grad), "rank|minmax|log", NULL, "how the other score is brought to 0..1"),
+    PAGS_CHOICE("s-grad-from", CONFIG(s_grad_from), "pass|training", NULL,
+                "take it from a pass over the training views, or from the loss's gradients since the last prune"),
+
     PAGS_GROUP("Density"),
     PAGS_CHOICE(
         "strategy", CONFIG(strategy), "default|mcmc", NULL,
@@ -114,8 +132,8 @@ static const pags_option options[] = {
         "et al. 2024)"),
     PAGS_VALUE("densify-from", 0, INT64, CONFIG(densify_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
                "densify after this step"),
-    PAGS_VALUE("densify-until", 0, INT64, CONFIG(densify_until), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "densify before this step"),
+    PAGS_VALUE("densify-until", 0, INT64, CONFIG(densify_until), 0, PAGS_UNLIMITED, "N", STEPS,
+               "15000; 25000 with --preset short", "densify before this step"),
     PAGS_VALUE("densify-every", 0, INT64, CONFIG(densify_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
                "how often, but at most once a pass over the training views"),
     PAGS_VALUE("densify-gradient", 0, DOUBLE, CONFIG(densify_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,
@@ -344,6 +362,23 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   return status;
 }
 
+/* "0.6/0.3" */
+static int read_prune_rate(train_arguments *arguments) {
+  const char *text = arguments->prune_rate;
+  char *end = NULL;
+  if (!text)
+    return PAGS_EXIT_OK;
+  arguments->config.prune_early = strtod(text, &end);
+  if (end != text && *end == '/') {
+    text = end + 1;
+    arguments->config.prune_late = strtod(text, &end);
+    if (end != text && !*end)
+      return PAGS_EXIT_OK;
+  }
+  return pags_usage_error(&verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",
+                          arguments->prune_rate);
+}
+
 static int usage_conflict(const train_arguments *arguments, const pags_parsed *parsed) {
   if (!arguments->output && !arguments->options.estimate)
     return pags_usage_error(&verb, "-o SCENE is missing; usage: pags train %s", verb.usage);
@@ -365,7 +400,7 @@ int pags_verb_train(int argc, char **argv) {
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  if (usage_conflict(&arguments, &parsed))
+  if (read_prune_rate(&arguments) || usage_conflict(&arguments, &parsed))
     return PAGS_EXIT_USAGE;
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;

@@ -7,6 +7,7 @@
 #include "bin.inl"
 #include "raster.inl"
 #include "raster_backward.inl"
+#include "score.inl"
 #include "project_backward.inl"
 #include "ssim.inl"
 #include "sky.inl"
@@ -31,6 +32,7 @@ const pags_kernels pags_kernels_scalar = {
     .bin_fill = bin_fill,
     .raster = raster,
     .raster_backward = raster_backward,
+    .raster_score = raster_score,
     .sky_blend = sky_blend,
     .sky_cells = sky_cells,
     .project_backward = project_backward,

@@ -117,6 +117,23 @@ typedef struct pags_raster_back {
   float background[3];
 } pags_raster_back;
 
+enum { PAGS_SCORE_SEEN, PAGS_SCORE_CRITICAL, PAGS_SCORE_SQUARED, PAGS_SCORE_SUMS }; /* of one (Gaussian, tile) pair; score.inl */
+
+typedef struct pags_raster_score {
+  const pags_splat *splats;
+  const pags_entry *entries;
+  const uint16_t *block_masks; /* as forward left them */
+  int64_t count;
+  const int64_t *slot_start; /* per splat */
+  float *slots;        /* PAGS_SCORE_SUMS each; slot of a pair = slot_start[splat] + rank */
+  int x0, y0, width, height; /* as forward's; forward must have used exp_degree 5 */
+  int64_t stride;      /* of all planes below; each points at the tile's top left pixel */
+  const float *rgb[3]; /* as forward left them (background included) */
+  const float *rgb_gradient[3]; /* NULL: 1 everywhere */
+  const float *counted, *critical; /* 0..1 */
+  int32_t overlap;     /* 1: sums of alpha in place of alpha T; without rgb_gradient */
+} pags_raster_score;
+
 /* Directions of a picture's points (px, py), world axes, not of unit length: forward + (px - cx) across + (py - cy) downwards. */
 typedef struct pags_sky_rays {
   float forward[3], across[3], downwards[3];
@@ -186,6 +203,7 @@ typedef struct pags_kernels {
   /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
   void (*raster_backward)(const pags_raster_back *in);
+  void (*raster_score)(const pags_raster_score *in);
 
   /* rgb += transmittance * sky over a whole tile with its top left pixel at (x0, y0), to which the planes point; sky.inl. */
   void (*sky_blend)(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,

@@ -20,6 +20,7 @@ typedef struct pags_candidate {
   int32_t kind;   /* PAGS_CANDIDATE_* */
   float merged;   /* how many measured points it is the mean of */
   float sum[4];   /* of weighted colours (0..255) and of their weights */
+  float views[2]; /* how many show it, and how many of these something critical there */
 } pags_candidate;
 
 typedef struct pags_candidates {

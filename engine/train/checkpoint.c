@@ -25,7 +25,7 @@ typedef struct run_record {
 
 /* MODL. */
 typedef struct model_record {
-  int64_t object, count, sh_degree, clusters, fourier, object_ids;
+  int64_t object, count, sh_degree, clusters, fourier, object_ids, s_sem, squared;
   double extent, fourier_gain;
 } model_record;
 
@@ -114,6 +114,8 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
                          .clusters = m->adam.cluster_count,
                          .fourier = g->fourier != NULL,
                          .object_ids = g->object_id != NULL,
+                         .s_sem = g->s_sem != NULL,
+                         .squared = m->density.squared != NULL,
                          .extent = m->schedule.extent,
                          .fourier_gain = m->fourier_gain};
   PAGS_TRY(put_whole(w, "MODL", &record, sizeof record));
@@ -122,7 +124,11 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
   PAGS_TRY(put_planes(w, "MOM2", &m->adam.second));
   PAGS_TRY(put_pair(w, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
   PAGS_TRY(put_pair(w, "STAT", m->density.gradient, m->density.seen, g->count));
-  return g->object_id ? put_whole(w, "OBJI", g->object_id, (size_t)g->count * sizeof(int32_t)) : PAGS_OK;
+  if (g->object_id)
+    PAGS_TRY(put_whole(w, "OBJI", g->object_id, (size_t)g->count * sizeof(int32_t)));
+  if (g->s_sem)
+    PAGS_TRY(put_whole(w, "SSEM", g->s_sem, (size_t)g->count * sizeof(float)));
+  return m->density.squared ? put_whole(w, "SQUA", m->density.squared, (size_t)g->count * sizeof(float)) : PAGS_OK;
 }
 
 /* One knot as it lies in TRAK. */
@@ -267,7 +273,8 @@ static int is_sound_model(const model_record *m, const pags_train_config *config
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
          m->sh_degree == config->sh_degree && isfinite(m->extent) && m->extent > 0 &&
          m->clusters == (m->count + config->cluster_size - 1) / config->cluster_size &&
-         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1);
+         (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1) &&
+         (m->s_sem == 0 || m->s_sem == 1) && (m->squared == 0 || m->squared == 1);
 }
 
 /* Steps that no run leaves would send replay over the ends of its tables. */
@@ -293,6 +300,30 @@ static pags_result get_object_ids(section_reader *r, pags_gaussians *g, int64_t 
   return PAGS_OK;
 }
 
+/* In 0..1: what is written to PLYs, and weighs what is pruned. */
+static pags_result get_s_sem(section_reader *r, pags_gaussians *g) {
+  const uint8_t *payload = NULL;
+  size_t bytes = (size_t)g->count * sizeof(float);
+  PAGS_TRY(next_sized(r, "SSEM", bytes, &payload));
+  PAGS_TRY(pags_gaussians_add_s_sem(g));
+  if (g->count > 0)
+    memcpy(g->s_sem, payload, bytes);
+  for (int64_t i = 0; i < g->count; i++)
+    if (!(g->s_sem[i] >= 0.0f && g->s_sem[i] <= 1.0f))
+      return out_of_range(r, "SSEM");
+  return PAGS_OK;
+}
+
+static pags_result get_squared(section_reader *r, pags_train_model *m) {
+  const uint8_t *payload = NULL;
+  size_t bytes = (size_t)m->gaussians.count * sizeof(float);
+  if (!m->density.squared)
+    return out_of_range(r, "MODL");
+  PAGS_TRY(next_sized(r, "SQUA", bytes, &payload));
+  memcpy(m->density.squared, payload, bytes);
+  return PAGS_OK;
+}
+
 static pags_result get_model_rest(section_reader *r, const model_record *record, pags_train_state *s,
                                   pags_train_model *m) {
   if (record->fourier)
@@ -306,6 +337,10 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
   PAGS_TRY(get_pair(r, "STAT", m->density.gradient, m->density.seen, m->gaussians.count));
   if (record->object_ids)
     PAGS_TRY(get_object_ids(r, &m->gaussians, s->tracks.count));
+  if (record->s_sem)
+    PAGS_TRY(get_s_sem(r, &m->gaussians));
+  if (record->squared)
+    PAGS_TRY(get_squared(r, m));
   PAGS_TRY(check_steps(r->path, m, s->step));
   pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, NULL);
   return PAGS_OK;

@@ -10,19 +10,30 @@
 
 #define CONFIG_COOKIE 0x70616773u
 
-typedef enum field_kind { FIELD_INT, FIELD_I64, FIELD_U64, FIELD_F64, FIELD_STRATEGY } field_kind;
+typedef enum field_kind { FIELD_INT, FIELD_I64, FIELD_U64, FIELD_F64, FIELD_CHOICE } field_kind;
 
 typedef struct field {
   const char *name;
   field_kind kind;
   size_t offset;
   double least, most; /* inclusive */
+  const char *const *choices; /* of an enum, in order; else NULL */
 } field;
 
 #define FIELD(member, kind, least, most) \
-  { #member, kind, offsetof(pags_train_config, member), least, most }
+  { #member, kind, offsetof(pags_train_config, member), least, most, NULL }
+#define CHOICE(member, names) \
+  { #member, FIELD_CHOICE, offsetof(pags_train_config, member), 0, sizeof(names) / sizeof *(names) - 1, names }
 #define COLOUR(suffix, i) \
-  { "background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1 }
+  { "background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1, NULL }
+
+/* Enums begin at 0, so their fields hold an index; all are of int's size. */
+static const char *const strategies[] = {"default", "mcmc"};
+static const char *const presets[] = {"none", "short", "paper"};
+static const char *const s_sems[] = {"pass", "init", "overlap"};
+static const char *const s_grads[] = {"rank", "minmax", "log"};
+static const char *const s_grads_from[] = {"pass", "training"};
+_Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == sizeof(int), "enums are read as int");
 
 static const double max_count = 2147483584.0; /* 2^31 - 64 */
 #define MAX_STEPS 1e9
@@ -51,9 +62,9 @@ static const field fields[] = {
     FIELD(quarter_until, FIELD_F64, 0, 1),
     FIELD(half_until, FIELD_F64, 0, 1),
     FIELD(resolution_floor, FIELD_INT, 1, 65535),
-    FIELD(strategy, FIELD_STRATEGY, 0, 1),
+    CHOICE(strategy, strategies),
     FIELD(densify_from, FIELD_I64, 0, MAX_STEPS),
-    FIELD(densify_until, FIELD_I64, 0, MAX_STEPS),
+    FIELD(densify_until, FIELD_I64, -1, MAX_STEPS),
     FIELD(densify_every, FIELD_I64, 1, MAX_STEPS),
     FIELD(densify_gradient, FIELD_F64, 0, 1e6),
     FIELD(absgrad, FIELD_INT, 0, 1),
@@ -71,6 +82,14 @@ static const field fields[] = {
     FIELD(dropout, FIELD_INT, 0, 1),
     FIELD(dropout_beta, FIELD_F64, 0, 1),
     FIELD(dropout_gamma, FIELD_F64, 0, 0.9),
+    CHOICE(preset, presets),
+    FIELD(alpha, FIELD_F64, 0, 1),
+    FIELD(prune_early, FIELD_F64, 0, 0.99),
+    FIELD(prune_late, FIELD_F64, 0, 0.99),
+    FIELD(prune_floor, FIELD_I64, 0, max_count),
+    CHOICE(s_sem, s_sems),
+    CHOICE(s_grad, s_grads),
+    CHOICE(s_grad_from, s_grads_from),
     FIELD(mcmc_growth, FIELD_F64, 0, 10),
     FIELD(mcmc_noise, FIELD_F64, 0, 1e9),
     FIELD(mcmc_opacity_reg, FIELD_F64, 0, 1e3),
@@ -129,7 +148,7 @@ pags_train_config pags_train_config_default(void) {
       .resolution_floor = 64,
       .strategy = PAGS_STRATEGY_DEFAULT,
       .densify_from = 500,
-      .densify_until = 15000,
+      .densify_until = -1,
       .densify_every = 100,
       .densify_gradient = 2e-4,
       .absgrad_gradient = 8e-4,
@@ -141,6 +160,10 @@ pags_train_config pags_train_config_default(void) {
       .reset_opacity = 0.01,
       .dropout_beta = 0.5,
       .dropout_gamma = 0.25,
+      .alpha = 0.4,
+      .prune_early = 0.6,
+      .prune_late = 0.3,
+      .prune_floor = 500,
       .mcmc_growth = 0.05,
       .mcmc_noise = 5e5,
       .mcmc_opacity_reg = 0.01,
@@ -185,7 +208,7 @@ static double value_of(const pags_train_config *config, const field *f) {
     case FIELD_I64: return (double)*(const int64_t *)p;
     case FIELD_U64: return 0.0;
     case FIELD_F64: return *(const double *)p;
-    case FIELD_STRATEGY: return (double)*(const pags_strategy *)p;
+    case FIELD_CHOICE: return *(const int *)p;
   }
   return NAN;
 }
@@ -205,23 +228,38 @@ static void print_value(const pags_train_config *config, const field *f, char *t
       }
       break;
     }
-    case FIELD_STRATEGY:
-      snprintf(text, size, "%s", *(const pags_strategy *)p == PAGS_STRATEGY_MCMC ? "mcmc" : "default");
+    case FIELD_CHOICE: { /* out of range until the check: as a number */
+      int i = *(const int *)p;
+      if (i >= 0 && i <= (int)f->most)
+        snprintf(text, size, "%s", f->choices[i]);
+      else
+        snprintf(text, size, "%d", i);
       break;
+    }
   }
+}
+
+/* 'a', 'b' or 'c' */
+static pags_result parse_choice(int *out, const field *f, const char *text) {
+  char expected[128] = "";
+  int count = (int)f->most + 1;
+  for (int i = 0; i < count; i++) {
+    if (strcmp(text, f->choices[i]) == 0) {
+      *out = i;
+      return PAGS_OK;
+    }
+    size_t used = strlen(expected);
+    snprintf(expected + used, sizeof expected - used, "%s'%s'", i == 0 ? "" : i + 1 == count ? " or " : ", ", f->choices[i]);
+  }
+  return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected %s, got '%s'", f->name, expected, text);
 }
 
 static pags_result parse_value(pags_train_config *config, const field *f, const char *text) {
   void *p = member(config, f);
   char *end = NULL;
   errno = 0;
-  if (f->kind == FIELD_STRATEGY) {
-    int mcmc = strcmp(text, "mcmc") == 0;
-    if (!mcmc && strcmp(text, "default") != 0)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "strategy: expected 'default' or 'mcmc', got '%s'", text);
-    *(pags_strategy *)p = mcmc ? PAGS_STRATEGY_MCMC : PAGS_STRATEGY_DEFAULT;
-    return PAGS_OK;
-  }
+  if (f->kind == FIELD_CHOICE)
+    return parse_choice(p, f, text);
   if (f->kind == FIELD_F64) {
     double value = strtod(text, &end);
     if (end == text || *end || !isfinite(value))
@@ -257,6 +295,8 @@ pags_result pags_train_config_check(const pags_train_config *config) {
   }
   if (config->cluster_size % 16)
     return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->cluster_size);
+  if (config->preset != PAGS_PRESET_NONE && config->strategy == PAGS_STRATEGY_MCMC)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
   if (config->position_rate_begin > 0 && config->position_rate_end <= 0)
     return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
                      config->position_rate_end);
@@ -283,6 +323,8 @@ pags_train_config pags_config_resolve(const pags_train_config *config, int drivi
   pags_train_config resolved = *config;
   if (resolved.sh_degree < 0)
     resolved.sh_degree = driving ? 1 : 3;
+  if (resolved.densify_until < 0) /* the same step in both presets: PAPER's is half of its schedule */
+    resolved.densify_until = resolved.preset == PAGS_PRESET_SHORT ? 25000 : 15000;
   return resolved;
 }
 
@@ -306,7 +348,7 @@ void pags_config_write_json(const pags_train_config *config, char text[PAGS_CONF
   size_t used = 0;
   for (int i = 0; i < FIELD_COUNT; i++) {
     char value[64];
-    const char *quote = fields[i].kind == FIELD_STRATEGY ? "\"" : "";
+    const char *quote = fields[i].kind == FIELD_CHOICE ? "\"" : "";
     print_value(config, &fields[i], value, sizeof value);
     used = append(text, used, i ? ", \"" : "{\"", fields[i].name, *quote ? "\": \"" : "\": ", value, quote);
   }

@@ -38,6 +38,7 @@ void pags_start_destroy(pags_start *start) {
   free(start->background.xyz);
   free(start->background.rgb);
   free(start->background.object);
+  free(start->background.s_sem);
   *start = (pags_start){0};
 }
 
@@ -46,7 +47,8 @@ static pags_result reserve(pags_start_points *points, int64_t count, int with_ob
   points->xyz = malloc(room * 3 * sizeof *points->xyz);
   points->rgb = malloc(room * 3);
   points->object = with_object ? malloc(room * sizeof *points->object) : NULL;
-  if (points->xyz && points->rgb && (points->object || !with_object))
+  points->s_sem = with_object ? calloc(room, sizeof *points->s_sem) : NULL;
+  if (points->xyz && points->rgb && ((points->object && points->s_sem) || !with_object))
     return PAGS_OK;
   return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)count);
 }
@@ -248,8 +250,10 @@ static pags_result put_background(const pags_dataset *dataset, const pags_candid
   PAGS_TRY(reserve(to, points->count + extra->count + far->count, 1));
   for (int64_t i = 0; i < points->count; i++) {
     uint8_t rgb[3];
-    colour_of(&points->rows[i], rgb);
-    put(to, points->rows[i].p, rgb, points->rows[i].parked);
+    const pags_candidate *row = &points->rows[i];
+    colour_of(row, rgb);
+    to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
+    put(to, row->p, rgb, row->parked);
   }
   out->lidar_points = to->count;
   for (int64_t i = 0; i < extra->count; i++)

@@ -13,6 +13,8 @@ typedef struct pags_start_points {
   int32_t *
       object; /* background only: index of the data set's object in whose box a parked thing's point lies, else -1; NULL in
                       those of objects */
+  float *s_sem; /* background only: share of the views showing a point that show something critical there, 0 where none is known; NULL in
+                   those of objects */
 } pags_start_points;
 
 typedef struct pags_start {

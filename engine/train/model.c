@@ -6,9 +6,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-static pags_result reserve_density(pags_density *density, int64_t capacity) {
+static pags_result reserve_squared(pags_density *density, int64_t capacity) {
+  float *squared = calloc((size_t)capacity, sizeof *squared);
+  if (!squared)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for statistics of %lld Gaussians", (long long)capacity);
+  if (density->squared)
+    memcpy(squared, density->squared, (size_t)density->capacity * sizeof *squared);
+  free(density->squared);
+  density->squared = squared;
+  return PAGS_OK;
+}
+
+static pags_result reserve_density(pags_density *density, int64_t capacity, int with_squared) {
   if (capacity <= density->capacity)
     return PAGS_OK;
+  if (with_squared)
+    PAGS_TRY(reserve_squared(density, capacity));
   float *gradient = calloc((size_t)capacity, sizeof(float));
   int32_t *seen = calloc((size_t)capacity, sizeof(int32_t));
   if (!gradient || !seen) {
@@ -22,14 +35,19 @@ static pags_result reserve_density(pags_density *density, int64_t capacity) {
   }
   free(density->gradient);
   free(density->seen);
-  *density = (pags_density){.capacity = capacity, .gradient = gradient, .seen = seen};
+  *density = (pags_density){.capacity = capacity, .gradient = gradient, .seen = seen, .squared = density->squared};
   return PAGS_OK;
+}
+
+static int wants_squared(const pags_train_model *model) {
+  const pags_train_config *c = &model->schedule.config;
+  return c->preset != PAGS_PRESET_NONE && c->s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
 }
 
 static pags_result reserve(pags_train_model *model, int64_t capacity) {
   PAGS_TRY(pags_gaussians_reserve(&model->gaussians, capacity));
   PAGS_TRY(pags_adam_reserve(&model->adam, capacity));
-  return reserve_density(&model->density, model->gaussians.stride);
+  return reserve_density(&model->density, model->gaussians.stride, wants_squared(model));
 }
 
 static pags_result make_clusters(pags_train_model *model, pags_tasks *tasks) {
@@ -45,7 +63,7 @@ pags_result pags_model_create(pags_train_model *model, const pags_schedule *sche
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&model->adam, &model->schedule, &model->gaussians, 0, stop);
   if (result == PAGS_OK)
-    result = reserve_density(&model->density, model->gaussians.stride);
+    result = reserve_density(&model->density, model->gaussians.stride, wants_squared(model));
   if (result == PAGS_OK)
     result = make_clusters(model, NULL);
   if (result != PAGS_OK)
@@ -59,6 +77,7 @@ void pags_model_destroy(pags_train_model *model) {
   pags_clusters_destroy(&model->clusters);
   free(model->density.gradient);
   free(model->density.seen);
+  free(model->density.squared);
   *model = (pags_train_model){0};
 }
 
@@ -77,7 +96,7 @@ typedef struct column {
   int moment; /* 1: fresh rows start at zero */
 } column;
 
-enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 4 };
+enum { MAX_COLUMNS = 3 * PAGS_MAX_PLANES + 3 * PAGS_FOURIER_PLANES + 5 };
 
 static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
   int n = 0, planes = pags_plane_count(model->gaussians.sh_degree);
@@ -93,6 +112,8 @@ static int list_columns(pags_train_model *model, column columns[MAX_COLUMNS]) {
   }
   columns[n++] = (column){model->density.gradient, 0};
   columns[n++] = (column){model->density.seen, 0};
+  if (model->density.squared)
+    columns[n++] = (column){model->density.squared, 0};
   if (model->gaussians.s_sem)
     columns[n++] = (column){model->gaussians.s_sem, 0};
   if (model->gaussians.object_id)

@@ -15,6 +15,8 @@ typedef struct pags_density {
   int64_t capacity;
   float *gradient; /* sum of |dL/d mean2D|, NDC, over the views it was drawn in */
   int32_t *seen;   /* how many */
+  float *squared;  /* since the last prune: sum of squared derivatives of the loss by the projected Gaussian's value; NULL unless the
+                      configuration takes S_grad from training */
 } pags_density;
 
 typedef struct pags_train_model {

@@ -191,6 +191,16 @@ pags_result pags_output_log_density(pags_output *output, int64_t step, const pag
   return put_line(output, &w);
 }
 
+pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pruned, int64_t gaussians) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_integer(&w, "step", step);
+  pags_json_put_integer(&w, "gaussians", gaussians);
+  pags_json_put_integer(&w, "pruned_by_score", pruned);
+  return put_line(output, &w);
+}
+
 static uint8_t to_byte(float x) {
   float clamped = x > 0.0f ? (x < 1.0f ? x : 1.0f) : 0.0f;
   return (uint8_t)(clamped * 255.0f + 0.5f);

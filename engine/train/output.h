@@ -41,6 +41,7 @@ typedef struct pags_density_change { /* of all models together */
 } pags_density_change;
 pags_result pags_output_log_density(pags_output *output, int64_t step, const pags_density_change *change,
                                     int64_t gaussians);
+pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pruned, int64_t gaussians);
 
 /* preview_STEP.png: the picture beside its photograph. */
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,

@@ -107,6 +107,14 @@ static float weight_of(const painter *p, const pags_candidate *row, const pags_s
   return weight;
 }
 
+/* The share of the views that show a point in which something critical is there: S_sem to begin with. */
+static void count_view(const painter *p, pags_candidate *row, const pags_seen_point *at, int64_t pixel) {
+  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_occlusion_visible(&p->occlusion, at))
+    return;
+  row->views[0] += 1;
+  row->views[1] += (p->photo.labels[pixel] & PAGS_LABEL_CRITICAL) != 0;
+}
+
 static void paint_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const painter *p = context;
@@ -121,6 +129,7 @@ static void paint_block(void *context, int64_t begin, int64_t end, int worker) {
     for (int c = 0; c < 3; c++)
       row->sum[c] += weight * (float)p->photo.rgb[c * plane + pixel];
     row->sum[3] += weight;
+    count_view(p, row, at, pixel);
   }
 }
 

@@ -11,11 +11,12 @@
 
 #include "train/dropout.h"
 #include "train/mcmc.h"
+#include "train/scores.h"
 #include "train/terms.h"
 #include "train/trainer.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
-enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, EXPOSED, ZEROS = 8, PLANES };
+enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, EXPOSED, ZEROS = 8, ONES, PLANES };
 
 /* Memory. */
 
@@ -81,6 +82,8 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
                        picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
   }
+  for (int64_t i = 0; i < floats; i++)
+    p->plane[ONES][i] = 1.0f;
   p->plane_floats = floats;
   return PAGS_OK;
 }
@@ -460,6 +463,8 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, &bad));
   t->bad_rows += bad;
+  if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
+    PAGS_TRY(pags_scores_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);
     if (t->state.sky.sky.size > 0)

@@ -23,7 +23,7 @@ typedef struct pags_pass {
   float **held;         /* per model: gradients by the object opacity term, waiting for the others: planes as the frame's */
   int32_t **held_step;  /* per cluster: the step they belong to */
   int64_t *held_room;   /* floats; clusters = floats / (planes * cluster size) */
-  float *plane[9];      /* gradient R G B, T, sum(w z); exposed R G B; zeros */
+  float *plane[10];     /* gradient R G B, T, sum(w z); exposed R G B; zeros; ones */
   int64_t plane_floats; /* room in each */
   struct {
     int64_t count;

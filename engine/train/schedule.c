@@ -20,11 +20,32 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
+/* Steps after which the Gaussians with the lowest scores go: three times while densifying, then while it is over. The first
+ * kind right after a densify, so that none follows closely. */
+enum { EARLY_PRUNES = 3, SHORT_PRUNES = 4 };
+static const double paper_iterations = 50000.0;
+
+static void set_prunes(pags_schedule *s) {
+  int paper = s->config.preset == PAGS_PRESET_PAPER;
+  int wanted = paper ? PAGS_MOST_PRUNES : s->config.preset == PAGS_PRESET_SHORT ? SHORT_PRUNES : 0;
+  double scale = (double)s->length / (paper ? paper_iterations : reference_iterations);
+  for (int i = 0; i < wanted; i++) {
+    int64_t step = llround((10000.0 + 5000.0 * i) * scale);
+    int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
+    if (i < EARLY_PRUNES && after < s->densify_until)
+      step = after;
+    if (step <= 0 || step >= s->length || (s->prunes > 0 && step <= s->prune_step[s->prunes - 1]))
+      continue; /* so short a run that it falls together with another, or with the end */
+    s->prune_rate[s->prunes] = i < EARLY_PRUNES ? s->config.prune_early : s->config.prune_late;
+    s->prune_step[s->prunes++] = step;
+  }
+}
+
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, 0), .extent = extent, .views = views};
   s.length = config->schedule_iterations > 0 ? config->schedule_iterations : config->iterations;
   s.densify_from = scaled(config->densify_from, s.length);
-  s.densify_until = scaled(config->densify_until, s.length);
+  s.densify_until = scaled(s.config.densify_until, s.length);
   s.densify_every = at_least(scaled(config->densify_every, s.length), at_least(views, 1));
   int64_t reset = at_least(scaled(config->reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
@@ -33,6 +54,7 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.half_until = llround(config->half_until * (double)s.length);
   s.tracks_from = scaled(config->tracks_from, s.length);
   s.fourier_from = scaled(config->fourier_from, s.length);
+  set_prunes(&s);
   return s;
 }
 
@@ -61,8 +83,25 @@ int pags_schedule_is_densify(const pags_schedule *s, int64_t step) {
   return step > s->densify_from && step < s->densify_until && step % s->densify_every == 0;
 }
 
+int pags_schedule_prune(const pags_schedule *s, int64_t step) {
+  for (int i = 0; i < s->prunes; i++)
+    if (s->prune_step[i] == step)
+      return i;
+  return -1;
+}
+
 int pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
-  return s->config.strategy == PAGS_STRATEGY_DEFAULT && step < s->densify_until && step % s->reset_every == 0;
+  int64_t recovery = s->reset_every / 3;
+  if (s->config.strategy != PAGS_STRATEGY_DEFAULT || step >= s->densify_until)
+    return 0;
+  for (int i = 0; i < s->prunes; i++) {
+    int64_t prune = s->prune_step[i];
+    if (step < prune && step > prune - recovery)
+      return 0;
+    if (step == prune && prune / s->reset_every * s->reset_every > prune - recovery)
+      return 1;
+  }
+  return step % s->reset_every == 0;
 }
 
 int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {

@@ -23,11 +23,14 @@ enum {
   PAGS_DRAW_RELOCATE = 5,
   PAGS_DRAW_ADD,
   PAGS_DRAW_NOISE /* 2 */,
-  PAGS_DRAW_DROP = 9
+  PAGS_DRAW_DROP = 9,
+  PAGS_DRAW_PRUNE = 15
 };
 static inline uint64_t pags_draw(int64_t step, int purpose) {
   return 16u * (uint64_t)step + (uint64_t)purpose;
 }
+
+enum { PAGS_MOST_PRUNES = 8 };
 
 /* The configuration's steps of 30 000, resolved. */
 typedef struct pags_schedule {
@@ -40,6 +43,9 @@ typedef struct pags_schedule {
   int64_t sh_interval;
   int64_t quarter_until, half_until;
   int64_t tracks_from, fourier_from;
+  int prunes;
+  int64_t prune_step[PAGS_MOST_PRUNES]; /* rising; while densifying, multiples of densify_every */
+  double prune_rate[PAGS_MOST_PRUNES];  /* the share that each removes */
 } pags_schedule;
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views);
@@ -48,7 +54,11 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
 void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rates[PAGS_RATE_GROUPS]);
 int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
 int pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
+/* A reset that a prune follows within a third of the interval between resets waits for it: scores taken of Gaussians that have not
+ * recovered say little, as nothing hides anything. */
 int pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
+/* Which prune by score follows a step, from 0; -1: none. */
+int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
 /* Gaussians too large are pruned only once an opacity reset has been: before it, large is what covers the background.
  */
 int pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);

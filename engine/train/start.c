@@ -9,6 +9,7 @@
 #include "train/config.h"
 #include "train/init.h"
 #include "train/lidar_start.h"
+#include "train/scores.h"
 #include "train/trainer.h"
 
 static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
@@ -76,15 +77,16 @@ static void largest_picture(const pags_trainer *t, int *width, int *height) {
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
   int width = 1, height = 1;
   uint64_t memory = t->options->max_memory;
+  int64_t most = config->preset == PAGS_PRESET_NONE ? config->max_gaussians : 0; /* with a preset its last prune sees to it */
   if (memory == 0)
-    return config->max_gaussians;
+    return most;
   largest_picture(t, &width, &height);
   uint64_t fixed = pags_train_bytes(0, config->sh_degree, width, height) + t->options->image_cache;
   uint64_t each =
       (pags_train_bytes(1 << 20, config->sh_degree, 1, 1) - pags_train_bytes(0, config->sh_degree, 1, 1)) >> 20;
   uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
   int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
-  return config->max_gaussians > 0 && config->max_gaussians < fits ? config->max_gaussians : fits;
+  return most > 0 && most < fits ? most : fits;
 }
 
 /* From the data set's points, or, where those are random, from as many that matching finds. */
@@ -117,10 +119,11 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
 
 /* Driving sets. */
 
-/* Object numbers of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are found again by position. */
+/* Object numbers and priorities of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are found again by position. */
 typedef struct point_key {
   float xyz[3];
   int32_t object;
+  float s_sem;
 } point_key;
 
 static int by_position(const void *a, const void *b) {
@@ -131,17 +134,22 @@ static int by_position(const void *a, const void *b) {
   return 0;
 }
 
-static pags_result mark_objects(const pags_start_points *points, pags_gaussians *g) {
+static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g) {
   point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
   pags_result result = keys ? pags_gaussians_add_object_id(g) : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  if (result == PAGS_OK)
+    result = pags_gaussians_add_s_sem(g);
   for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
-    keys[i] = (point_key){{points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]}, points->object[i]};
+    keys[i] = (point_key){{points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]},
+                          points->object[i],
+                          points->s_sem[i]};
   if (result == PAGS_OK)
     qsort(keys, (size_t)points->count, sizeof *keys, by_position);
   for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
-    point_key key = {{pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0};
+    point_key key = {{pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
     const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
     g->object_id[row] = found ? found->object : -1;
+    g->s_sem[row] = found ? found->s_sem : 0.0f;
   }
   free(keys);
   return result;
@@ -152,7 +160,7 @@ static pags_result add_background(pags_trainer *t, const pags_train_config *conf
   pags_train_state *s = &t->state;
   pags_gaussians g;
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, t->tasks, &g));
-  pags_result result = p->object ? mark_objects(p, &g) : PAGS_OK;
+  pags_result result = p->object ? mark_rows(p, &g) : PAGS_OK;
   if (result == PAGS_OK)
     return pags_state_add_model(s, -1, extent, &g);
   pags_gaussians_destroy(&g);
@@ -171,7 +179,13 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
   if (p->count == 0)
     return PAGS_OK;
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, p->count, object_extent(o), t->tasks, &g));
-  PAGS_TRY(pags_state_add_model(s, object, object_extent(o), &g));
+  pags_result result = pags_gaussians_add_s_sem(&g);
+  for (int64_t row = 0; result == PAGS_OK && row < g.count; row++)
+    g.s_sem[row] = pags_category_is_critical(o->category) ? 1.0f : 0.0f;
+  if (result == PAGS_OK)
+    result = pags_state_add_model(s, object, object_extent(o), &g);
+  pags_gaussians_destroy(&g);
+  PAGS_TRY(result);
   pags_trainer_fit_box(s, s->model_count - 1);
   return PAGS_OK;
 }
@@ -206,6 +220,15 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   return PAGS_OK;
 }
 
+/* Rows have a priority exactly where the data set says what is critical. */
+static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
+  if (pags_scores_has_labels(t->dataset))
+    return pags_gaussians_add_s_sem(g);
+  free(g->s_sem);
+  g->s_sem = NULL;
+  return PAGS_OK;
+}
+
 pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
   int driving = pags_dataset_fps(t->dataset) > 0.0;
   double extent = pags_init_extent(t->dataset, t->views, t->view_count);
@@ -215,6 +238,8 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, 1 + pags_dataset_object_count(t->dataset)));
   t->state.cap = choose_cap(t, config);
   PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
+  for (int64_t i = 0; i < t->state.model_count; i++)
+    PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
   return pags_budget_start(t->dataset, &t->state, t->tasks);
 }
 

@@ -19,6 +19,8 @@
 #include "train/densify.h"
 #include "train/fourier.h"
 #include "train/mcmc.h"
+#include "train/prune.h"
+#include "train/scores.h"
 #include "train/sh_trim.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
@@ -141,16 +143,19 @@ static pags_result refine(pags_trainer *t) {
 static pags_result control_density(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
+  int prune = s->step < s->stop ? pags_schedule_prune(&s->schedule, s->step) : -1;
   int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
-  if (!due && !reset && !fourier)
+  if (!due && !reset && !fourier && prune < 0)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);
   if (due)
     PAGS_TRY(refine(t));
   if (fourier)
     PAGS_TRY(pags_fourier_decide(t));
+  if (prune >= 0)
+    PAGS_TRY(pags_prune(t, prune));
   if (!reset)
     return PAGS_OK;
   for (int64_t i = 0; i < s->model_count; i++)
@@ -349,6 +354,8 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   pags_train_state *s = &t->state;
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_state_flush(s, t->tasks);
+  if (s->step >= s->stop)
+    PAGS_TRY(pags_scores_finish(t));
   PAGS_TRY(pags_sh_trim(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;

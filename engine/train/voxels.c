@@ -84,6 +84,8 @@ static void merge_into(pags_candidate *to, const pags_candidate *from) {
   to->time += share * (from->time - to->time);
   for (int k = 0; k < 4; k++)
     to->sum[k] += from->sum[k];
+  for (int k = 0; k < 2; k++)
+    to->views[k] += from->views[k];
   to->merged += from->merged;
 }
 

@@ -178,6 +178,32 @@ typedef void pags_receive_fn(void *user, const pags_cluster_gradient *gradient, 
 PAGS_API pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive,
                                          void *user, int64_t *bad_rows);
 
+/* What the Gaussians of one cluster matter to a picture, in the worker's scratch: read it before returning. Members not drawn have 0s. */
+typedef struct pags_cluster_score {
+  int part;
+  int64_t cluster;
+  int64_t first;         /* row of the first member */
+  int count;             /* members */
+  const double *seen;     /* sum over pixels of alpha T: about the pixels that show the Gaussian */
+  const double *critical; /* of these, where something critical is */
+  const double *squared;  /* sum over pixels of the squared derivative of L by the value of the projected Gaussian, L being the sum of
+                             the picture's channels (Speedy-Splat's score, Hanson et al. 2025) or what `rgb` is the gradient of */
+} pags_cluster_score;
+
+typedef void pags_score_fn(void *user, const pags_cluster_score *score, int worker);
+
+/* Planes as pags_picture_gradient's. */
+typedef struct pags_score_planes {
+  const float *counted;  /* 0..1: how much a pixel counts */
+  const float *critical; /* 0..1 */
+  const float *rgb[3];   /* dL/d(picture); NULL: 1 */
+  int overlap;           /* 1: sums of alpha, not of alpha T: as if nothing hid anything. Not with rgb */
+} pags_score_planes;
+
+/* After a render with keep_for_backward, instead of or before pags_frame_backward. Called for every cluster in view, from several threads
+ * at once, once each; the same bits for any number of threads. */
+PAGS_API pags_result pags_frame_scores(pags_frame *frame, const pags_score_planes *planes, pags_score_fn *receive, void *user);
+
 /* The gradient by the pose of a part whose world_from_model becomes world_from_model * exp(increment) (pags/object.h) at increment 0:
  * out[0..2] by the rotation (axis times angle), out[3..5] by the translation, both in the model's frame. Adds the rows
  * [first, first + count) of `gaussians`, whose gradients are `data`, `stride` and `planes` of their pags_cluster_gradient, in double and

@@ -23,6 +23,25 @@ typedef enum pags_strategy {
   PAGS_STRATEGY_MCMC     /* relocate, grow and shake (Kheradmand et al. 2024) */
 } pags_strategy;
 
+/* When the Gaussians with the lowest scores are removed (docs/priority.md). */
+typedef enum pags_preset {
+  PAGS_PRESET_NONE,
+  PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
+  PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
+} pags_preset;
+
+/* How S_sem, the share of a Gaussian that shows something critical, is found. */
+typedef enum pags_s_sem {
+  PAGS_S_SEM_PASS,   /* by its weight in the training photographs' pixels (alpha T), anew before each prune */
+  PAGS_S_SEM_INIT,   /* once, at the start */
+  PAGS_S_SEM_OVERLAP /* as PASS, by alpha alone: as if nothing hid anything */
+} pags_s_sem;
+
+/* How S_grad is brought to 0..1 ... */
+typedef enum pags_s_grad { PAGS_S_GRAD_RANK, PAGS_S_GRAD_MINMAX, PAGS_S_GRAD_LOG } pags_s_grad;
+/* ... and where it comes from: a pass over the training views, or the loss's own gradients since the last prune. */
+typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING } pags_s_grad_from;
+
 /* Every constant of the training. Fields said to be "of 30 000" are steps of a run of 30 000 iterations and are
  * multiplied by schedule_iterations / 30 000 (design: one set of constants for any length). `extent` is 1.1 times the
  * largest distance of a training camera from their mean, metres. */
@@ -67,7 +86,7 @@ typedef struct pags_train_config {
   /* Density */
   pags_strategy strategy;  /* default PAGS_STRATEGY_DEFAULT */
   int64_t densify_from;    /* first step (exclusive) of 30 000; default 500 */
-  int64_t densify_until;   /* last step (exclusive) of 30 000; default 15000 (MCMC's paper: 25000) */
+  int64_t densify_until;   /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000), 25000 with preset SHORT */
   int64_t densify_every;   /* steps of 30 000, but at least one pass over the training views; default 100 */
   double densify_gradient; /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
   int absgrad;             /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
@@ -80,7 +99,18 @@ typedef struct pags_train_config {
   int64_t
       reset_every; /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
   double reset_opacity;  /* upper bound set then; default 0.01 */
-  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). Default 0 */
+  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). With a preset: kept from the last prune on, which
+                            removes those with the lowest scores; until then the run may have more. Default 0 */
+
+  /* Priority: scores and pruning by them (docs/priority.md) */
+  pags_preset preset;   /* default PAGS_PRESET_NONE; others not with MCMC */
+  double alpha;         /* S_hybrid = alpha S_sem + (1 - alpha) S_grad, 0..1; default 0.4 */
+  double prune_early;   /* share removed at the first three prunes, 0..0.99; default 0.6 */
+  double prune_late;    /* at those after; default 0.3 */
+  int64_t prune_floor;  /* no object is pruned below so many; default 500 */
+  pags_s_sem s_sem;     /* default PAGS_S_SEM_PASS */
+  pags_s_grad s_grad;   /* default PAGS_S_GRAD_RANK */
+  pags_s_grad_from s_grad_from; /* default PAGS_S_GRAD_FROM_PASS */
 
   /* What the scene may store */
   double target_size; /* MB (10^6 bytes) of the scene folder's scene.json, models and sky: no more Gaussians than fit; 0: no bound. Default 0 */

@@ -1,0 +1,104 @@
+/* What a splat matters to a tile: how much of it is seen, how much of that where something critical is, and how hard the picture
+ * hangs on it (Speedy-Splat's score, Hanson et al. 2025).
+ *
+ * Front to back as the gradient goes (raster_backward.inl), with w = alpha T:
+ *   seen     = sum of w n              n: how much a pixel counts
+ *   critical = sum of w n m            m: how critical it is
+ *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G, L = what the
+ *                                      gradient planes say, without them the sum of the picture's channels
+ * dL/dG = o dL/dalpha. The 0.99 cap is let through, as in Speedy-Splat (and INRIA's backward): what is opaque would have
+ * no weight at all where it covers most.
+ *
+ * With overlap `seen` and `critical` are sums of alpha instead, as if every splat were alone in the picture. */
+
+typedef struct score_tile {
+  vf t[PAGS_TILE_BLOCKS], behind[PAGS_TILE_BLOCKS];
+  vf g[3][PAGS_TILE_BLOCKS];
+  vf counted[PAGS_TILE_BLOCKS], critical[PAGS_TILE_BLOCKS];
+  vf px[PAGS_TILE_BLOCKS], py[PAGS_TILE_BLOCKS];
+} score_tile;
+
+V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool loss) {
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    const int64_t at = (int64_t)(b >> 2) * 4 * in->stride + 4 * (b & 3);
+    tile->px[b] = block_x(b, in->x0);
+    tile->py[b] = block_y(b, in->y0);
+    const vm inside = block_inside(tile->px[b], tile->py[b], in->width, in->height);
+    vf behind = v_zero();
+    for (int c = 0; c < 3; c++) {
+      const vf rgb = v_load_4x4(in->rgb[c] + at, in->stride);
+      if (loss) {
+        tile->g[c][b] = v_maskz(inside, v_load_4x4(in->rgb_gradient[c] + at, in->stride));
+        behind = v_fma(tile->g[c][b], rgb, behind);
+      } else {
+        behind = v_add(behind, rgb);
+      }
+    }
+    tile->counted[b] = v_maskz(inside, v_load_4x4(in->counted + at, in->stride));
+    tile->critical[b] = v_mul(tile->counted[b], v_maskz(inside, v_load_4x4(in->critical + at, in->stride)));
+    tile->behind[b] = v_maskz(inside, behind);
+    tile->t[b] = v_maskz(inside, v_set(1.0f));
+  }
+}
+
+V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, bool loss, vf sum[3]) {
+  vf u, v;
+  const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &u, &v);
+  const raster_cover cover = raster_alpha(exponent, 5);
+  const vf t = tile->t[b], next = v_fnma(t, cover.alpha, t);
+  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(blends, v_mul(cover.alpha, t));
+  vf shine;
+  if (loss) {
+    shine = v_mul(tile->g[2][b], v_set(s->b));
+    shine = v_fma(tile->g[1][b], v_set(s->g), shine);
+    shine = v_fma(tile->g[0][b], v_set(s->r), shine);
+  } else {
+    shine = v_set(s->r + s->g + s->b);
+  }
+  const vf behind = v_fnma(w, shine, tile->behind[b]);
+  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(cover.contributes, blends));
+  tile->t[b] = v_select(blends, next, v_maskz(going, t));
+  tile->behind[b] = v_maskz(going, behind);
+
+  const vf seen = overlap ? v_maskz(cover.contributes, cover.alpha) : w;
+  const vf by_alpha =
+      v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), cover.alpha))));
+  sum[0] = v_fma(seen, tile->counted[b], sum[0]);
+  sum[1] = v_fma(seen, tile->critical[b], sum[1]);
+  sum[2] = v_fma(v_mul(by_alpha, by_alpha), tile->counted[b], sum[2]);
+}
+
+V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
+  score_tile tile;
+  score_load(&tile, in, loss);
+  for (int64_t i = 0; i < in->count; i++) {
+    if (i + 4 < in->count)
+      __builtin_prefetch(in->splats + in->entries[i + 4].splat);
+    const pags_splat *const s = in->splats + in->entries[i].splat;
+    float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SCORE_SUMS;
+    uint16_t blocks = in->block_masks[i];
+    if (overlap) /* what lies behind counts, too */
+      chunk_masks(s, 1, in->x0, in->y0, 0xFFFFu, &blocks);
+    vf sum[3] = {v_zero(), v_zero(), v_zero()};
+    for (unsigned left = blocks; left; left &= left - 1)
+      score_step(&tile, s, __builtin_ctz(left), overlap, loss, sum);
+    const float opacity = exp2f(s->log2_opacity);
+    slot[PAGS_SCORE_SEEN] = v_sum(sum[0]);
+    slot[PAGS_SCORE_CRITICAL] = v_sum(sum[1]);
+    slot[PAGS_SCORE_SQUARED] = v_sum(sum[2]) * (opacity * opacity);
+  }
+}
+
+#define SCORE_VARIANT(name, overlap, loss) \
+  static void name(const pags_raster_score *in) { score_all(in, overlap, loss); }
+SCORE_VARIANT(score_seen, false, false)
+SCORE_VARIANT(score_overlap, true, false)
+SCORE_VARIANT(score_loss, false, true)
+
+static void raster_score(const pags_raster_score *in) {
+  if (in->rgb_gradient[0])
+    score_loss(in);
+  else
+    (in->overlap ? score_overlap : score_seen)(in);
+}
