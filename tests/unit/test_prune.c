@@ -1,0 +1,247 @@
+/* Pruning by score: when, how many, which, and what becomes of moments and priorities. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "train/checkpoint.h"
+#include "train/densify.h"
+#include "train/prune.h"
+
+static pags_schedule schedule_of(pags_preset preset, int64_t iterations, int64_t views) {
+  pags_train_config config = pags_train_config_default();
+  config.preset = preset;
+  config.iterations = iterations;
+  return pags_schedule_make(&config, 1.0, views);
+}
+
+static void prunes_come_when_the_paper_says(void **unused) {
+  (void)unused;
+  static const int64_t at[] = {10000, 15000, 20000, 25000, 30000, 35000, 40000, 45000};
+  pags_schedule s = schedule_of(PAGS_PRESET_NONE, 30000, 10);
+  assert_int_equal(s.prunes, 0);
+  assert_int_equal(s.densify_until, 15000);
+  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10);
+  assert_int_equal(s.prunes, 4);
+  assert_int_equal(s.densify_until, 25000);
+  for (int i = 0; i < 4; i++) {
+    assert_int_equal(s.prune_step[i], at[i]);
+    assert_int_equal(pags_schedule_prune(&s, at[i]), i);
+    assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
+  }
+  assert_int_equal(pags_schedule_prune(&s, 10001), -1);
+  s = schedule_of(PAGS_PRESET_PAPER, 50000, 10);
+  assert_int_equal(s.prunes, 8);
+  assert_int_equal(s.densify_until, 25000);
+  for (int i = 0; i < 8; i++)
+    assert_true(s.prune_step[i] >= at[i] && s.prune_step[i] < at[i] + (i < 3 ? s.densify_every : 1));
+}
+
+static void they_stretch_and_none_is_the_last_step(void **unused) {
+  (void)unused;
+  for (int64_t n = 1; n < 200; n++)
+    for (int preset = PAGS_PRESET_SHORT; preset <= PAGS_PRESET_PAPER; preset++) {
+      pags_schedule s = schedule_of((pags_preset)preset, n, 3);
+      for (int i = 0; i < s.prunes; i++) {
+        assert_true(s.prune_step[i] > 0 && s.prune_step[i] < n);
+        assert_true(i == 0 || s.prune_step[i] > s.prune_step[i - 1]);
+      }
+    }
+  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180); /* pandaset-002's three cameras */
+  static const int64_t want[] = {2340, 3600, 4680, 5833};
+  assert_int_equal(s.prunes, 4);
+  assert_memory_equal(s.prune_step, want, sizeof want);
+  assert_true(s.prune_rate[2] == 0.6 && s.prune_rate[3] == 0.3);
+}
+
+/* In 7000 steps resets would come at 720, 1440, 2160, 2880 ...: 2160 is 180 steps before a prune, 3600 is one, 5760 is 73 before the last,
+ * when densifying is over. */
+static void resets_wait_for_a_prune_that_is_near(void **unused) {
+  (void)unused;
+  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);
+  static const int64_t want[] = {720, 1440, 2340, 2880, 3600, 4320, 5040};
+  int count = 0;
+  assert_int_equal(s.reset_every, 720);
+  for (int64_t step = 1; step <= 7000; step++)
+    if (pags_schedule_is_reset(&s, step)) {
+      assert_true(count < 7);
+      assert_int_equal(step, want[count++]);
+    }
+  assert_int_equal(count, 7);
+  s = schedule_of(PAGS_PRESET_SHORT, 30000, 10); /* at full length nothing moves */
+  for (int64_t step = 1; step <= 30000; step++)
+    assert_int_equal(pags_schedule_is_reset(&s, step), step % 3000 == 0 && step < 25000);
+}
+
+static void scores_come_into_0_to_1(void **unused) {
+  (void)unused;
+  const double raw[6] = {0, 4, 0, 1e6, 4, 1};
+  float out[6];
+  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_RANK, raw, 6, out), PAGS_OK);
+  const float ranks[6] = {0, 0.6f, 0, 1, 0.6f, 0.4f};
+  for (int i = 0; i < 6; i++)
+    assert_true(fabsf(out[i] - ranks[i]) < 1e-6f);
+  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_MINMAX, raw, 6, out), PAGS_OK);
+  assert_true(out[0] == 0 && fabsf(out[1] - 4e-6f) < 1e-9f && out[3] == 1);
+  assert_int_equal(pags_prune_normalise(PAGS_S_GRAD_LOG, raw, 6, out), PAGS_OK);
+  assert_true(out[0] == 0 && out[3] == 1 && fabs((double)out[1] - log(2) / log1p(250000)) < 1e-6);
+  const double odd[2] = {(double)NAN, -1}; /* nothing is made of nothing */
+  for (int kind = PAGS_S_GRAD_RANK; kind <= PAGS_S_GRAD_LOG; kind++) {
+    assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 2, out), PAGS_OK);
+    assert_true(out[0] == 0 && out[1] == 0);
+    assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 0, out), PAGS_OK);
+  }
+}
+
+enum { ROWS = 1000 };
+
+static void floors_hold_and_the_lowest_go(void **unused) {
+  (void)unused;
+  static float score[ROWS];
+  static int32_t group[ROWS];
+  static uint8_t drop[ROWS];
+  int64_t dropped, left[3] = {0};
+  for (int i = 0; i < ROWS; i++) { /* 100 rows of object 1 and 40 of object 2 score lowest */
+    group[i] = i < 100 ? 1 : i < 140 ? 2 : 0;
+    score[i] = (float)i;
+  }
+  pags_prune_request r = {ROWS, score, group, 3, 400, 60, 1, 2};
+  assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
+  assert_int_equal(dropped, 600);
+  for (int i = 0; i < ROWS; i++) {
+    left[group[i]] += !drop[i];
+    assert_int_equal(drop[i], i < 40 || (i >= 140 && i < 140 + 560));
+  }
+  assert_int_equal(left[1], 60);
+  assert_int_equal(left[2], 40);
+  r.target = 100; /* floors may take half of it: 25 each */
+  assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
+  assert_int_equal(dropped, 900);
+  left[0] = left[1] = left[2] = 0;
+  for (int i = 0; i < ROWS; i++)
+    left[group[i]] += !drop[i];
+  assert_int_equal(left[1], 25);
+  assert_int_equal(left[2], 25);
+  assert_int_equal(left[0], 50);
+}
+
+/* Where all score the same, what goes is spread evenly, by the seed. */
+static void ties_are_drawn(void **unused) {
+  (void)unused;
+  static const float score[ROWS];
+  static const int32_t group[ROWS];
+  static uint8_t drop[ROWS], again[ROWS];
+  int64_t dropped, early = 0;
+  pags_prune_request r = {ROWS, score, group, 1, 500, 0, 1, 2};
+  assert_int_equal(pags_prune_choose(&r, drop, &dropped), PAGS_OK);
+  assert_int_equal(dropped, 500);
+  for (int i = 0; i < ROWS / 2; i++)
+    early += drop[i];
+  assert_true(early > 200 && early < 300);
+  assert_int_equal(pags_prune_choose(&r, again, &dropped), PAGS_OK);
+  assert_memory_equal(drop, again, sizeof drop);
+  r.draw = 3;
+  assert_int_equal(pags_prune_choose(&r, again, &dropped), PAGS_OK);
+  assert_memory_not_equal(drop, again, sizeof drop);
+}
+
+static void the_bound_holds_at_the_last_prune(void **unused) {
+  (void)unused;
+  pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 30000, 10);
+  assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
+  assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
+  s.config.max_gaussians = 300;
+  assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
+  assert_int_equal(pags_prune_target(&s, 3, 1000), 300);
+  s.config.max_gaussians = 800;
+  assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
+  assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are: none goes */
+}
+
+/* Children inherit, and a checkpoint keeps, priorities and what was summed since the last prune. */
+static void rows_take_their_scores_along(void **unused) {
+  (void)unused;
+  pags_gaussians g;
+  pags_train_state s, back;
+  pags_edits edits;
+  uint64_t fingerprint;
+  pags_tasks *tasks = pags_tasks_create(1);
+  pags_train_config config = pags_train_config_default();
+  config.sh_degree = 0;
+  config.preset = PAGS_PRESET_SHORT;
+  config.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  pags_schedule schedule = pags_schedule_make(&config, 10.0, 4);
+  assert_int_equal(pags_state_create(&s, &schedule, 30000, 1), PAGS_OK);
+  assert_int_equal(pags_gaussians_create(&g, 40, 0), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_s_sem(&g), PAGS_OK);
+  for (int i = 0; i < 40; i++) {
+    pags_plane(&g, PAGS_MEAN)[i] = (float)i;
+    pags_plane(&g, PAGS_ROTATION)[i] = 1.0f;
+    g.s_sem[i] = (float)i / 40.0f;
+    for (int k = 0; k < 3; k++)
+      pags_plane(&g, PAGS_SCALE + k)[i] = i == 7 ? -0.5f : -6.0f;
+  }
+  assert_int_equal(pags_state_add_model(&s, -1, 10.0, &g), PAGS_OK);
+  pags_train_model *m = &s.models[0];
+  pags_state_set_step(&s, 600);
+  pags_state_settle(&s, tasks);
+  for (int i = 0; i < 40; i++) {
+    m->density.squared[i] = (float)(100 + i);
+    m->density.gradient[i] = i == 7 || i == 9 ? 1.0f : 0.0f; /* split and cloned */
+    m->density.seen[i] = 1;
+  }
+  assert_int_equal(pags_densify_decide(m, &edits), PAGS_OK);
+  assert_true(edits.cloned == 1 && edits.split == 1);
+  assert_int_equal(pags_densify_apply(m, &edits, tasks), PAGS_OK);
+  pags_edits_destroy(&edits);
+  assert_int_equal(m->gaussians.count, 42);
+  int like7 = 0, like9 = 0;
+  for (int i = 0; i < 42; i++) {
+    like7 += m->gaussians.s_sem[i] == 7.0f / 40.0f && m->density.squared[i] == 107.0f;
+    like9 += m->gaussians.s_sem[i] == 9.0f / 40.0f && m->density.squared[i] == 109.0f;
+  }
+  assert_true(like7 == 2 && like9 == 2);
+  char path[64];
+  snprintf(path, sizeof path, "/tmp/pags_prune_%ld", (long)getpid());
+  assert_int_equal(pags_checkpoint_save(path, &s, 5), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, NULL, &back, &fingerprint), PAGS_OK);
+  assert_memory_equal(back.models[0].gaussians.s_sem, m->gaussians.s_sem, 42 * sizeof(float));
+  assert_memory_equal(back.models[0].density.squared, m->density.squared, 42 * sizeof(float));
+  remove(path);
+  pags_state_destroy(&back);
+  pags_state_destroy(&s);
+  pags_tasks_destroy(tasks);
+}
+
+static void mcmc_has_no_presets(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default();
+  assert_int_equal(pags_train_config_set(&config, "preset", "short"), PAGS_OK);
+  assert_int_equal(pags_train_config_check(&config), PAGS_OK);
+  assert_int_equal(pags_train_config_set(&config, "strategy", "mcmc"), PAGS_OK);
+  assert_int_not_equal(pags_train_config_check(&config), PAGS_OK);
+  assert_int_not_equal(pags_train_config_set(&config, "s_grad", "median"), PAGS_OK);
+  assert_non_null(strstr(pags_error_message(), "s_grad: expected 'rank', 'minmax' or 'log', got 'median'"));
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(prunes_come_when_the_paper_says),
+      cmocka_unit_test(they_stretch_and_none_is_the_last_step),
+      cmocka_unit_test(resets_wait_for_a_prune_that_is_near),
+      cmocka_unit_test(scores_come_into_0_to_1),
+      cmocka_unit_test(floors_hold_and_the_lowest_go),
+      cmocka_unit_test(ties_are_drawn),
+      cmocka_unit_test(the_bound_holds_at_the_last_prune),
+      cmocka_unit_test(rows_take_their_scores_along),
+      cmocka_unit_test(mcmc_has_no_presets),
+  };
+  return cmocka_run_group_tests_name("prune", tests, NULL, NULL);
+}
