@@ -410,6 +410,31 @@ static void put_world(pags_facts *facts, const pags_scene *scene) {
     pags_facts_text(facts, "dataset", scene->dataset);
 }
 
+/* How the Gaussians that have one spread over priorities. */
+static void put_priorities(pags_facts *facts, const pags_scene *scene) {
+  static const float bounds[3] = {0.1f, 0.5f, 0.9f};
+  static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
+  int64_t known = 0, over[3] = {0};
+  double sum = 0;
+  for (int64_t i = 0; i < scene->model_count; ++i) {
+    const pags_gaussians *g = &scene->models[i].gaussians;
+    known += g->s_sem ? g->count : 0;
+    for (int64_t row = 0; g->s_sem && row < g->count; ++row) {
+      sum += (double)g->s_sem[row];
+      for (int k = 0; k < 3; ++k)
+        over[k] += g->s_sem[row] > bounds[k];
+    }
+  }
+  if (!known)
+    return;
+  pags_facts_begin_group(facts, "priority");
+  pags_facts_count(facts, "gaussians", known);
+  pags_facts_number(facts, "mean", sum / (double)known);
+  for (int k = 0; k < 3; ++k)
+    pags_facts_number(facts, names[k], (double)over[k] / (double)known);
+  pags_facts_end_group(facts);
+}
+
 pags_result pags_scene_facts(pags_facts *facts, const char *path, const char *kind,
                              const pags_scene_facts_options *options) {
   pags_scene scene;
@@ -421,6 +446,7 @@ pags_result pags_scene_facts(pags_facts *facts, const char *path, const char *ki
   pags_facts_bytes(facts, "bytes", (double)bytes);
   put_degrees(facts, &scene);
   put_world(facts, &scene);
+  put_priorities(facts, &scene);
   put_views(facts, &scene);
   put_drive(facts, &scene);
   if (result == PAGS_OK)

@@ -1,6 +1,7 @@
 /* pags eval: a scene beside its photographs. */
 #include "depth_errors.h"
 #include "interrupt.h"
+#include "owners.h"
 #include "picture.h"
 #include "pose_errors.h"
 #include "scores.h"
@@ -84,6 +85,7 @@ typedef struct evaluation {
   pags_depth_figures depth[2];
   pags_pose_errors poses;
   pags_shift_scores shifts;
+  pags_owners owners;
 } evaluation;
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
@@ -270,6 +272,7 @@ static pags_result write_json(const evaluation *self) {
   put_split(&writer, self, "test", 1);
   put_shifts(&writer, self);
   pags_pose_errors_put_json(&writer, &self->poses);
+  pags_owners_put_json(&writer, &self->owners);
   pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
@@ -283,6 +286,21 @@ static void print_poses(const pags_session *session, const pags_pose_errors *e) 
   pags_say(session,
            "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
            e->label_relative_metres, e->label_relative_degrees, e->relative_metres, e->relative_degrees);
+}
+
+static double percent(int64_t part, int64_t whole) { return whole ? 100 * (double)part / (double)whole : 0; }
+
+static void print_owners(const pags_session *session, const pags_owners *o) {
+  if (!o->seen)
+    return;
+  pags_say(session,
+           "priorities beside the truth: over 0.5 have %.1f %% of %lld Gaussians on something critical and %.1f %% of %lld others\n",
+           percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other), (long long)o->other);
+  pags_say(session,
+           "  left out: %.1f %% of %lld seen (%.1f %% of what is seen): %.1f %% over 5 cm from any surface, %.1f %% within 15 cm of both "
+           "kinds\n",
+           percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight, percent(o->astray, o->seen),
+           percent(o->between, o->seen));
 }
 
 static void print_more(const evaluation *self) {
@@ -299,6 +317,7 @@ static void print_more(const evaluation *self) {
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
              self->shifts.items[i].ssim);
   print_poses(session, &self->poses);
+  print_owners(session, &self->owners);
 }
 
 static pags_result open_all(evaluation *self, const char *scene_path) {
@@ -333,6 +352,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
   const char *dataset = pags_dataset_path(self->truth.dataset);
   PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
+  PAGS_TRY(pags_owners_measure(self->composition, &self->truth, self->frame, &self->options, &self->owners));
   if (arguments->shift)
     PAGS_TRY(pags_shift_measure(dataset, self->truth.downscale, self->composition, self->frame, &self->options,
                                 &arguments->session, arguments->images, &self->shifts));

@@ -73,7 +73,7 @@ static const pags_option options[] = {
         "color, alpha, depth (metres), id, object, priority, normal (of depth, world axes), heat (priority as "
         "colours), "
         "separated by commas; each to its own file: NAME.png, NAME_alpha.png, NAME_depth.exr, ...; depth, id, object, "
-        "priority and normal are always exr, heat png"),
+        "priority and normal are always exr, heat png; unless --format exr, priority brings heat along"),
 
     PAGS_GROUP("Objects (OBJECT: an id as pags info --objects lists them, or class:vehicle, ...)"),
     PAGS_EDIT_OPTIONS(AT(edits)),
@@ -422,6 +422,8 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   pags_frame_options early_z;
   if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
     return pags_usage_error(&verb, "--%s", pags_error_message());
+  if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
+    *channels |= 1u << PAGS_CHANNEL_HEAT;
   if ((arguments->shift != 0 || arguments->fps > 0) && strcmp(arguments->path, "ego") != 0)
     return pags_usage_error(&verb, "--shift and --fps need --path ego");
   if (arguments->fps > 0 && pags_option_given(parsed, "frames"))

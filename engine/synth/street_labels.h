@@ -15,4 +15,7 @@ pags_result pags_street_write_description(const pags_street *street, const char 
 pags_result pags_street_write_pose(const char *path, const double pose[12]);
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera);
 
+/* What the street is made from (nearest.c reads it). */
+pags_result pags_street_write_truth(const pags_street *street, const char *path);
+
 #endif

@@ -387,6 +387,7 @@ static pags_result write_texts(const writer *w) {
   PAGS_TRY(write_text(w, "instances/instances_info.json", labelled_instances));
   PAGS_TRY(write_text(w, "instances/frame_instances.json", pags_street_write_frame_instances));
   PAGS_TRY(write_text(w, "truth/instances/instances_info.json", true_instances));
+  PAGS_TRY(write_text(w, "truth/street.json", pags_street_write_truth));
   PAGS_TRY(write_text(w, "timestamps.json", pags_street_write_timestamps));
   /* Fewer frames than a shift needs: no path either. */
   for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++)

@@ -10,7 +10,7 @@
 #include "train/config.h"
 #include "train/trainer.h"
 
-static const char magic[8] = "PAGSRUN3";
+static const char magic[8] = "PAGSRUN4";
 
 #if defined(__BYTE_ORDER__) && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "checkpoints are written as little endian memory"
@@ -421,7 +421,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   uint64_t size = 0;
   run_record record;
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN3",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN4",
                      r->path);
   r->at += sizeof magic;
   PAGS_TRY(next(r, "CONF", &payload, &size));
@@ -484,7 +484,7 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
   uint64_t size = 0;
   char tag[4] = "";
   if (r->end - r->at < (ptrdiff_t)sizeof magic || memcmp(r->at, magic, sizeof magic) != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN3",
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a checkpoint of this version: expected it to begin with PAGSRUN4",
                      r->path);
   r->at += sizeof magic;
   while (memcmp(tag, "END!", 4) != 0) {

@@ -58,6 +58,35 @@ class Eval(fixtures.Case):
             of = poses[kind]
             self.assertAlmostEqual(of["recovered_metres"], 1 - of["metres"] / of["label_metres"], places=9)
 
+    def test_priorities_beside_the_truth(self):
+        figures = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["priorities"]
+        self.assertGreater(figures["seen"], 300)
+        self.assertEqual(figures["counted"], figures["critical"] + figures["other"])
+        self.assertAlmostEqual(figures["left_out"], 1 - figures["counted"] / figures["seen"], places=9)
+        self.assertAlmostEqual(figures["left_out"], figures["astray"] + figures["between"], places=9)
+        self.assertGreater(figures["critical"], 20)
+        self.assertGreater(figures["critical_high"], 0.7)
+        self.assertLess(figures["other_high"], 0.1)
+
+    def test_pruning_by_score(self):
+        out = self.path("pruned")
+        options = ["--iterations", "60", "--preset", "short", "--prune-rate", "0.5/0.25", "--prune-floor", "10", "-q"]
+        self.succeeds("train", self.street, "-o", out, *options)
+        with open(os.path.join(out, "log.jsonl")) as log:
+            prunes = [line for line in map(json.loads, log) if "pruned_by_score" in line]
+        self.assertEqual(len(prunes), 4)
+        for line, rate in zip(prunes, [0.5, 0.5, 0.5, 0.25]):
+            before = line["gaussians"] + line["pruned_by_score"]
+            self.assertEqual(line["pruned_by_score"], int(rate * before))
+        facts = json.loads(self.succeeds("info", out, "--json", "-").stdout)
+        self.assertEqual(facts["priority"]["gaussians"], prunes[-1]["gaussians"])
+        self.assertGreater(facts["priority"]["over_0.1"], facts["priority"]["over_0.9"])
+        frames = self.path("heat")
+        self.succeeds("render", out, "--split", "test", "--channel", "priority", "-o", frames)
+        self.assertEqual(sum(name.endswith("_heat.png") for name in os.listdir(frames)), 2)
+        self.fails(["train", self.street, "-o", out, "--prune-rate", "0.5"], "--prune-rate", "'0.5'", code=2)
+        self.fails(["train", self.street, "-o", out, "--preset", "short", "--strategy", "mcmc"], "preset", code=2)
+
     def test_shift_needs_truth(self):
         street = self.path("plain")
         shutil.copytree(self.street, street, ignore=shutil.ignore_patterns("truth"))

@@ -77,6 +77,7 @@ class Train(Case):
         config = json.loads(read(self.path("scene", "scene.json")))["config"]
         shown = fixtures.run("train", "--help").stdout
         named = {"near_plane": "near", "position_rate_begin": "position-rate"}
+        named.update(prune_early="prune-rate", prune_late="prune-rate")
         self.assertGreater(len(config), 40)
         for field in config:
             name = "background" if field.startswith("background") else named.get(field, field.replace("_", "-"))

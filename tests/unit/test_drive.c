@@ -145,6 +145,56 @@ static void threads_and_interruptions_change_no_bit(void **unused) {
   pags_tasks_destroy(one);
 }
 
+static double mean_s_sem(const pags_gaussians *g) {
+  double sum = 0.0;
+  assert_non_null(g->s_sem);
+  for (int64_t i = 0; i < g->count; i++)
+    sum += (double)g->s_sem[i] / (double)g->count;
+  return sum;
+}
+
+/* Two prunes lie before the interruption, two after it. */
+static void pruned_runs_go_on(const pags_train_config *config, const char *name) {
+  char whole[32], parts[32];
+  pags_train_config half = *config;
+  pags_scene scene;
+  pags_tasks *one = pags_tasks_create(1);
+  snprintf(whole, sizeof whole, "%s_whole", name);
+  snprintf(parts, sizeof parts, "%s_parts", name);
+  pags_train_result result = train(config, whole, one, 1000, 0);
+  half.schedule_iterations = ITERATIONS;
+  half.iterations = 71;
+  train(&half, parts, tasks, 1000, 0);
+  half.iterations = ITERATIONS;
+  result = train(&half, parts, tasks, 1000, 1);
+  assert_int_equal(result.resumed, 1);
+  assert_same_file(whole, parts, "background.ply");
+  assert_same_file(whole, parts, "log.jsonl");
+  assert_int_equal(pags_scene_load(scratch(whole), &scene), PAGS_OK);
+  for (int64_t i = 1; i < scene.model_count; i++)
+    assert_true(mean_s_sem(&scene.models[i].gaussians) > mean_s_sem(&scene.models[0].gaussians));
+  pags_scene_destroy(&scene);
+  pags_tasks_destroy(one);
+}
+
+static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  config.preset = PAGS_PRESET_SHORT;
+  config.prune_floor = 20;
+  config.dropout = 1;
+  config.max_gaussians = 1500;
+  pruned_runs_go_on(&config, "pass");
+  pags_scene scene;
+  assert_int_equal(pags_scene_load(scratch("pass_whole"), &scene), PAGS_OK);
+  assert_int_equal(pags_scene_gaussian_count(&scene), 1500);
+  pags_scene_destroy(&scene);
+  config.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  config.s_grad = PAGS_S_GRAD_LOG;
+  config.s_sem = PAGS_S_SEM_OVERLAP;
+  pruned_runs_go_on(&config, "training");
+}
+
 static void parts_can_be_left_out(void **unused) {
   (void)unused;
   pags_train_config config = quick();
@@ -249,6 +299,7 @@ int main(void) {
       cmocka_unit_test(exposures_keep_their_mean),
       cmocka_unit_test(a_camera_is_exposed_as_its_photographs),
       cmocka_unit_test(threads_and_interruptions_change_no_bit),
+      cmocka_unit_test(pruning_changes_no_bit_of_a_resumed_run),
       cmocka_unit_test(parts_can_be_left_out),
   };
   return cmocka_run_group_tests(tests, make_street, remove_street);

@@ -119,6 +119,7 @@ static void test_files(void **state) {
                                       "instances/instances_info.json",
                                       "instances/frame_instances.json",
                                       "truth/instances/instances_info.json",
+                                      "truth/street.json",
                                       "truth/shift/right1/path.json",
                                       "truth/shift/right3/00000.png",
                                       "truth/shift/up1/00000.png"};
@@ -250,6 +251,53 @@ static void test_lidar(void **state) {
   }
   assert_true(seen > 1000);
   assert_true((double)agree > 0.97 * (double)seen);
+}
+
+/* Every pixel's surface lies on a true surface of its label's kind, and a step towards the camera takes it at most that far off. */
+static void test_nearest_surfaces(void **state) {
+  (void)state;
+  enum { MOST = PIXELS };
+  static float points[3 * MOST], critical[MOST], other[MOST], far_critical[MOST], far_other[MOST];
+  static int is_critical[MOST];
+  pags_street_truth *truth = NULL;
+  assert_int_equal(pags_street_truth_open(scratch("street"), &truth), PAGS_OK);
+  assert_non_null(truth);
+  int64_t of_kind[2] = {0};
+  for (int f = 0; f < FRAMES; f += FRAMES - 1)
+    for (int step = 0; step < 2; step++) { /* the second time 3 cm before the surface */
+      const pags_camera camera = read_camera("street", f, 1);
+      pags_image depth = load(file_of("street", "truth/depth/%03d_1.exr", f), PAGS_F32);
+      pags_image labels = load(file_of("street", "semantic/%03d_1.png", f), PAGS_U8);
+      int64_t count = 0;
+      for (int i = 0; i < PIXELS; i++) {
+        const double z = (double)((const float *)depth.data)[i];
+        if (!(z > 0.0 && z < 60.0))
+          continue;
+        const double near = z - 0.03 * step;
+        const double q[3] = {(i % WIDTH + 0.5 - camera.cx) / camera.fx * near, (i / WIDTH + 0.5 - camera.cy) / camera.fy * near, near};
+        for (int r = 0; r < 3; r++) {
+          const double *m = camera.world_from_camera + 4 * r;
+          points[3 * count + r] = (float)(m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3]);
+        }
+        const int label = ((const uint8_t *)labels.data)[i]; /* Cityscapes: person, rider, vehicles, bicycle */
+        is_critical[count++] = label >= 11 && label <= 18;
+      }
+      pags_image_destroy(&depth);
+      pags_image_destroy(&labels);
+      assert_int_equal(pags_street_truth_distances(truth, f / 10.0, points, count, 0.3, critical, other), PAGS_OK);
+      assert_int_equal(pags_street_truth_distances(truth, f / 10.0, points, count, 1.0, far_critical, far_other), PAGS_OK);
+      for (int64_t i = 0; i < count; i++) {
+        const double own = (double)(is_critical[i] ? critical : other)[i];
+        assert_true(own < (step ? 0.05 : 0.003)); /* along the ray: longer than along z */
+        assert_true(critical[i] > 0.3f ? far_critical[i] > 0.3f : far_critical[i] == critical[i]);
+        assert_true(other[i] > 0.3f ? far_other[i] > 0.3f : far_other[i] == other[i]);
+        of_kind[is_critical[i]]++;
+      }
+    }
+  assert_true(of_kind[0] > 2000 && of_kind[1] > 50);
+  pags_street_truth_close(truth);
+  assert_int_equal(pags_street_truth_open(scratch("street/images"), &truth), PAGS_OK);
+  assert_null(truth);
 }
 
 typedef struct box {
@@ -462,9 +510,9 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files),   cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_lidar),   cmocka_unit_test(test_masks_and_boxes),
-                                     cmocka_unit_test(test_noise),   cmocka_unit_test(test_reads_back),
-                                     cmocka_unit_test(test_refusals)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files), cmocka_unit_test(test_threads),
+                                     cmocka_unit_test(test_lidar), cmocka_unit_test(test_nearest_surfaces),
+                                     cmocka_unit_test(test_masks_and_boxes), cmocka_unit_test(test_noise),
+                                     cmocka_unit_test(test_reads_back), cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_sets, remove_sets);
 }

@@ -59,6 +59,19 @@ PAGS_API pags_street_options pags_street_options_default(void);
 PAGS_API pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
                                        pags_progress_fn *progress, void *user);
 
+/* The surfaces of a street that pags_synth_street wrote, where they truly are. */
+typedef struct pags_street_truth pags_street_truth;
+
+/* `folder`: the data set. *out = NULL where it has no truth/street.json, which is no error. Closing NULL is allowed. */
+PAGS_API pags_result pags_street_truth_open(const char *folder, pags_street_truth **out);
+PAGS_API void pags_street_truth_close(pags_street_truth *truth);
+
+/* Of `count` points (3 floats each, world) the distances, in metres, to the nearest surface of something critical (cars, people,
+ * bicycles, moving or not) and of anything else, at `time` (seconds): exact up to `reach` metres, beyond it that or more. For one thread
+ * at a time. */
+PAGS_API pags_result pags_street_truth_distances(pags_street_truth *truth, double time, const float *points, int64_t count,
+                                                 double reach, float *critical, float *other);
+
 typedef struct pags_town_options {
   int64_t gaussians;  /* at density 1; 1000..2 * 10^8, default 2 million */
   double density;     /* times as many Gaussians on the same surfaces, 0.05..20; default 1 */
