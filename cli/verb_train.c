@@ -3,6 +3,7 @@
 #include "session.h"
 #include "verbs.h"
 
+#include <base/text.h>
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/train.h>
@@ -368,10 +369,10 @@ static int read_prune_rate(train_arguments *arguments) {
   char *end = NULL;
   if (!text)
     return PAGS_EXIT_OK;
-  arguments->config.prune_early = strtod(text, &end);
+  arguments->config.prune_early = pags_text_to_double(text, &end);
   if (end != text && *end == '/') {
     text = end + 1;
-    arguments->config.prune_late = strtod(text, &end);
+    arguments->config.prune_late = pags_text_to_double(text, &end);
     if (end != text && !*end)
       return PAGS_EXIT_OK;
   }

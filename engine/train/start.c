@@ -181,7 +181,7 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
   PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, p->count, object_extent(o), t->tasks, &g));
   pags_result result = pags_gaussians_add_s_sem(&g);
   for (int64_t row = 0; result == PAGS_OK && row < g.count; row++)
-    g.s_sem[row] = pags_category_is_critical(o->category) ? 1.0f : 0.0f;
+    g.s_sem[row] = pags_dataset_object_is_critical(t->dataset, object) ? 1.0f : 0.0f;
   if (result == PAGS_OK)
     result = pags_state_add_model(s, object, object_extent(o), &g);
   pags_gaussians_destroy(&g);
