@@ -43,9 +43,11 @@ pags_result pags_budget_rows(const pags_dataset *dataset, const pags_train_state
   return PAGS_OK;
 }
 
+/* A prune by score is still to come, whose target the bound is part of. */
 static int is_later(const pags_train_state *s) {
-  (void)s;
-  return 0;
+  int prunes = s->schedule.prunes;
+  int64_t last = prunes > 0 ? s->schedule.prune_step[prunes - 1] : 0;
+  return s->step < last && last < s->stop;
 }
 
 static int64_t bytes_used(const pags_train_state *s, int *most) {

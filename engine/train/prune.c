@@ -11,6 +11,7 @@
 
 #include "base/log.h"
 #include "base/rng.h"
+#include "train/budget.h"
 #include "train/scores.h"
 
 /* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
@@ -196,17 +197,34 @@ static pags_result keep_rows(pags_train_model *m, const uint8_t *drop, pags_task
   return result;
 }
 
+/* With the last prune, the bytes that the scene may have, too. */
+static pags_result target_of(const pags_trainer *t, int index, int64_t count, int64_t *target) {
+  const pags_train_state *s = &t->state;
+  int64_t bytes = 0;
+  int most = 1;
+  *target = pags_prune_target(&s->schedule, index, count);
+  if (index < s->schedule.prunes - 1 || s->schedule.config.target_size <= 0.0)
+    return PAGS_OK;
+  PAGS_TRY(pags_budget_rows(t->dataset, s, &bytes));
+  for (int64_t i = 0; i < s->model_count; i++)
+    most = pags_budget_row(s, i) > most ? pags_budget_row(s, i) : most;
+  int64_t fit = bytes > 0 ? bytes / most : 0;
+  *target = fit < *target ? fit : *target;
+  *target = *target > least_survivors ? *target : least_survivors;
+  return PAGS_OK;
+}
+
 static pags_result prune_rows(pags_trainer *t, int index, const pags_scores *scores, row_lists *l, int64_t *dropped) {
   pags_train_state *s = &t->state;
   pags_prune_request request = {.count = scores->count,
                                 .score = l->score,
                                 .group = l->group,
                                 .groups = s->tracks.count + 1,
-                                .target = pags_prune_target(&s->schedule, index, scores->count),
                                 .floor = s->schedule.config.prune_floor,
                                 .seed = s->schedule.config.seed,
                                 .draw = pags_draw(s->step, PAGS_DRAW_PRUNE)};
   int64_t at = 0;
+  PAGS_TRY(target_of(t, index, scores->count, &request.target));
   PAGS_TRY(score_rows(s, scores, l));
   PAGS_TRY(pags_prune_choose(&request, l->drop, dropped));
   for (int64_t i = 0; i < s->model_count; i++) {
