@@ -17,8 +17,6 @@ typedef struct part {
   bool of_spr; /* changes something of spr, which is put first where no part says what there is to change */
 } part;
 
-static const char every_row[] = "";
-
 static const part parts[] = {
     {"baseline", "", "", false},
     {"sp", "--preset short --alpha 0", "", false},
@@ -218,7 +216,6 @@ static pags_result parse_row(const char *text, size_t length, int seeds, pags_ab
     if (at)
       *at++ = 0;
   }
-  PAGS_TRY(add_options(row, &row->train, every_row, ""));
   if (needs_spr(names, count))
     PAGS_TRY(add_part(row, parts[SPR].name));
   for (int i = 0; i < count; ++i)

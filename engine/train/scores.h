@@ -25,7 +25,7 @@ int pags_scores_has_labels(const pags_dataset *dataset);
 
 /* S_sem of all models' rows that were seen; nothing where the data set says nothing or S_sem is to stay as it began. */
 void pags_scores_write_s_sem(pags_train_state *state, const pags_scores *scores);
-/* S_sem of the scene as it ends, measured once more. All rows must be current. */
+/* S_sem of the scene as its schedule ends, measured once more. All rows must be current. */
 pags_result pags_scores_finish(pags_trainer *trainer);
 
 /* Adds to density.squared what the step's own gradient says, after the frame's backward pass. `ones`, `zeros`: planes of these. */

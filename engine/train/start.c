@@ -243,11 +243,19 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   return pags_budget_start(t->dataset, &t->state, t->tasks);
 }
 
+/* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
+static void take_bound(pags_train_state *s, const pags_train_config *config) {
+  const pags_schedule *d = &s->schedule;
+  if (d->config.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
+    s->schedule.config.max_gaussians = config->max_gaussians;
+}
+
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
   PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
+  take_bound(s, config);
   const char *field = pags_config_difference(config, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
     return pags_fail(PAGS_ERROR_ARGUMENT,

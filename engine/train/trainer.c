@@ -143,7 +143,7 @@ static pags_result refine(pags_trainer *t) {
 static pags_result control_density(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
-  int prune = s->step < s->stop ? pags_schedule_prune(&s->schedule, s->step) : -1;
+  int prune = pags_schedule_prune(&s->schedule, s->step);
   int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
@@ -354,7 +354,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   pags_train_state *s = &t->state;
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_state_flush(s, t->tasks);
-  if (s->step >= s->stop)
+  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
     PAGS_TRY(pags_scores_finish(t));
   PAGS_TRY(pags_sh_trim(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));

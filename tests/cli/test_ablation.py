@@ -102,6 +102,30 @@ class Ablation(Case):
         here = read(self.path("t.runs", "sh-degree-1_seed-0", "scene", "background.ply"))
         self.assertEqual(here, read(os.path.join(out, "background.ply")))
 
+    def test_rows_at_equal_count(self):
+        """The last prune leaves each row as many as the smallest, and the run goes on from before it."""
+        options = ["--moments", 4, "--equal-count", "--json", "-", *SMALL]
+        done = self.succeeds(*self.command("baseline,sp,sp+rate=30/10", *options, iterations=120), timeout=900)
+        result = json.loads(done.stdout)
+        counts = {row["row"]: row["gaussians"] for row in result["rows"]}
+        self.assertLess(counts["sp"], counts["sp+rate=30/10"])
+        self.assertEqual(result["equal_count"], counts["sp"])
+        self.assertEqual([row["row"] for row in result["equal_rows"]], ["sp", "sp+rate=30/10"])
+        for row in result["equal_rows"]:
+            self.assertEqual(row["gaussians"], counts["sp"])
+        own = {row["row"]: row for row in result["rows"]}["sp+rate=30/10"]
+        equal = result["equal_rows"][1]
+        self.assertEqual(equal["moments"][:3], own["moments"][:3])
+        self.assertNotEqual(equal["moments"][3], own["moments"][3])
+        self.assertIn("## At equal count", read(self.path("t.md")).decode())
+        # The same as if that bound had been asked for from the start.
+        out = self.path("alone")
+        bounded = ["--preset", "short", "--alpha", 0, "--prune-rate", "0.3/0.1", "--max-gaussians", counts["sp"]]
+        self.succeeds("train", self.data, "-o", out, "-n", 120, "-j", 1, "-q", "--random-points", 500, *bounded)
+        run = f"preset-short_alpha-0_prune-rate-0.3_0.1_max-gaussians-{counts['sp']}_seed-0"
+        here = read(self.path("t.runs", run, "scene", "background.ply"))
+        self.assertEqual(here, read(os.path.join(out, "background.ply")))
+
     def stopped(self, how, wait):
         """Starts the whole, stops it while its first run trains, and returns the exit code."""
         command = [fixtures.PAGS, *map(str, self.command("sh=1", "--moments", 2, *SMALL, iterations=800))]

@@ -232,10 +232,10 @@ typedef struct pags_train_result {
 
 /* Trains and leaves in options->output: scene.json and background.ply, checkpoint.pags, log.jsonl, report.json,
  * preview PNGs. `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are
- * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates), and
- * except after a time limit. A non-empty folder is refused, untouched, without resume or overwrite. Stopping early is
- * PAGS_OK with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and
- * nothing is written. */
+ * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates),
+ * max_gaussians before a preset's last prune, and except after a time limit. A non-empty folder is refused, untouched,
+ * without resume or overwrite. Stopping early is PAGS_OK with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was
+ * called: then the last checkpoint stands and nothing is written. */
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
