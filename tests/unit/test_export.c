@@ -1,0 +1,460 @@
+/* Exporters: shells stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files read back. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "exporters/cage.h"
+#include "exporters/grid.h"
+#include "exporters/solid.h"
+#include "exporters/splats.h"
+
+#include <base/file.h>
+#include <base/rng.h>
+#include <base/text.h>
+#include <pags/export.h>
+
+#include "scratch_folder.h"
+#include "splat_files.h"
+
+/* Unlike cmocka's, in double. */
+static void assert_near(double a, double b, double tolerance) {
+  if (!(fabs(a - b) <= tolerance))
+    fail_msg("%.9g and %.9g differ by more than %g", a, b, tolerance);
+}
+
+/* Two balls that overlap and a ring around them, in a grid whose border is outside. */
+static double made_distance(const double p[3]) {
+  double a = sqrt(pow(p[0] - 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.8;
+  double b = sqrt(pow(p[0] + 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.7;
+  double r = sqrt(p[0] * p[0] + p[1] * p[1]) - 1.3, ring = sqrt(r * r + p[2] * p[2]) - 0.25;
+  return fmin(fmin(a, b), ring);
+}
+
+static pags_shell made_shell(double step) {
+  const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2};
+  pags_grid grid;
+  pags_shell shell;
+  assert_int_equal(pags_grid_create(&grid, lo, hi, step, 0), PAGS_OK);
+  for (int z = 0; z < grid.n[2]; ++z)
+    for (int y = 0; y < grid.n[1]; ++y)
+      for (int x = 0; x < grid.n[0]; ++x) {
+        const double p[3] = {lo[0] + x * step, lo[1] + y * step, lo[2] + z * step};
+        grid.distance[(z * grid.n[1] + y) * grid.n[0] + x] = (float)made_distance(p);
+      }
+  assert_int_equal(pags_grid_surface(&grid, 0, &shell), PAGS_OK);
+  pags_grid_destroy(&grid);
+  return shell;
+}
+
+static pags_shell_topology inspect(const pags_shell *shell) {
+  pags_shell_topology topology;
+  assert_int_equal(pags_shell_inspect(shell, &topology), PAGS_OK);
+  return topology;
+}
+
+static void test_box(void **state) {
+  (void)state;
+  const double size[3] = {4, 2, 1.5};
+  const float grey[3] = {0.5f, 0.5f, 0.5f};
+  pags_shell box;
+  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
+  assert_true(inspect(&box).closed);
+  assert_near(inspect(&box).volume, 12, 1e-5);
+  --box.triangle_count;
+  assert_false(inspect(&box).closed);
+  assert_int_equal(inspect(&box).open_edges, 3);
+  pags_shell_destroy(&box);
+}
+
+static void test_surface_is_closed_and_where_it_should_be(void **state) {
+  (void)state;
+  pags_shell shell = made_shell(0.08);
+  assert_true(inspect(&shell).closed);
+  for (int64_t i = 0; i < shell.vertex_count; ++i) {
+    const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1], (double)shell.positions[3 * i + 2]};
+    assert_true(fabs(made_distance(p)) < 0.08);
+  }
+  pags_shell_destroy(&shell);
+}
+
+static void test_budgets(void **state) {
+  (void)state;
+  static const int64_t budgets[] = {5000, 2000, 500, 100, 40};
+  pags_shell shell = made_shell(0.08), simple;
+  assert_true(shell.triangle_count > 5000);
+  for (size_t i = 0; i < sizeof budgets / sizeof budgets[0]; ++i) {
+    assert_int_equal(pags_shell_simplify(&shell, budgets[i], &simple), PAGS_OK);
+    assert_true(simple.triangle_count <= budgets[i]);
+    assert_true(inspect(&simple).closed);
+    pags_shell_destroy(&simple);
+  }
+  pags_shell_destroy(&shell);
+}
+
+/* Two tetrahedra that share an edge: four faces meet there, and a cut makes two closed parts of them. */
+static void test_repair(void **state) {
+  (void)state;
+  static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}}, grey[3] = {0};
+  pags_shell s = {0};
+  for (int i = 0; i < 6; ++i)
+    pags_shell_vertex(&s, points[i], grey, 1);
+  static const uint32_t tetrahedra[2][4] = {{0, 1, 2, 3}, {0, 1, 4, 5}};
+  for (int t = 0; t < 2; ++t) { /* outward, given that 0 1 2 3 runs so that the volume is positive */
+    const uint32_t *v = tetrahedra[t];
+    pags_shell_triangle(&s, v[0], v[2], v[1]);
+    pags_shell_triangle(&s, v[0], v[1], v[3]);
+    pags_shell_triangle(&s, v[0], v[3], v[2]);
+    pags_shell_triangle(&s, v[1], v[2], v[3]);
+  }
+  double volume = inspect(&s).volume;
+  if (volume < 0)
+    for (int64_t i = 0; i < s.triangle_count; ++i) {
+      uint32_t v = s.triangles[3 * i];
+      s.triangles[3 * i] = s.triangles[3 * i + 1];
+      s.triangles[3 * i + 1] = v;
+    }
+  assert_int_equal(inspect(&s).crossed_edges, 1);
+  assert_int_equal(pags_shell_repair(&s), PAGS_OK);
+  assert_true(inspect(&s).closed);
+  assert_int_equal(s.vertex_count, 8);
+  assert_near(inspect(&s).volume, fabs(volume), 1e-6);
+  pags_shell_destroy(&s);
+}
+
+static void test_hull(void **state) {
+  (void)state;
+  pags_shell shell = made_shell(0.1), hull;
+  assert_int_equal(pags_shell_hull(&shell, 200, &hull), PAGS_OK);
+  assert_true(hull.triangle_count <= 200);
+  assert_true(inspect(&hull).closed);
+  assert_true(inspect(&hull).volume > inspect(&shell).volume);
+  pags_shell_destroy(&hull);
+  for (int64_t i = 0; i < shell.vertex_count; ++i)
+    shell.positions[3 * i + 2] = 0;
+  assert_int_equal(pags_shell_hull(&shell, 200, &hull), PAGS_ERROR_ARGUMENT);
+  pags_shell_destroy(&shell);
+}
+
+static void test_cage(void **state) {
+  (void)state;
+  pags_shell shell = made_shell(0.1), cage;
+  pags_solid *solid;
+  assert_int_equal(pags_shell_keep_parts(&shell, 0.9), PAGS_OK);
+  assert_int_equal(pags_solid_of_shell(&shell, &solid), PAGS_OK);
+  for (int level = 0; level <= 2; ++level) {
+    double sum = 0;
+    assert_int_equal(pags_shell_cage(&shell, level, 3000, &cage), PAGS_OK);
+    assert_true(cage.triangle_count <= 3000);
+    assert_true(inspect(&cage).closed);
+    for (int64_t i = 0; i < cage.vertex_count && level; ++i) {
+      const double p[3] = {(double)cage.positions[3 * i], (double)cage.positions[3 * i + 1], (double)cage.positions[3 * i + 2]};
+      sum += pags_solid_distance(solid, p, NULL);
+    }
+    assert_true(sum / (double)cage.vertex_count < 0.04);
+    pags_shell_destroy(&cage);
+  }
+  pags_solid_destroy(solid);
+  pags_shell_destroy(&shell);
+}
+
+static void test_nearest_point(void **state) {
+  (void)state;
+  const double size[3] = {2, 2, 2}, corner[3] = {3, 3, 3}, side[3] = {0.3, -5, 0.2};
+  const float grey[3] = {0};
+  pags_shell box;
+  pags_solid *solid;
+  double nearest[3];
+  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
+  assert_int_equal(pags_solid_of_shell(&box, &solid), PAGS_OK);
+  assert_near(pags_solid_nearest(solid, corner, nearest), sqrt(12.0), 1e-6);
+  assert_near(nearest[0], 1, 1e-6);
+  assert_near(pags_solid_nearest(solid, side, nearest), 4, 1e-6);
+  assert_near(nearest[0], 0.3, 1e-6);
+  assert_near(nearest[1], -1, 1e-6);
+  pags_solid_destroy(solid);
+  pags_shell_destroy(&box);
+}
+
+/* ---- Turned harmonics ---- */
+
+static void rotation_about(int axis, double angle, double r[9]) {
+  int u = (axis + 1) % 3, v = (axis + 2) % 3;
+  memset(r, 0, 9 * sizeof *r);
+  r[4 * axis] = 1;
+  r[4 * u] = r[4 * v] = cos(angle);
+  r[3 * u + v] = -sin(angle);
+  r[3 * v + u] = sin(angle);
+}
+
+static void test_half_turns(void **state) {
+  (void)state;
+  static const int about_x[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
+  double r[9], rest[15];
+  pags_sh_turn turn;
+  rotation_about(0, 3.14159265358979323846, r);
+  pags_sh_turn_make(r, &turn);
+  for (int k = 0; k < 15; ++k)
+    rest[k] = k + 1;
+  pags_sh_turn_apply(&turn, 3, rest);
+  for (int k = 0; k < 15; ++k)
+    assert_near(rest[k], about_x[k] * (k + 1), 1e-9);
+}
+
+/* The first degree is a vector, (-x, -y, z) of its terms 3, 1, 2. Two turns are the turn by their product. */
+static void test_turns_compose(void **state) {
+  (void)state;
+  double a[9], b[9], ab[9] = {0}, one[15], two[15];
+  pags_sh_turn turn_a, turn_b, turn_ab;
+  rotation_about(2, 0.7, a);
+  rotation_about(1, -1.9, b);
+  for (int i = 0; i < 9; ++i)
+    for (int k = 0; k < 3; ++k)
+      ab[i] += a[i / 3 * 3 + k] * b[3 * k + i % 3];
+  pags_sh_turn_make(a, &turn_a);
+  pags_sh_turn_make(b, &turn_b);
+  pags_sh_turn_make(ab, &turn_ab);
+  for (int k = 0; k < 15; ++k)
+    one[k] = two[k] = sin(k + 1.0);
+  const double vector[3] = {-one[2], -one[0], one[1]};
+  pags_sh_turn_apply(&turn_b, 3, one);
+  pags_sh_turn_apply(&turn_a, 3, one);
+  pags_sh_turn_apply(&turn_ab, 3, two);
+  for (int k = 0; k < 15; ++k)
+    assert_near(one[k], two[k], 1e-9);
+  const double turned[3] = {-two[2], -two[0], two[1]};
+  for (int k = 0; k < 3; ++k)
+    assert_near(turned[k], ab[3 * k] * vector[0] + ab[3 * k + 1] * vector[1] + ab[3 * k + 2] * vector[2], 1e-9);
+}
+
+/* ---- Splat files ---- */
+
+static void check_rotations(const pags_gaussians *a, const pags_gaussians *b, int64_t i, double tolerance) {
+  double along = 0, la = 0, lb = 0;
+  for (int k = 0; k < 4; ++k) {
+    double p = (double)pags_plane(a, PAGS_ROTATION + k)[i], q = (double)pags_plane(b, PAGS_ROTATION + k)[i];
+    along += p * q;
+    la += p * p;
+    lb += q * q;
+  }
+  assert_true(fabs(along) / sqrt(la * lb) > 1 - tolerance);
+}
+
+static void check_read_back(const char *path, const pags_gaussians *g, double position, double scale, double rotation, double rest) {
+  pags_gaussians back;
+  assert_int_equal(pags_splat_load(path, &back, NULL, NULL), PAGS_OK);
+  assert_int_equal(back.count, g->count);
+  for (int64_t i = 0; i < g->count; ++i) {
+    for (int k = 0; k < 3; ++k) {
+      assert_near((double)pags_plane(&back, PAGS_MEAN + k)[i], (double)pags_plane(g, PAGS_MEAN + k)[i], position);
+      assert_near((double)pags_plane(&back, PAGS_SCALE + k)[i], (double)pags_plane(g, PAGS_SCALE + k)[i], scale);
+    }
+    double a = 1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i])), b = 1 / (1 + exp(-(double)pags_plane(&back, PAGS_OPACITY)[i]));
+    assert_near(a, b, 0.5 / 255 + 1e-5);
+    check_rotations(g, &back, i, rotation);
+    for (int p = PAGS_SH + 3; rest > 0 && p < pags_plane_count(g->sh_degree); ++p)
+      assert_near((double)pags_plane(&back, p)[i], fmin(fmax((double)pags_plane(g, p)[i], -1), 0.99), rest);
+  }
+  pags_gaussians_destroy(&back);
+}
+
+static void test_splat_files(void **state) {
+  (void)state;
+  char path[1024];
+  pags_gaussians g;
+  sample_gaussians(&g, 300, 3, 5);
+  snprintf(path, 1024, "%s/a.splat", scratch_folder);
+  assert_int_equal(pags_splat_save(path, &g), PAGS_OK);
+  check_read_back(path, &g, 0, 1e-5, 1e-3, 0);
+  for (int version = 3; version <= 4; ++version) {
+    snprintf(path, 1024, "%s/v%d.spz", scratch_folder, version);
+    assert_int_equal(pags_spz_save(path, &g, version, 0), PAGS_OK);
+    check_read_back(path, &g, 0.5 / 4096 + 1e-6, 0.5 / 16 + 1e-5, 1e-4, 8.5 / 128 + 1e-5);
+  }
+  pags_gaussians_destroy(&g);
+}
+
+/* ---- Scenes ---- */
+
+/* A ball of opaque Gaussians of radius r; flat: in the plane z = 0. */
+static void fill_ball(pags_gaussians *g, int64_t count, double r, int flat) {
+  assert_int_equal(pags_gaussians_create(g, count, 0), PAGS_OK);
+  for (int64_t i = 0; i < count; ++i) {
+    double z = 1 - (2 * (double)i + 1) / (double)count, s = sqrt(1 - z * z), angle = 2.39996322972865332 * (double)i;
+    pags_plane(g, PAGS_MEAN)[i] = (float)(r * s * cos(angle));
+    pags_plane(g, PAGS_MEAN + 1)[i] = (float)(r * s * sin(angle));
+    pags_plane(g, PAGS_MEAN + 2)[i] = flat ? 0 : (float)(r * z);
+    for (int k = 0; k < 3; ++k)
+      pags_plane(g, PAGS_SCALE + k)[i] = (float)log(0.025);
+    pags_plane(g, PAGS_ROTATION)[i] = 1;
+    pags_plane(g, PAGS_OPACITY)[i] = 5;
+  }
+}
+
+/* Cameras round the middle, 6 m away. */
+static void add_views(pags_scene *scene, int count) {
+  scene->view_count = count;
+  scene->views = calloc((size_t)count, sizeof *scene->views);
+  for (int i = 0; i < count; ++i) {
+    double a = 6.283185307 * i / count, c = cos(a), s = sin(a), lift = i % 3 - 1.0, d = sqrt(36 + lift * lift * 9);
+    /* x right, y down, z forward, looking at the middle from (6 c, 6 s, 3 lift) */
+    const double forward[3] = {-6 * c / d, -6 * s / d, -3 * lift / d}, right[3] = {-s, c, 0};
+    pags_camera camera = {.width = 320, .height = 240, .fx = 400, .fy = 400, .cx = 160, .cy = 120};
+    for (int k = 0; k < 3; ++k) {
+      int u = (k + 1) % 3, v = (k + 2) % 3;
+      camera.world_from_camera[4 * k] = right[k];
+      camera.world_from_camera[4 * k + 1] = forward[u] * right[v] - forward[v] * right[u];
+      camera.world_from_camera[4 * k + 2] = forward[k];
+    }
+    camera.world_from_camera[3] = 6 * c;
+    camera.world_from_camera[7] = 6 * s;
+    camera.world_from_camera[11] = 3 * lift;
+    scene->views[i].camera = camera;
+    scene->views[i].name = pags_text_copy("view");
+    assert_int_equal(pags_camera_check(&scene->views[i].camera, "view"), PAGS_OK);
+  }
+}
+
+static void add_object(pags_scene *scene, const char *id, int64_t model, double size, int64_t knots) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  pags_scene_object *o = &scene->objects[scene->object_count++];
+  *o = (pags_scene_object){.model = model, .critical = 1, .rigid = 1};
+  o->record.id = pags_text_copy(id);
+  o->record.class_name = pags_text_copy("Regular Vehicle");
+  o->record.category = PAGS_CATEGORY_VEHICLE;
+  o->record.moving = knots > 1;
+  for (int k = 0; k < 3; ++k)
+    o->record.size[k] = size;
+  o->record.knot_count = knots;
+  o->record.knots = calloc((size_t)knots, sizeof *o->record.knots);
+  for (int64_t i = 0; i < knots; ++i) {
+    memcpy(o->record.knots[i].world_from_object, identity, sizeof identity);
+    o->record.knots[i].time = 0.1 * (double)i;
+  }
+}
+
+/* Background without Gaussians, a ball, an object of three Gaussians, a flat one. */
+static pags_scene made_scene(void) {
+  pags_scene scene = {.up = PAGS_UP_Z};
+  scene.model_count = 4;
+  scene.models = calloc(4, sizeof *scene.models);
+  scene.objects = calloc(3, sizeof *scene.objects);
+  for (int i = 0; i < 4; ++i) {
+    scene.models[i].name = pags_text_copy(i ? "model" : "background");
+    scene.models[i].file = NULL;
+  }
+  assert_int_equal(pags_gaussians_create(&scene.models[0].gaussians, 0, 0), PAGS_OK);
+  fill_ball(&scene.models[1].gaussians, 8000, 0.8, 0);
+  fill_ball(&scene.models[2].gaussians, 3, 0.8, 0);
+  fill_ball(&scene.models[3].gaussians, 400, 0.8, 1);
+  add_object(&scene, "ball", 1, 1.6, 3);
+  add_object(&scene, "three", 2, 1.6, 1);
+  add_object(&scene, "flat", 3, 1.6, 1);
+  add_views(&scene, 16);
+  return scene;
+}
+
+static void test_proxies_of_a_scene(void **state) {
+  (void)state;
+  char path[1024];
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_scene scene = made_scene();
+  for (int level = PAGS_PROXY_MESH; level < PAGS_PROXY_LEVELS; ++level) {
+    pags_proxy_options options = pags_proxy_options_default();
+    pags_proxy_report report;
+    options.level = (pags_proxy_level)level;
+    options.triangles = 800;
+    snprintf(path, 1024, "%s/%d.glb", scratch_folder, level);
+    assert_int_equal(pags_export_proxies(&scene, path, &options, tasks, NULL, NULL, &report), PAGS_OK);
+    assert_int_equal(report.count, 3);
+    assert_string_equal(report.proxies[0].name, "regular_vehicle_0000");
+    assert_int_equal(report.proxies[0].level, level);
+    assert_null(report.proxies[0].note);
+    for (int i = 0; i < 3; ++i) {
+      assert_true(report.proxies[i].closed);
+      assert_true(report.proxies[i].triangles <= 800);
+    }
+    if (level != PAGS_PROXY_BOX) {
+      assert_true(report.proxies[0].to_gaussians.mean < 0.04);
+      assert_true(report.proxies[0].from_gaussians.mean < 0.04);
+      assert_true(report.proxies[0].silhouette_iou > 0.9);
+      assert_int_equal(report.proxies[1].level, PAGS_PROXY_BOX);
+      assert_non_null(report.proxies[1].note);
+    }
+    pags_proxy_report_destroy(&report);
+  }
+  pags_scene_destroy(&scene);
+  pags_tasks_destroy(tasks);
+}
+
+static void test_same_bytes(void **state) {
+  (void)state;
+  char path[2][1024];
+  uint8_t *bytes[2];
+  size_t sizes[2];
+  pags_scene scene = made_scene();
+  pags_proxy_options options = pags_proxy_options_default();
+  options.lod = 1;
+  options.physics = 1;
+  options.visibility = 1;
+  for (int i = 0; i < 2; ++i) {
+    pags_tasks *tasks = pags_tasks_create(i ? 3 : 1);
+    snprintf(path[i], 1024, "%s/same%d.glb", scratch_folder, i);
+    assert_int_equal(pags_export_proxies(&scene, path[i], &options, tasks, NULL, NULL, NULL), PAGS_OK);
+    assert_int_equal(pags_file_read(path[i], &bytes[i], &sizes[i]), PAGS_OK);
+    pags_tasks_destroy(tasks);
+  }
+  assert_int_equal(sizes[0], sizes[1]);
+  assert_memory_equal(bytes[0], bytes[1], sizes[0]);
+  free(bytes[0]);
+  free(bytes[1]);
+  pags_scene_destroy(&scene);
+}
+
+static void test_empty_scene(void **state) {
+  (void)state;
+  char path[1024];
+  pags_scene scene = {.up = PAGS_UP_Z};
+  pags_proxy_options options = pags_proxy_options_default();
+  pags_proxy_report report;
+  pags_tasks *tasks = pags_tasks_create(1);
+  snprintf(path, 1024, "%s/empty.gltf", scratch_folder);
+  assert_int_equal(pags_export_proxies(&scene, path, &options, tasks, NULL, NULL, &report), PAGS_OK);
+  assert_int_equal(report.count, 0);
+  pags_proxy_report_destroy(&report);
+  pags_tasks_destroy(tasks);
+}
+
+static int set_up(void **state) {
+  (void)state;
+  return scratch_make();
+}
+
+static int tear_down(void **state) {
+  (void)state;
+  return scratch_remove();
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_box),
+      cmocka_unit_test(test_surface_is_closed_and_where_it_should_be),
+      cmocka_unit_test(test_budgets),
+      cmocka_unit_test(test_repair),
+      cmocka_unit_test(test_hull),
+      cmocka_unit_test(test_cage),
+      cmocka_unit_test(test_nearest_point),
+      cmocka_unit_test(test_half_turns),
+      cmocka_unit_test(test_turns_compose),
+      cmocka_unit_test(test_splat_files),
+      cmocka_unit_test(test_proxies_of_a_scene),
+      cmocka_unit_test(test_same_bytes),
+      cmocka_unit_test(test_empty_scene),
+  };
+  return cmocka_run_group_tests(tests, set_up, tear_down);
+}
