@@ -18,6 +18,8 @@
 
 typedef struct eval_arguments {
   pags_session session;
+  const char *early_z;
+  int order; /* pags_order */
   const char *dataset, *lpips_weights, *images;
   int split; /* index in "all|train|test" */
   int shift;
@@ -38,6 +40,9 @@ static const pags_option options[] = {
     PAGS_CHOICE("split", AT(split), "all|train|test", NULL, "which views to compare"),
     PAGS_VALUE("views", 0, INT64, AT(views), 0, 1e9, "N", "0: all", NULL,
                "compare so many of them only, evenly spread"),
+    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
+              "how to leave out what is hidden, as for render"),
+    PAGS_CHOICE("order", AT(order), "depth|paper", NULL, "as for render"),
     PAGS_VALUE("image-cache", 0, SIZE, AT(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G", NULL,
                "memory for decoded photographs"),
 
@@ -336,6 +341,8 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   if (!self->scores)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);
   self->options = pags_composition_options(self->composition);
+  PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
+  self->options.order = (pags_order)arguments->order;
   self->options.extra_channels = (pags_dataset_provides(self->truth.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
@@ -375,7 +382,8 @@ static void destroy(evaluation *self) {
 }
 
 int pags_verb_eval(int argc, char **argv) {
-  eval_arguments arguments = {.options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
+  eval_arguments arguments = {
+      .early_z = "off", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
   evaluation self = {.arguments = &arguments};
   pags_parsed parsed;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);

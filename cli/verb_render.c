@@ -26,6 +26,7 @@ typedef struct render_arguments {
   float near_plane, low_pass;
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
   const char *early_z;
+  int order; /* pags_order */
   pags_dataset_options dataset_options;
   int packed;
 } render_arguments;
@@ -94,9 +95,12 @@ static const pags_option options[] = {
     PAGS_VALUE("sh-degree", 0, INT, AT(sh_degree), 0, 3, "0..3", NULL, NULL, "highest degree of colour used"),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL,
                 "degree of the polynomial behind exp: 3 is faster (7.5e-5 relative error), 5 exact to 4e-7"),
-    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]", NULL,
+    PAGS_TEXT("early-z", 0, AT(early_z), "off|lossless|bounded[=EPS]|paper", NULL,
               "leave out what is hidden before it is read, shaded, sorted or binned. lossless: the same bits as off; "
-              "bounded: a pixel counts as full when no more than EPS (default 1/255) of what lies behind would show"),
+              "bounded: a pixel counts as full when no more than EPS (default 1/255) of what lies behind would show; "
+              "paper: draw nothing behind what is critical and opaque, at a loss"),
+    PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
+                "paper: everything critical in front of the rest, as the paper sorts; blends wrongly"),
     PAGS_FLAG("packed", 0, AT(packed),
               "draw from the packed form: less memory, rounded as docs/packed.md says (a packed file always is)"),
     PAGS_SESSION_OPTIONS(render_arguments),
@@ -200,6 +204,7 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
   frame->sh_degree = arguments->sh_degree;
   frame->exp_degree = arguments->exp_degree ? 5 : 3;
   pags_early_z_parse(arguments->early_z, frame); /* check_usage has seen to it that it can be read */
+  frame->order = (pags_order)arguments->order;
   frame->extra_channels = pags_picture_writer_needs_extras(&self->writer);
   frame->count_pairs = arguments->session.json != NULL;
 }
@@ -235,6 +240,7 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
   pags_json_put_integer(writer, "tiles", s->tiles);
   pags_json_put_integer(writer, "tiles_full", s->tiles_full);
   pags_json_put_integer(writer, "slabs", s->slabs);
+  pags_json_put_integer(writer, "occluders", s->occluders);
 }
 
 /* Counts are rounded down. */

@@ -58,12 +58,13 @@ typedef struct bin_sink {
   uint32_t *counts;
   int64_t *offsets;
   pags_entry *entries;
-  const uint8_t *full; /* per tile; NULL: none is */
+  const float *limits; /* per tile; NULL: none */
+  float z;
   int64_t hidden;
 } bin_sink;
 
 V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
-  if (sink->full && sink->full[tile]) {
+  if (sink->limits && sink->z > sink->limits[tile]) {
     sink->hidden++;
     return;
   }
@@ -97,14 +98,14 @@ V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, tile_box box, bool 
 enum { BIN_AHEAD = 12 }; /* splats are met in depth order, which is no order in memory */
 
 V_INLINE int64_t bin_count_with(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                                const uint8_t *full, uint64_t *touched, uint32_t *counts, int64_t *hidden) {
+                                const float *limits, uint64_t *touched, uint32_t *counts, int64_t *hidden) {
   int64_t binned = 0, left_out = 0;
   for (int64_t i = 0; i < count; i++) {
     pags_splat *const s = splats + order[i];
     if (i + BIN_AHEAD < count)
       __builtin_prefetch(splats + order[i + BIN_AHEAD], 1);
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .counts = counts, .full = full};
+    bin_sink sink = {.tiles_x = tiles_x, .counts = counts, .limits = limits, .z = s->z};
     touched[i] = 0;
     if (box.nx > 0 && box.ny > 0 && (int64_t)box.nx * box.ny <= 64)
       bin_small(&sink, box, touched[i] = small_box_touched(s, box), false);
@@ -119,15 +120,15 @@ V_INLINE int64_t bin_count_with(pags_splat *splats, const uint32_t *order, int64
   return binned;
 }
 
-static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const uint8_t *full,
+static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const float *limits,
                          uint64_t *touched, uint32_t *counts, int64_t *hidden) {
-  if (full)
-    return bin_count_with(splats, order, count, tiles_x, tiles_y, full, touched, counts, hidden);
+  if (limits)
+    return bin_count_with(splats, order, count, tiles_x, tiles_y, limits, touched, counts, hidden);
   return bin_count_with(splats, order, count, tiles_x, tiles_y, NULL, touched, counts, hidden);
 }
 
 V_INLINE void bin_fill_with(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                            const uint8_t *full, const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
+                            const float *limits, const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
   for (int64_t i = 0; i < count; i++) {
     const pags_splat *const s = splats + order[i];
     if (i + BIN_AHEAD < count)
@@ -135,7 +136,7 @@ V_INLINE void bin_fill_with(const pags_splat *splats, const uint32_t *order, int
     if (s->tiles == 0)
       continue;
     const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries, .full = full};
+    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries, .limits = limits, .z = s->z};
     if ((int64_t)box.nx * box.ny <= 64)
       bin_small(&sink, box, touched[i], true);
     else
@@ -143,10 +144,10 @@ V_INLINE void bin_fill_with(const pags_splat *splats, const uint32_t *order, int
   }
 }
 
-static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const uint8_t *full,
+static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const float *limits,
                      const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
-  if (full)
-    bin_fill_with(splats, order, count, tiles_x, tiles_y, full, touched, offsets, entries);
+  if (limits)
+    bin_fill_with(splats, order, count, tiles_x, tiles_y, limits, touched, offsets, entries);
   else
     bin_fill_with(splats, order, count, tiles_x, tiles_y, NULL, touched, offsets, entries);
 }

@@ -31,6 +31,7 @@ const pags_kernels pags_kernels_scalar = {
     .bin_count = bin_count,
     .bin_fill = bin_fill,
     .raster = raster,
+    .raster_depth = raster_depth,
     .raster_backward = raster_backward,
     .raster_score = raster_score,
     .sky_blend = sky_blend,

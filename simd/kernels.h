@@ -93,9 +93,11 @@ typedef struct pags_raster_in {
   int exp_degree;      /* 3 or 5 */
   uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
   int64_t *pairs; /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
+  int64_t *looked_at; /* entries before the tile was full, in steps of some hundred, added to; may be NULL */
   bool resume;         /* go on from what the planes hold, not from nothing */
   bool unfinished;     /* more may follow: don't finish the tile unless all of its pixels have stopped */
   float eps;           /* > 0: a pixel also stops as soon as its transmittance is <= eps */
+  const float *hard;   /* a plane as the output's: a splat with z > hard changes no pixel there; NULL: none. Not with eps */
 } pags_raster_in;
 
 typedef struct pags_raster_back {
@@ -192,16 +194,20 @@ typedef struct pags_kernels {
                 const uint32_t *keys, pags_splat *splats);
 
   /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
-   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Tiles with full[tile] != 0 are left out
-   * and counted in *hidden; both may be NULL. Returns how many splats touch a tile at all. */
+   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Pairs with z > limits[tile] are left
+   * out and counted in *hidden; both may be NULL. Returns how many splats touch a tile at all. */
   int64_t (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                       const uint8_t *full, uint64_t *touched, uint32_t *counts, int64_t *hidden);
+                       const float *limits, uint64_t *touched, uint32_t *counts, int64_t *hidden);
   /* Writes each pair to entries[offsets[tile]++]. */
   void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                   const uint8_t *full, const uint64_t *touched, int64_t *offsets, pags_entry *entries);
+                   const float *limits, const uint64_t *touched, int64_t *offsets, pags_entry *entries);
 
   /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
+  /* The depth-only pre-pass of the paper: the least z of the tile's splats whose alpha at the pixel is >= 1/2, infinity where there is
+   * none, to depth (stride as out's); in any order. farthest[b]: the largest of block b's pixels inside of the picture. Of `in`,
+   * splats, entries, count, x0, y0, width and height count. */
+  void (*raster_depth)(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]);
   void (*raster_backward)(const pags_raster_back *in);
   void (*raster_score)(const pags_raster_score *in);
 

@@ -119,7 +119,7 @@ static inline void project_all(projected *s, const pags_projection *view, const 
  * floors being roundings half a block away; e gets a hair more for the roundings before. */
 static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int32_t *first, int32_t *end) {
   const vf e = v_fma(extent, v_set(1.00001f), v_fma(v_abs(mean), v_set(1e-6f), v_set(1e-3f)));
-  const vf zero = v_zero(), blocks = v_set(size * 0.25f + 1.0f), quarter = v_set(0.25f), half = v_set(0.5f);
+  const vf zero = v_zero(), blocks = v_set(ceilf(size * 0.25f)), quarter = v_set(0.25f), half = v_set(0.5f);
   const vf lo = v_mul(v_add(v_sub(mean, e), half), quarter), hi = v_mul(v_sub(v_add(mean, e), half), quarter);
   i_store(first, v_to_i(v_clamp(v_maskz(drawn, v_sub(lo, half)), zero, blocks)));
   i_store(end, v_to_i(v_clamp(v_maskz(drawn, v_add(hi, half)), zero, blocks)));

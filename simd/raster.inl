@@ -11,6 +11,7 @@ typedef struct raster_state { /* of one block */
   vf t, r, g, b;
   vf depth, weight, best; /* extra channels only */
   vi id;
+  vf hard; /* depth beyond which nothing blends; where that is asked for */
 } raster_state;
 
 /* The exponent (base 2) of one splat's falloff at 16 pixel centres; below log2(1/255) it does not contribute. */
@@ -33,7 +34,7 @@ V_INLINE raster_cover raster_alpha(vf exponent, int degree) {
 /* What one call of the rasteriser does throughout. */
 typedef struct raster_how {
   int degree;
-  bool extra, counted, bounded;
+  bool extra, counted, bounded, hard;
   float eps; /* where bounded */
 } raster_how;
 
@@ -41,6 +42,8 @@ typedef struct raster_how {
  * for either reason, would stop there whatever came in between. */
 V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, raster_how how) {
   const bool extra = how.extra, counted = how.counted;
+  if (how.hard)
+    cover.contributes = m_and(cover.contributes, v_le(v_set(s->z), state->hard));
   const vf next = v_fnma(state->t, cover.alpha, state->t);
   vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
   if (how.bounded) /* whatever remains weighs no more than eps: stop */
@@ -211,6 +214,8 @@ V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, co
       state[b].depth = state[b].weight = state[b].best = v_zero();
       state[b].id = i_set(-1);
     }
+    if (how.hard)
+      state[b].hard = v_load_4x4(in->hard + block_at(out, b), out->stride);
     if (in->resume)
       raster_resume(out, state + b, b, how.extra);
     active |= (unsigned)(m_bits(inside) != 0 && !(in->resume && raster_stopped(state + b, how))) << b;
@@ -248,6 +253,8 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
     if (in->block_masks)
       memcpy(in->block_masks + start, masks, (size_t)count * sizeof *masks);
   }
+  if (in->looked_at)
+    *in->looked_at += start < in->count ? start : in->count;
   if (in->block_masks && start < in->count)
     memset(in->block_masks + start, 0, (size_t)(in->count - start) * sizeof *in->block_masks);
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
@@ -259,25 +266,58 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
 }
 
 /* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
- * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
-#define RASTER_VARIANT(name, degree, extra, bounded)                                \
+ * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. The hard test, which is there to be
+ * compared with, always has both. */
+#define RASTER_VARIANT(name, degree, extra, bounded, hard)                          \
   static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
-    return raster_tile(in, out, (raster_how){degree, extra, extra, bounded, in->eps}); \
+    return raster_tile(in, out, (raster_how){degree, extra, extra, bounded, hard, in->eps}); \
   }
-RASTER_VARIANT(raster_5, 5, false, false)
-RASTER_VARIANT(raster_5_extra, 5, true, false)
-RASTER_VARIANT(raster_3, 3, false, false)
-RASTER_VARIANT(raster_3_extra, 3, true, false)
-RASTER_VARIANT(raster_5_bounded, 5, false, true)
-RASTER_VARIANT(raster_5_extra_bounded, 5, true, true)
-RASTER_VARIANT(raster_3_bounded, 3, false, true)
-RASTER_VARIANT(raster_3_extra_bounded, 3, true, true)
+RASTER_VARIANT(raster_5, 5, false, false, false)
+RASTER_VARIANT(raster_5_extra, 5, true, false, false)
+RASTER_VARIANT(raster_3, 3, false, false, false)
+RASTER_VARIANT(raster_3_extra, 3, true, false, false)
+RASTER_VARIANT(raster_5_bounded, 5, false, true, false)
+RASTER_VARIANT(raster_5_extra_bounded, 5, true, true, false)
+RASTER_VARIANT(raster_3_bounded, 3, false, true, false)
+RASTER_VARIANT(raster_3_extra_bounded, 3, true, true, false)
+RASTER_VARIANT(raster_5_hard, 5, true, false, true)
+RASTER_VARIANT(raster_3_hard, 3, true, false, true)
 
 static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   typedef unsigned variant(const pags_raster_in *, const pags_raster_out *);
   static variant *const variants[2][2][2] = {{{raster_3, raster_3_bounded}, {raster_3_extra, raster_3_extra_bounded}},
                                              {{raster_5, raster_5_bounded}, {raster_5_extra, raster_5_extra_bounded}}};
-  return variants[in->exp_degree >= 5][out->depth || in->pairs][in->eps > 0.0f](in, out);
+  const int exact = in->exp_degree >= 5;
+  if (in->hard)
+    return (exact ? raster_5_hard : raster_3_hard)(in, out);
+  return variants[exact][out->depth || in->pairs][in->eps > 0.0f](in, out);
+}
+
+#define RASTER_COVERS (-1.0f) /* log2 of the alpha at which an occluder writes its depth */
+
+static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]) {
+  vf nearest[PAGS_TILE_BLOCKS];
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
+    nearest[b] = v_set(INFINITY);
+  for (int64_t i = 0; i < in->count; i++) {
+    const pags_splat *const s = in->splats + in->entries[i].splat;
+    uint16_t masks[1];
+    chunk_masks(s, 1, in->x0, in->y0, 0xFFFFu, masks);
+    for (unsigned left = masks[0]; left; left &= left - 1) {
+      const int b = __builtin_ctz(left);
+      vf u, v;
+      const vm covers = v_ge(raster_exponent(s, block_x(b, in->x0), block_y(b, in->y0), &u, &v), v_set(RASTER_COVERS));
+      nearest[b] = v_select(covers, v_min(v_set(s->z), nearest[b]), nearest[b]);
+    }
+  }
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+    v_store_4x4(depth + (int64_t)(b >> 2) * 4 * stride + 4 * (b & 3), stride, nearest[b]);
+    float lane[V_LANES];
+    v_store(lane, v_select(block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height), nearest[b], v_zero()));
+    farthest[b] = 0.0f;
+    for (int k = 0; k < V_LANES; k++)
+      farthest[b] = lane[k] > farthest[b] ? lane[k] : farthest[b];
+  }
 }
 
 /* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */

@@ -14,7 +14,6 @@ typedef struct bin_context {
   uint32_t *counts; /* tiles per block */
   int64_t *offsets; /* tiles per block */
   uint64_t *touched; /* per drawn splat */
-  const uint8_t *full; /* per tile; may be NULL */
   int64_t binned[MOST_BLOCKS], hidden[MOST_BLOCKS];
 } bin_context;
 
@@ -25,7 +24,7 @@ static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   uint32_t *const counts = c->counts + begin / c->grain * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
   c->binned[begin / c->grain] =
-      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->full, c->touched + begin,
+      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, f->tile_limits, c->touched + begin,
                             counts, &c->hidden[begin / c->grain]);
 }
 
@@ -33,7 +32,7 @@ static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   bin_context *const c = context;
   pags_frame *const f = c->frame;
   (void)worker;
-  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, c->full, c->touched + begin,
+  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, f->tile_limits, c->touched + begin,
                        c->offsets + begin / c->grain * c->tiles, f->entries);
 }
 
@@ -67,7 +66,6 @@ static pags_result place_slots(pags_frame *frame) {
 
 pags_result pags_stage_bin(pags_frame *frame) {
   bin_context c = {.frame = frame, .tiles = (int64_t)frame->tiles_x * frame->tiles_y};
-  c.full = frame->full ? frame->full->tile_full : NULL;
   c.grain = (frame->drawn_count + MOST_BLOCKS - 1) / MOST_BLOCKS;
   c.grain = c.grain < LEAST_SPLATS ? LEAST_SPLATS : c.grain;
   const int64_t blocks = (frame->drawn_count + c.grain - 1) / c.grain;

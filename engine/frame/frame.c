@@ -117,6 +117,9 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
   frame->options = *options;
   frame->rendered = false;
   frame->full = NULL;
+  frame->tile_limits = NULL;
+  frame->hard = NULL;
+  frame->looked_at = 0;
   memset(&frame->stats, 0, sizeof frame->stats);
   pags_arena_reset(frame->arena);
   frame->part_count = part_count;
@@ -152,8 +155,7 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
   }
 }
 
-/* Everything after culling, at once. */
-static pags_result draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
   const double t1 = pags_frame_clock_ms();
@@ -174,21 +176,44 @@ static pags_result draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   return PAGS_OK;
 }
 
+/* Slabs pay where much hides (docs/rendering.md has the figures behind these): else all is drawn at once. What hid in one frame tells
+ * of the next; the first has nothing to go by. */
+static bool wants_slabs(const pags_frame *frame) {
+  const double enough = 0.35;
+  if (frame->options.early_z == PAGS_EARLY_Z_OFF || frame->options.order != PAGS_ORDER_DEPTH)
+    return false;
+  return frame->options.slab_size > 0 || frame->hiding > enough;
+}
+
+/* After a frame drawn at once: of its pairs, those that no pixel came to. */
+static void guess_hiding(pags_frame *frame) {
+  const int64_t pairs = frame->stats.pairs_binned;
+  frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
+}
+
 pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                               const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
   assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
   assert(!(options->exposed && options->keep_for_backward));
+  assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
   assert(options->slab_size >= 0);
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   if (options->keep_for_backward)
     frame->options.early_z = PAGS_EARLY_Z_OFF;
-  const bool slabs = frame->options.early_z != PAGS_EARLY_Z_OFF;
+  const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER, slabs = !paper && wants_slabs(frame);
   const double t0 = pags_frame_clock_ms();
-  PAGS_TRY(pags_stage_cull(frame, slabs));
+  PAGS_TRY(pags_stage_cull(frame, slabs || paper));
   frame->stats.ms_cull = pags_frame_clock_ms() - t0;
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  PAGS_TRY(slabs ? pags_frame_draw_slabs(frame, touch, user) : draw(frame, touch, user));
+  if (paper)
+    PAGS_TRY(pags_frame_draw_paper(frame, touch, user));
+  else if (slabs)
+    PAGS_TRY(pags_frame_draw_slabs(frame, touch, user));
+  else
+    PAGS_TRY(pags_frame_draw(frame, touch, user));
+  if (!slabs && !paper && frame->options.early_z != PAGS_EARLY_Z_OFF)
+    guess_hiding(frame);
   frame->rendered = true;
   fill_picture(frame, out);
   return PAGS_OK;

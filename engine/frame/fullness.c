@@ -1,4 +1,5 @@
 /* Which parts of the picture can still change, while a frame is drawn slab by slab. */
+#include <math.h>
 #include <string.h>
 
 #include "stages.h"
@@ -23,7 +24,7 @@ static void spread(const pags_frame *frame) {
     for (int tx = 0; tx < frame->tiles_x; tx++) {
       const int64_t tile = (int64_t)ty * frame->tiles_x + tx;
       const uint64_t open = f->tile_open[tile];
-      f->tiles_full += f->tile_full[tile];
+      f->tiles_full += f->limits[tile] < 0.0f;
       for (int row = 0; row < BLOCKS && open; row++)
         f->open[(int64_t)(BLOCKS * ty + row) * f->words + BLOCKS * tx / WORD] |= (open >> BLOCKS * row & 15u)
                                                                                  << BLOCKS * tx % WORD;
@@ -37,17 +38,19 @@ pags_result pags_frame_fullness_begin(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
   f->words = (BLOCKS * frame->tiles_x + WORD - 1) / WORD;
   f->rows = BLOCKS * frame->tiles_y;
-  f->tile_full = pags_frame_alloc(frame, tiles, sizeof *f->tile_full, "full tiles");
+  f->limits = pags_frame_alloc(frame, tiles, sizeof *f->limits, "full tiles");
   f->tile_begun = pags_frame_alloc(frame, tiles, sizeof *f->tile_begun, "full tiles");
   f->tile_open = pags_frame_alloc(frame, tiles, sizeof *f->tile_open, "full tiles");
   f->open = pags_frame_alloc(frame, (int64_t)f->rows * f->words, sizeof *f->open, "full tiles");
-  if (!f->tile_full || !f->tile_begun || !f->tile_open || !f->open)
+  if (!f->limits || !f->tile_begun || !f->tile_open || !f->open)
     return PAGS_ERROR_MEMORY;
-  memset(f->tile_full, 0, (size_t)tiles);
   memset(f->tile_begun, 0, (size_t)tiles);
-  for (int64_t tile = 0; tile < tiles; tile++)
+  for (int64_t tile = 0; tile < tiles; tile++) {
+    f->limits[tile] = INFINITY;
     f->tile_open[tile] =
         blocks_inside(frame, (int)(tile % frame->tiles_x) * PAGS_TILE, (int)(tile / frame->tiles_x) * PAGS_TILE);
+  }
+  frame->tile_limits = f->limits;
   spread(frame);
   return PAGS_OK;
 }

@@ -17,6 +17,10 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
       splats[k].id = splat_id(part, c->first + k);
+  if (frame->options.order == PAGS_ORDER_PAPER) /* bits of z > 0 leave the highest one free */
+    for (int k = 0; k < c->count; k++)
+      if (keys[k] != UINT32_MAX && !frame_is_critical(part, c->first + k))
+        keys[k] |= UINT32_C(1) << 31;
   for (int k = c->count; k % 16 != 0; k++)
     keys[k] = UINT32_MAX;
 }
@@ -44,7 +48,7 @@ static bool is_any_drawn(const uint32_t *keys, int count) {
 }
 
 static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
-  pags_frame *const frame = context;
+  const pags_frame *const frame = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const c = frame->clusters + i;

@@ -3,7 +3,7 @@
 
 typedef struct raster_context {
   pags_frame *frame;
-  int64_t (*pairs)[8]; /* per worker: evaluated, blended; a cache line apart */
+  int64_t (*counts)[8]; /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
 } raster_context;
 
 static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
@@ -23,7 +23,7 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
 
 /* Whether this slab has nothing to do there: the tile is finished, or nothing was added and more may come. */
 static bool tile_rests(const pags_frame *f, int64_t tile) {
-  return f->full && (f->full->tile_full[tile] || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
+  return f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
 }
 
 static void raster_tile(const raster_context *c, int64_t tile, int worker) {
@@ -39,7 +39,9 @@ static void raster_tile(const raster_context *c, int64_t tile, int worker) {
                              .height = f->camera.height,
                              .exp_degree = f->options.exp_degree,
                              .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
-                             .pairs = c->pairs ? c->pairs[worker] : NULL,
+                             .pairs = f->options.count_pairs ? c->counts[worker] : NULL,
+                             .looked_at = &c->counts[worker][2],
+                             .hard = f->hard ? f->hard + (int64_t)y0 * f->stride + x0 : NULL,
                              .resume = f->full && f->full->tile_begun[tile],
                              .unfinished = f->full && !f->last_slab,
                              .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
@@ -48,7 +50,8 @@ static void raster_tile(const raster_context *c, int64_t tile, int worker) {
   if (f->full) {
     f->full->tile_begun[tile] = 1;
     f->full->tile_open[tile] = (uint16_t)open;
-    f->full->tile_full[tile] = open == 0;
+    if (!open)
+      f->full->limits[tile] = -1.0f;
   }
   if (in.unfinished && open)
     return;
@@ -68,17 +71,16 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
 pags_result pags_stage_raster(pags_frame *frame) {
   raster_context c = {.frame = frame};
   const int workers = pags_tasks_workers(frame->tasks);
-  if (frame->options.count_pairs) {
-    c.pairs = pags_frame_alloc(frame, workers, sizeof *c.pairs, "pair counts");
-    if (!c.pairs)
-      return PAGS_ERROR_MEMORY;
-    for (int w = 0; w < workers; w++)
-      c.pairs[w][0] = c.pairs[w][1] = 0;
-  }
+  c.counts = pags_frame_alloc(frame, workers, sizeof *c.counts, "pair counts");
+  if (!c.counts)
+    return PAGS_ERROR_MEMORY;
+  for (int w = 0; w < workers; w++)
+    c.counts[w][0] = c.counts[w][1] = c.counts[w][2] = 0;
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, raster_tiles, &c));
-  for (int w = 0; c.pairs && w < workers; w++) {
-    frame->stats.pairs_evaluated += c.pairs[w][0];
-    frame->stats.pairs_blended += c.pairs[w][1];
+  for (int w = 0; w < workers; w++) {
+    frame->stats.pairs_evaluated += c.counts[w][0];
+    frame->stats.pairs_blended += c.counts[w][1];
+    frame->looked_at += c.counts[w][2];
   }
   return PAGS_OK;
 }

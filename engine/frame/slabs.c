@@ -42,6 +42,7 @@ typedef struct slabs {
   void *user;
   depth_key *order, *spare; /* clusters by the bound of their keys */
   int64_t next;             /* in that order */
+  uint64_t *taken;          /* bit by bit, per cluster: taken into this slab */
   int64_t dense_next;       /* where the next cluster's members go */
   active_cluster *active;
   int64_t active_count;
@@ -87,6 +88,11 @@ static pags_result begin(slabs *s) {
   pags_frame *const f = s->frame;
   PAGS_TRY(pags_frame_fullness_begin(f));
   PAGS_TRY(order_clusters(s));
+  const int64_t words = f->cluster_count / 64 + 1;
+  s->taken = pags_frame_alloc(f, words, sizeof *s->taken, "cluster flags");
+  if (!s->taken)
+    return PAGS_ERROR_MEMORY;
+  memset(s->taken, 0, (size_t)words * sizeof *s->taken);
   s->active = pags_frame_alloc(f, f->cluster_count, sizeof *s->active, "clusters at work");
   s->reaches = pags_frame_alloc(f, f->dense_count, sizeof *s->reaches, "reaches");
   f->splats = pags_frame_alloc(f, f->dense_count, sizeof *f->splats, "projected Gaussians");
@@ -94,23 +100,35 @@ static pags_result begin(slabs *s) {
   return s->active && s->reaches && f->splats && f->keys ? PAGS_OK : PAGS_ERROR_MEMORY;
 }
 
-/* Takes clusters until `budget` Gaussians are together, leaving out those that are hidden. Members lie in the dense arrays in the order
- * in which they are read. */
+/* Those marked become active in the order in which they lie in memory, which is how they will be read; so do their members in the dense
+ * arrays. */
+static void activate_taken(slabs *s) {
+  pags_frame *const f = s->frame;
+  for (int64_t word = 0; word * 64 < f->cluster_count; word++) {
+    for (uint64_t bits = s->taken[word]; bits; bits &= bits - 1) {
+      const int64_t i = word * 64 + __builtin_ctzll(bits);
+      f->clusters[i].base = s->dense_next;
+      s->dense_next += (f->clusters[i].count + GROUP - 1) / GROUP * GROUP;
+      s->active[s->active_count++] = (active_cluster){.view = i, .fresh = true};
+    }
+    s->taken[word] = 0;
+  }
+}
+
+/* Takes clusters until `budget` Gaussians are together, leaving out those that are hidden. */
 static void take_clusters(slabs *s, int64_t budget) {
   pags_frame *const f = s->frame;
   int64_t taken = 0;
   for (; s->next < f->cluster_count && taken < budget; s->next++) {
     const int64_t i = s->order[s->next].index;
-    view_cluster *const c = f->clusters + i;
     if (!is_open(f->full, f->bounds[i].reach)) {
       f->stats.clusters_hidden++;
       continue;
     }
-    c->base = s->dense_next;
-    s->dense_next += (c->count + GROUP - 1) / GROUP * GROUP;
-    s->active[s->active_count++] = (active_cluster){.view = i, .fresh = true};
-    taken += c->count;
+    s->taken[i / 64] |= UINT64_C(1) << i % 64;
+    taken += f->clusters[i].count;
   }
+  activate_taken(s);
   f->stats.loaded += taken;
   f->last_slab = s->next == f->cluster_count;
   s->limit = f->last_slab ? UINT32_MAX : s->order[s->next].key;
@@ -272,19 +290,40 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
   return PAGS_OK;
 }
 
+/* A quarter of what is likely to be read: most of what is hidden then lies behind a slab that has been drawn. */
+static int64_t slab_budget(const pags_frame *f) {
+  enum { SLABS = 4, LEAST = 4096 };
+  const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
+  if (f->options.slab_size > 0)
+    return f->options.slab_size;
+  return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
+}
+
+/* Of what would have been shaded. Clusters that were never read are taken to be like the others. */
+static double hidden_share(const pags_frame_stats *stats) {
+  const double passed = (double)(stats->hidden + stats->shaded);
+  if (stats->loaded == 0 || passed <= 0.0)
+    return 0.0;
+  const double unread = (double)(stats->in_view - stats->loaded) * passed / (double)stats->loaded;
+  return ((double)stats->hidden + unread) / (passed + unread);
+}
+
 pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
   slabs s = {.frame = frame, .touch = touch, .user = user};
+  const pags_frame_stats *const stats = &frame->stats;
   const double t0 = pags_frame_clock_ms();
   PAGS_TRY(begin(&s));
   frame->stats.ms_occlude = pags_frame_clock_ms() - t0;
-  int64_t budget = frame->stats.in_view / 24 > 4096 ? frame->stats.in_view / 24 : 4096;
-  if (frame->options.slab_size > 0)
-    budget = frame->options.slab_size;
+  const int64_t budget = slab_budget(frame);
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);
     PAGS_TRY(draw_slab(&s, budget));
     pags_arena_release(frame->arena, mark);
-  } while (!frame->last_slab && frame->full->tiles_full < frame->stats.tiles);
+  } while (!frame->last_slab && frame->full->tiles_full < stats->tiles);
   frame->stats.tiles_full = frame->full->tiles_full;
+  frame->stats.clusters_hidden += frame->cluster_count - s.next; /* never came up */
+  for (int64_t i = 0; i < s.active_count; i++)
+    frame->stats.hidden += s.active[i].waiting_count;
+  frame->hiding = hidden_share(stats);
   return PAGS_OK;
 }

@@ -7,6 +7,8 @@
 #include <pags/packed.h>
 #include <stdbool.h>
 
+#include "scene/packed_rows.h"
+
 /* A cluster in view. Its members' results lie at [base, base + count) of the dense arrays below; base is a multiple of 16. */
 typedef struct view_cluster {
   int32_t part;
@@ -27,7 +29,7 @@ typedef struct depth_key {
 
 /* What is full while a frame is drawn slab by slab (slabs.c). */
 typedef struct fullness {
-  uint8_t *tile_full;   /* per tile: 1, every pixel has stopped and the tile is finished */
+  float *limits;        /* per tile: -1 where every pixel has stopped and the tile is finished, else infinity */
   uint8_t *tile_begun;  /* per tile: 1, its planes hold what an earlier slab left */
   uint16_t *tile_open;  /* per tile: blocks that have a pixel which hasn't stopped */
   uint64_t *open;       /* the same, row of blocks after row of blocks, a bit a block */
@@ -63,6 +65,10 @@ struct pags_frame {
   uint16_t *block_masks; /* per entry */
   fullness *full;        /* NULL: one slab */
   bool last_slab;
+  const float *tile_limits; /* per tile: what has a larger z isn't binned; may be NULL */
+  float *hard;           /* a plane: what has a larger z isn't drawn; may be NULL */
+  int64_t looked_at;     /* entries that the rasteriser came to */
+  double hiding;         /* share of what is in view that hid, or would have hidden, in the last frame with Early-Z; a guess */
   int64_t *slot_start;   /* dense_count + 1 */
 
   float *planes;       /* 7 float planes and one of ids, of plane_size each */
@@ -87,9 +93,19 @@ pags_result pags_stage_raster(pags_frame *frame);                               
 /* Nothing is full; what the last raster stage left. */
 pags_result pags_frame_fullness_begin(pags_frame *frame);
 void pags_frame_fullness_update(pags_frame *frame);
+/* Everything after culling, at once. */
+pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user);
+/* The paper's two passes, after culling. */
+pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* Everything after culling, slab of depth by slab. */
 pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
 
+/* Whether the row counts as critical: S_sem > 0.5. */
+static inline bool frame_is_critical(const pags_part *part, int64_t row) {
+  if (part->packed && part->packed->has_s_sem)
+    return pags_packed_s_sem(part->packed, row) > 0.5f;
+  return (part->gaussians->s_sem ? part->gaussians->s_sem[row] : part->s_sem) > 0.5f;
+}
 /* Projects one cluster's members and gives them their ids. `reaches` may be NULL. */
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
 /* Sorts by key, stable; *keys and *spare may be swapped. */

@@ -390,6 +390,11 @@ static int64_t group_rows(const group *g) {
   return g->gaussians.count + g->packed.shape.count;
 }
 
+/* Of Gaussians that have no S_sem of their own. */
+static float priority_of_object(const pags_composition *c, const group *g) {
+  return g->object >= 0 && c->scene.objects[g->object].critical ? 1 : 0;
+}
+
 /* All of a part but its place. */
 static void fill_part(pags_composition *c, group *g, double time, pags_part *part) {
   if (g->dc)
@@ -401,6 +406,7 @@ static void fill_part(pags_composition *c, group *g, double time, pags_part *par
   part->id = g->id;
   part->first_id = g->id ? g->id[0] : 0;
   part->dc = g->dc;
+  part->s_sem = priority_of_object(c, g);
 }
 
 static void put_part(pags_composition *c, group *g, const double *motion, double time, int *count) {
@@ -528,7 +534,7 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
   bool known = composition->scene.object_count > 0;
   for (int64_t k = 0; k < composition->group_count; ++k) {
     const group *g = &composition->groups[k];
-    float rest = g->object >= 0 && composition->scene.objects[g->object].critical ? 1 : 0;
+    float rest = priority_of_object(composition, g);
     known = known || g->gaussians.s_sem || g->packed.has_s_sem;
     for (int64_t i = 0; i < group_rows(g); ++i)
       priority_of[id_of(g, i)] = g->gaussians.s_sem       ? g->gaussians.s_sem[i]

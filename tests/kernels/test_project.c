@@ -182,10 +182,54 @@ static void test_bench(const pags_kernels *k) {
   CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, NULL);
 }
 
+/* Along one axis: blocks [first, end) must hold every pixel centre of the picture within `extent` of the mean, and no block more than
+ * one beyond either side. */
+static void check_reach_axis(int row, double mean, double extent, double size, int first, int end) {
+  const double lo = fmax(ceil(mean - extent - 0.5), 0.0), hi = fmin(floor(mean + extent - 0.5), size - 1.0);
+  if (lo > hi)
+    return;
+  if (first > (int)lo / 4 || end <= (int)hi / 4 || end > (int)ceil(size / 4))
+    CHECK_FAIL("row %d: blocks %d to %d don't hold pixels %.0f to %.0f of %.0f", row, first, end, lo, hi, size);
+  const double wide = extent * 1.05 + 3.0; /* the cut-off's slack at a reach that counts */
+  CHECK(extent < 1.0 || ((first + 1) * 4 >= mean - wide - 4.0 && (end - 1) * 4 <= mean + wide + 4.0) || first == 0);
+}
+
+/* Reaches hold all that the rasteriser's own form of the Gaussian has above the cut-off. */
+static void check_reaches(const pags_kernels *k, row_kind kind) {
+  int64_t drawn = 0;
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    const pags_projection view = view_random(0, n % 2);
+    const rows r = rows_random(&view, counts[n], kind);
+    const projection p = {CHECK_NEW(pags_splat, r.count), CHECK_NEW(uint32_t, r.count)};
+    pags_reach *const reaches = CHECK_NEW(pags_reach, r.count);
+    k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, reaches);
+    for (int i = 0; i < r.count; i++) {
+      if (p.keys[i] == UINT32_MAX)
+        continue;
+      const pags_splat *const s = p.splats + i;
+      const double cut = (double)s->log2_opacity + log2(255.0), inv_p = 1.0 / (double)s->p, inv_w = 1.0 / (double)s->w;
+      const double x = sqrt(cut * (inv_p * inv_p + (double)s->h * (double)s->h * inv_w * inv_w)), y = sqrt(cut) * inv_w;
+      if (cut <= 0.0)
+        continue;
+      check_reach_axis(i, (double)s->x, x, (double)view.width, reaches[i].x0, reaches[i].x1);
+      check_reach_axis(i, (double)s->y, y, (double)view.height, reaches[i].y0, reaches[i].y1);
+      drawn++;
+    }
+    check_release();
+  }
+  CHECK(drawn > 100);
+}
+
+static void test_reaches(const pags_kernels *k) {
+  check_reaches(k, ROWS_ORDINARY);
+  check_reaches(k, ROWS_NEEDLES);
+  check_reaches(k, ROWS_AWKWARD);
+}
+
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
-      {"project edges", test_edges},       {"project factor", test_factor},   {"project bench", test_bench},
+      {"project edges", test_edges},       {"project factor", test_factor}, {"project reaches", test_reaches},   {"project bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -305,6 +305,48 @@ static void test_own_list(const pags_kernels *k) {
   }
 }
 
+/* The list in pieces, each resuming where the last one left off, gives the bits of the whole list; what comes after the tile is full
+ * changes none. Returns whether it became full before the end. */
+static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, float eps, const picture *whole) {
+  picture p = {0};
+  for (int c = 0; c < 3; c++)
+    p.rgb[c] = CHECK_NEW(float, PLANE);
+  p.transmittance = CHECK_NEW(float, PLANE), p.depth = CHECK_NEW(float, PLANE), p.depth_sum = CHECK_NEW(float, PLANE);
+  p.id = CHECK_NEW(int32_t, PLANE);
+  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .depth = p.depth,
+                         .depth_sum = p.depth_sum, .best = CHECK_NEW(float, PLANE), .id = p.id, .stride = STRIDE};
+  memcpy(out.background, background, sizeof background);
+  bool full = false;
+  for (int64_t at = 0, next; !full && (at == 0 || at < s->count); at = next) {
+    next = at + 1 + check_below(1 + (int)s->count / 3);
+    next = next < s->count ? next : s->count;
+    const pags_raster_in in = {.splats = s->splats, .entries = s->entries + at, .count = next - at, .x0 = s->x0, .y0 = s->y0,
+                               .width = s->width, .height = s->height, .exp_degree = degree, .resume = at > 0,
+                               .unfinished = next < s->count, .eps = eps};
+    full = k->raster(&in, &out) == 0 && next < s->count;
+    if (next == s->count)
+      break;
+  }
+  crop_all(s, &p);
+  check_same_picture(&p, whole, s);
+  return full;
+}
+
+static void test_resume(const pags_kernels *k) {
+  int full = 0;
+  for (int run = 0; run < 60; run++) {
+    const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+    const scene s = make_scene(1 + check_below(600), mixes[run % 3], run % 2);
+    const int degree = run % 4 < 2 ? 5 : 3;
+    const picture whole = blend(k, &s, degree, true, false);
+    picture cropped = whole;
+    crop_all(&s, &cropped);
+    full += blend_in_pieces(k, &s, degree, 0.0f, &cropped);
+    check_release();
+  }
+  CHECK(full > 3);
+}
+
 /* Masks hold every block that a splat changed, and nothing behind the place where the block stopped. */
 static void test_masks(const pags_kernels *k) {
   static const splat_mix wall = {39, 55, 41, 57, 40, 60, 1, 0.6f, 0.9f, false};
@@ -355,7 +397,7 @@ static void test_roofline(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"raster scalar", test_scalar},       {"raster plainly", test_plainly},   {"raster variants", test_variants},
-      {"raster strangers", test_strangers}, {"raster own list", test_own_list}, {"raster masks", test_masks},
+      {"raster strangers", test_strangers}, {"raster own list", test_own_list}, {"raster masks", test_masks}, {"raster resume", test_resume},
       {"raster bench", test_bench},         {"roofline", test_roofline},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));

@@ -298,10 +298,79 @@ static void test_parse(void **unused) {
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
     assert_int_equal(pags_early_z_parse(wrong[i], &o), PAGS_ERROR_ARGUMENT);
   assert_int_equal(o.early_z, PAGS_EARLY_Z_BOUNDED);
-  for (int mode = 0; mode <= PAGS_EARLY_Z_BOUNDED; mode++) {
+  for (int mode = 0; mode <= PAGS_EARLY_Z_PAPER; mode++) {
     assert_int_equal(pags_early_z_parse(pags_early_z_name((pags_early_z)mode), &o), PAGS_OK);
     assert_int_equal((int)o.early_z, mode);
   }
+}
+
+/* Padding counts as full: a wall of layers before a picture that is no multiple of a tile fills every tile, and what is behind is never
+ * read. */
+static void test_padding(void **unused) {
+  (void)unused;
+  enum { LAYERS = 12, BEHIND_WALL = 800 };
+  scene s;
+  state = 9;
+  scene_create(&s, NOTHING, 0);
+  scene_destroy(&s);
+  s.part_count = 1;
+  s.camera.width = 37, s.camera.height = 21, s.camera.fx = s.camera.fy = 30, s.camera.cx = 18, s.camera.cy = 10;
+  assert_int_equal(pags_gaussians_create(&s.gaussians[0], LAYERS + BEHIND_WALL, 0), PAGS_OK);
+  for (int64_t i = 0; i < LAYERS + BEHIND_WALL; i++) {
+    const float wall[3] = {0, 0, 2 + 0.01f * (float)i}, wide[3] = {40, 40, 0.001f}, small[3] = {0.3f, 0.3f, 0.3f};
+    const float behind[3] = {uniform(-3, 3), uniform(-3, 3), uniform(6, 9)};
+    put_shape(&s.gaussians[0], i, i < LAYERS ? wall : behind, i < LAYERS ? wide : small, 0.95f);
+    put(&s.gaussians[0], i, PAGS_ROTATION, 1);
+    for (int q = 1; q < 4; q++)
+      put(&s.gaussians[0], i, PAGS_ROTATION + q, 0);
+  }
+  assert_int_equal(pags_clusters_create(&s.clusters[0], LAYERS + BEHIND_WALL, 16), PAGS_OK);
+  pags_clusters_update(&s.clusters[0], &s.gaussians[0], 0, s.clusters[0].count);
+  s.parts[0].id = NULL;
+  s.ids[0] = NULL;
+  shot off = shoot(1, &s, PAGS_EARLY_Z_OFF, 0.5f, 0), lossless = shoot(2, &s, PAGS_EARLY_Z_LOSSLESS, 0.5f, 16);
+  assert_true(same_bits(&off, &lossless));
+  assert_int_equal(lossless.stats.tiles_full, lossless.stats.tiles);
+  assert_true(lossless.stats.loaded <= 64 && lossless.stats.clusters_hidden >= 40);
+  shot_destroy(&off), shot_destroy(&lossless);
+  scene_destroy(&s);
+}
+
+/* Left to choose, a frame looks first and cuts into slabs when much hid; the bits stay. The paper's modes draw, too, and say what they
+ * left out. */
+static void test_choice(void **unused) {
+  (void)unused;
+  scene s;
+  state = 21;
+  scene_create(&s, OPAQUE_WALLS, MOST_GAUSSIANS);
+  pags_tasks *const tasks = pags_tasks_create(2);
+  pags_frame_options options = s.options;
+  for (int p = 0; p < s.part_count; p++)
+    s.parts[p].s_sem = 1;
+  shot off = shoot_parts(tasks, &s, &options);
+  options.early_z = PAGS_EARLY_Z_LOSSLESS;
+  shot lossless = shoot_parts(tasks, &s, &options);
+  assert_true(same_bits(&off, &lossless));
+  options.early_z = PAGS_EARLY_Z_PAPER;
+  shot paper = shoot_parts(tasks, &s, &options), again;
+  assert_true(paper.stats.occluders > 0 && paper.stats.hidden > 0 && paper.stats.pairs_hidden > 0);
+  assert_false(same_bits(&off, &paper));
+  for (int64_t i = 0; i < paper.pixels; i++) /* what is drawn is drawn as ever, less of it */
+    assert_true(paper.planes[3 * paper.pixels + i] >= 0 && paper.planes[3 * paper.pixels + i] <= 1);
+  for (int p = 0; p < s.part_count; p++)
+    s.parts[p].s_sem = 0;
+  again = shoot_parts(tasks, &s, &options); /* no occluders: nothing is left out */
+  assert_true(again.stats.occluders == 0 && same_bits(&off, &again));
+  options.early_z = PAGS_EARLY_Z_OFF;
+  options.order = PAGS_ORDER_PAPER; /* all of one kind: the same order */
+  shot sorted = shoot_parts(tasks, &s, &options);
+  assert_true(same_bits(&off, &sorted));
+  s.parts[s.part_count - 1].s_sem = 1;
+  shot split = shoot_parts(tasks, &s, &options);
+  assert_true(s.part_count == 1 || !same_bits(&off, &split));
+  shot_destroy(&off), shot_destroy(&lossless), shot_destroy(&paper), shot_destroy(&again), shot_destroy(&sorted), shot_destroy(&split);
+  pags_tasks_destroy(tasks);
+  scene_destroy(&s);
 }
 
 /* From the third frame on no heap call, whatever is hidden. */
@@ -333,6 +402,8 @@ int main(void) {
       cmocka_unit_test(test_parse),
       cmocka_unit_test(test_every_recipe),
       cmocka_unit_test(test_random_scenes),
+      cmocka_unit_test(test_padding),
+      cmocka_unit_test(test_choice),
       cmocka_unit_test(test_steady),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -52,16 +52,25 @@ typedef struct pags_part {
                                       dc is. The product may exceed 1: alpha's cap holds as ever. Gradients are by the logit behind
                                       the factor; who is not drawn has none. NULL: 1 */
   float opacity_factor_most;       /* no factor is larger; not looked at without factors */
+  float s_sem;                     /* semantic priority of Gaussians that have no s_sem of their own */
 } pags_part;
 
 /* What is hidden can be left out before it is read, shaded, sorted or binned: docs/rendering.md. */
 typedef enum pags_early_z {
   PAGS_EARLY_Z_OFF,      /* draw everything; a pixel stops where it is full */
   PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id */
-  PAGS_EARLY_Z_BOUNDED   /* a pixel stops as soon as T <= eps; no colour channel is off from OFF's by more than eps x the largest
+  PAGS_EARLY_Z_BOUNDED,  /* a pixel stops as soon as T <= eps; no colour channel is off from OFF's by more than eps x the largest
                             of shaded colours, sky and background, transmittance by eps (before clamping; plus rounding); depth and
                             ids carry no bound */
+  PAGS_EARLY_Z_PAPER     /* the paper's: what is critical and opaque (S_sem > 0.5, opacity >= 0.7) writes its depth where its alpha is
+                            >= 1/2; nothing is drawn behind that. Loses what shines through; its error carries no bound */
 } pags_early_z;
+
+typedef enum pags_order {
+  PAGS_ORDER_DEPTH, /* front to back by (depth, id) */
+  PAGS_ORDER_PAPER  /* the paper's composite key: Gaussians with S_sem > 0.5 in front of all others, each kind by depth. Blends wrongly; for
+                       the ablation */
+} pags_order;
 
 typedef struct pags_frame_options {
   double origin[3];     /* of the float positions, metres */
@@ -82,7 +91,9 @@ typedef struct pags_frame_options {
   float gain[3], offset[3];
   pags_early_z early_z; /* default OFF. A render with keep_for_backward is always drawn with OFF */
   float early_z_eps;    /* of BOUNDED: 0 < eps < 1, default 1/255 */
-  int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen. Changes no bit */
+  pags_order order;     /* default DEPTH. PAPER is not for keep_for_backward */
+  int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen by
+                           what hid in the frame before, so that a view without occlusion is drawn at once. Changes no bit */
   int absolute_gradient; /* 1: fill pags_cluster_gradient.mean2d_abs (costs some per cent of the backward pass), else 0s */
 } pags_frame_options;
 
@@ -90,7 +101,7 @@ PAGS_API pags_frame_options pags_frame_options_default(void);
 /* Sets `exposed`, gain and offset; returns whether they change anything, which is what `exposed` becomes. */
 PAGS_API int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]);
 
-/* Reads "off", "lossless", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. PAGS_ERROR_ARGUMENT names what was
+/* Reads "off", "lossless", "paper", "bounded" or "bounded=EPS" (0 < EPS < 1) into early_z and early_z_eps. PAGS_ERROR_ARGUMENT names what was
  * expected; then the options stay as they were. */
 PAGS_API pags_result pags_early_z_parse(const char *text, pags_frame_options *options);
 PAGS_API const char *pags_early_z_name(pags_early_z mode); /* as parse reads it, without EPS */
@@ -121,7 +132,8 @@ typedef struct pags_frame_stats {
   int64_t pairs_evaluated; /* (Gaussian, pixel) lanes computed; 0 unless counted */
   int64_t pairs_blended;   /* of these, blended; 0 unless counted */
   int64_t clusters, clusters_hidden; /* in view; of these, never read */
-  int64_t tiles, tiles_full; /* of the picture; of these, full before the last slab */
+  int64_t tiles, tiles_full; /* of the picture; of these, full before the last slab (0 with one) */
+  int64_t occluders;       /* of PAPER: Gaussians that wrote depth */
   int64_t slabs;           /* of depth, drawn one after another: 1 with OFF */
 } pags_frame_stats;
 
