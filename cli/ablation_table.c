@@ -118,7 +118,7 @@ static void put_rule(report *page, const pags_ablation *self, const pags_ablatio
 
 static void put_mean(report *page, const pags_ablation_mean *m, const figure_info *info) {
   if (!m->count)
-    put(page, " – |");
+    put(page, " - |");
   else if (m->count == 1)
     put(page, " %.*f |", info->decimals, m->mean * info->unit);
   else
@@ -155,7 +155,7 @@ static int reference_row(const pags_ablation *self, const pags_ablation_set *set
 
 static void put_difference(report *page, double difference, double spread, int decimals) {
   if (!isfinite(difference))
-    put(page, " – |");
+    put(page, " - |");
   else if (fabs(difference) <= spread)
     put(page, " none |");
   else
@@ -167,7 +167,7 @@ static void put_ratio(report *page, const pags_ablation_set *set, const pags_abl
   if (isfinite(ratio))
     put(page, " %.2fx |", ratio);
   else
-    put(page, " – |");
+    put(page, " - |");
 }
 
 static void put_differences(report *page, const pags_ablation *self, const pags_ablation_set *sets) {
@@ -276,7 +276,7 @@ static void put_equal_time(report *page, const pags_ablation *self) {
       if (isfinite(value))
         put(page, " %.2f |", value);
       else
-        put(page, " – |");
+        put(page, " - |");
     }
     put(page, "\n");
   }

@@ -205,7 +205,7 @@ void pags_actor_pose(const pags_actor *actor, double time, double pose[12]) {
 }
 
 /* A part that hangs at `pivot` in the actor's frame (feet's middle at the origin), turned by `swing` about y. */
-static void put_part(pags_placement *placement, const double box[12], double ground, const double pivot[3],
+static void put_part(pags_stage_placement *placement, const double box[12], double ground, const double pivot[3],
                      double swing) {
   const double c = cos(swing), s = sin(swing), turn[9] = {c, 0, s, 0, 1, 0, -s, 0, c};
   for (int r = 0; r < 3; r++) {
@@ -218,7 +218,7 @@ static void put_part(pags_placement *placement, const double box[12], double gro
 }
 
 /* Arms swing against legs; on a bicycle the trunk leans forward, arms reach for the bar, feet go round. */
-static void put_person(pags_placement *parts, const pags_actor *actor, const double box[12], double time) {
+static void put_person(pags_stage_placement *parts, const pags_actor *actor, const double box[12], double time) {
   const double step = sin(actor->step_rate * time + actor->phase);
   const bool rides = actor->role == PAGS_ROLE_CYCLIST;
   const double lean = rides ? 0.45 : 0.03, seat = rides ? 0.07 : 0.0, back = rides ? -0.18 : 0.0;
@@ -240,7 +240,7 @@ static void put_person(pags_placement *parts, const pags_actor *actor, const dou
 void pags_street_set_time(pags_street *street, double time) {
   for (int i = 0; i < street->actor_count; i++) {
     const pags_actor *actor = &street->actors[i];
-    pags_placement *parts = street->placements + actor->first_placement;
+    pags_stage_placement *parts = street->placements + actor->first_placement;
     double box[12];
     if (!actor->moving)
       continue;

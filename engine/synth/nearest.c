@@ -225,7 +225,7 @@ pags_result pags_street_truth_distances(pags_street_truth *truth, double time, c
     critical[i] = other[i] = INFINITY;
   pags_street_set_time(street, time);
   for (int i = 0; result == PAGS_OK && i < street->placement_count; i++) {
-    const pags_placement *p = &street->placements[i];
+    const pags_stage_placement *p = &street->placements[i];
     visit_placement(&g, &street->meshes[p->mesh], p->pose, p->actor >= 0 ? critical : other);
   }
   for (int64_t i = 0; i < count; i++) {

@@ -9,7 +9,7 @@
 
 struct pags_stage {
   const pags_mesh *meshes;
-  const pags_placement *placements;
+  const pags_stage_placement *placements;
   int mesh_count, placement_count;
   RTCDevice device;
   RTCScene *parts; /* one a mesh */
@@ -75,7 +75,7 @@ static pags_result build(pags_stage *stage) {
   return pags_stage_commit(stage, 0, stage->placement_count);
 }
 
-pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_placement *placements,
+pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_stage_placement *placements,
                               int placement_count, pags_stage **out) {
   *out = NULL;
   pags_stage *stage = calloc(1, sizeof *stage);
@@ -158,7 +158,7 @@ static void weigh_corners(float u, float v, float weight[4]) {
 
 static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, int i, const float direction[3],
                        pags_touch *out) {
-  const pags_placement *placement = &stage->placements[ray->hit.instID[0][i]];
+  const pags_stage_placement *placement = &stage->placements[ray->hit.instID[0][i]];
   const pags_mesh *mesh = &stage->meshes[placement->mesh];
   const uint32_t face = ray->hit.primID[i];
   const float flat[3] = {ray->hit.Ng_x[i], ray->hit.Ng_y[i], ray->hit.Ng_z[i]};

@@ -8,11 +8,11 @@
 
 enum { PAGS_PACKET = 8 };
 
-typedef struct pags_placement {
+typedef struct pags_stage_placement {
   int mesh;
   int actor;      /* whom it belongs to; -1: the street */
   float pose[12]; /* world from mesh: a rotation, maybe scaled evenly, and a translation */
-} pags_placement;
+} pags_stage_placement;
 
 /* Rays, and a bit each for those that count. Directions need not be of unit length. */
 typedef struct pags_rays {
@@ -35,7 +35,7 @@ typedef struct pags_touch {
 typedef struct pags_stage pags_stage;
 
 /* All must outlive it; placements are read again by pags_stage_commit. */
-pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_placement *placements,
+pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pags_stage_placement *placements,
                               int placement_count, pags_stage **out);
 void pags_stage_destroy(pags_stage *stage);
 /* Takes over the poses of placements first .. first + count - 1. Not while rays are traced. */

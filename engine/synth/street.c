@@ -35,14 +35,14 @@ int pags_street_mesh(pags_street *street) {
 
 int pags_street_place(pags_street *street, int mesh, int actor, float x, float y, float z, float yaw, float scale) {
   void *list = street->placements;
-  if (!grow(&list, street->placement_count, &street->placement_capacity, sizeof(pags_placement)))
+  if (!grow(&list, street->placement_count, &street->placement_capacity, sizeof(pags_stage_placement)))
     street->failed = true;
   street->placements = list;
   if (street->failed)
     return 0;
   const float c = scale * cosf(yaw), s = scale * sinf(yaw);
   street->placements[street->placement_count] =
-      (pags_placement){.mesh = mesh, .actor = actor, .pose = {c, -s, 0, x, s, c, 0, y, 0, 0, scale, z}};
+      (pags_stage_placement){.mesh = mesh, .actor = actor, .pose = {c, -s, 0, x, s, c, 0, y, 0, 0, scale, z}};
   return street->placement_count++;
 }
 

@@ -31,7 +31,7 @@ typedef struct pags_street {
   pags_markings markings;
   pags_materials materials;
   pags_mesh *meshes;
-  pags_placement *placements; /* the street's first, then those of actors, moving ones last */
+  pags_stage_placement *placements; /* the street's first, then those of actors, moving ones last */
   pags_actor *actors;         /* parked ones first */
   int mesh_count, placement_count, actor_count;
   int mesh_capacity, placement_capacity, actor_capacity;

@@ -80,7 +80,7 @@ pags_result pags_surface_create(const pags_street *town, const pags_town_plan *p
   if (!out->placement_area || !out->face_area)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the faces of a town");
   for (int i = 0; i < town->placement_count; i++) {
-    const pags_placement *p = &town->placements[i];
+    const pags_stage_placement *p = &town->placements[i];
     const int64_t faces = town->meshes[p->mesh].face_count;
     PAGS_TRY(add_up_mesh(town, p->mesh, out));
     const double scale2 = (double)(p->pose[0] * p->pose[0] + p->pose[4] * p->pose[4] + p->pose[8] * p->pose[8]);
@@ -114,7 +114,7 @@ static int64_t find(const double *sums, int64_t count, double value) {
 typedef struct facet {
   const pags_material *material;
   const pags_mesh *mesh;
-  const pags_placement *placement;
+  const pags_stage_placement *placement;
   int64_t face;
   float corner[4][3]; /* world */
   float edge[3], side[3], normal[3];
@@ -130,7 +130,7 @@ static void to_world(const float pose[12], const float p[3], float out[3]) {
 static facet choose_facet(const pags_surface *s, double share) {
   const double value = share * s->area;
   const int64_t place = find(s->placement_area, s->town->placement_count, value);
-  const pags_placement *p = &s->town->placements[place];
+  const pags_stage_placement *p = &s->town->placements[place];
   const double before = place ? s->placement_area[place - 1] : 0.0, own = s->placement_area[place] - before;
   const pags_mesh *mesh = &s->town->meshes[p->mesh];
   const double *sums = s->face_area[p->mesh];
