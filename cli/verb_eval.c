@@ -164,7 +164,6 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
                                      const pags_truth_photo *photo, pags_view_score *score) {
   pags_picture picture;
   pags_image render;
-  self->options.exposed = 0;
   PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
   PAGS_TRY(pags_picture_to_image(&picture, PAGS_F32, &render));
   pags_result result = pags_eval_psnr(&render, &photo->image, photo->mask, &score->psnr_unexposed);
@@ -181,16 +180,15 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   pags_picture picture;
   const pags_part *parts;
   int part_count;
+  pags_frame_options exposed = self->options;
   *score = pags_view_score_make(view->name, at->test);
   pags_compose(self->composition, camera->time, &parts, &part_count);
   PAGS_TRY(pags_truth_photograph(&self->truth, i, &photo));
   pags_result result = PAGS_OK;
-  if (at->scene_view && pags_frame_options_expose(&self->options, at->scene_view->gain, at->scene_view->offset))
+  if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
-  if (result == PAGS_OK && at->scene_view)
-    pags_frame_options_expose(&self->options, at->scene_view->gain, at->scene_view->offset);
   if (result == PAGS_OK)
-    result = pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture);
+    result = pags_frame_render(self->frame, parts, part_count, camera, &exposed, NULL, NULL, &picture);
   if (result == PAGS_OK)
     result = compare_picture(self, at, &picture, &photo);
   pags_truth_photo_destroy(&photo);
