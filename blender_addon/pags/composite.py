@@ -216,12 +216,4 @@ class PAGS_OT_composite(bpy.types.Operator):
 
 CLASSES = (PAGS_OT_composite,)
 
-
-def register():
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister():
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory(CLASSES)
