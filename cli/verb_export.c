@@ -45,7 +45,7 @@ static const pags_option options[] = {
                "what is farther from the cameras is left out of the background"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
-    PAGS_GROUP("Gaussians (.ply, .spz, .splat; .glb and .gltf with --splats)"),
+    PAGS_GROUP("Gaussians (.ply, .spz, .splat, .pagsz; .glb and .gltf with --splats)"),
     PAGS_FLAG("splats", 0, AT(splats), "write the Gaussians themselves, KHR_gaussian_splatting"),
     PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", NULL,
                "objects are put where they are then"),
@@ -61,7 +61,7 @@ static const pags_verb verb = {.name = "export",
                                .usage = "SCENE FILE [options]",
                                .about = "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
                                         "its class, its track as animation and its measured error. Or its Gaussians, for "
-                                        "other programs: .ply, .spz, .splat.",
+                                        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz.",
                                .positionals = positionals,
                                .options = options};
 
@@ -195,7 +195,7 @@ int pags_verb_export(int argc, char **argv) {
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
   if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && !pags_export_is_splat(parsed.positionals[1]))
-    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz or .splat, got '%s'",
+    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz, .splat or .pagsz, got '%s'",
                             parsed.positionals[1]);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

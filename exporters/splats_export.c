@@ -6,6 +6,7 @@
 
 #include <pags/compose.h>
 #include <pags/export.h>
+#include <pags/packed.h>
 
 #include "base/file.h"
 #include "gltf.h"
@@ -17,7 +18,8 @@ pags_splat_options pags_splat_options_default(void) {
 
 int pags_export_is_splat(const char *path) {
   const char *extension = pags_path_extension(path);
-  return !strcmp(extension, ".ply") || !strcmp(extension, ".spz") || !strcmp(extension, ".splat");
+  return !strcmp(extension, ".ply") || !strcmp(extension, ".spz") || !strcmp(extension, ".splat") ||
+         !strcmp(extension, ".pagsz");
 }
 
 static double sigmoid(double x) {
@@ -113,6 +115,14 @@ static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *
   return result;
 }
 
+static pags_result save_packed(const char *path, const pags_scene *scene, const pags_gaussians *g) {
+  pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
+  memcpy(head.origin, scene->origin, sizeof head.origin);
+  for (int k = 0; k < 3; ++k)
+    head.background[k] = scene->background[k];
+  return pags_packed_export(path, g, &head);
+}
+
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options, const pags_gaussians *g) {
   const char *extension = pags_path_extension(path);
   if (!strcmp(extension, ".ply"))
@@ -121,6 +131,8 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
     return pags_splat_save(path, g);
   if (!strcmp(extension, ".spz"))
     return pags_spz_save(path, g, options->spz_version, scene->antialiased);
+  if (!strcmp(extension, ".pagsz"))
+    return save_packed(path, scene, g);
   return save_glb(path, scene->up, g);
 }
 

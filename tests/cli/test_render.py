@@ -39,6 +39,13 @@ class Render(Case):
         self.succeeds("render", scene, "--camera", self.camera(), "-o", self.path("out"), "--background", "0,0.5,1")
         self.assertEqual(self.pixel(self.path("out", "00000.png"), 0, 0), (0, 128, 255))
 
+    def test_packed_file(self):
+        scene, packed = self.write("a.ply", ply_bytes(some_splats())), self.path("a.pagsz")
+        self.succeeds("export", scene, packed)
+        self.succeeds("render", scene, "--packed", "--camera", self.camera(), "-o", self.path("out"), "--format", "exr")
+        self.succeeds("render", packed, "--camera", self.camera(), "-o", self.path("mapped"), "--format", "exr")
+        self.assertEqual(read(self.path("out", "00000.exr")), read(self.path("mapped", "00000.exr")))
+
     def test_nearest_in_front(self):
         placed = [(6, (0, 1, 0)), (3, (1, 0, 0)), (-3, (0, 0, 1))]
         rows = [splat(0, 0, z, colour, sigma=0.8, opacity=12.0) for z, colour in placed]

@@ -96,11 +96,11 @@ typedef struct pags_splat_options {
 
 PAGS_API pags_splat_options pags_splat_options_default(void);
 
-/* Whether the file's extension is one of splats alone: .ply, .spz, .splat. */
+/* Whether the file's extension is one of splats alone: .ply, .spz, .splat, .pagsz. */
 PAGS_API int pags_export_is_splat(const char *path);
 
 /* The whole scene as it is at a time, objects in their places, their harmonics turned with them: .ply (INRIA's), .spz, .splat (no
- * harmonics), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the scene's origin. Takes the scene's Gaussians
+ * harmonics), .pagsz (pags/packed.h; with s_sem where all parts have it, without the sky), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the scene's origin. Takes the scene's Gaussians
  * (`scene` is zeroed). `count` (may be NULL) receives how many were written. */
 PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count);
 
