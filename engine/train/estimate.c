@@ -6,6 +6,7 @@
  * between an early and a finished state). */
 #include <math.h>
 
+#include "train/scores.h"
 #include "train/trainer.h"
 
 enum { PROBES = 4 };
@@ -55,22 +56,8 @@ static double mean_growth(const pags_train_state *s, double now, double final) {
   return fmax((share * 0.5 * (now + final) + (1.0 - share) * final) / now, 1.0);
 }
 
-pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *seconds, uint64_t *bytes) {
-  pags_train_state *s = &t->state;
-  int64_t count = pags_state_gaussian_count(s) > 0 ? pags_state_gaussian_count(s) : 1;
-  double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
-  double rows = mean_growth(s, (double)count, final), scale = (double)iterations / (double)s->stop;
-  int64_t quarter = s->schedule.quarter_until,
-          half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
-  int64_t steps[3] = {s->stop - half, half - quarter, quarter};
-  double ms = 0.0;
+static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
   int width = 1, height = 1;
-  for (int k = 0; k < 3; k++) {
-    cost c = {0.0, 0.0};
-    if (steps[k] > 0)
-      PAGS_TRY(probe(t, 1 << k, &c));
-    ms += (double)(steps[k] > 0 ? steps[k] : 0) * (c.rows * rows + c.pixels * pixel_growth);
-  }
   for (int64_t i = 0; i < t->view_count; i++) {
     const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
     if ((int64_t)camera->width * camera->height > (int64_t)width * height) {
@@ -78,7 +65,36 @@ pags_result pags_trainer_estimate(pags_trainer *t, int64_t iterations, double *s
       height = camera->height;
     }
   }
-  *seconds = ms * scale / 1e3;
-  *bytes = pags_train_bytes((int64_t) final, s->schedule.config.sh_degree, width, height) + t->options->image_cache;
+  return pags_train_bytes(gaussians, t->state.schedule.config.sh_degree, width, height) + t->options->image_cache;
+}
+
+/* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each Gaussian
+ * did goes through the pairs like the backward half. */
+static double scored_views(const pags_trainer *t) {
+  const pags_schedule *s = &t->state.schedule;
+  int at_end = pags_scores_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;
+  return (double)(s->prunes + at_end) * (double)t->view_count;
+}
+
+pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
+  pags_train_state *s = &t->state;
+  int64_t count = pags_state_gaussian_count(s) > 0 ? pags_state_gaussian_count(s) : 1;
+  double final = s->cap > 0 ? fmin((double)s->cap, growth * (double)count) : growth * (double)count;
+  double rows = mean_growth(s, (double)count, final), ms = 0.0, full = 0.0;
+  int64_t quarter = s->schedule.quarter_until,
+          half = s->schedule.half_until > quarter ? s->schedule.half_until : quarter;
+  int64_t steps[3] = {s->stop - half, half - quarter, quarter};
+  for (int k = 0; k < 3; k++) {
+    cost c = {0.0, 0.0};
+    if (steps[k] <= 0)
+      continue;
+    PAGS_TRY(probe(t, 1 << k, &c));
+    double each = c.rows * rows + c.pixels * pixel_growth;
+    ms += (double)steps[k] * each;
+    full = full > 0.0 ? full : each; /* the finest level that the run sees */
+  }
+  out->step_seconds = ms / (double)s->stop / 1e3;
+  out->scoring_seconds = scored_views(t) * full / 1e3;
+  out->bytes = bytes_of(t, (int64_t) final);
   return PAGS_OK;
 }

@@ -283,11 +283,10 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
 /* Sets the number of steps so that all of them take the time limit. */
 static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   pags_train_state *s = &t->state;
-  double seconds;
-  uint64_t bytes;
-  PAGS_TRY(pags_trainer_estimate(t, s->stop, &seconds, &bytes));
-  double left = t->options->time_limit_seconds - (pags_trainer_clock() - clock->begin) / 1e3;
-  double fitted = (double)s->stop * fmax(left, 0.0) / fmax(seconds, 1e-9);
+  pags_estimate estimate;
+  PAGS_TRY(pags_trainer_estimate(t, &estimate));
+  double left = t->options->time_limit_seconds - (pags_trainer_clock() - clock->begin) / 1e3 - estimate.scoring_seconds;
+  double fitted = fmax(left, 0.0) / fmax(estimate.step_seconds, 1e-9);
   int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
   pags_state_settle(s, t->tasks);
   pags_train_config config = s->schedule.config;
@@ -362,6 +361,14 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   return pags_output_report(&t->output, r, t->tasks);
 }
 
+static pags_result write_estimate(pags_trainer *t, pags_train_result *r) {
+  pags_estimate estimate;
+  PAGS_TRY(pags_trainer_estimate(t, &estimate));
+  r->estimated_seconds = estimate.step_seconds * (double)t->state.stop + estimate.scoring_seconds;
+  r->estimated_bytes = estimate.bytes;
+  return PAGS_OK;
+}
+
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   run_clock clock = {.begin = begin};
   int stopped = 0;
@@ -370,7 +377,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   PAGS_TRY(loop(t, &clock, &stopped));
   fill_result(t, &clock, r);
   if (t->options->estimate)
-    return pags_trainer_estimate(t, t->state.stop, &r->estimated_seconds, &r->estimated_bytes);
+    return write_estimate(t, r);
   return write_end(t, r, &clock);
 }
 

@@ -44,9 +44,16 @@ typedef struct pags_step_view {
 /* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
 pags_result pags_trainer_pass(pags_trainer *trainer, int64_t step, pags_step_view *v);
 
-/* Seconds and bytes of all of `iterations` steps, from a few passes at each level that change no bit of the run.
- * Makes no assumption about the machine; about growth it assumes what estimate.c says. */
-pags_result pags_trainer_estimate(pags_trainer *trainer, int64_t iterations, double *seconds, uint64_t *bytes);
+/* What a run takes: s = step_seconds * steps + scoring_seconds. */
+typedef struct pags_estimate {
+  double step_seconds;    /* mean over the schedule */
+  double scoring_seconds; /* of the passes for scores, as many as the schedule prunes and one at its end */
+  uint64_t bytes;
+} pags_estimate;
+
+/* From a few passes at each level that change no bit of the run. Makes no assumption about the machine; about growth it
+ * assumes what estimate.c says. */
+pags_result pags_trainer_estimate(pags_trainer *trainer, pags_estimate *out);
 
 /* How a run begins (start.c): the training views and their fingerprint, then the state. A resumed run goes on with the
  * checkpoint's configuration, and what `config` asks for must agree with it. */
