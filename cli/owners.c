@@ -9,6 +9,8 @@
 
 #include <pags/synth.h>
 
+#include "interrupt.h"
+
 static const double near_metres = 0.05, far_metres = 0.15;
 static const double least_weight = 1.0; /* pixels */
 
@@ -101,6 +103,10 @@ static int64_t list_points(measuring *m, double time) {
   return count;
 }
 
+static pags_result check_interrupted(void) {
+  return pags_interrupted() ? pags_fail(PAGS_CANCELLED, "interrupted while comparing priorities with the truth") : PAGS_OK;
+}
+
 static void judge(const measuring *m, int64_t i, double *left_out, double *all, pags_owners *out) {
   int64_t id = m->id[i];
   double critical = (double)m->critical[i], other = (double)m->other[i];
@@ -126,6 +132,7 @@ static pags_result judge_times(measuring *m, pags_owners *out) {
     if (m->truth->views[v].test || time == before)
       continue;
     before = time;
+    PAGS_TRY(check_interrupted());
     int64_t count = list_points(m, time);
     PAGS_TRY(pags_street_truth_distances(m->street, time, m->points, count, 2 * far_metres, m->critical, m->other));
     for (int64_t i = 0; i < count; ++i)
@@ -152,9 +159,11 @@ static pags_result measure(measuring *m, pags_owners *out) {
     return PAGS_OK;
   for (int64_t i = 0; i < m->count; ++i)
     m->view[i] = -1;
-  for (int64_t i = 0; i < m->truth->count; ++i)
+  for (int64_t i = 0; i < m->truth->count; ++i) {
+    PAGS_TRY(check_interrupted());
     if (!m->truth->views[i].test)
       PAGS_TRY(weigh_view(m, i));
+  }
   return judge_times(m, out);
 }
 
