@@ -7,12 +7,15 @@
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
+#   make bench-blender SCENE=FOLDER  what the add-on's viewport takes, in a window under Xvfb
+#   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
 JOBS ?= $(shell nproc)
 PREFIX ?= /usr/local
 BLENDER_NEW ?=
+SCENE ?= build/demo/scene
 
 all:
 	cmake --preset release
@@ -48,10 +51,18 @@ check-blender-new: addon
 	cmake -S . -B build -DPAGS_BLENDER_NEW="$(BLENDER_NEW)"
 	ctest --preset release -R '^blender_new\.'
 
+bench-blender: addon
+	PAGS_BENCH_SCENE="$(abspath $(SCENE))" python3 tests/addon/run_blender.py "$(CURDIR)/benchmarks/gui_blender.py" \
+	  "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
+
+guide: addon build/demo/scene/scene.json
+	PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" PAGS_GUIDE_IMAGES="$(CURDIR)/docs/images" \
+	  python3 tests/addon/run_blender.py gui_guide.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
+
 install: all
 	cmake --install build --prefix $(PREFIX)
 
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check bench addon check-blender check-blender-new install clean
+.PHONY: all setup demo check bench addon check-blender check-blender-new bench-blender guide install clean

@@ -93,7 +93,8 @@ typedef struct native_planes {
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
   int32_t *id;
   pags_frame_stats stats;
-  double ms; /* from the job's begin to its end */
+  double ms;      /* from the job's begin to its end */
+  double ms_fill; /* of it, what filling these planes took */
 } native_planes;
 
 /* Which outputs need depth and id of the frame. */

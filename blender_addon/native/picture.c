@@ -241,6 +241,7 @@ static PyObject *picture_stats(PyObject *object, void *closure) {
   (void)closure;
   bool good = dict && native_put(dict, "ms", PyFloat_FromDouble(frame)) &&
               native_put(dict, "ms_job", PyFloat_FromDouble(p->ms)) &&
+              native_put(dict, "ms_fill", PyFloat_FromDouble(p->ms_fill)) &&
               native_put(dict, "ms_raster", PyFloat_FromDouble(s->ms_raster)) &&
               native_put(dict, "gaussians", PyLong_FromLongLong(s->gaussians)) &&
               native_put(dict, "hidden", PyLong_FromLongLong(s->hidden)) &&
@@ -262,7 +263,7 @@ static PyGetSetDef picture_getset[] = {
     {"width", picture_size, NULL, "pixels", NULL},
     {"height", picture_size, NULL, "pixels", PLANE(0)},
     {"stats", picture_stats, NULL,
-     "dictionary: ms of the frame and of the whole job, Gaussians that exist, loaded, shaded, ...", NULL},
+     "dictionary: ms of the frame, of the whole job and of filling these planes, Gaussians that exist, loaded, shaded, ...", NULL},
     {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for",
      PLANE(PLANE_RGBA)},
     {"depth", picture_plane, NULL, "Buffer [height][width] float32, along the camera's axis", PLANE(PLANE_DEPTH)},

@@ -26,10 +26,11 @@ from . import (
     inspector,
     overlay,
     properties,
+    proxies,
     ui,
 )
 
-PARTS = (properties, importer, cameras, engine, overlay, inspector, composite, exporter, ui, handlers)
+PARTS = (properties, importer, cameras, engine, overlay, inspector, composite, exporter, proxies, ui, handlers)
 
 
 def register():

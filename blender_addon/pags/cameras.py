@@ -330,6 +330,7 @@ class PAGS_OT_read_path(bpy.types.Operator, ImportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
     timing: EnumProperty(
         name="Timing",
+        description="At which frames the file's cameras are to stand",
         items=[
             ("FRAMES", "A frame each", "One camera a frame of the timeline, from its start"),
             ("TIMES", "By their times", "Where the file has times, at the scene's own times"),

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatProperty
 
-from . import cameras, native
+from . import cameras, curves, native
 
 SECOND = "PAGS behind"
 
@@ -90,7 +90,22 @@ def use_catchers(scene, root, entry):
             collection.objects.link(block)
         block.is_shadow_catcher = True
         block.hide_render = False
+        follow_visibility(scene, block)
     return catchers
+
+
+def follow_visibility(scene, proxy):
+    """An object's proxy is there when the object is: it would hide meshes and catch shadows where nothing is drawn."""
+    part = next((o for o in scene.objects if o.pags.kind == "OBJECT" and o.parent == proxy.parent), None)
+    if proxy.parent is None or proxy.parent.pags.kind != "TRACK" or part is None:
+        return
+    proxy.hide_render = part.hide_render
+    if part.animation_data is None or part.animation_data.action is None:
+        return
+    curve = curves.fcurve_owner(part).find("hide_render")
+    if curve is not None:
+        keys = [key.co for key in curve.keyframe_points]
+        curves.set_curve(proxy, "hide_render", 0, [k[0] for k in keys], [k[1] for k in keys], "CONSTANT")
 
 
 def hide_splats(scene, root):
@@ -170,6 +185,7 @@ class PAGS_OT_composite(bpy.types.Operator):
 
     engine: EnumProperty(
         name="Meshes by",
+        description="What renders this file's meshes",
         items=[
             ("CYCLES", "Cycles", "Catches shadows and hides by depth"),
             ("EEVEE", "EEVEE", "Hides by depth; EEVEE catches no shadows"),

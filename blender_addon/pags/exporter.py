@@ -27,6 +27,16 @@ def program(context):
     return path if path and os.access(path, os.X_OK) else shutil.which("pags") if not path else None
 
 
+def run_program(context, *arguments):
+    """Runs it to its end; its last word is the error."""
+    command = program(context)
+    if command is None:
+        raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
+    done = subprocess.run([command, *arguments], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise native.SceneError((done.stderr.strip().splitlines() or [f"pags {arguments[0]} failed"])[-1])
+
+
 def parts_by_index(context, root):
     """The Blender object of each of the scene's objects that is still there and is rendered."""
     out = {}
@@ -223,6 +233,14 @@ def turn_first_degree(rows, mine, turn):
         rows[names[0]][mine], rows[names[1]][mine], rows[names[2]][mine] = -v[:, 1], v[:, 2], -v[:, 0]
 
 
+LEVELS = [
+    ("mesh", "Surface", "Proxies: the surface of each object"),
+    ("cage", "Cage", "Proxies: a closed cage of quads, subdivided"),
+    ("hull", "Hull", "Proxies: convex hulls"),
+    ("box", "Box", "Proxies: the labelled boxes"),
+]
+
+
 class PAGS_OT_export(bpy.types.Operator, ExportHelper):
     """Export proxies or splats with the pags program, Blender's edits applied"""
 
@@ -230,15 +248,11 @@ class PAGS_OT_export(bpy.types.Operator, ExportHelper):
     bl_label = "Export from PAGS scene"
 
     filename_ext = ""
-    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.usda", options={"HIDDEN"})
-    proxy: EnumProperty(
-        name="Proxies",
-        items=[
-            ("mesh", "Surface", "The surface of each object"),
-            ("cage", "Cage", "A closed cage, subdivided"),
-            ("hull", "Hull", "Convex hulls"),
-            ("box", "Box", "The labelled boxes"),
-        ],
+    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat", options={"HIDDEN"})
+    content: EnumProperty(
+        name="In glTF",
+        description="What a .glb or .gltf is to hold; .ply, .spz and .splat hold the Gaussians",
+        items=[*LEVELS, ("splats", "Gaussians", "The Gaussians themselves (KHR_gaussian_splatting)")],
     )
     edits: BoolProperty(
         name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True
@@ -246,29 +260,23 @@ class PAGS_OT_export(bpy.types.Operator, ExportHelper):
 
     def execute(self, context):
         root = cameras.need_root(self, context)
-        command = program(context)
         if root is None:
-            return {"CANCELLED"}
-        if command is None:
-            self.report({"ERROR"}, "the pags program isn't there: install it, or name it in the add-on's preferences")
             return {"CANCELLED"}
         try:
             with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
                 source = Edited(context, root).collect().write(folder) if self.edits else absolute_path(root)
-                self.run(command, source)
+                run_program(context, "export", source, self.filepath, *self.form())
         except (native.SceneError, OSError, KeyError, ValueError) as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
         self.report({"INFO"}, f"wrote {self.filepath}")
         return {"FINISHED"}
 
-    def run(self, command, source):
-        arguments = [command, "export", source, self.filepath]
-        if self.filepath.endswith((".glb", ".gltf")):
-            arguments += ["--proxy", self.proxy]
-        done = subprocess.run(arguments, capture_output=True, text=True)
-        if done.returncode != 0:
-            raise native.SceneError((done.stderr.strip().splitlines() or ["pags export failed"])[-1])
+    def form(self):
+        """What the file name's ending leaves open."""
+        if not self.filepath.endswith((".glb", ".gltf")):
+            return []
+        return ["--splats"] if self.content == "splats" else ["--proxy", self.content]
 
 
 class PAGS_OT_save_edited(bpy.types.Operator):
@@ -277,7 +285,7 @@ class PAGS_OT_save_edited(bpy.types.Operator):
     bl_idname = "pags.save_edited"
     bl_label = "Save edited scene"
 
-    directory: StringProperty(subtype="DIR_PATH")
+    directory: StringProperty(name="Folder", description="A new folder for the scene", subtype="DIR_PATH")
 
     def invoke(self, context, event):
         context.window_manager.fileselect_add(self)
@@ -300,69 +308,11 @@ class PAGS_OT_save_edited(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PAGS_OT_import_proxies(bpy.types.Operator):
-    """Make the exporter's proxies and bring them in as hidden meshes on their objects' tracks"""
-
-    bl_idname = "pags.import_proxies"
-    bl_label = "Import proxies"
-    bl_options = {"REGISTER", "UNDO"}
-
-    filepath: StringProperty(
-        name="File",
-        description="A .glb of proxies; empty: made now by the pags program",
-        subtype="FILE_PATH",
-        default="",
-    )
-
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
-        try:
-            made = self.bring_in(context, root)
-        except (native.SceneError, OSError, RuntimeError, AttributeError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"{len(made)} proxies")
-        return {"FINISHED"}
-
-    def bring_in(self, context, root):
-        if self.filepath:
-            return bring_in(context, root, bpy.path.abspath(self.filepath))
-        command = program(context)
-        if command is None:
-            raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
-        with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
-            path = os.path.join(folder, "proxies.glb")
-            done = subprocess.run([command, "export", absolute_path(root), path], capture_output=True, text=True)
-            if done.returncode != 0:
-                raise native.SceneError((done.stderr.strip().splitlines() or ["pags export failed"])[-1])
-            return bring_in(context, root, path)
-
-
-def bring_in(context, root, path):
-    if not hasattr(np, "bool"):
-        np.bool = bool  # Blender 3.4's importer of glTF asks for it; numpy dropped it
-    if not hasattr(bpy.ops.import_scene, "gltf"):
-        raise native.SceneError("Blender's glTF importer isn't enabled")
-    before = set(bpy.data.objects)
-    bpy.ops.import_scene.gltf(filepath=path)
-    made = [o for o in bpy.data.objects if o not in before]
-    for block in made:
-        if block.parent is None:
-            block.parent = root
-        block["pags_proxy"] = True
-        if block.type == "MESH":
-            block.hide_render = True
-            block.hide_set(True)
-    return [o for o in made if o.type == "MESH"]
-
-
 def menu(self, context):
     self.layout.operator(PAGS_OT_export.bl_idname, text="From PAGS scene (proxies, splats)")
 
 
-CLASSES = (PAGS_OT_export, PAGS_OT_save_edited, PAGS_OT_import_proxies)
+CLASSES = (PAGS_OT_export, PAGS_OT_save_edited)
 
 
 def register():

@@ -7,6 +7,7 @@ from . import lens, native
 from .properties import absolute_path
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
+NOWHERE = [np.nan] * 12
 # A part that is no further than this from where the scene has it is drawn exactly there: Blender's matrices are floats.
 SNAP_METRES, SNAP_ROTATION = 2e-3, 3e-4
 
@@ -20,18 +21,37 @@ class Gathered:
         self.root_from_world = np.linalg.inv(self.world_from_root)
         self.scale = lens.rigid(self.world_from_root)[1]
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.parts = []  # (index, root_from_object 4x4)
+        self.indices, self.poses = [], []  # of the parts; root_from_object, 4x4
         self.pass_index = {}
         self.scaled = False
 
-    def key(self):
-        return (
+    def add(self, index, matrix_world, pass_index):
+        self.indices.append(index)
+        self.poses.append([v for row in matrix_world for v in row])
+        self.pass_index[index] = pass_index
+
+    def finish(self):
+        """All parts at once: thousands of small arrays would cost more than the rest of a redraw."""
+        order = np.argsort(self.indices, kind="stable")
+        self.indices = np.array(self.indices)[order]
+        poses = self.root_from_world @ np.array(self.poses, dtype=np.float64).reshape(-1, 4, 4)[order]
+        lengths = np.linalg.norm(poses[:, :3, :3], axis=1)
+        lengths[lengths == 0] = 1
+        poses[:, :3, :3] /= lengths[:, None, :]
+        self.poses = poses
+        self.scaled = bool((np.abs(lengths.mean(axis=1) - 1) > 1e-3).any())
+        self.identity = (
             self.path,
             self.world_from_root.tobytes(),
             self.fps,
             self.frame_start,
-            tuple((i, m.tobytes()) for i, m in self.parts),
+            self.indices.tobytes(),
+            poses.tobytes(),
         )
+        return self
+
+    def key(self):
+        return self.identity
 
 
 def roots(depsgraph):
@@ -54,15 +74,10 @@ def gather(depsgraph):
         if state is None:
             state = found[root.name] = Gathered(root.evaluated_get(depsgraph))
         index = -1 if settings.kind == "BACKGROUND" else settings.index
-        pose, scale = lens.rigid(state.root_from_world @ lens.matrix(instance.matrix_world))
-        state.scaled |= abs(scale - 1) > 1e-3
-        state.parts.append((index, pose))
-        state.pass_index[index] = drawn.original.pass_index
+        state.add(index, instance.matrix_world, drawn.original.pass_index)
     if not found:
         return None, 0
-    first = found[sorted(found)[0]]
-    first.parts.sort(key=lambda part: part[0])
-    return first, len(found)
+    return found[sorted(found)[0]].finish(), len(found)
 
 
 def time_of(state, entry, frame):
@@ -71,33 +86,22 @@ def time_of(state, entry, frame):
 
 
 def placements(state, entry, time, critical_only=False):
-    origin = np.array(entry.info["origin"])
-    out = []
-    for index, pose in state.parts:
-        if index >= len(entry.objects):
-            continue  # of another version of the scene file
-        if critical_only and (index < 0 or not entry.objects[index]["critical"]):
-            continue
-        out.append((index, place(entry, index, pose, origin, time)))
-    return out
-
-
-def place(entry, index, pose, origin, time):
-    if index < 0:
-        if np.abs(pose - np.eye(4)).max() < SNAP_ROTATION:
-            return IDENTITY
-        moved = pose.copy()
-        moved[:3, 3] += origin - pose[:3, :3] @ origin
-        return lens.pose12(moved)
-    exact = entry.scene.pose(index, time)
-    if exact is not None:
-        wanted = np.array(exact).reshape(3, 4)
-        apart = np.abs(wanted[:, :3] - pose[:3, :3]).max(), np.abs(wanted[:, 3] - origin - pose[:3, 3]).max()
-        if apart[0] < SNAP_ROTATION and apart[1] < SNAP_METRES:
-            return list(exact)
-    moved = pose.copy()
-    moved[:3, 3] += origin
-    return lens.pose12(moved)
+    """(index, world_from_object) of all parts. One that is where the scene has it is drawn exactly there."""
+    known = state.indices < len(entry.objects)  # others are of another version of the scene file
+    if critical_only:
+        critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last: the background, -1
+        known &= critical[np.where(known, state.indices, -1)]
+    indices, poses = state.indices[known], state.poses[known, :3]
+    mine, origin = indices[:, None] >= 0, np.array(entry.info["origin"])
+    found = [entry.scene.pose(int(i), time) if i >= 0 else IDENTITY for i in indices]
+    exact = np.array([NOWHERE if pose is None else pose for pose in found]).reshape(-1, 3, 4)
+    apart = np.abs(exact - poses)
+    apart[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
+    same = (apart[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (apart[:, :, 3] < SNAP_METRES).all(axis=1)
+    moved = poses.copy()  # relative to the origin, about which the background turns, too
+    moved[:, :, 3] += np.where(mine, origin, origin - poses[:, :, :3] @ origin)
+    rows = np.where(same[:, None, None], exact, moved).reshape(-1, 12).tolist()
+    return list(zip(indices.tolist(), rows))
 
 
 def camera_for(state, entry, lens_values, world_from_camera, time):

@@ -6,7 +6,7 @@ import os
 import bpy
 from bpy.app.handlers import persistent
 
-from . import draw, native, overlay, viewport
+from . import draw, inspector, native, overlay, viewport
 
 
 @persistent
@@ -15,6 +15,7 @@ def after_load(*_):
     for view in list(viewport.views):
         view.drop()
     overlay.forget()
+    inspector.forget()
     native.forget()
     draw.clear()
     viewport.start_timer()

@@ -10,8 +10,8 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from bpy_extras.io_utils import ImportHelper
 from mathutils import Matrix, Quaternion
 
-from . import curves, lens, native, photographs
-from .properties import preferences
+from . import curves, lens, native, photographs, proxies
+from .properties import preview_budget
 
 # -y up (COLMAP, bare files) to Blender's z up: a quarter turn about x that takes -y to z.
 FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
@@ -20,9 +20,9 @@ FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 
 class Import:
     """One scene on its way into a .blend."""
 
-    def __init__(self, context, path, budget=60000, cameras="SENSORS", photographs=False):
-        self.context, self.path, self.budget = context, path, budget
-        self.cameras, self.photographs = cameras, photographs
+    def __init__(self, context, path, options, budget):
+        """options: the operator, whose properties say what is wanted; budget: points of the preview."""
+        self.context, self.path, self.options, self.budget = context, path, options, budget
         self.entry = native.load(path)
         self.scene, self.info, self.objects = self.entry.scene, self.entry.info, self.entry.objects
         self.origin = np.array(self.info["origin"])
@@ -48,7 +48,7 @@ class Import:
         for index, record in enumerate(self.objects):
             if record["gaussians"] > 0:
                 self.add_object(index, record, record["gaussians"] * share)
-        if self.cameras != "NONE":
+        if self.options.cameras != "NONE":
             self.add_cameras()
         return self.root
 
@@ -124,10 +124,8 @@ class Import:
         ego = self.add_ego(recorded[min(recorded)]) if recorded else None
         for sensor, group in sorted(recorded.items()):
             self.add_sensor(sensor, sorted(group, key=lambda v: v["time"]), ego)
-        still = rig.get(-1, []) + (views if self.cameras == "ALL" and recorded else [])
-        if self.cameras == "ALL" or not recorded:
-            for view in still:
-                self.add_still(view)
+        for view in views if self.options.cameras == "ALL" or not recorded else ():
+            self.add_still(view)
         if self.context.scene.camera is None:
             cameras = [o for o in self.collection.objects if o.type == "CAMERA"]
             self.context.scene.camera = cameras[0] if cameras else None
@@ -186,7 +184,7 @@ class Import:
         poses = [np.linalg.inv(self.ego_at(view["time"])) @ self.local_pose(view) for view in group]
         curves.set_track(camera, self.frame_of([v["time"] for v in group]), np.array(poses)[:, :3])
         self.animate_lens(camera, group)
-        if self.photographs:
+        if self.options.photographs:
             self.notes += photographs.show(camera, self.entry, self.root)
 
     def animate_lens(self, camera, group):
@@ -217,18 +215,16 @@ def adopt_rate(scene, fps):
     scene.render.fps_base = scene.render.fps / fps
 
 
-def adopt_settings(scene, work, rate, colors, size):
-    """What of the scene's own settings goes into Blender's, as the user chose."""
-    info = work.info
+def adopt_settings(scene, work, frame):
+    """What of the scene's own settings goes into Blender's, as the user chose; `frame`: the timeline's range and the picture's size."""
+    info, views = work.info, work.scene.views
     span = info["time_end"] - info["time_begin"]
-    if span > 0:
-        last = work.first + span * work.fps
-        scene.frame_end = max(scene.frame_end, int(np.ceil(last - 1e-3))) if not rate else int(np.ceil(last - 1e-3))
-    if colors:
+    if work.options.use_standard:
         scene.view_settings.view_transform = "Standard"
         scene.view_settings.look = "None"
-    views = work.scene.views
-    if size and views:
+    if frame and span > 0:
+        scene.frame_end = int(np.ceil(work.first + span * work.fps - 1e-3))
+    if frame and views:
         scene.render.resolution_x, scene.render.resolution_y = views[0]["width"], views[0]["height"]
         scene.render.resolution_percentage = 100
 
@@ -238,6 +234,9 @@ def hide_relationship_lines(context):
     for area in context.screen.areas if context.screen else ():
         if area.type == "VIEW_3D":
             area.spaces.active.overlay.show_relationship_lines = False
+
+
+OPTIONS = ("cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
 class PAGS_OT_import(bpy.types.Operator, ImportHelper):
@@ -266,6 +265,11 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
     photographs: BoolProperty(
         name="Photographs",
         description="Show each sensor's photographs behind what its camera sees, as an image sequence",
+        default=False,
+    )
+    proxies: BoolProperty(
+        name="Proxies",
+        description="Have the pags program make closed meshes of objects and ground, hidden, on the objects' tracks (takes a while)",
         default=False,
     )
     use_rate: EnumProperty(
@@ -305,18 +309,18 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
 
     def bring_in(self, context, path):
         scene = context.scene
-        native.load(path)  # before anything is changed
+        fps = native.load(path).info["fps"]  # fails before anything is changed
         empty = blend_is_empty(scene)
-        fps = native.load(path).info["fps"]
         rate = fps > 0 and (self.use_rate == "YES" or (self.use_rate == "AUTO" and empty))
         if rate:
             adopt_rate(scene, fps)
-        chosen = preferences(context)
-        work = Import(context, path, chosen.budget if chosen else 60000, self.cameras, self.photographs)
+        work = Import(context, path, self, preview_budget(context))
         if empty and scene.camera and scene.camera.name == "Camera":
             scene.camera = None
         root = work.run()
-        adopt_settings(scene, work, rate, self.use_standard, empty or self.use_rate == "YES")
+        adopt_settings(scene, work, empty or self.use_rate == "YES")
+        if self.proxies:
+            proxies.make(context, root)
         if self.use_engine:
             scene.render.engine = "PAGS"
         if empty:
@@ -335,7 +339,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         return root
 
     def draw(self, context):
-        for name in ("cameras", "photographs", "use_rate", "use_standard", "use_engine", "relative"):
+        for name in OPTIONS:
             self.layout.prop(self, name)
 
     def invoke(self, context, event):

@@ -117,6 +117,38 @@ def draw_view(entry, view, threads):
     return np.asarray(picture.rgba)[..., :3].copy()
 
 
+_compared = None  # the photograph and the engine's picture of it
+
+
+def wipe(context, share):
+    """The photograph to the left of the edge, the engine's picture to its right, as an image of Blender's."""
+    if _compared is None:
+        return
+    photograph, picture = _compared
+    height, width = picture.shape[:2]
+    edge = int(round(share * width))
+    rgba = np.ones((height, width, 4), dtype=np.float32)
+    rgba[:, :edge, :3], rgba[:, edge:, :3] = photograph[::-1, :edge], picture[::-1, edge:]
+    if 0 < edge < width:
+        rgba[:, edge - 1 : edge + 1, :3] = 1
+    image = bpy.data.images.get("PAGS comparison")
+    if image is not None and tuple(image.size) != (width, height):
+        bpy.data.images.remove(image)
+        image = None
+    image = image or bpy.data.images.new("PAGS comparison", width, height, alpha=False)
+    image.pixels.foreach_set(rgba.reshape(-1))
+    image.update()
+    for area in context.screen.areas if context.screen else ():
+        if area.type == "IMAGE_EDITOR":
+            area.spaces.active.image = image
+            area.tag_redraw()
+
+
+def forget():
+    global _compared
+    _compared = None
+
+
 class PAGS_OT_compare(bpy.types.Operator):
     """Put the photograph at the current time and the engine's picture of it side by side, with their PSNR"""
 
@@ -148,31 +180,12 @@ class PAGS_OT_compare(bpy.types.Operator):
         if self.use_exposure:
             picture = exposed(picture, view)
         value = psnr(picture, photograph)
-        self.show(context, photograph, picture, context.scene.pags.wipe)
+        global _compared
+        _compared = (photograph, picture)
+        wipe(context, context.scene.pags.wipe)
         context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
         self.report({"INFO"}, context.scene.pags_compared)
         return {"FINISHED"}
-
-    @staticmethod
-    def show(context, photograph, picture, wipe):
-        height, width = picture.shape[:2]
-        both = picture.copy()
-        edge = int(round(wipe * width))
-        both[:, :edge] = photograph[:, :edge]
-        if 0 < edge < width:
-            both[:, edge - 1 : edge + 1] = (1, 1, 1)
-        image = bpy.data.images.get("PAGS comparison")
-        if image is not None and tuple(image.size) != (width, height):
-            bpy.data.images.remove(image)
-            image = None
-        image = image or bpy.data.images.new("PAGS comparison", width, height, alpha=False)
-        rgba = np.ones((height, width, 4), dtype=np.float32)
-        rgba[..., :3] = both[::-1]
-        image.pixels.foreach_set(rgba.reshape(-1))
-        image.update()
-        for area in context.screen.areas if context.screen else ():
-            if area.type == "IMAGE_EDITOR":
-                area.spaces.active.image = image
 
 
 CLASSES = (PAGS_OT_pick, PAGS_OT_compare)

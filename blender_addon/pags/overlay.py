@@ -67,6 +67,7 @@ def draw_splats(context):
     depsgraph = context.evaluated_depsgraph_get()
     if view.version != _version:
         view.update(depsgraph)
+        view.watch.gathered = 0.0  # is in this redraw's own time
         view.version = _version
     wanted = view.want(context, depsgraph, width, height, ("rgba", "depth"), True)
     upload = view.advance(wanted)

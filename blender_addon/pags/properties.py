@@ -31,10 +31,16 @@ MODES = [
 ]
 
 
+def wipe_moved(settings, context):
+    from . import inspector
+
+    inspector.wipe(context, settings.wipe)
+
+
 class PagsObject(bpy.types.PropertyGroup):
-    kind: EnumProperty(name="Part", items=KINDS, default="NONE")
+    kind: EnumProperty(name="Part", description="What it stands for", items=KINDS, default="NONE")
     index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
-    root: PointerProperty(name="Scene", type=bpy.types.Object)
+    root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object)
     # Of roots:
     path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
     frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
@@ -112,7 +118,11 @@ class PagsScene(bpy.types.PropertyGroup):
         min=0,
         max=1,
         subtype="FACTOR",
+        update=wipe_moved,
     )
+
+
+POINTS = 60000
 
 
 class PagsPreferences(bpy.types.AddonPreferences):
@@ -126,7 +136,7 @@ class PagsPreferences(bpy.types.AddonPreferences):
     budget: IntProperty(
         name="Preview points",
         description="At most so many points in all for the preview of a scene",
-        default=60000,
+        default=POINTS,
         min=0,
         max=5000000,
     )
@@ -136,10 +146,15 @@ class PagsPreferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "budget")
 
 
-def preferences(context=None):
-    """None where the add-on isn't enabled as such (a test that registers it by hand)."""
-    addon = (context or bpy.context).preferences.addons.get(__package__)
+def preferences(context):
+    """None where the add-on isn't enabled as such (a script that registers it by hand)."""
+    addon = context.preferences.addons.get(__package__)
     return addon.preferences if addon else None
+
+
+def preview_budget(context):
+    chosen = preferences(context)
+    return chosen.budget if chosen else POINTS
 
 
 def absolute_path(root):

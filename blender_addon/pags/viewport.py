@@ -62,20 +62,29 @@ class Shown:
 
 
 class Stopwatch:
-    """Milliseconds by part of the redraws, for the statistics and the tests."""
+    """Milliseconds by part of the redraws, and what pictures came, for the tests and benchmarks."""
+
+    MOST = 2000
 
     def __init__(self):
         self.python, self.upload, self.draw, self.redraws = [], [], [], []
+        self.gathered = 0.0  # since the last redraw
+        self.pictures = []  # (time, scale, SH degree, statistics of the C module)
 
     def add(self, python, upload, drawn):
         for values, value in (
-            (self.python, python),
+            (self.python, python + self.gathered),
             (self.upload, upload),
             (self.draw, drawn),
             (self.redraws, time.monotonic()),
         ):
             values.append(value)
-            del values[:-600]
+            del values[: -self.MOST]
+        self.gathered = 0.0
+
+    def add_picture(self, shown):
+        self.pictures.append((time.monotonic(), shown.scale, shown.degree, shown.stats))
+        del self.pictures[: -self.MOST]
 
 
 class View:
@@ -86,7 +95,6 @@ class View:
         self.shown = None
         self.budget = Budget()
         self.error = ""
-        self.pictures = []  # times at which pictures came
         self.watch = Stopwatch()
         self.loading = False
         views.add(self)
@@ -95,7 +103,9 @@ class View:
     # ---- What is wanted ----
 
     def update(self, depsgraph):
+        begin = time.perf_counter()
         self.state, self.count = gather.gather(depsgraph)
+        self.watch.gathered += 1e3 * (time.perf_counter() - begin)
 
     def want(self, context, depsgraph, width, height, outputs, transparent):
         """Key and the arguments of a job at full size, or None where there is nothing to draw."""
@@ -171,8 +181,7 @@ class View:
         self.shown.degree = self.job_degree
         self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.wanted_degree
         self.budget.learn(self.shown.stats, picture.width, picture.height)
-        self.pictures.append(time.monotonic())
-        del self.pictures[:-20]
+        self.watch.add_picture(self.shown)
         return self.shown.ms_upload
 
     def restless(self):
@@ -186,7 +195,7 @@ class View:
     # ---- Statistics ----
 
     def rate(self):
-        times = [t for t in self.pictures if t > time.monotonic() - 2]
+        times = [picture[0] for picture in self.watch.pictures[-100:] if picture[0] > time.monotonic() - 2]
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
 
     def statistics(self, settings):

@@ -1,112 +1,43 @@
-"""The add-on in a real window: what the screen shows, in Rendered shading and among meshes; whether the
-interface stays awake.
-
-Runs on a timer, as a user's clicks would; screenshots are read back pixel by pixel. PAGS_SHOTS names a folder that keeps them."""
+"""The add-on in a real window: what the screen shows, in Rendered shading and among meshes; picking and cameras; whether the
+interface stays awake."""
 
 import os
-import shutil
-import subprocess
 import sys
-import tempfile
 import time
-import traceback
 
 import bpy
 import numpy as np
 from mathutils import Euler
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from blender_case import addon  # noqa: E402
+from gui_case import (  # noqa: E402
+    FOLDER,
+    color,
+    deselect,
+    empty_scene,
+    in_region,
+    in_view,
+    look_ahead,
+    native,
+    near,
+    on_screen,
+    region,
+    sharp_shot,
+    tell,
+    view3d,
+    viewport,
+    wait,
+    window,
+)
 
-from fixtures import read_png, splat, write  # noqa: E402
+from fixtures import splat, write  # noqa: E402
 from test_drive import make_drive, with_object_id  # noqa: E402
 
-viewport = sys.modules[addon.__name__ + ".viewport"]
-overlay = sys.modules[addon.__name__ + ".overlay"]
-lens = sys.modules[addon.__name__ + ".lens"]
-native = sys.modules[addon.__name__ + ".native"]
-
-FOLDER = tempfile.mkdtemp(prefix="pags-gui-")
-SHOTS = os.environ.get("PAGS_SHOTS", FOLDER)
 GREY, GREEN, RED = (10, 0, 3), (10, 1.5, 0), (10, 0, 0)  # metres; what is there at the second frame
-bpy.context.preferences.view.show_splash = False
-
-
-def area():
-    return next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == "VIEW_3D")
-
-
-def region():
-    return next(r for r in area().regions if r.type == "WINDOW")
-
-
-def view3d():
-    return area().spaces.active
-
-
-def look_ahead():
-    """From the origin along x."""
-    rv3d = view3d().region_3d
-    rv3d.view_perspective = "PERSP"
-    rv3d.view_rotation = Euler((np.pi / 2, 0, -np.pi / 2)).to_quaternion()
-    rv3d.view_distance, rv3d.view_location = 10, (10, 0, 0)
-
-
-def redraw():
-    with bpy.context.temp_override(window=bpy.context.window_manager.windows[0], area=area(), region=region()):
-        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
-
-
-def shoot(name):
-    redraw()
-    path = os.path.join(SHOTS, name + ".png")
-    print("shot", name, f"{time.monotonic() - started:.0f} s")
-    subprocess.run(["import", "-window", "root", "-depth", "8", "-type", "TrueColor", "png24:" + path], check=True)
-    return read_png(path)
-
-
-def on_screen(point):
-    """Column and row, from the top, of a point of the world in a screenshot."""
-    rv3d, r = view3d().region_3d, region()
-    values, pose = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, r.width, r.height)
-    x, y, z = np.linalg.inv(pose)[:3] @ np.array([*point, 1.0])
-    u, v = values["fx"] * x / z + values["cx"], values["fy"] * y / z + values["cy"]
-    window = bpy.context.window_manager.windows[0]
-    return int(r.x + u), int(window.height - r.y - r.height + v)
-
-
-def color(picture, point):
-    x, y = on_screen(point)
-    at = (y * picture[0] + x) * picture[2]
-    return tuple(picture[4][at : at + 3])
-
-
-def settled():
-    """All is drawn and sharp."""
-    return len(viewport.views) > 0 and all(
-        v.shown is not None and not v.restless() and v.shown.scale == 1 for v in viewport.views
-    )
-
-
-def near(value, wanted, by=4):
-    assert all(abs(a - b) <= by for a, b in zip(value, wanted)), f"{value} is not {wanted}"
-
-
-def wait(seconds=200):
-    """Yields until all views are sharp."""
-    end = time.monotonic() + seconds
-    yield 0.1
-    while not settled():
-        assert time.monotonic() < end, [(v.error, v.shown and v.shown.scale, v.job) for v in viewport.views]
-        yield 0.05
-
-
-# ---- The story ----
 
 
 def story():
-    for block in list(bpy.data.objects):
-        bpy.data.objects.remove(block)
+    empty_scene()
     make_drive(os.path.join(FOLDER, "scene"))
     rows = [
         splat(10, 0, 3, (0.5, 0.5, 0.5), sigma=0.15, opacity=12.0),
@@ -118,25 +49,40 @@ def story():
     view3d().overlay.show_floor = view3d().overlay.show_axis_x = view3d().overlay.show_axis_y = False
     view3d().overlay.show_object_origins = view3d().overlay.show_extras = False
     view3d().overlay.show_outline_selected = False
-    for block in bpy.context.selected_objects:
-        block.select_set(False)
+    deselect()
     look_ahead()
     yield from rendered()
+    yield from picked()
     yield from among_meshes()
     yield from moved()
+    yield from camera_at_view()
     yield from awake()
 
 
 def rendered():
     view3d().shading.type = "RENDERED"
-    yield from wait()
-    yield 0.3
-    picture = shoot("rendered")
+    picture = yield from sharp_shot("rendered")
     near(color(picture, GREY), (128, 128, 128))
     near(color(picture, GREEN), (0, 255, 0), 12)
     near(color(picture, RED), (255, 0, 0), 12)
     near(color(picture, (10, -2, -1)), (0, 0, 128))  # sky
     assert all("Gaussians" in v.statistics(bpy.context.scene.pags) for v in viewport.views)
+
+
+def picked():
+    """By a click of the mouse, and nothing where the sky is."""
+    for point, words in ((RED, "Car c=2 (number 1), S_sem 1.00, depth "), ((10, -2, -1), "nothing")):
+        with in_view():
+            assert bpy.ops.pags.pick("INVOKE_DEFAULT") == {"RUNNING_MODAL"}
+        yield 0.2
+        x, y = on_screen(point)
+        for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+            window().event_simulate(type=kind, value=value, x=x, y=window().height - 1 - y)
+            yield 0.2
+        assert words in bpy.context.scene.pags_picked, bpy.context.scene.pags_picked
+        chosen = bpy.context.view_layer.objects.active
+        assert chosen.pags.kind == "OBJECT" and chosen.pags.index == 1
+    deselect()
 
 
 def among_meshes():
@@ -147,10 +93,7 @@ def among_meshes():
     # Material shading takes the same way; its shaders take minutes to compile in software.
     for shading in ("SOLID", "MATERIAL") if os.environ.get("PAGS_MATERIAL") else ("SOLID",):
         view3d().shading.type = shading
-        yield 0.3
-        yield from wait()
-        yield 0.3
-        picture = shoot(shading.lower())
+        picture = yield from sharp_shot(shading.lower())
         near(color(picture, GREY), (128, 128, 128), 6)
         near(color(picture, RED), (255, 0, 0), 40)  # a little of the cube shines through
         hidden = color(picture, GREEN)
@@ -168,18 +111,25 @@ def moved():
     view3d().shading.type = "RENDERED"
     car = next(o for o in bpy.data.objects if o.pags.kind == "OBJECT" and o.pags.index == 1)
     car.location.x += 1  # forward: to the right
-    yield 0.3
-    yield from wait()
-    yield 0.3
-    picture = shoot("moved")
+    picture = yield from sharp_shot("moved")
     near(color(picture, (10, -1, 0)), (255, 0, 0), 12)
     near(color(picture, RED), (0, 0, 128))
     car.location.x -= 1
     bpy.context.scene.frame_set(1)
-    yield 0.3
-    yield from wait()
-    yield 0.3
-    near(color(shoot("earlier"), (10, 4, 0)), (255, 0, 0), 12)
+    near(color((yield from sharp_shot("earlier")), (10, 4, 0)), (255, 0, 0), 12)
+
+
+def camera_at_view():
+    """A camera where the view is sees what the view saw."""
+    with in_view():
+        assert bpy.ops.pags.camera_here() == {"FINISHED"}
+    assert view3d().region_3d.view_perspective == "CAMERA"
+    picture = yield from sharp_shot("camera")
+    near(color(picture, (10, 4, 0)), (255, 0, 0), 12)
+    near(color(picture, GREEN), (0, 255, 0), 12)
+    r, (x, y) = region(), in_region((10, 0, 0))
+    assert abs(x - r.width / 2) < 3 and abs(y - r.height / 2) < 3, "the camera doesn't look where the view did"
+    look_ahead()
 
 
 def awake():
@@ -220,30 +170,4 @@ def report(what, ticks):
     )
 
 
-def end(code):
-    shutil.rmtree(FOLDER, ignore_errors=True)
-    if code == 0:
-        print("all tests passed")
-    sys.stdout.flush()
-    os._exit(code)
-
-
-telling = story()
-started = time.monotonic()
-
-
-def run():
-    try:
-        assert time.monotonic() - started < 800, "the story takes too long"
-        return next(telling)
-    except StopIteration:
-        end(0)
-    except BaseException:
-        traceback.print_exc()
-        try:
-            shoot("failed")
-        finally:
-            end(3)
-
-
-bpy.app.timers.register(run, first_interval=1.0)
+tell(story())

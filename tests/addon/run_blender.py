@@ -2,18 +2,25 @@
 line where there is no Blender, or no screen for a test that needs one."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
 import tempfile
 
-SIZE = os.environ.get("PAGS_WINDOW", "800x560").split("x")  # of the window; drawn in software
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
 def skip(reason):
     print("skipped:", reason)
     sys.exit(77)
+
+
+def window_size(test):
+    """What the script asks for by a line `WINDOW = "800x560"`; all is drawn in software."""
+    with open(os.path.join(HERE, test)) as file:
+        wish = re.search(r'^WINDOW = "(\d+)x(\d+)"', file.read(), re.MULTILINE)
+    return list(wish.groups()) if wish else ["800", "560"]
 
 
 def environment(folder):
@@ -56,8 +63,10 @@ def main():
         for tool in ("xvfb-run", "import"):
             if shutil.which(tool) is None:
                 skip(f"there is no {tool} here (Debian: apt-get install xvfb xauth imagemagick)")
-        screen = ["xvfb-run", "-a", "-s", f"-screen 0 {SIZE[0]}x{SIZE[1]}x24 +extension GLX"]
-        command = [*screen, blender, "--no-window-focus", "-p", "0", "0", *SIZE, *common]
+        size = window_size(test)
+        screen = ["xvfb-run", "-a", "-s", f"-screen 0 {size[0]}x{size[1]}x24 +extension GLX"]
+        place = ["--no-window-focus", "--enable-event-simulate", "-p", "0", "0", *size]
+        command = [*screen, blender, *place, *common]
     elif os.path.basename(blender).startswith("python"):
         command = [blender, "-B", os.path.join(HERE, test), "--", pags, package]  # the bpy module
     else:

@@ -1,0 +1,127 @@
+/* Job: a picture on its way. */
+#include "job.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+/* With the lock held. */
+static void unqueue(native_renderer *r, native_job *job) {
+  native_job *before = NULL;
+  for (native_job *at = r->first; at && at != job; at = at->next)
+    before = at;
+  if (before)
+    before->next = job->next;
+  else
+    r->first = job->next;
+  if (r->last == job)
+    r->last = before;
+  job->next = NULL;
+  job->state = JOB_DONE;
+  job->result = PAGS_CANCELLED;
+  strcpy(job->message, "cancelled");
+  pthread_cond_broadcast(&r->finished);
+}
+
+static void cancel(native_job *job) {
+  native_renderer *r = (native_renderer *)job->renderer;
+  if (!r)
+    return;
+  pthread_mutex_lock(&r->lock);
+  if (job->state == JOB_QUEUED)
+    unqueue(r, job);
+  else if (r->running == job)
+    pags_tasks_cancel(r->tasks);
+  pthread_mutex_unlock(&r->lock);
+}
+
+/* seconds < 0: until it is done. */
+static bool wait_for(native_job *job, double seconds) {
+  native_renderer *r = (native_renderer *)job->renderer;
+  struct timespec until;
+  if (!r)
+    return true;
+  clock_gettime(CLOCK_MONOTONIC, &until);
+  if (seconds >= 0) {
+    double whole = floor(seconds < 1e6 ? seconds : 1e6);
+    until.tv_sec += (time_t)whole;
+    until.tv_nsec += (long)((seconds < 1e6 ? seconds - whole : 0) * 1e9);
+    until.tv_sec += until.tv_nsec / 1000000000;
+    until.tv_nsec %= 1000000000;
+  }
+  pthread_mutex_lock(&r->lock);
+  int late = 0;
+  while (job->state != JOB_DONE && !late)
+    late = seconds < 0 ? pthread_cond_wait(&r->finished, &r->lock)
+                       : pthread_cond_timedwait(&r->finished, &r->lock, &until);
+  bool done = job->state == JOB_DONE;
+  pthread_mutex_unlock(&r->lock);
+  return done;
+}
+
+static void job_dealloc(PyObject *object) {
+  native_job *job = (native_job *)object;
+  PyTypeObject *type = Py_TYPE(object);
+  Py_BEGIN_ALLOW_THREADS cancel(job);
+  wait_for(job, -1);
+  Py_END_ALLOW_THREADS native_planes_free(&job->planes);
+  free(job->placements);
+  free(job->object_values);
+  Py_XDECREF(job->scene);
+  Py_XDECREF(job->renderer);
+  ((freefunc)(size_t)PyType_GetSlot(type, Py_tp_free))(object);
+  Py_DECREF(type);
+}
+
+static PyObject *job_done(PyObject *object, PyObject *unused) {
+  (void)unused;
+  return PyBool_FromLong(wait_for((native_job *)object, 0));
+}
+
+static PyObject *job_wait(PyObject *object, PyObject *arguments) {
+  double seconds = -1;
+  bool done;
+  if (!PyArg_ParseTuple(arguments, "|d:wait", &seconds))
+    return NULL;
+  Py_BEGIN_ALLOW_THREADS done = wait_for((native_job *)object, seconds);
+  Py_END_ALLOW_THREADS return PyBool_FromLong(done);
+}
+
+static PyObject *job_cancel(PyObject *object, PyObject *unused) {
+  (void)unused;
+  cancel((native_job *)object);
+  Py_RETURN_NONE;
+}
+
+PyObject *native_job_take(const native_state *state, native_job *job) {
+  Py_BEGIN_ALLOW_THREADS wait_for(job, -1);
+  Py_END_ALLOW_THREADS if (job->result != PAGS_OK) return native_raise_text(state, job->result, job->message);
+  if (job->taken) {
+    PyErr_SetString(PyExc_ValueError, "the picture of this job was taken already");
+    return NULL;
+  }
+  job->taken = true;
+  return native_picture_new(state, &job->planes);
+}
+
+static PyObject *job_take(PyObject *object, PyObject *unused) {
+  (void)unused;
+  return native_job_take(native_state_of(object), (native_job *)object);
+}
+
+static PyMethodDef job_methods[] = {
+    {"done", job_done, METH_NOARGS, "done() -> whether take() would return at once"},
+    {"wait", job_wait, METH_VARARGS, "wait(seconds=forever) -> whether it is done"},
+    {"take", job_take, METH_NOARGS,
+     "take() -> Picture\n\nWaits; raises Cancelled, or Error with the engine's message."},
+    {"cancel", job_cancel, METH_NOARGS, "Asks it to stop soon; doesn't wait."},
+    {0}};
+static PyType_Slot job_slots[] = {{Py_tp_dealloc, job_dealloc},
+                                  {Py_tp_methods, job_methods},
+                                  {Py_tp_doc, "A picture on its way. Dropping it cancels it."},
+                                  {0, NULL}};
+PyType_Spec native_job_spec = {.name = "pags.Job",
+                               .basicsize = sizeof(native_job),
+                               .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_DISALLOW_INSTANTIATION,
+                               .slots = job_slots};

@@ -1,0 +1,200 @@
+/* What a job is asked for: from Python's arguments to the camera, options and layout of a job. */
+#include "job.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+static unsigned output_named(const char *name) {
+  static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
+  for (unsigned i = 0; i < OUTPUT_KINDS; ++i)
+    if (!strcmp(name, names[i]))
+      return 1u << i;
+  PyErr_Format(PyExc_ValueError, "outputs: expected rgba, depth, object, id, priority or heat, found \"%s\"", name);
+  return 0;
+}
+
+static bool read_outputs(PyObject *value, unsigned *outputs) {
+  *outputs = 0;
+  Py_ssize_t count = PySequence_Size(value);
+  for (Py_ssize_t i = 0; i < count; ++i) {
+    PyObject *item = PySequence_GetItem(value, i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
+    unsigned output = bytes ? output_named(PyBytes_AsString(bytes)) : 0;
+    Py_XDECREF(bytes);
+    Py_XDECREF(item);
+    if (!output)
+      return false;
+    *outputs |= output;
+  }
+  return count >= 0;
+}
+
+static bool read_mode(const char *name, native_mode *mode) {
+  static const char *const names[MODE_COUNT] = {"rgb", "priority", "critical", "depth", "size"};
+  for (int i = 0; i < MODE_COUNT; ++i)
+    if (!strcmp(name, names[i])) {
+      *mode = (native_mode)i;
+      return true;
+    }
+  PyErr_Format(PyExc_ValueError, "mode: expected rgb, priority, critical, depth or size, found \"%s\"", name);
+  return false;
+}
+
+/* A list of (object, 12 numbers). */
+static bool read_placements(PyObject *value, native_job *job) {
+  Py_ssize_t count = PySequence_Size(value);
+  if (count < 0)
+    return false;
+  job->placements = calloc((size_t)count + 1, sizeof *job->placements);
+  if (!job->placements) {
+    PyErr_NoMemory();
+    return false;
+  }
+  job->placement_count = count;
+  for (Py_ssize_t i = 0; i < count; ++i) {
+    PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
+    PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
+    if (pose) {
+      job->placements[i].object = PyLong_AsLongLong(object);
+      if (!PyErr_Occurred())
+        native_read_numbers(pose, "placements: world_from_object", 12, job->placements[i].world_from_object);
+    }
+    Py_XDECREF(pose);
+    Py_XDECREF(object);
+    Py_XDECREF(item);
+    if (PyErr_Occurred())
+      return false;
+  }
+  return true;
+}
+
+static bool read_window(PyObject *value, native_job *job) {
+  native_layout *l = &job->layout;
+  double n[4];
+  l->width = job->camera.width;
+  l->height = job->camera.height;
+  if (value == Py_None)
+    return true;
+  if (!native_read_numbers(value, "window: x, y, width, height", 4, n))
+    return false;
+  if (!(n[0] >= 0 && n[1] >= 0 && n[2] >= 1 && n[3] >= 1 && n[0] + n[2] <= l->width && n[1] + n[3] <= l->height)) {
+    PyErr_SetString(PyExc_ValueError, "window: x, y, width, height must lie within the picture");
+    return false;
+  }
+  l->x = (int)n[0], l->y = (int)n[1], l->width = (int)n[2], l->height = (int)n[3];
+  return true;
+}
+
+static bool read_object_values(PyObject *value, native_job *job) {
+  Py_ssize_t count = (Py_ssize_t)pags_composition_scene(((native_scene *)job->scene)->composition)->object_count;
+  if (value == Py_None)
+    return true;
+  double *numbers = malloc(((size_t)count + 1) * sizeof *numbers);
+  job->object_values = malloc(((size_t)count + 1) * sizeof *job->object_values);
+  bool good = numbers && job->object_values;
+  if (!good)
+    PyErr_NoMemory();
+  good = good && native_read_numbers(value, "object_values: one for each object", count, numbers);
+  for (Py_ssize_t i = 0; good && i < count; ++i)
+    job->object_values[i] = (float)numbers[i];
+  free(numbers);
+  job->layout.object_values = job->object_values;
+  return good;
+}
+
+static bool read_options(const native_wishes *w, const native_scene *scene, native_job *job) {
+  pags_frame_options *o = &job->options;
+  double background[3];
+  *o = pags_composition_options(scene->composition);
+  if (w->sh_degree < 0 || w->sh_degree > 3 || (w->exp_degree != 3 && w->exp_degree != 5)) {
+    PyErr_SetString(PyExc_ValueError, "sh_degree: expected 0 to 3; exp_degree: 3 or 5");
+    return false;
+  }
+  if (w->antialiased >= 0)
+    o->antialiased = w->antialiased;
+  if (w->near_plane > 0)
+    o->near_plane = (float)w->near_plane;
+  if (w->background != Py_None) {
+    if (!native_read_numbers(w->background, "background", 3, background))
+      return false;
+    o->sky = NULL;
+    for (int c = 0; c < 3; ++c)
+      o->background[c] = (float)background[c];
+  }
+  if (w->transparent) {
+    o->sky = NULL;
+    memset(o->background, 0, sizeof o->background);
+  }
+  if (w->exposure != Py_None) {
+    double values[6]; /* gain, offset */
+    if (!native_read_numbers(w->exposure, "exposure: gain and offset", 6, values))
+      return false;
+    pags_frame_options_expose(o, values, values + 3);
+  }
+  if (pags_early_z_parse(w->early_z, o) != PAGS_OK) {
+    PyErr_SetString(PyExc_ValueError, pags_error_message());
+    return false;
+  }
+  o->sh_degree = w->sh_degree;
+  o->exp_degree = w->exp_degree;
+  o->extra_channels = native_layout_needs_extras(&job->layout);
+  return true;
+}
+
+static bool read_wishes(const native_wishes *w, native_job *job) {
+  native_layout *l = &job->layout;
+  if (!read_mode(w->mode, &l->mode))
+    return false;
+  l->outputs = OUTPUT_RGBA;
+  if (w->outputs != Py_None && !read_outputs(w->outputs, &l->outputs))
+    return false;
+  l->linear = w->linear != 0;
+  l->flip = w->flip != 0;
+  l->transparent = w->transparent != 0;
+  l->depth_empty = (float)w->depth_empty;
+  l->depth_scale = (float)w->depth_scale;
+  return read_window(w->window, job) && (w->placements == Py_None || read_placements(w->placements, job)) &&
+         read_object_values(w->object_values, job) && read_options(w, (const native_scene *)job->scene, job);
+}
+
+static bool check_scene(const native_state *state, PyObject *scene) {
+  if (PyObject_TypeCheck(scene, state->scene))
+    return true;
+  PyErr_SetString(PyExc_TypeError, "scene: expected what pags.load returned");
+  return false;
+}
+
+PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w) {
+  if (!check_scene(state, scene))
+    return NULL;
+  allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->job, Py_tp_alloc);
+  native_job *job = (native_job *)alloc(state->job, 0);
+  if (!job)
+    return NULL;
+  Py_INCREF(scene);
+  job->scene = scene;
+  job->state = JOB_DONE;
+  if (native_read_camera(camera, &job->camera)) {
+    pags_result result = pags_camera_check(&job->camera, "camera");
+    if (result != PAGS_OK)
+      native_raise(state, result);
+    else if (read_wishes(w, job))
+      return (PyObject *)job;
+  }
+  Py_DECREF(job);
+  return NULL;
+}
+
+native_wishes native_default_wishes(void) {
+  return (native_wishes){.outputs = Py_None,
+                         .placements = Py_None,
+                         .window = Py_None,
+                         .object_values = Py_None,
+                         .background = Py_None,
+                         .exposure = Py_None,
+                         .mode = "rgb",
+                         .early_z = "off",
+                         .antialiased = -1,
+                         .sh_degree = 3,
+                         .exp_degree = 5,
+                         .depth_scale = 1};
+}

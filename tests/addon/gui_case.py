@@ -1,0 +1,164 @@
+"""What the scripts share that drive a Blender with a window: its 3D view, screenshots read back, waiting for sharp pictures.
+
+A story is a generator that yields the seconds until it wants to go on; a timer tells it, as a user's clicks would.
+PAGS_SHOTS names a folder that keeps the screenshots."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+
+import bpy
+import numpy as np
+from blender_case import addon
+from mathutils import Euler
+
+from fixtures import read_png
+
+viewport = sys.modules[addon.__name__ + ".viewport"]
+overlay = sys.modules[addon.__name__ + ".overlay"]
+lens = sys.modules[addon.__name__ + ".lens"]
+native = sys.modules[addon.__name__ + ".native"]
+
+FOLDER = tempfile.mkdtemp(prefix="pags-gui-")
+SHOTS = os.environ.get("PAGS_SHOTS", FOLDER)
+# How much longer than on a machine of its own things may take.
+PATIENCE = float(os.environ.get("PAGS_PATIENCE", "1"))
+bpy.context.preferences.view.show_splash = False
+
+
+def window():
+    return bpy.context.window_manager.windows[0]
+
+
+def area():
+    return next(a for a in window().screen.areas if a.type == "VIEW_3D")
+
+
+def region():
+    return next(r for r in area().regions if r.type == "WINDOW")
+
+
+def view3d():
+    return area().spaces.active
+
+
+def in_view():
+    """The context that operators of the 3D view want."""
+    return bpy.context.temp_override(window=window(), area=area(), region=region())
+
+
+def look_ahead():
+    """From the origin along x."""
+    rv3d = view3d().region_3d
+    rv3d.view_perspective = "PERSP"
+    rv3d.view_rotation = Euler((np.pi / 2, 0, -np.pi / 2)).to_quaternion()
+    rv3d.view_distance, rv3d.view_location = 10, (10, 0, 0)
+
+
+def empty_scene():
+    for block in list(bpy.data.objects):
+        bpy.data.objects.remove(block)
+
+
+def deselect():
+    for block in bpy.context.selected_objects:
+        block.select_set(False)
+
+
+def redraw():
+    with in_view():
+        bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+
+
+def shoot(name):
+    """The whole screen as (width, height, channels, bits, samples)."""
+    redraw()
+    path = os.path.join(SHOTS, name + ".png")
+    print("shot", name, f"{time.monotonic() - started:.0f} s")
+    subprocess.run(["import", "-window", "root", "-depth", "8", "-type", "TrueColor", "png24:" + path], check=True)
+    return read_png(path)
+
+
+def in_region(point):
+    """Column and row, from the region's top, of a point of the world."""
+    rv3d, r = view3d().region_3d, region()
+    values, pose = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, r.width, r.height)
+    x, y, z = np.linalg.inv(pose)[:3] @ np.array([*point, 1.0])
+    return int(values["fx"] * x / z + values["cx"]), int(values["fy"] * y / z + values["cy"])
+
+
+def on_screen(point):
+    """Column and row, from the top, of a point of the world in a screenshot."""
+    u, v = in_region(point)
+    r = region()
+    return r.x + u, window().height - r.y - r.height + v
+
+
+def color(picture, point):
+    x, y = on_screen(point)
+    at = (y * picture[0] + x) * picture[2]
+    return tuple(picture[4][at : at + 3])
+
+
+def settled():
+    """All is drawn and sharp."""
+    return len(viewport.views) > 0 and all(
+        v.shown is not None and not v.restless() and v.shown.scale == 1 for v in viewport.views
+    )
+
+
+def near(value, wanted, by=4):
+    assert all(abs(a - b) <= by for a, b in zip(value, wanted)), f"{value} is not {wanted}"
+
+
+def wait(seconds=200):
+    """Yields until all views are sharp."""
+    end = time.monotonic() + seconds * PATIENCE
+    yield 0.1
+    while not settled():
+        assert time.monotonic() < end, [(v.error, v.shown and v.shown.scale, v.job) for v in viewport.views]
+        yield 0.05
+
+
+def sharp_shot(name):
+    """Yields until all is sharp and shown, then takes a picture; use as `picture = yield from sharp_shot(...)`."""
+    yield 0.3
+    yield from wait()
+    yield 0.3
+    return shoot(name)
+
+
+# ---- Telling ----
+
+started = time.monotonic()
+
+
+def end(code):
+    shutil.rmtree(FOLDER, ignore_errors=True)
+    if code == 0:
+        print("all tests passed")
+    sys.stdout.flush()
+    os._exit(code)
+
+
+def tell(story, seconds=800):
+    """Tells it and ends Blender, with exit code 3 where something in it fails or it takes too long."""
+
+    def run():
+        try:
+            assert time.monotonic() - started < seconds * PATIENCE, "the story takes too long"
+            return next(story)
+        except StopIteration:
+            end(0)
+        except BaseException:
+            traceback.print_exc()
+            try:
+                shoot("failed")
+            finally:
+                end(3)
+
+    bpy.app.timers.register(run, first_interval=1.0)

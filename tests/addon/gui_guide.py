@@ -1,0 +1,246 @@
+"""The pictures of docs/blender-guide.md: the steps of the guide, done in a window on the synthetic street, each looked at for what
+has to be seen in it.
+
+PAGS_GUIDE_SCENE names the trained street (`make demo` leaves one in build/demo/scene), PAGS_GUIDE_IMAGES a folder that keeps the
+pictures."""
+
+import os
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+from mathutils import Matrix, Vector
+
+sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
+from gui_case import (  # noqa: E402
+    FOLDER,
+    addon,
+    area,
+    deselect,
+    in_region,
+    in_view,
+    native,
+    redraw,
+    sharp_shot,
+    tell,
+    view3d,
+    window,
+)
+
+from fixtures import read_png  # noqa: E402
+
+WINDOW = "960x600"
+SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
+IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
+FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
+composite = sys.modules[addon.__name__ + ".composite"]
+
+
+def keep(name, source=None):
+    """In few colours, for a page; source: a picture other than the screen's."""
+    os.makedirs(IMAGES, exist_ok=True)
+    source = source or os.path.join(os.environ.get("PAGS_SHOTS", FOLDER), name + ".png")
+    target = os.path.join(IMAGES, f"blender-{name}.png")
+    subprocess.run(["convert", source, "+dither", "-colors", "128", "-strip", "PNG8:" + target], check=True)
+    print(f"{target}: {os.path.getsize(target) // 1024} KB")
+
+
+def inside(picture):
+    """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
+    r = next(r for r in area().regions if r.type == "WINDOW")
+    whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
+    top = picture[1] - r.y - r.height
+    return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
+
+
+def picture_of(name):
+    """A sharp screenshot that isn't empty, kept."""
+    picture = yield from sharp_shot(name)
+    assert inside(picture).std() > 15, f"{name}: there is hardly anything to be seen"
+    keep(name)
+    return inside(picture)
+
+
+# ---- The story ----
+
+
+def story():
+    assert bpy.ops.import_scene.pags(filepath=SCENE) == {"FINISHED"}
+    for name in ("Cube", "Light", "Camera"):
+        if name in bpy.data.objects:
+            bpy.data.objects.remove(bpy.data.objects[name])
+    bpy.context.scene.frame_set(FRAME)
+    overlay = view3d().overlay
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
+    overlay.show_object_origins = overlay.show_extras = overlay.show_bones = False
+    yield from imported()
+    yield from free_view()
+    yield from sidebar()
+    yield from moved()
+    yield from among_meshes()
+    yield from composited()
+
+
+def imported():
+    view3d().shading.type = "RENDERED"
+    view3d().region_3d.view_perspective = "CAMERA"
+    with in_view():
+        bpy.ops.view3d.view_center_camera()
+    yield from picture_of("imported")
+
+
+def free_view():
+    """From above and behind the recording car."""
+    ego = next(o for o in bpy.data.objects if o.pags.kind == "EGO").matrix_world
+    rv3d = view3d().region_3d
+    rv3d.view_perspective = "PERSP"
+    eye, goal = ego @ Vector((-3, 0.5, 2.5)), ego @ Vector((18, -1, -1.0))
+    rv3d.view_rotation = (goal - eye).to_track_quat("-Z", "Y")
+    rv3d.view_distance, rv3d.view_location = (goal - eye).length, goal
+    yield from picture_of("rendered")
+
+
+def nearest_car():
+    """The part of a parked car before the recording car and its place, (object, world position)."""
+    ego = next(o for o in bpy.data.objects if o.pags.kind == "EGO").matrix_world
+    best = None
+    for part in bpy.data.objects:
+        if part.pags.kind != "OBJECT" or part.get("pags_category") != "vehicle" or part.hide_viewport:
+            continue
+        at = ego.inverted() @ part.matrix_world.translation
+        if 7 < at.x < 30 and abs(at.y) < 8 and (best is None or at.x < best[0]):
+            best = (at.x, part)
+    assert best is not None, "no car stands before the recording car"
+    return best[1]
+
+
+def click(x, y):
+    """Window coordinates, y from below."""
+    for kind, value in (("MOUSEMOVE", "NOTHING"), ("LEFTMOUSE", "PRESS"), ("LEFTMOUSE", "RELEASE")):
+        window().event_simulate(type=kind, value=value, x=int(x), y=int(y))
+        yield 0.3
+
+
+def sidebar():
+    """A car picked by a click, priorities as colours, the sidebar's tab PAGS."""
+    car = nearest_car()
+    with in_view():
+        bpy.ops.pags.pick("INVOKE_DEFAULT")
+    r = next(r for r in area().regions if r.type == "WINDOW")
+    x, y = in_region(car.matrix_world.translation)
+    yield from click(r.x + x, r.y + r.height - 1 - y)
+    assert car["pags_id"] in bpy.context.scene.pags_picked, (car["pags_id"], bpy.context.scene.pags_picked)
+    assert bpy.context.view_layer.objects.active == car
+    view3d().show_region_ui = True
+    yield 0.5
+    redraw()
+    ui = next(r for r in area().regions if r.type == "UI")
+    if hasattr(ui, "active_panel_category"):
+        ui.active_panel_category = "PAGS"
+    else:  # Blender 3.4: the last of four tabs, at the right
+        yield from click(ui.x + ui.width - 10, ui.y + ui.height - TAB)
+    before = yield from sharp_shot("colour")
+    bpy.context.scene.pags.mode = "priority"
+    after = yield from picture_of("sidebar")
+    assert np.abs(after - inside(before)).mean() > 10, "priorities look like colours"
+    bpy.context.scene.pags.mode = "rgb"
+    view3d().show_region_ui = False
+    deselect()
+    yield 0.3
+
+
+TAB = 205  # pixels from the sidebar's top to the middle of its fourth tab
+
+
+def moved():
+    """A car moved across the street; its Gaussians follow."""
+    before = yield from sharp_shot("before")
+    car, ego = nearest_car(), bpy.data.objects["ego"].matrix_world.to_3x3()
+    side = (ego.inverted() @ (car.matrix_world.translation - bpy.data.objects["ego"].matrix_world.translation)).y
+    to_the_middle = ego @ Vector((0, -2.5 if side > 0 else 2.5, 0))
+    car.location = car.parent.matrix_world.to_3x3().inverted() @ to_the_middle
+    car.rotation_euler.z = 0.5
+    car.select_set(True)
+    after = yield from picture_of("moved")
+    assert np.abs(after - inside(before)).max() > 60, "the car didn't move"
+    car.location, car.rotation_euler.z = (0, 0, 0), 0
+    deselect()
+
+
+def mesh_car():
+    """A red block of a car on the next lane, wheels on the road, axes as the recording car's."""
+    scene = bpy.context.scene
+    root = next(o for o in scene.objects if o.pags.kind == "ROOT")
+    ego = next(o for o in scene.objects if o.pags.kind == "EGO").matrix_world
+    road = root.matrix_world.translation.z + composite.road_height(native.load(os.path.abspath(SCENE)), root)
+    parts = []
+    for size, at in (((4.3, 1.8, 0.62), (0, 0, 0.62)), ((2.3, 1.55, 0.55), (-0.25, 0, 1.2))):
+        bpy.ops.mesh.primitive_cube_add(size=1, location=at)
+        bpy.context.object.scale = size
+        parts.append((bpy.context.object, (0.55, 0.02, 0.02, 1) if at[2] < 1 else (0.03, 0.04, 0.05, 1)))
+    for x in (-1.35, 1.35):
+        for y in (-0.85, 0.85):
+            bpy.ops.mesh.primitive_cylinder_add(radius=0.33, depth=0.25, location=(x, y, 0.33), rotation=(np.pi / 2, 0, 0))
+            parts.append((bpy.context.object, (0.02, 0.02, 0.02, 1)))
+    for block, paint in parts:
+        material = bpy.data.materials.new("paint")
+        material.diffuse_color = paint
+        material.use_nodes = True
+        material.node_tree.nodes["Principled BSDF"].inputs["Base Color"].default_value = paint
+        block.data.materials.append(material)
+        block.select_set(True)
+    bpy.context.view_layer.objects.active = parts[0][0]
+    bpy.ops.object.join()
+    car = bpy.context.object
+    car.name = "mesh car"
+    place = (ego @ Matrix.Translation((11, -3.0, 0))).copy()
+    place.translation.z = road
+    car.matrix_world = place @ Matrix.Translation((0, 0, 0.62)) @ Matrix.Diagonal((4.3, 1.8, 0.62, 1))
+    deselect()
+    return car
+
+
+def among_meshes():
+    mesh_car()
+    view3d().shading.type = "SOLID"
+    view3d().shading.color_type = "MATERIAL"
+    view3d().region_3d.view_perspective = "CAMERA"
+    shown = yield from picture_of("meshes")
+    red = (shown[..., 0] > shown[..., 1] + 50) & (shown[..., 0] > shown[..., 2] + 50)
+    assert red.sum() > 300, "the mesh isn't seen among the splats"
+
+
+def composited():
+    scene = bpy.context.scene
+    plain = render("plain")
+    bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
+    bpy.context.object.data.energy = 4
+    bpy.context.object.data.angle = 0.02
+    deselect()
+    assert bpy.ops.pags.composite(engine="CYCLES") == {"FINISHED"}
+    scene.cycles.samples, scene.cycles.use_denoising = 32, False
+    whole = render("composite")
+    keep("composite", os.path.join(FOLDER, "composite.png"))
+    red = (whole[..., 0] > whole[..., 1] + 50) & (whole[..., 0] > whole[..., 2] + 50)
+    assert red.sum() > 300, "the mesh isn't in the picture"
+    darker = (whole.sum(axis=2) < 0.7 * plain.sum(axis=2)) & ~red
+    assert darker.sum() > 100, "there is no shadow"
+    yield 0.1
+
+
+def render(name):
+    """F12 as (height, width, 3)."""
+    scene = bpy.context.scene
+    scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGB"
+    scene.render.filepath = os.path.join(FOLDER, name + ".png")
+    bpy.ops.render.render(write_still=True)
+    picture = read_png(scene.render.filepath)
+    return np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], -1)[..., :3].astype(int)
+
+
+if not os.path.exists(os.path.join(SCENE, "scene.json")):
+    print("skipped: there is no trained street here (make demo makes one)")
+    sys.stdout.flush()
+    os._exit(77)
+tell(story())
