@@ -521,6 +521,14 @@ static int64_t id_of(const group *g, int64_t row) {
   return g->id ? g->id[row] : row;
 }
 
+/* Its clusters are a group's. */
+int64_t pags_composition_part_object(const pags_composition *composition, const pags_part *part) {
+  for (int64_t i = 0; i < composition->group_count; ++i)
+    if (part->clusters == &composition->groups[i].clusters || part->clusters == &composition->groups[i].packed.clusters)
+      return composition->groups[i].object;
+  return -1;
+}
+
 void pags_composition_objects(const pags_composition *composition, int32_t *object_of) {
   for (int64_t k = 0; k < composition->group_count; ++k) {
     const group *g = &composition->groups[k];

@@ -77,6 +77,8 @@ PAGS_API void pags_composition_rest_pose(const pags_composition *composition, in
 /* 1: the object has a model of its own and follows its track; 0: its Gaussians lie in the background. */
 PAGS_API int pags_composition_is_tracked(const pags_composition *composition, int64_t object);
 
+/* Index of the object that a part of this composition's is of; -1: of none. */
+PAGS_API int64_t pags_composition_part_object(const pags_composition *composition, const pags_part *part);
 /* Per id: index of the object, -1 for none. Room for gaussian_count entries. */
 PAGS_API void pags_composition_objects(const pags_composition *composition, int32_t *object_of);
 /* Per id: s_sem where it is known, else 1 for Gaussians of critical objects and 0 for others. Returns 0, and nothing but

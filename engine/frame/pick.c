@@ -1,0 +1,279 @@
+/* pags_pick: clusters by where the ray enters their boxes, then Gaussian by Gaussian.
+ *
+ * Whom the ray meets lies within sqrt(2 ln(255 opacity)) sigma of the ray, so a cluster's box, widened by that of its largest sigma, holds
+ * every place where the ray meets a member: where the ray doesn't enter it, no member is met, and none before it enters. Clusters are
+ * gone through by entry; as soon as those met before the next entry have blocked enough, the rest can't matter. */
+#include <pags/pick.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "scene/packed_rows.h"
+
+enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
+
+static const double least_alpha = 1.0 / 255, most_alpha = 0.99; /* the renderer's */
+
+typedef struct entry { /* of a cluster's box */
+  double t;
+  int64_t cluster;
+  int part;
+} entry;
+
+typedef struct meeting {
+  double t, alpha;
+  int64_t row;
+  int32_t id;
+  int part;
+} meeting;
+
+typedef struct picking {
+  const pags_part *parts;
+  const pags_pick_options *options;
+  double origin[3], direction[3]; /* in the frame of the part under way */
+  entry *entries;
+  meeting *meetings;
+  int64_t entry_count, entry_capacity, meeting_count, meeting_capacity;
+  int part;
+} picking;
+
+pags_pick_options pags_pick_options_default(void) {
+  return (pags_pick_options){.farthest = HUGE_VAL, .blocked = 0.5};
+}
+
+/* Room for one more. */
+static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t size) {
+  if (count < *capacity)
+    return PAGS_OK;
+  int64_t wider = 2 * *capacity + 256;
+  void *grown = realloc(*list, (size_t)wider * size);
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for picking among %lld", (long long)wider);
+  *list = grown;
+  *capacity = wider;
+  return PAGS_OK;
+}
+
+/* How many sigmas off alpha is still seen; negative: never. */
+static double reach_of(const pags_part *part) {
+  double most = part->opacity_factor ? (double)part->opacity_factor_most : 1;
+  return most * 255 > 1 ? sqrt(2 * log(255 * most)) : -1;
+}
+
+/* Where the ray enters the widened box; negative: it passes by, or leaves it before `nearest`. Floats bound floats, so a hair is added. */
+static double enter(const picking *self, const pags_clusters *clusters, int64_t i, double reach) {
+  double begin = self->options->nearest, end = self->options->farthest, pad = reach * (double)clusters->sigma[i] * 1.0001 + 1e-9;
+  for (int k = 0; k < 3; ++k) {
+    double lo = (double)clusters->lo[k][i] - pad - self->origin[k], hi = (double)clusters->hi[k][i] + pad - self->origin[k];
+    double d = self->direction[k];
+    if (d == 0) {
+      if (lo > 0 || hi < 0)
+        return -1;
+      continue;
+    }
+    double a = lo / d, b = hi / d;
+    begin = fmax(begin, fmin(a, b));
+    end = fmin(end, fmax(a, b));
+  }
+  return begin <= end ? begin : -1;
+}
+
+static pags_result find_entries(picking *self) {
+  const pags_part *part = &self->parts[self->part];
+  const pags_clusters *clusters = part->clusters;
+  double reach = reach_of(part);
+  for (int64_t i = 0; i < clusters->count && reach >= 0; ++i) {
+    if (clusters->runs && i % RUN == 0 && enter(self, clusters->runs, i / RUN, reach) < 0) {
+      i += RUN - 1;
+      continue;
+    }
+    double t = enter(self, clusters, i, reach);
+    if (t < 0)
+      continue;
+    void *list = self->entries;
+    pags_result result = reserve(&list, self->entry_count, &self->entry_capacity, sizeof *self->entries);
+    self->entries = list;
+    PAGS_TRY(result);
+    self->entries[self->entry_count++] = (entry){t, i, self->part};
+  }
+  return PAGS_OK;
+}
+
+static int compare_entries(const void *left, const void *right) {
+  const entry *a = left, *b = right;
+  if (a->t != b->t)
+    return a->t < b->t ? -1 : 1;
+  if (a->part != b->part)
+    return a->part < b->part ? -1 : 1;
+  return a->cluster < b->cluster ? -1 : a->cluster > b->cluster;
+}
+
+/* The ray in the part's frame. */
+static void enter_part(picking *self, int part, const double origin[3], const double direction[3]) {
+  double model_from_world[12];
+  self->part = part;
+  pags_rigid_inverse(self->parts[part].world_from_model, model_from_world);
+  const double *m = model_from_world;
+  for (int k = 0; k < 3; ++k) {
+    self->origin[k] = m[4 * k + 3];
+    self->direction[k] = 0;
+    for (int j = 0; j < 3; ++j) {
+      self->origin[k] += m[4 * k + j] * (origin[j] - self->options->origin[j]);
+      self->direction[k] += m[4 * k + j] * direction[j];
+    }
+  }
+}
+
+/* `planes` of `stride` floats; member i. Returns alpha, 0 where it isn't met. */
+static double meet(const picking *self, const float *planes, int64_t stride, int64_t i, double factor, double *t) {
+  const float *p = planes + i;
+  const double q[4] = {(double)p[PAGS_ROTATION * stride], (double)p[(PAGS_ROTATION + 1) * stride],
+                       (double)p[(PAGS_ROTATION + 2) * stride], (double)p[(PAGS_ROTATION + 3) * stride]};
+  double r[9], away[3], unit_away[3], unit_along[3], dot = 0, along = 0, off = 0;
+  pags_rotation_from_quaternion(q, r);
+  for (int k = 0; k < 3; ++k)
+    away[k] = self->origin[k] - (double)p[(PAGS_MEAN + k) * stride];
+  for (int k = 0; k < 3; ++k) { /* in sigmas along the Gaussian's own axes, the columns of r */
+    double inverse = exp(-(double)p[(PAGS_SCALE + k) * stride]);
+    unit_away[k] = (r[k] * away[0] + r[3 + k] * away[1] + r[6 + k] * away[2]) * inverse;
+    unit_along[k] =
+        (r[k] * self->direction[0] + r[3 + k] * self->direction[1] + r[6 + k] * self->direction[2]) * inverse;
+    dot += unit_away[k] * unit_along[k];
+    along += unit_along[k] * unit_along[k];
+  }
+  *t = -dot / along;
+  for (int k = 0; k < 3; ++k) {
+    double d = unit_away[k] + *t * unit_along[k];
+    off += d * d;
+  }
+  double alpha = factor / (1 + exp(-(double)p[PAGS_OPACITY * stride])) * exp(-0.5 * off);
+  int met = *t >= self->options->nearest && *t <= self->options->farthest && alpha >= least_alpha; /* false for NaN */
+  return !met ? 0 : alpha < most_alpha ? alpha : most_alpha;
+}
+
+static pags_result read_cluster(picking *self, const entry *at) {
+  const pags_part *part = &self->parts[at->part];
+  float unpacked[PAGS_PACKED_GEOMETRY_PLANES * PAGS_PACKED_ROWS];
+  int64_t first = at->cluster * part->clusters->size, end = first + part->clusters->size;
+  end = end < part->gaussians->count ? end : part->gaussians->count;
+  if (part->packed)
+    pags_packed_geometry(part->packed, at->cluster, unpacked);
+  for (int64_t row = first; row < end; ++row) {
+    double t, factor = part->opacity_factor ? (double)part->opacity_factor[row] : 1;
+    double alpha = part->packed ? meet(self, unpacked, PAGS_PACKED_ROWS, row - first, factor, &t)
+                                : meet(self, part->gaussians->data, part->gaussians->stride, row, factor, &t);
+    if (alpha <= 0)
+      continue;
+    void *list = self->meetings;
+    pags_result result = reserve(&list, self->meeting_count, &self->meeting_capacity, sizeof *self->meetings);
+    self->meetings = list;
+    PAGS_TRY(result);
+    self->meetings[self->meeting_count++] =
+        (meeting){t, alpha, row, part->id ? part->id[row] : part->first_id + (int32_t)row, at->part};
+  }
+  return PAGS_OK;
+}
+
+static int compare_meetings(const void *left, const void *right) {
+  const meeting *a = left, *b = right;
+  if (a->t != b->t)
+    return a->t < b->t ? -1 : 1;
+  if (a->id != b->id)
+    return a->id < b->id ? -1 : 1;
+  return a->part < b->part ? -1 : a->part > b->part;
+}
+
+/* The meeting, of those before `end`, by which enough is blocked; NULL: not yet. */
+static const meeting *settle(picking *self, double end, double *blocked) {
+  double left = 1;
+  qsort(self->meetings, (size_t)self->meeting_count, sizeof *self->meetings, compare_meetings);
+  for (int64_t i = 0; i < self->meeting_count && self->meetings[i].t < end; ++i) {
+    left *= 1 - self->meetings[i].alpha;
+    if (1 - left >= self->options->blocked) {
+      *blocked = 1 - left;
+      return &self->meetings[i];
+    }
+  }
+  return NULL;
+}
+
+/* Clusters in the order of entry. Meetings are looked at again whenever their number has grown by half, so that what is looked at in
+ * vain stays a fixed share. */
+static pags_result walk(picking *self, const double origin[3], const double direction[3], const meeting **found,
+                        double *blocked) {
+  int64_t looked = 0;
+  qsort(self->entries, (size_t)self->entry_count, sizeof *self->entries, compare_entries);
+  for (int64_t i = 0; i < self->entry_count; ++i) {
+    if (self->meeting_count > looked + looked / 2) {
+      looked = self->meeting_count;
+      *found = settle(self, self->entries[i].t, blocked);
+      if (*found)
+        return PAGS_OK;
+    }
+    if (self->entries[i].part != self->part)
+      enter_part(self, self->entries[i].part, origin, direction);
+    PAGS_TRY(read_cluster(self, &self->entries[i]));
+  }
+  *found = settle(self, HUGE_VAL, blocked);
+  return PAGS_OK;
+}
+
+static void report(const picking *self, const meeting *found, const double origin[3], const double direction[3],
+                   double blocked, pags_picked *out) {
+  const pags_gaussians *g = self->parts[found->part].gaussians;
+  out->part = found->part;
+  out->row = found->row;
+  out->id = found->id;
+  out->depth = found->t;
+  out->alpha = found->alpha;
+  out->blocked = blocked;
+  for (int k = 0; k < 3; ++k)
+    out->point[k] = origin[k] + found->t * direction[k];
+  if (g->object_id && !self->parts[found->part].packed)
+    out->object = g->object_id[found->row];
+}
+
+pags_result pags_pick(const pags_part *parts, int part_count, const double origin[3], const double direction[3],
+                      const pags_pick_options *options, pags_picked *out) {
+  const pags_pick_options fallback = pags_pick_options_default();
+  picking self = {.parts = parts, .options = options ? options : &fallback, .part = -1};
+  double length = 0, blocked = 0;
+  *out = (pags_picked){.part = -1, .id = -1, .object = -1};
+  for (int k = 0; k < 3; ++k)
+    length += direction[k] * direction[k] + 0 * origin[k];
+  if (!(length > 0 && isfinite(length)))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "a ray: expected finite numbers and a direction of some length");
+  pags_result result = PAGS_OK;
+  for (int i = 0; i < part_count && result == PAGS_OK; ++i) {
+    enter_part(&self, i, origin, direction);
+    result = find_entries(&self);
+  }
+  const meeting *found = NULL;
+  if (result == PAGS_OK)
+    result = walk(&self, origin, direction, &found, &blocked);
+  if (found)
+    report(&self, found, origin, direction, blocked, out);
+  free(self.entries);
+  free(self.meetings);
+  return result;
+}
+
+pags_result pags_composition_pick(const pags_composition *composition, const pags_part *parts, int part_count,
+                                  const double origin[3], const double direction[3], const pags_pick_options *options,
+                                  pags_picked *out) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  pags_pick_options own = options ? *options : pags_pick_options_default();
+  memcpy(own.origin, scene->origin, sizeof own.origin);
+  PAGS_TRY(pags_pick(parts, part_count, origin, direction, &own, out));
+  if (out->part < 0)
+    return PAGS_OK;
+  out->object = pags_composition_part_object(composition, &parts[out->part]);
+  if (out->object >= 0) {
+    const pags_scene_object *object = &scene->objects[out->object];
+    out->class_name = object->record.class_name;
+    out->object_id = object->record.id;
+    out->critical = object->critical;
+  }
+  return PAGS_OK;
+}
