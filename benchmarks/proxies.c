@@ -1,0 +1,591 @@
+/* How far proxies of a synthetic street (pags synth street, pags export) are from what they stand for.
+ *
+ * bench_proxies SCENE FILE.glb [TRUTH.json]
+ *
+ * The street is built again from DATASET/truth/street.json. Each vehicle's true surface is brought into its box's frame, and the
+ * training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed. Measured are the
+ * distances from there to the proxy; from places spread evenly over the proxy to the true surface, apart by whether the nearest place
+ * of it is observed; what both cover of each picture; the ground's heights below the street's surfaces.
+ * The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th percentile of the ground of 0.05 m. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <base/file.h>
+#include <base/json.h>
+#include <exporters/compare.h>
+#include <exporters/solid.h>
+#include <pags/scene.h>
+#include <synth/stage.h>
+#include <synth/street_labels.h>
+
+enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
+static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
+static const double mean_bound = 0.1, iou_bound = 0.9, ground_bound = 0.05, ground_reach = 10;
+
+/* ---- GLB: one buffer, as pags export writes it. ---- */
+
+typedef struct glb {
+  uint8_t *bytes;
+  const uint8_t *buffer;
+  size_t size, buffer_size;
+  pags_json *json;
+  const pags_json_value *root;
+} glb;
+
+static const pags_json_value *member(const pags_json_value *object, const char *key) {
+  return object ? pags_json_member(object, key) : NULL;
+}
+
+static uint32_t word_at(const uint8_t *bytes) {
+  uint32_t word;
+  memcpy(&word, bytes, 4);
+  return word;
+}
+
+static pags_result open_glb(const char *path, glb *out) {
+  *out = (glb){0};
+  PAGS_TRY(pags_file_read(path, &out->bytes, &out->size));
+  size_t json_size = out->size > 28 ? word_at(out->bytes + 12) : 0;
+  if (json_size == 0 || json_size > out->size - 28)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no GLB with a buffer", path);
+  out->buffer = out->bytes + 28 + json_size;
+  out->buffer_size = out->size - 28 - json_size;
+  PAGS_TRY(pags_json_parse_text(path, (const char *)out->bytes + 20, json_size, &out->json));
+  out->root = pags_json_root(out->json);
+  return PAGS_OK;
+}
+
+static void close_glb(glb *file) {
+  pags_json_destroy(file->json);
+  free(file->bytes);
+}
+
+static const pags_json_value *element(const pags_json_value *root, const char *list, int64_t index) {
+  const pags_json_value *at = member(root, list);
+  at = at ? at->first : NULL;
+  while (at && index-- > 0)
+    at = at->next;
+  return at;
+}
+
+static int64_t integer_of(const pags_json_value *object, const char *key, int64_t fallback) {
+  const pags_json_value *value = member(object, key);
+  return value && value->type == PAGS_JSON_NUMBER ? (int64_t)value->number : fallback;
+}
+
+/* Where an accessor's values lie; NULL where they don't fit into the buffer. */
+static const uint8_t *values_of(const glb *file, int64_t accessor, int64_t item_bytes, int64_t *count, int64_t *component) {
+  const pags_json_value *a = element(file->root, "accessors", accessor);
+  const pags_json_value *view = element(file->root, "bufferViews", integer_of(a, "bufferView", -1));
+  *count = integer_of(a, "count", 0);
+  *component = integer_of(a, "componentType", 0);
+  int64_t at = integer_of(view, "byteOffset", 0) + integer_of(a, "byteOffset", 0);
+  int64_t bytes = *count * (item_bytes ? item_bytes : *component == 5123 ? 2 : 4);
+  return a && view && at >= 0 && *count > 0 && at + bytes <= (int64_t)file->buffer_size ? file->buffer + at : NULL;
+}
+
+static pags_result read_mesh(const glb *file, int64_t mesh, pags_shell *out) {
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
+  int64_t vertices = 0, indices = 0, component = 0;
+  const uint8_t *positions =
+      values_of(file, integer_of(member(primitive, "attributes"), "POSITION", -1), 12, &vertices, &component);
+  const uint8_t *corners = values_of(file, integer_of(primitive, "indices", -1), 0, &indices, &component);
+  *out = (pags_shell){0};
+  if (!positions || !corners)
+    return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld can't be read", (long long)mesh);
+  for (int64_t i = 0; i < vertices; ++i) {
+    float p[3];
+    memcpy(p, positions + 12 * i, sizeof p);
+    pags_shell_vertex(out, p, grey, 1);
+  }
+  for (int64_t i = 0; i + 2 < indices; i += 3) {
+    uint32_t c[3];
+    for (int k = 0; k < 3; ++k) {
+      uint16_t narrow;
+      memcpy(&narrow, corners + 2 * (i + k), 2);
+      c[k] = component == 5123 ? narrow : word_at(corners + 4 * (i + k));
+      if (c[k] >= vertices)
+        return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld: a corner is out of range", (long long)mesh);
+    }
+    pags_shell_triangle(out, c[0], c[1], c[2]);
+  }
+  return pags_shell_check(out);
+}
+
+/* ---- The truth. ---- */
+
+typedef struct bench {
+  pags_scene scene;
+  glb file;
+  pags_street_options options;
+  pags_street street;
+  pags_stage *stage;
+  double stage_time;
+  pags_json_writer json;
+  int failures;
+} bench;
+
+static pags_result read_options(const char *dataset, pags_street_options *out) {
+  *out = pags_street_options_default();
+  char *path = pags_path_join(dataset, "truth/street.json");
+  pags_json *json;
+  double frames, fps, objects, seed;
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  if (!pags_file_exists(path)) {
+    printf("%s is missing: taken for a street with default options\n", path);
+    free(path);
+    return PAGS_OK;
+  }
+  pags_result result = pags_json_parse_file(path, &json);
+  free(path);
+  PAGS_TRY(result);
+  const pags_json_value *root = pags_json_root(json);
+  result = pags_json_number(json, root, "frames", &frames);
+  if (result == PAGS_OK)
+    result = pags_json_number(json, root, "fps", &fps);
+  if (result == PAGS_OK)
+    result = pags_json_number(json, root, "objects", &objects);
+  if (result == PAGS_OK)
+    result = pags_json_number(json, root, "seed", &seed);
+  pags_json_destroy(json);
+  PAGS_TRY(result);
+  out->frames = (int)frames;
+  out->fps = fps;
+  out->objects = (int)objects;
+  out->seed = (uint64_t)seed;
+  return PAGS_OK;
+}
+
+static pags_result set_time(bench *self, double time) {
+  if (time == self->stage_time)
+    return PAGS_OK;
+  self->stage_time = time;
+  pags_street_set_time(&self->street, time);
+  int first = self->street.first_moving, count = self->street.placement_count - first;
+  return count > 0 ? pags_stage_commit(self->stage, first, count) : PAGS_OK;
+}
+
+static void apply(const double m[12], const double p[3], double out[3]) {
+  for (int k = 0; k < 3; ++k)
+    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+}
+
+/* The actor's meshes in its box's frame, as it is at the stage's time. */
+static pags_result true_shell(const bench *self, int actor, pags_shell *out) {
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  double world_from_box[12], box_from_world[12];
+  pags_actor_pose(&self->street.actors[actor], self->stage_time, world_from_box);
+  pags_rigid_inverse(world_from_box, box_from_world);
+  *out = (pags_shell){0};
+  for (int i = 0; i < self->street.placement_count; ++i) {
+    const pags_stage_placement *placed = &self->street.placements[i];
+    if (placed->actor != actor)
+      continue;
+    const pags_mesh *mesh = &self->street.meshes[placed->mesh];
+    double pose[12];
+    uint32_t first = (uint32_t)out->vertex_count;
+    for (int k = 0; k < 12; ++k)
+      pose[k] = (double)placed->pose[k];
+    for (int64_t v = 0; v < mesh->vertex_count; ++v) {
+      const float *p = mesh->vertices[v].position;
+      const double local[3] = {(double)p[0], (double)p[1], (double)p[2]};
+      double world[3], box[3];
+      apply(pose, local, world);
+      apply(box_from_world, world, box);
+      const float q[3] = {(float)box[0], (float)box[1], (float)box[2]};
+      pags_shell_vertex(out, q, grey, 0);
+    }
+    for (int64_t f = 0; f < mesh->face_count; ++f) {
+      const uint32_t *c = mesh->faces + 4 * f;
+      pags_shell_triangle(out, first + c[0], first + c[1], first + c[2]);
+      pags_shell_triangle(out, first + c[0], first + c[2], first + c[3]);
+    }
+  }
+  return pags_shell_check(out);
+}
+
+/* ---- One vehicle. ---- */
+
+typedef struct vehicle {
+  const pags_object *record;
+  int actor;
+  pags_shell truth, proxy;
+  pags_solid *truth_solid, *proxy_solid, *cloud_solid;
+  float *cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
+  int64_t cloud_count, cloud_capacity;
+  int64_t pixels;                  /* of the lattice that see it */
+  int64_t both, either;            /* silhouettes of truth and proxy, each alone */
+  int64_t seen_both, seen_either;  /* where nothing of the street hides them */
+} vehicle;
+
+static pags_result keep_point(vehicle *v, const double p[3]) {
+  if (v->cloud_count == v->cloud_capacity) {
+    int64_t capacity = 2 * v->cloud_capacity + 4096;
+    float *grown = realloc(v->cloud, (size_t)capacity * 3 * sizeof *grown);
+    if (!grown)
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)capacity);
+    v->cloud = grown;
+    v->cloud_capacity = capacity;
+  }
+  for (int k = 0; k < 3; ++k)
+    v->cloud[3 * v->cloud_count + k] = (float)p[k];
+  ++v->cloud_count;
+  return PAGS_OK;
+}
+
+/* One ray: what the street shows there, and what truth and proxy by themselves would. */
+static pags_result take_ray(bench *self, vehicle *v, const double box_from_world[12], const double origin[3],
+                            const double direction[3], const pags_touch *touch, int met) {
+  double from[3], along[3], p[3];
+  int is_it = met && self->street.placements[touch->placement].actor == v->actor;
+  apply(box_from_world, origin, from);
+  for (int k = 0; k < 3; ++k)
+    along[k] = box_from_world[4 * k] * direction[0] + box_from_world[4 * k + 1] * direction[1] +
+               box_from_world[4 * k + 2] * direction[2];
+  double truth = pags_solid_ray(v->truth_solid, from, along, NULL), proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
+  v->both += truth > 0 && proxy > 0;
+  v->either += truth > 0 || proxy > 0;
+  int shows = proxy > 0 && (is_it || !met || proxy < (double)touch->distance);
+  v->seen_both += is_it && shows;
+  v->seen_either += is_it || shows;
+  if (!is_it)
+    return PAGS_OK;
+  ++v->pixels;
+  for (int k = 0; k < 3; ++k)
+    p[k] = from[k] + (double)touch->distance * along[k];
+  return keep_point(v, p);
+}
+
+/* A lattice over where the box may be in the picture. */
+static pags_result take_view(bench *self, vehicle *v, const pags_camera *camera) {
+  double world_from_box[12], box_from_world[12], lo[3], hi[3];
+  pags_camera own = *camera, crop;
+  PAGS_TRY(set_time(self, camera->time));
+  pags_actor_pose(&self->street.actors[v->actor], camera->time, world_from_box);
+  pags_rigid_inverse(world_from_box, box_from_world);
+  pags_rigid_multiply(box_from_world, camera->world_from_camera, own.world_from_camera);
+  for (int k = 0; k < 3; ++k) {
+    hi[k] = 0.55 * v->record->size[k] + 0.15;
+    lo[k] = -hi[k];
+  }
+  if (!pags_camera_crop(&own, lo, hi, 0.2, &crop) || crop.width < 6 || crop.height < 6)
+    return PAGS_OK;
+  const double *m = camera->world_from_camera;
+  const double origin[3] = {m[3], m[7], m[11]};
+  int nx = crop.width < LATTICE ? crop.width : LATTICE, ny = crop.height < LATTICE ? crop.height : LATTICE;
+  for (int i = 0; i < nx * ny; i += PAGS_PACKET) {
+    pags_rays rays = {.active = 0};
+    pags_touch touches[PAGS_PACKET];
+    double directions[PAGS_PACKET][3];
+    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r) {
+      int x = (2 * ((i + r) % nx) + 1) * crop.width / (2 * nx), y = (2 * ((i + r) / nx) + 1) * crop.height / (2 * ny);
+      const double d[3] = {(x + 0.5 - crop.cx) / crop.fx, (y + 0.5 - crop.cy) / crop.fy, 1};
+      rays.active |= 1u << r;
+      for (int k = 0; k < 3; ++k) {
+        directions[r][k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
+        rays.origin[r][k] = (float)origin[k];
+        rays.direction[r][k] = (float)directions[r][k];
+      }
+    }
+    unsigned met = pags_stage_trace(self->stage, &rays, touches);
+    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r)
+      PAGS_TRY(take_ray(self, v, box_from_world, origin, directions[r], &touches[r], met >> r & 1));
+  }
+  return PAGS_OK;
+}
+
+static int compare_points(const void *left, const void *right) {
+  const float *a = left, *b = right;
+  for (int k = 0; k < 3; ++k) {
+    double x = floor((double)a[k] / cloud_cell), y = floor((double)b[k] / cloud_cell);
+    if (x != y)
+      return x < y ? -1 : 1;
+  }
+  return 0;
+}
+
+/* One point a cell, so that near views don't count for more. */
+static void thin(vehicle *v) {
+  int64_t kept = 0;
+  qsort(v->cloud, (size_t)v->cloud_count, 3 * sizeof(float), compare_points);
+  for (int64_t i = 0; i < v->cloud_count; ++i)
+    if (!kept || compare_points(v->cloud + 3 * (kept - 1), v->cloud + 3 * i) != 0)
+      memmove(v->cloud + 3 * kept++, v->cloud + 3 * i, 3 * sizeof(float));
+  v->cloud_count = kept;
+}
+
+static double triangle_area(const pags_shell *s, int64_t triangle) {
+  const float *c[3];
+  double u[3], w[3], n[3];
+  for (int i = 0; i < 3; ++i)
+    c[i] = s->positions + 3 * (int64_t)s->triangles[3 * triangle + i];
+  for (int k = 0; k < 3; ++k) {
+    u[k] = (double)c[1][k] - (double)c[0][k];
+    w[k] = (double)c[2][k] - (double)c[0][k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
+  return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* Place `n` of a sequence that fills a triangle evenly (the golden ratio's plastic cousin; Roberts 2018). */
+static void place_in(const pags_shell *s, int64_t triangle, int64_t n, double out[3]) {
+  double a = fmod(0.5 + 0.7548776662466927 * (double)n, 1), b = fmod(0.5 + 0.5698402909980532 * (double)n, 1);
+  if (a + b > 1) {
+    a = 1 - a;
+    b = 1 - b;
+  }
+  const uint32_t *t = s->triangles + 3 * triangle;
+  for (int k = 0; k < 3; ++k) {
+    double p = (double)s->positions[3 * (int64_t)t[0] + k];
+    out[k] = p + a * ((double)s->positions[3 * (int64_t)t[1] + k] - p) + b * ((double)s->positions[3 * (int64_t)t[2] + k] - p);
+  }
+}
+
+typedef struct spread {
+  double *seen, *rest; /* distances to the true surface */
+  int64_t seen_count, rest_count;
+} spread;
+
+/* Even over the proxy's area. */
+static void measure_proxy(const vehicle *v, spread *out) {
+  double area = pags_shell_area(&v->proxy), owed = 0;
+  int64_t n = 0;
+  for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
+    for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
+      double p[3], foot[3];
+      place_in(&v->proxy, t, n, p);
+      double distance = pags_solid_nearest(v->truth_solid, p, foot);
+      if (pags_solid_distance(v->cloud_solid, foot, NULL) <= near_observed)
+        out->seen[out->seen_count++] = distance;
+      else
+        out->rest[out->rest_count++] = distance;
+    }
+}
+
+static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+  const double values[3] = {d->mean, d->p95, d->max};
+  pags_json_put_numbers(w, key, values, 3);
+}
+
+static pags_result tell(bench *self, vehicle *v, spread *to) {
+  double *from = malloc(((size_t)v->cloud_count + 1) * sizeof *from);
+  pags_shell_topology topology;
+  if (!from)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud_count);
+  for (int64_t i = 0; i < v->cloud_count; ++i) {
+    const double p[3] = {(double)v->cloud[3 * i], (double)v->cloud[3 * i + 1], (double)v->cloud[3 * i + 2]};
+    from[i] = pags_solid_distance(v->proxy_solid, p, NULL);
+  }
+  pags_proxy_distance back = pags_distance_summary(from, v->cloud_count), seen = pags_distance_summary(to->seen, to->seen_count),
+                      rest = pags_distance_summary(to->rest, to->rest_count);
+  free(from);
+  PAGS_TRY(pags_shell_inspect(&v->proxy, &topology));
+  double alone = (double)v->both / (double)v->either, shown = (double)v->seen_both / (double)v->seen_either;
+  double share = (double)to->seen_count / (double)(to->seen_count + to->rest_count);
+  int good = back.mean <= mean_bound && seen.mean <= mean_bound && shown >= iou_bound && topology.closed;
+  self->failures += !good;
+  printf("%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
+         "near observed %2.0f %%, IoU alone %.3f, shown %.3f, %s%s\n",
+         v->record->id, (long long)v->pixels, back.mean, back.p95, back.max, seen.mean, seen.p95, seen.max, rest.mean, rest.p95,
+         rest.max, 100 * share, alone, shown, topology.closed ? "closed" : "OPEN", good ? "" : "  <<<");
+  pags_json_writer *w = &self->json;
+  pags_json_begin_object(w, NULL);
+  pags_json_put_string(w, "object", v->record->id);
+  pags_json_put_integer(w, "pixels", v->pixels);
+  put_distance(w, "truth_to_proxy", &back);
+  put_distance(w, "proxy_to_truth", &seen);
+  put_distance(w, "proxy_to_truth_unobserved", &rest);
+  pags_json_put_number(w, "near_observed", share);
+  pags_json_put_number(w, "iou_alone", alone);
+  pags_json_put_number(w, "iou_shown", shown);
+  pags_json_put_bool(w, "closed", topology.closed);
+  pags_json_put_bool(w, "good", good);
+  pags_json_end_object(w);
+  return PAGS_OK;
+}
+
+static pags_result measure(bench *self, vehicle *v) {
+  for (int64_t i = 0; i < self->scene.view_count; ++i)
+    if (!self->scene.views[i].test)
+      PAGS_TRY(take_view(self, v, &self->scene.views[i].camera));
+  if (!v->cloud_count) {
+    printf("%-16s is seen by no training camera\n", v->record->id);
+    return PAGS_OK;
+  }
+  thin(v);
+  PAGS_TRY(pags_solid_of_points(v->cloud, v->cloud_count, &v->cloud_solid));
+  spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)), .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
+  pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  if (result == PAGS_OK) {
+    measure_proxy(v, &to);
+    result = tell(self, v, &to);
+  }
+  free(to.seen);
+  free(to.rest);
+  return result;
+}
+
+/* Ids end with the number of the street's list. */
+static int actor_of(const bench *self, const char *id) {
+  const char *digits = strrchr(id, '_');
+  for (int i = 0; digits && i < self->street.actor_count; ++i)
+    if (self->street.actors[i].number == atoi(digits + 1))
+      return i;
+  return -1;
+}
+
+static pags_result measure_node(bench *self, const pags_json_value *node, const char *track) {
+  vehicle v = {.actor = actor_of(self, track)};
+  for (int64_t i = 0; i < self->scene.object_count; ++i)
+    if (!strcmp(self->scene.objects[i].record.id, track))
+      v.record = &self->scene.objects[i].record;
+  if (!v.record || v.actor < 0 || v.record->category != PAGS_CATEGORY_VEHICLE)
+    return PAGS_OK;
+  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &v.proxy);
+  if (result == PAGS_OK)
+    result = true_shell(self, v.actor, &v.truth);
+  if (result == PAGS_OK)
+    result = pags_solid_of_shell(&v.truth, &v.truth_solid);
+  if (result == PAGS_OK)
+    result = pags_solid_of_shell(&v.proxy, &v.proxy_solid);
+  if (result == PAGS_OK)
+    result = measure(self, &v);
+  pags_solid_destroy(v.truth_solid);
+  pags_solid_destroy(v.proxy_solid);
+  pags_solid_destroy(v.cloud_solid);
+  pags_shell_destroy(&v.truth);
+  pags_shell_destroy(&v.proxy);
+  free(v.cloud);
+  return result;
+}
+
+/* ---- The ground. ---- */
+
+/* Height of the street below x, y (world), where that is no furniture, tree or actor; 0: none. */
+static int true_height(const bench *self, double x, double y, double *z) {
+  pags_rays rays = {.active = 1, .origin = {{(float)x, (float)y, 2.0f}}, .direction = {{0, 0, -1}}};
+  pags_touch touches[PAGS_PACKET];
+  if (!(pags_stage_trace(self->stage, &rays, touches) & 1) || self->street.placements[touches[0].placement].actor >= 0)
+    return 0;
+  *z = (double)touches[0].point[2];
+  return *z < 0.3 && (double)fabsf(touches[0].flat[2]) > 0.99;
+}
+
+static int near_path(const bench *self, double x, double y) {
+  for (int64_t i = 0; i < self->scene.view_count; ++i) {
+    const double *m = self->scene.views[i].camera.world_from_camera;
+    if (!self->scene.views[i].test && hypot(m[3] - x, m[7] - y) < ground_reach)
+      return 1;
+  }
+  return 0;
+}
+
+static pags_result measure_ground(bench *self, const pags_json_value *node) {
+  pags_shell ground = {0};
+  pags_solid *solid = NULL;
+  double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
+  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &ground);
+  if (result == PAGS_OK)
+    result = pags_solid_of_shell(&ground, &solid);
+  for (int64_t i = 0; i < ground.vertex_count; ++i)
+    for (int k = 0; k < 2; ++k) {
+      lo[k] = fmin(lo[k], (double)ground.positions[3 * i + k]);
+      hi[k] = fmax(hi[k], (double)ground.positions[3 * i + k]);
+    }
+  const double step = 0.25;
+  int64_t most = result == PAGS_OK ? (int64_t)(((hi[0] - lo[0]) / step + 2) * ((hi[1] - lo[1]) / step + 2)) : 0;
+  double *all = malloc(((size_t)most + 1) * sizeof *all), *close = malloc(((size_t)most + 1) * sizeof *close);
+  int64_t count = 0, close_count = 0, holes = 0;
+  if (result == PAGS_OK && (!all || !close))
+    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld heights", (long long)most);
+  for (double y = lo[1]; result == PAGS_OK && y <= hi[1]; y += step)
+    for (double x = lo[0]; x <= hi[0] && count < most; x += step) {
+      const double from[3] = {x, y, 1000}, down[3] = {0, 0, -1};
+      double z, world[2] = {x + self->scene.origin[0], y + self->scene.origin[1]};
+      double t = pags_solid_ray(solid, from, down, NULL);
+      int close_by = near_path(self, world[0], world[1]);
+      holes += close_by && !(t > 0);
+      if (!(t > 0) || !true_height(self, world[0], world[1], &z))
+        continue;
+      all[count] = fabs(1000 - t + self->scene.origin[2] - z);
+      if (close_by)
+        close[close_count++] = all[count];
+      ++count;
+    }
+  if (result == PAGS_OK) {
+    pags_proxy_distance far = pags_distance_summary(all, count), near = pags_distance_summary(close, close_count);
+    int good = far.p95 <= ground_bound && !holes;
+    self->failures += !good;
+    printf("ground: %lld heights, off by %.3f (p95 %.3f, max %.2f); within %g m of the path %.3f (%.3f, %.2f), %lld holes%s\n",
+           (long long)count, far.mean, far.p95, far.max, ground_reach, near.mean, near.p95, near.max, (long long)holes,
+           good ? "" : "  <<<");
+    pags_json_begin_object(&self->json, "ground");
+    put_distance(&self->json, "error", &far);
+    put_distance(&self->json, "error_near_path", &near);
+    pags_json_put_integer(&self->json, "holes", holes);
+    pags_json_end_object(&self->json);
+  }
+  free(all);
+  free(close);
+  pags_solid_destroy(solid);
+  pags_shell_destroy(&ground);
+  return result;
+}
+
+/* ---- */
+
+static pags_result run(bench *self) {
+  const pags_json_value *nodes = member(self->file.root, "nodes");
+  PAGS_TRY(read_options(self->scene.dataset ? self->scene.dataset : ".", &self->options));
+  PAGS_TRY(pags_street_build(&self->options, &self->street));
+  pags_street_number(&self->street);
+  PAGS_TRY(pags_stage_create(self->street.meshes, self->street.mesh_count, self->street.placements,
+                             self->street.placement_count, &self->stage));
+  self->stage_time = (double)NAN;
+  PAGS_TRY(set_time(self, 0));
+  pags_json_begin_array(&self->json, "objects");
+  for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
+    const pags_json_value *track = member(member(node, "extras"), "track");
+    if (track && track->type == PAGS_JSON_STRING && member(node, "mesh"))
+      PAGS_TRY(measure_node(self, node, track->text));
+  }
+  pags_json_end_array(&self->json);
+  for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
+    const pags_json_value *name = member(node, "name");
+    if (name && !strcmp(name->text, "ground"))
+      PAGS_TRY(measure_ground(self, node));
+  }
+  printf("%d of these exceed the bounds\n", self->failures);
+  return PAGS_OK;
+}
+
+int main(int argc, char **argv) {
+  bench self = {0};
+  if (argc < 3 || argc > 4) {
+    fprintf(stderr, "bench_proxies SCENE FILE.glb [TRUTH.json]\n");
+    return 2;
+  }
+  pags_json_writer_init(&self.json, 1);
+  pags_json_begin_object(&self.json, NULL);
+  pags_result result = pags_scene_load(argv[1], &self.scene);
+  if (result == PAGS_OK)
+    result = open_glb(argv[2], &self.file);
+  if (result == PAGS_OK)
+    result = run(&self);
+  pags_json_end_object(&self.json);
+  if (result == PAGS_OK && argc > 3)
+    result = pags_json_writer_save(&self.json, argv[3]);
+  if (result != PAGS_OK)
+    fprintf(stderr, "%s\n", pags_error_message());
+  pags_json_writer_destroy(&self.json);
+  pags_stage_destroy(self.stage);
+  pags_street_destroy(&self.street);
+  close_glb(&self.file);
+  pags_scene_destroy(&self.scene);
+  return result != PAGS_OK || self.failures > 0;
+}
