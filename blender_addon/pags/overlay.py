@@ -165,8 +165,12 @@ def on_draw_text():
     except TypeError:
         blf.size(0, size, 72)  # up to 3.x
     blf.color(0, 1, 1, 1, 0.9)
-    blf.position(0, 20 * scale, 20 * scale, 0)
-    blf.draw(0, "PAGS | " + view.statistics(context.scene.pags))
+    text = "PAGS | " + view.statistics(context.scene.pags)
+    # At the right, before the sidebar: Blender has its own words at the top, and at the left what adjusts the last operation.
+    sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
+    left = context.region.width - sidebar - blf.dimensions(0, text)[0] - 20 * scale
+    blf.position(0, max(left, 20 * scale), 20 * scale, 0)
+    blf.draw(0, text)
 
 
 def register():

@@ -20,8 +20,10 @@ from gui_case import (  # noqa: E402
     deselect,
     in_region,
     in_view,
+    lens,
     native,
     redraw,
+    region,
     sharp_shot,
     tell,
     view3d,
@@ -34,6 +36,7 @@ WINDOW = "960x600"
 SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
+inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
 
 
@@ -48,7 +51,7 @@ def keep(name, source=None):
 
 def inside(picture):
     """Samples of the 3D view's region, (height, width, 3), row 0 at the top."""
-    r = next(r for r in area().regions if r.type == "WINDOW")
+    r = region()
     whole = np.frombuffer(bytes(picture[4]), dtype=np.uint8).reshape(picture[1], picture[0], picture[2])
     top = picture[1] - r.y - r.height
     return whole[top : top + r.height, r.x : r.x + r.width, :3].astype(int)
@@ -73,7 +76,7 @@ def story():
     bpy.context.scene.frame_set(FRAME)
     overlay = view3d().overlay
     overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
-    overlay.show_object_origins = overlay.show_extras = overlay.show_bones = False
+    overlay.show_object_origins = overlay.show_extras = False
     yield from imported()
     yield from free_view()
     yield from sidebar()
@@ -92,7 +95,7 @@ def imported():
 
 def free_view():
     """From above and behind the recording car."""
-    ego = next(o for o in bpy.data.objects if o.pags.kind == "EGO").matrix_world
+    ego = bpy.data.objects["ego"].matrix_world
     rv3d = view3d().region_3d
     rv3d.view_perspective = "PERSP"
     eye, goal = ego @ Vector((-3, 0.5, 2.5)), ego @ Vector((18, -1, -1.0))
@@ -101,18 +104,28 @@ def free_view():
     yield from picture_of("rendered")
 
 
-def nearest_car():
-    """The part of a parked car before the recording car and its place, (object, world position)."""
-    ego = next(o for o in bpy.data.objects if o.pags.kind == "EGO").matrix_world
-    best = None
+def cars_ahead():
+    """Parts of cars before the recording car, the nearest first."""
+    ego, found = bpy.data.objects["ego"].matrix_world.inverted(), []
     for part in bpy.data.objects:
-        if part.pags.kind != "OBJECT" or part.get("pags_category") != "vehicle" or part.hide_viewport:
-            continue
-        at = ego.inverted() @ part.matrix_world.translation
-        if 7 < at.x < 30 and abs(at.y) < 8 and (best is None or at.x < best[0]):
-            best = (at.x, part)
-    assert best is not None, "no car stands before the recording car"
-    return best[1]
+        if part.pags.kind == "OBJECT" and part.get("pags_category") == "vehicle" and not part.hide_viewport:
+            at = ego @ part.matrix_world.translation
+            if 6 < at.x < 35 and abs(at.y) < 9:
+                found.append((at.x, part))
+    return [part for _, part in sorted(found, key=lambda pair: pair[0])]
+
+
+def car_in_sight():
+    """The nearest whose middle nothing hides, and its pixel in the region, row 0 at the top."""
+    r, rv3d = region(), view3d().region_3d
+    values, pose = lens.of_view(rv3d.window_matrix, rv3d.view_matrix, r.width, r.height)
+    for part in cars_ahead():
+        x, y = in_region(part.matrix_world.translation)
+        if 80 < x < r.width - 240 and 80 < y < r.height - 20:
+            seen = inspector.pick(bpy.context, values, pose, x, y)
+            if seen is not None and seen["object"] == part.pags.index:
+                return part, x, y
+    raise AssertionError("no car is in sight")
 
 
 def click(x, y):
@@ -122,24 +135,39 @@ def click(x, y):
         yield 0.3
 
 
-def sidebar():
-    """A car picked by a click, priorities as colours, the sidebar's tab PAGS."""
-    car = nearest_car()
-    with in_view():
-        bpy.ops.pags.pick("INVOKE_DEFAULT")
-    r = next(r for r in area().regions if r.type == "WINDOW")
-    x, y = in_region(car.matrix_world.translation)
-    yield from click(r.x + x, r.y + r.height - 1 - y)
-    assert car["pags_id"] in bpy.context.scene.pags_picked, (car["pags_id"], bpy.context.scene.pags_picked)
-    assert bpy.context.view_layer.objects.active == car
+def open_tab():
+    """The sidebar's tab PAGS. Blender 3.4 has no way to name it: tabs are clicked until its panel is drawn."""
     view3d().show_region_ui = True
     yield 0.5
     redraw()
     ui = next(r for r in area().regions if r.type == "UI")
     if hasattr(ui, "active_panel_category"):
         ui.active_panel_category = "PAGS"
-    else:  # Blender 3.4: the last of four tabs, at the right
-        yield from click(ui.x + ui.width - 10, ui.y + ui.height - TAB)
+        return
+    drawn, panel = [], bpy.types.PAGS_PT_scene
+    draw = panel.draw
+    panel.draw = lambda self, context: (drawn.append(True), draw(self, context))
+    for down in (170, 190, 210, 150, 230, 250, 130, 270):
+        yield from click(ui.x + ui.width - 9, ui.y + ui.height - down)
+        redraw()
+        if drawn:
+            print("tab at", down)
+            break
+    panel.draw = draw
+    assert drawn, "the tab PAGS isn't found"
+
+
+def sidebar():
+    """A car picked by a click, priorities as colours, the sidebar's tab PAGS."""
+    car, x, y = car_in_sight()
+    with in_view():
+        bpy.ops.pags.pick("INVOKE_DEFAULT")
+    yield 0.2
+    r = region()
+    yield from click(r.x + x, r.y + r.height - 1 - y)
+    assert car["pags_id"] in bpy.context.scene.pags_picked, (car["pags_id"], bpy.context.scene.pags_picked)
+    assert bpy.context.view_layer.objects.active == car
+    yield from open_tab()
     before = yield from sharp_shot("colour")
     bpy.context.scene.pags.mode = "priority"
     after = yield from picture_of("sidebar")
@@ -150,13 +178,10 @@ def sidebar():
     yield 0.3
 
 
-TAB = 205  # pixels from the sidebar's top to the middle of its fourth tab
-
-
 def moved():
     """A car moved across the street; its Gaussians follow."""
     before = yield from sharp_shot("before")
-    car, ego = nearest_car(), bpy.data.objects["ego"].matrix_world.to_3x3()
+    (car, _, _), ego = car_in_sight(), bpy.data.objects["ego"].matrix_world.to_3x3()
     side = (ego.inverted() @ (car.matrix_world.translation - bpy.data.objects["ego"].matrix_world.translation)).y
     to_the_middle = ego @ Vector((0, -2.5 if side > 0 else 2.5, 0))
     car.location = car.parent.matrix_world.to_3x3().inverted() @ to_the_middle
@@ -172,9 +197,21 @@ def mesh_car():
     """A red block of a car on the next lane, wheels on the road, axes as the recording car's."""
     scene = bpy.context.scene
     root = next(o for o in scene.objects if o.pags.kind == "ROOT")
-    ego = next(o for o in scene.objects if o.pags.kind == "EGO").matrix_world
+    ego = bpy.data.objects["ego"].matrix_world
     road = root.matrix_world.translation.z + composite.road_height(native.load(os.path.abspath(SCENE)), root)
     parts = []
+    with in_view():
+        build(parts)
+    car = parts[0][0]
+    car.name = "mesh car"
+    place = (ego @ Matrix.Translation((11, -3.0, 0))).copy()
+    place.translation.z = road
+    car.matrix_world = place @ Matrix.Translation((0, 0, 0.62)) @ Matrix.Diagonal((4.3, 1.8, 0.62, 1))
+    deselect()
+
+
+def build(parts):
+    """Body, cabin and wheels as one object; (object, colour) into `parts`."""
     for size, at in (((4.3, 1.8, 0.62), (0, 0, 0.62)), ((2.3, 1.55, 0.55), (-0.25, 0, 1.2))):
         bpy.ops.mesh.primitive_cube_add(size=1, location=at)
         bpy.context.object.scale = size
@@ -191,14 +228,8 @@ def mesh_car():
         block.data.materials.append(material)
         block.select_set(True)
     bpy.context.view_layer.objects.active = parts[0][0]
+    bpy.context.view_layer.update()
     bpy.ops.object.join()
-    car = bpy.context.object
-    car.name = "mesh car"
-    place = (ego @ Matrix.Translation((11, -3.0, 0))).copy()
-    place.translation.z = road
-    car.matrix_world = place @ Matrix.Translation((0, 0, 0.62)) @ Matrix.Diagonal((4.3, 1.8, 0.62, 1))
-    deselect()
-    return car
 
 
 def among_meshes():
@@ -214,12 +245,13 @@ def among_meshes():
 def composited():
     scene = bpy.context.scene
     plain = render("plain")
-    bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
-    bpy.context.object.data.energy = 4
-    bpy.context.object.data.angle = 0.02
+    with in_view():
+        bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
+    sun = bpy.context.view_layer.objects.active
+    sun.data.energy, sun.data.angle = 4, 0.02
     deselect()
     assert bpy.ops.pags.composite(engine="CYCLES") == {"FINISHED"}
-    scene.cycles.samples, scene.cycles.use_denoising = 32, False
+    scene.cycles.samples, scene.cycles.use_denoising = 24, False
     whole = render("composite")
     keep("composite", os.path.join(FOLDER, "composite.png"))
     red = (whole[..., 0] > whole[..., 1] + 50) & (whole[..., 0] > whole[..., 2] + 50)
