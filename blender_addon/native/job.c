@@ -6,6 +6,14 @@
 #include <string.h>
 #include <time.h>
 
+pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count) {
+  if (job->placements)
+    return pags_compose_placed(scene->composition, job->camera.time, job->placements, job->placement_count, parts,
+                               count);
+  pags_compose(scene->composition, job->camera.time, parts, count);
+  return PAGS_OK;
+}
+
 /* With the lock held. */
 static void unqueue(native_renderer *r, native_job *job) {
   native_job *before = NULL;

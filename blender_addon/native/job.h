@@ -61,10 +61,8 @@ native_wishes native_default_wishes(void);
 /* A job of what is wanted, of no renderer yet. Raises and returns NULL. */
 PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w);
 void native_job_enqueue(native_renderer *renderer, native_job *job);
+/* The parts that it draws, valid until the scene's composition is asked again; with the scene's lock held. */
+pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count);
 /* Waits; a new Picture, or raises. */
 PyObject *native_job_take(const native_state *state, native_job *job);
-/* On a renderer of its own that ends with it; threads 0: all. */
-PyObject *native_render_once(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w,
-                             int threads);
-
 #endif

@@ -1,68 +1,75 @@
-/* Picking: what is seen at a pixel. */
+/* Picking: which Gaussian is met through a pixel, and what it belongs to. */
 #include "job.h"
 
-/* One number of a plane. */
-static double sample(PyObject *picture, const char *plane) {
-  PyObject *buffer = PyObject_GetAttrString(picture, plane);
-  Py_buffer view;
-  double value = 0;
-  if (buffer && PyObject_GetBuffer(buffer, &view, PyBUF_FORMAT | PyBUF_ND) == 0) {
-    value = view.format[0] == 'i' ? (double)*(const int32_t *)view.buf : (double)*(const float *)view.buf;
-    PyBuffer_Release(&view);
+#include <pags/pick.h>
+
+typedef struct found {
+  pags_picked picked;
+  float priority;
+} found;
+
+static void ray_through(const pags_camera *camera, int x, int y, double origin[3], double direction[3]) {
+  const double *m = camera->world_from_camera;
+  double across = (x + 0.5 - camera->cx) / camera->fx, down = (y + 0.5 - camera->cy) / camera->fy;
+  for (int k = 0; k < 3; ++k) {
+    origin[k] = m[4 * k + 3];
+    direction[k] = m[4 * k] * across + m[4 * k + 1] * down + m[4 * k + 2]; /* z of 1: the ray's length is depth */
   }
-  Py_XDECREF(buffer);
-  return value;
 }
 
-static PyObject *describe(native_scene *scene, const pags_camera *camera, double x, double y, PyObject *picture) {
-  int32_t id = (int32_t)sample(picture, "id");
-  double depth = sample(picture, "depth"), priority = sample(picture, "priority"), point[3], ray[3];
-  if (id < 0 || depth <= 0)
+/* With the scene's lock held. */
+static pags_result pick_locked(native_scene *scene, const native_job *job, int x, int y, found *out) {
+  pags_pick_options options = pags_pick_options_default();
+  const pags_part *parts;
+  double origin[3], direction[3];
+  int count;
+  options.nearest = (double)job->options.near_plane;
+  ray_through(&job->camera, x, y, origin, direction);
+  PAGS_TRY(native_scene_need_priorities(scene));
+  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
+  PAGS_TRY(pags_composition_pick(scene->composition, parts, count, origin, direction, &options, &out->picked));
+  out->priority = out->picked.part >= 0 ? scene->priority_of[out->picked.id] : 0;
+  return PAGS_OK;
+}
+
+static PyObject *describe(const found *f) {
+  const pags_picked *p = &f->picked;
+  if (p->part < 0)
     Py_RETURN_NONE;
-  const double *m = camera->world_from_camera;
-  ray[0] = (x + 0.5 - camera->cx) / camera->fx * depth;
-  ray[1] = (y + 0.5 - camera->cy) / camera->fy * depth;
-  ray[2] = depth;
-  for (int k = 0; k < 3; ++k)
-    point[k] = m[4 * k] * ray[0] + m[4 * k + 1] * ray[1] + m[4 * k + 2] * ray[2] + m[4 * k + 3];
-  int32_t object = scene->object_of[id];
-  PyObject *dict = PyDict_New(), *none = Py_None;
-  Py_INCREF(none);
-  bool good =
-      dict && native_put(dict, "id", PyLong_FromLong(id)) && native_put(dict, "depth", PyFloat_FromDouble(depth)) &&
-      native_put(dict, "priority", PyFloat_FromDouble(priority)) && native_put(dict, "point", native_numbers(point, 3));
-  good = good && PyDict_SetItemString(dict, "object", none) == 0;
-  Py_DECREF(none);
-  good = good && (object < 0 || native_put(dict, "object", PyLong_FromLong(object)));
+  PyObject *dict = PyDict_New();
+  bool good = dict && native_put(dict, "id", PyLong_FromLong(p->id)) &&
+              native_put(dict, "depth", PyFloat_FromDouble(p->depth)) &&
+              native_put(dict, "priority", PyFloat_FromDouble((double)f->priority)) &&
+              native_put(dict, "point", native_numbers(p->point, 3)) &&
+              native_put(dict, "object", p->object < 0 ? Py_BuildValue("") : PyLong_FromLongLong(p->object));
   if (good)
     return dict;
   Py_XDECREF(dict);
   return NULL;
 }
 
-/* The whole frame is drawn and one pixel of it kept: a camera of one pixel would bend Gaussians off its axis otherwise (the clamp of the
- * projection's Jacobian follows the picture's edges). */
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"scene", "camera", "x", "y", "threads", WISH_NAMES, NULL};
-  PyObject *scene, *camera, *result = NULL;
-  native_state *state = PyModule_GetState(module);
-  int threads = 0, x, y;
-  pags_camera read;
+  static char *names[] = {"scene", "camera", "x", "y", "placements", NULL};
+  const native_state *state = PyModule_GetState(module);
   native_wishes w = native_default_wishes();
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$i" WISH_FORMAT ":pick", names, &scene, &camera, &x, &y,
-                                   &threads, WISH_TARGETS(w)))
+  PyObject *scene, *camera;
+  found f = {.picked = {.part = -1}};
+  pags_result result;
+  int x, y;
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OOii|$O:pick", names, &scene, &camera, &x, &y, &w.placements))
     return NULL;
-  if (!native_read_camera(camera, &read))
+  native_job *job = (native_job *)native_job_new(state, scene, camera, &w);
+  if (!job)
     return NULL;
-  w.outputs = Py_BuildValue("(ssss)", "id", "depth", "priority", "object");
-  w.window = Py_BuildValue("(iiii)", x, y, 1, 1);
-  w.depth_empty = 0;
-  w.depth_scale = 1;
-  PyObject *picture = w.outputs && w.window ? native_render_once(state, scene, camera, &w, threads) : NULL;
-  if (picture)
-    result = describe((native_scene *)scene, &read, x, y, picture);
-  Py_XDECREF(picture);
-  Py_XDECREF(w.outputs);
-  Py_XDECREF(w.window);
-  return result;
+  if (x < 0 || y < 0 || x >= job->camera.width || y >= job->camera.height) {
+    PyErr_SetString(PyExc_ValueError, "pick: x and y must lie within the picture");
+    Py_DECREF((PyObject *)job);
+    return NULL;
+  }
+  native_scene *of = (native_scene *)scene;
+  Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&of->lock);
+  result = pick_locked(of, job, x, y, &f);
+  pthread_mutex_unlock(&of->lock);
+  Py_END_ALLOW_THREADS Py_DECREF((PyObject *)job);
+  return result == PAGS_OK ? describe(&f) : native_raise(state, result);
 }

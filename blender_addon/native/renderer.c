@@ -29,11 +29,7 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scen
   pags_picture picture;
   double begin = now_ms();
   PAGS_TRY(need_tables(scene, &job->layout));
-  if (job->placements)
-    PAGS_TRY(pags_compose_placed(scene->composition, job->camera.time, job->placements, job->placement_count, &parts,
-                                 &count));
-  else
-    pags_compose(scene->composition, job->camera.time, &parts, &count);
+  PAGS_TRY(native_job_compose(scene, job, &parts, &count));
   PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
   double drawn = now_ms();
   PAGS_TRY(native_planes_fill(tasks, &picture, scene, &job->layout, &job->planes));
@@ -188,7 +184,7 @@ static PyObject *renderer_threads(PyObject *object, void *closure) {
 
 /* ---- At once ---- */
 
-PyObject *native_render_once(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w,
+static PyObject *render_once(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w,
                              int threads) {
   PyObject *renderer = create_renderer(state->renderer, threads), *picture = NULL;
   PyObject *job = renderer ? native_job_new(state, scene, camera, w) : NULL;
@@ -209,7 +205,7 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$i" WISH_FORMAT ":render", names, &scene, &camera, &threads,
                                    WISH_TARGETS(w)))
     return NULL;
-  return native_render_once(PyModule_GetState(module), scene, camera, &w, threads);
+  return render_once(PyModule_GetState(module), scene, camera, &w, threads);
 }
 
 static PyMethodDef renderer_methods[] = {

@@ -61,7 +61,7 @@ def pick(context, values, pose, x, y):
     time = gather.time_of(state, entry, context.scene.frame_current_final)
     camera = gather.camera_for(state, entry, values, pose, time)
     parts = gather.placements(state, entry, time, context.scene.pags.hide_noncritical)
-    found = native.module.pick(entry.scene, camera, x, y, threads=context.scene.pags.threads, placements=parts)
+    found = native.module.pick(entry.scene, camera, x, y, placements=parts)
     if found is not None:
         found["record"] = entry.objects[found["object"]] if found["object"] is not None else None
         found["root"] = state.root_name

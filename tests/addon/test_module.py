@@ -172,6 +172,19 @@ class Drawing(ModuleCase):
         with self.assertRaises(ValueError):
             pags.pick(self.scene, make_camera(), 101, 0)
 
+    def test_pick_depth_and_placements(self):
+        """Depth is along the camera's axis, not the ray; what is placed before another hides it."""
+        view = make_camera(time=101.0)
+        beside = pags.pick(self.scene, view, 35, 50)
+        self.assertEqual(beside["object"], 0)
+        self.assertAlmostEqual(beside["depth"], 10, delta=0.05)  # 10.11 along the ray
+        pose = list(self.scene.pose(0, 101.0))
+        pose[3], pose[7] = ORIGIN[0] + 5, ORIGIN[1] - 0.5  # its Gaussian lies half a metre to the left of its box's middle
+        found = pags.pick(self.scene, view, 50, 50, placements=[(1, self.scene.pose(1, 101.0)), (0, pose)])
+        self.assertEqual(found["object"], 0)
+        self.assertAlmostEqual(found["depth"], 5, delta=0.1)
+        self.assertIsNone(pags.pick(self.scene, view, 50, 50, placements=[]))
+
 
 class Contents(ModuleCase):
     def test_what_it_holds(self):
