@@ -7,7 +7,7 @@
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
-#   make bench-blender SCENE=FOLDER  what the add-on's viewport takes, in a window under Xvfb
+#   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
@@ -52,8 +52,8 @@ check-blender-new: addon
 	ctest --preset release -R '^blender_new\.'
 
 bench-blender: addon
-	PAGS_BENCH_SCENE="$(abspath $(SCENE))" python3 tests/addon/run_blender.py "$(CURDIR)/benchmarks/gui_blender.py" \
-	  "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
+	for script in blender_import gui_blender; do PAGS_BENCH_SCENE="$(abspath $(SCENE))" python3 tests/addon/run_blender.py \
+	  "$(CURDIR)/benchmarks/$$script.py" "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip || exit 1; done
 
 guide: addon build/demo/scene/scene.json
 	PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" PAGS_GUIDE_IMAGES="$(CURDIR)/docs/images" \

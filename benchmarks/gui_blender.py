@@ -1,4 +1,4 @@
-"""How fast the Blender add-on is in a 960x540 viewport: orbiting, scrubbing the timeline, still; import and memory.
+"""How fast the Blender add-on is in a 960x540 viewport: first picture, orbiting, scrubbing the timeline, still.
 
   make bench-blender SCENE=FOLDER
 
@@ -16,7 +16,6 @@ from mathutils import Quaternion
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "..", "tests", "addon"))
 from gui_case import (  # noqa: E402
-    FOLDER,
     PATIENCE,
     empty_scene,
     in_view,
@@ -32,7 +31,6 @@ from gui_case import (  # noqa: E402
 WINDOW = "960x540"
 SCENE, OUTPUT = os.environ["PAGS_BENCH_SCENE"], os.environ.get("PAGS_BENCH_JSON", "")
 SECONDS = float(os.environ.get("PAGS_BENCH_SECONDS", "10"))  # of each movement
-MILLION = 1000000
 figures = {}
 
 
@@ -68,7 +66,6 @@ def story():
     yield from orbiting()
     yield from scrubbing()
     yield from still()
-    yield from million()
     put("load_after", [round(v, 1) for v in os.getloadavg()])
     put("gaussians", native.entry(os.path.abspath(SCENE), True).info["gaussians"])
     if OUTPUT:
@@ -180,26 +177,6 @@ def still():
     tell_parts("still", view.watch)
     ours = np.sum([view.watch.python, view.watch.upload, view.watch.draw]) / max(1, len(view.watch.redraws))
     put("still_blender_ms", round(whole - float(ours), 2))
-
-
-def million():
-    """The background's Gaussians, repeated or cut, as a bare file."""
-    with open(os.path.join(SCENE, "background.ply"), "rb") as file:
-        head = b""
-        while not head.endswith(b"end_header\n"):
-            head += file.readline()
-        lines = head.decode().splitlines()
-        width = 4 * sum(line.startswith("property") for line in lines)
-        rows = np.frombuffer(file.read(), dtype=f"V{width}")
-    lines = [f"element vertex {MILLION}" if line.startswith("element vertex") else line for line in lines]
-    path = os.path.join(FOLDER, "million.ply")
-    with open(path, "wb") as file:
-        file.write(("\n".join(lines) + "\n").encode() + np.resize(rows, MILLION).tobytes())
-    del rows
-    before = memory()
-    put("million_import_seconds", bring_in(path))
-    put("million_memory", [after - b for after, b in zip(memory(), before)])
-    yield 0.1
 
 
 tell(story(), 600 + 20 * SECONDS)

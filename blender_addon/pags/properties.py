@@ -31,6 +31,14 @@ MODES = [
 ]
 
 
+def draw_again(settings, context):
+    """A script's change is seen at once, as one in the panels is."""
+    from . import viewport
+
+    for _, region in viewport.regions():
+        region.tag_redraw()
+
+
 def wipe_moved(settings, context):
     from . import inspector
 
@@ -58,12 +66,14 @@ class PagsCamera(bpy.types.PropertyGroup):
 
 class PagsScene(bpy.types.PropertyGroup):
     sh_degree: IntProperty(
-        name="SH degree", description="Highest degree of view-dependent colour used", default=3, min=0, max=3
+        name="SH degree", description="Highest degree of view-dependent colour used", default=3, min=0, max=3,
+        update=draw_again,
     )
     antialiased: EnumProperty(
         name="Antialiasing",
         description="Whether opacities are scaled by what the low-pass filter takes (Mip-Splatting)",
         items=[("SCENE", "As trained", "As the scene file says"), ("ON", "On", "Always"), ("OFF", "Off", "Never")],
+        update=draw_again,
     )
     early_z: EnumProperty(
         name="Early-Z",
@@ -74,6 +84,7 @@ class PagsScene(bpy.types.PropertyGroup):
             ("bounded", "Bounded", "No colour channel off by more than the bound"),
         ],
         default="off",
+        update=draw_again,
     )
     early_z_eps: FloatProperty(
         name="Bound",
@@ -82,16 +93,20 @@ class PagsScene(bpy.types.PropertyGroup):
         min=1e-5,
         max=0.5,
         precision=4,
+        update=draw_again,
     )
     exposure: BoolProperty(
         name="Recorded exposure",
         description="Through a camera of the recording, expose as training found that camera to expose at that time",
+        update=draw_again,
     )
     exact: BoolProperty(
-        name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it"
+        name="Exact exponential", description="Error of 2e-7 in place of 7.5e-5; final renders always use it",
+        update=draw_again,
     )
     threads: IntProperty(
-        name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256
+        name="Threads", description="Threads of the engine; 0: all processors", default=0, min=0, max=256,
+        update=draw_again,
     )
     deadline: FloatProperty(
         name="Deadline",
@@ -99,16 +114,26 @@ class PagsScene(bpy.types.PropertyGroup):
         default=70,
         min=10,
         max=2000,
+        update=draw_again,
     )
-    mode: EnumProperty(name="Show", description="What the colours of the viewport and of F12 mean", items=MODES)
-    hide_noncritical: BoolProperty(name="Critical only", description="Draw vehicles, pedestrians and cyclists alone")
+    mode: EnumProperty(
+        name="Show",
+        description="What the colours of the viewport and of F12 mean",
+        items=MODES,
+        update=draw_again,
+    )
+    hide_noncritical: BoolProperty(
+        name="Critical only", description="Draw vehicles, pedestrians and cyclists alone", update=draw_again
+    )
     overlay: BoolProperty(
         name="Splats in Solid and Material",
         description="Draw the scene among the meshes in Solid and Material shading, each hiding what is behind it",
         default=True,
+        update=draw_again,
     )
     points: BoolProperty(
-        name="Points", description="Draw the light preview points where the splats aren't drawn", default=True
+        name="Points", description="Draw the light preview points where the splats aren't drawn", default=True,
+        update=draw_again,
     )
     use_pass_heat: BoolProperty(name="Priority heat", description="A pass with the priority as colours")
     wipe: FloatProperty(

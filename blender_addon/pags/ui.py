@@ -51,7 +51,9 @@ class PAGS_PT_show(Sidebar, bpy.types.Panel):
         layout.separator()
         layout.operator("pags.pick", icon="EYEDROPPER")
         if context.scene.pags_picked:
-            layout.label(text=context.scene.pags_picked)
+            lines = layout.column(align=True)
+            for line in context.scene.pags_picked.split(", "):
+                lines.label(text=line)
         layout.operator("pags.compare", icon="IMAGE_DATA")
         layout.prop(settings, "wipe")
         if context.scene.pags_compared:

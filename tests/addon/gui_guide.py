@@ -27,6 +27,7 @@ from gui_case import (  # noqa: E402
     sharp_shot,
     tell,
     view3d,
+    wait,
     window,
 )
 
@@ -34,7 +35,10 @@ from fixtures import read_png  # noqa: E402
 
 WINDOW = "960x600"
 SCENE = os.environ.get("PAGS_GUIDE_SCENE", "")
+STREET = os.path.join(FOLDER, "street")
 IMAGES = os.environ.get("PAGS_GUIDE_IMAGES", FOLDER)
+# Some of them alone: "rendered sidebar" and the like, in this order.
+STEPS = os.environ.get("PAGS_GUIDE_STEPS", "imported rendered sidebar moved meshes composited").split()
 FRAME = int(os.environ.get("PAGS_GUIDE_FRAME", "14"))
 inspector = sys.modules[addon.__name__ + ".inspector"]
 composite = sys.modules[addon.__name__ + ".composite"]
@@ -69,7 +73,10 @@ def picture_of(name):
 
 
 def story():
-    assert bpy.ops.import_scene.pags(filepath=SCENE) == {"FINISHED"}
+    os.symlink(os.path.abspath(SCENE), STREET)
+    with in_view():  # a file that has a place: the scene's path is shown relative to it
+        bpy.ops.wm.save_as_mainfile(filepath=os.path.join(FOLDER, "guide.blend"))
+    assert bpy.ops.import_scene.pags(filepath=STREET) == {"FINISHED"}
     for name in ("Cube", "Light", "Camera"):
         if name in bpy.data.objects:
             bpy.data.objects.remove(bpy.data.objects[name])
@@ -77,23 +84,19 @@ def story():
     overlay = view3d().overlay
     overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
     overlay.show_object_origins = overlay.show_extras = False
-    yield from imported()
-    yield from free_view()
-    yield from sidebar()
-    yield from moved()
-    yield from among_meshes()
-    yield from composited()
+    view3d().shading.type = "RENDERED"
+    for step in STEPS:
+        yield from globals()[step]()
 
 
 def imported():
-    view3d().shading.type = "RENDERED"
     view3d().region_3d.view_perspective = "CAMERA"
     with in_view():
         bpy.ops.view3d.view_center_camera()
     yield from picture_of("imported")
 
 
-def free_view():
+def from_above():
     """From above and behind the recording car."""
     ego = bpy.data.objects["ego"].matrix_world
     rv3d = view3d().region_3d
@@ -101,6 +104,10 @@ def free_view():
     eye, goal = ego @ Vector((-3, 0.5, 2.5)), ego @ Vector((18, -1, -1.0))
     rv3d.view_rotation = (goal - eye).to_track_quat("-Z", "Y")
     rv3d.view_distance, rv3d.view_location = (goal - eye).length, goal
+
+
+def rendered():
+    from_above()
     yield from picture_of("rendered")
 
 
@@ -159,6 +166,8 @@ def open_tab():
 
 def sidebar():
     """A car picked by a click, priorities as colours, the sidebar's tab PAGS."""
+    from_above()
+    yield from wait()
     car, x, y = car_in_sight()
     with in_view():
         bpy.ops.pags.pick("INVOKE_DEFAULT")
@@ -180,6 +189,7 @@ def sidebar():
 
 def moved():
     """A car moved across the street; its Gaussians follow."""
+    from_above()
     before = yield from sharp_shot("before")
     (car, _, _), ego = car_in_sight(), bpy.data.objects["ego"].matrix_world.to_3x3()
     side = (ego.inverted() @ (car.matrix_world.translation - bpy.data.objects["ego"].matrix_world.translation)).y
@@ -198,7 +208,7 @@ def mesh_car():
     scene = bpy.context.scene
     root = next(o for o in scene.objects if o.pags.kind == "ROOT")
     ego = bpy.data.objects["ego"].matrix_world
-    road = root.matrix_world.translation.z + composite.road_height(native.load(os.path.abspath(SCENE)), root)
+    road = root.matrix_world.translation.z + composite.road_height(native.load(STREET), root)
     parts = []
     with in_view():
         build(parts)
@@ -232,7 +242,7 @@ def build(parts):
     bpy.ops.object.join()
 
 
-def among_meshes():
+def meshes():
     mesh_car()
     view3d().shading.type = "SOLID"
     view3d().shading.color_type = "MATERIAL"
