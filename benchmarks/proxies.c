@@ -2,10 +2,14 @@
  *
  * bench_proxies SCENE FILE.glb [TRUTH.json]
  *
- * The street is built again from DATASET/truth/street.json. Each vehicle's true surface is brought into its box's frame, and the
+ * The street is built again from DATASET/truth/street.json; where that is missing, as in data sets of other programs, DATASET/truth/depth and
+ * ids stand for it: then the proxy is compared where training cameras' rays truly meet the vehicle, and nothing is known of the rest.
+ *
+ * Each vehicle's true surface is brought into its box's frame, and the
  * training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed. Measured are the
  * distances from there to the proxy; from places spread evenly over the proxy to the true surface, apart by whether the nearest place
- * of it is observed; what both cover of each picture; the ground's heights below the street's surfaces.
+ * of it is observed; what both cover of each picture; the ground's heights against the street's surfaces
+ * and against the laser's ground in held-out sweeps.
  * The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th percentile of the ground of 0.05 m. */
 #include <math.h>
 #include <stdio.h>
@@ -16,9 +20,12 @@
 #include <base/json.h>
 #include <exporters/compare.h>
 #include <exporters/solid.h>
+#include <pags/image.h>
 #include <pags/scene.h>
 #include <synth/stage.h>
 #include <synth/street_labels.h>
+
+#include "laser_ground.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
 static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
@@ -126,9 +133,11 @@ typedef struct bench {
   double stage_time;
   pags_json_writer json;
   int failures;
+  int pictures; /* 1: the truth is in pictures */
 } bench;
 
-static pags_result read_options(const char *dataset, pags_street_options *out) {
+static pags_result read_options(const char *dataset, pags_street_options *out, int *missing) {
+  *missing = 0;
   *out = pags_street_options_default();
   char *path = pags_path_join(dataset, "truth/street.json");
   pags_json *json;
@@ -136,7 +145,7 @@ static pags_result read_options(const char *dataset, pags_street_options *out) {
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   if (!pags_file_exists(path)) {
-    printf("%s is missing: taken for a street with default options\n", path);
+    *missing = 1;
     free(path);
     return PAGS_OK;
   }
@@ -220,52 +229,109 @@ typedef struct vehicle {
   int64_t pixels;                  /* of the lattice that see it */
   int64_t both, either;            /* silhouettes of truth and proxy, each alone */
   int64_t seen_both, seen_either;  /* where nothing of the street hides them */
+  float *met;                      /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
+  int64_t met_count, met_capacity;
 } vehicle;
 
-static pags_result keep_point(vehicle *v, const double p[3]) {
-  if (v->cloud_count == v->cloud_capacity) {
-    int64_t capacity = 2 * v->cloud_capacity + 4096;
-    float *grown = realloc(v->cloud, (size_t)capacity * 3 * sizeof *grown);
+static pags_result keep_point(float **points, int64_t *count, int64_t *capacity, const double p[3]) {
+  if (*count == *capacity) {
+    int64_t wider = 2 * *capacity + 4096;
+    float *grown = realloc(*points, (size_t)wider * 3 * sizeof *grown);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)capacity);
-    v->cloud = grown;
-    v->cloud_capacity = capacity;
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)wider);
+    *points = grown;
+    *capacity = wider;
   }
   for (int k = 0; k < 3; ++k)
-    v->cloud[3 * v->cloud_count + k] = (float)p[k];
-  ++v->cloud_count;
+    (*points)[3 * *count + k] = (float)p[k];
+  ++*count;
   return PAGS_OK;
 }
 
 /* One ray: what the street shows there, and what truth and proxy by themselves would. */
-static pags_result take_ray(bench *self, vehicle *v, const double box_from_world[12], const double origin[3],
-                            const double direction[3], const pags_touch *touch, int met) {
+static pags_result take_ray(vehicle *v, const double box_from_world[12], const double origin[3], const double direction[3],
+                            double distance, int met, int is_it) {
   double from[3], along[3], p[3];
-  int is_it = met && self->street.placements[touch->placement].actor == v->actor;
   apply(box_from_world, origin, from);
   for (int k = 0; k < 3; ++k)
     along[k] = box_from_world[4 * k] * direction[0] + box_from_world[4 * k + 1] * direction[1] +
                box_from_world[4 * k + 2] * direction[2];
-  double truth = pags_solid_ray(v->truth_solid, from, along, NULL), proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
+  double truth = v->truth_solid ? pags_solid_ray(v->truth_solid, from, along, NULL) : -1, proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
   v->both += truth > 0 && proxy > 0;
   v->either += truth > 0 || proxy > 0;
-  int shows = proxy > 0 && (is_it || !met || proxy < (double)touch->distance);
+  int shows = proxy > 0 && (is_it || !met || proxy < distance);
   v->seen_both += is_it && shows;
   v->seen_either += is_it || shows;
   if (!is_it)
     return PAGS_OK;
   ++v->pixels;
+  if (!v->truth_solid && proxy > 0) {
+    for (int k = 0; k < 3; ++k)
+      p[k] = from[k] + proxy * along[k];
+    PAGS_TRY(keep_point(&v->met, &v->met_count, &v->met_capacity, p));
+  }
   for (int k = 0; k < 3; ++k)
-    p[k] = from[k] + (double)touch->distance * along[k];
-  return keep_point(v, p);
+    p[k] = from[k] + distance * along[k];
+  return keep_point(&v->cloud, &v->cloud_count, &v->cloud_capacity, p);
+}
+
+typedef struct truth_pictures {
+  pags_image depth, ids;
+} truth_pictures;
+
+static pags_result load_pictures(const bench *self, const pags_scene_view *view, truth_pictures *out) {
+  char path[1024];
+  const char *name = pags_path_name(view->name);
+  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
+  *out = (truth_pictures){0};
+  snprintf(path, sizeof path, "%s/truth/depth/%.*s.exr", self->scene.dataset, stem, name);
+  PAGS_TRY(pags_image_load(path, PAGS_F32, 1, &out->depth));
+  snprintf(path, sizeof path, "%s/truth/ids/%.*s.png", self->scene.dataset, stem, name);
+  return pags_image_load(path, PAGS_U16, 1, &out->ids);
+}
+
+/* Number at the end of an id: that of the data set's list. */
+static int number_of(const char *id) {
+  const char *digits = strrchr(id, '_');
+  return digits ? atoi(digits + 1) : -1;
+}
+
+/* Every pixel of where the box may be; distances are camera z, as the directions' z is 1. */
+static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene_view *view, const double box_from_world[12],
+                                 const pags_camera *crop) {
+  truth_pictures p;
+  const pags_camera *camera = &view->camera;
+  const double *m = camera->world_from_camera;
+  const double origin[3] = {m[3], m[7], m[11]};
+  pags_result result = load_pictures(self, view, &p);
+  int x0 = (int)floor(camera->cx - crop->cx + 0.5), y0 = (int)floor(camera->cy - crop->cy + 0.5);
+  for (int y = 0; y < crop->height && result == PAGS_OK; ++y)
+    for (int x = 0; x < crop->width && result == PAGS_OK; ++x) {
+      size_t at = (size_t)(y0 + y) * (size_t)p.ids.width + (size_t)(x0 + x);
+      double depth = (double)((const float *)p.depth.data)[at], direction[3];
+      const double d[3] = {(x + 0.5 - crop->cx) / crop->fx, (y + 0.5 - crop->cy) / crop->fy, 1};
+      for (int k = 0; k < 3; ++k)
+        direction[k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
+      int is_it = ((const uint16_t *)p.ids.data)[at] == number_of(v->record->id) + 1;
+      result = take_ray(v, box_from_world, origin, direction, depth, depth > 0, is_it);
+    }
+  pags_image_destroy(&p.depth);
+  pags_image_destroy(&p.ids);
+  return result;
 }
 
 /* A lattice over where the box may be in the picture. */
-static pags_result take_view(bench *self, vehicle *v, const pags_camera *camera) {
+static pags_result take_view(bench *self, vehicle *v, const pags_scene_view *view) {
+  const pags_camera *camera = &view->camera;
   double world_from_box[12], box_from_world[12], lo[3], hi[3];
   pags_camera own = *camera, crop;
-  PAGS_TRY(set_time(self, camera->time));
-  pags_actor_pose(&self->street.actors[v->actor], camera->time, world_from_box);
+  if (self->pictures) {
+    if (!pags_object_pose(v->record, camera->time, world_from_box))
+      return PAGS_OK;
+  } else {
+    PAGS_TRY(set_time(self, camera->time));
+    pags_actor_pose(&self->street.actors[v->actor], camera->time, world_from_box);
+  }
   pags_rigid_inverse(world_from_box, box_from_world);
   pags_rigid_multiply(box_from_world, camera->world_from_camera, own.world_from_camera);
   for (int k = 0; k < 3; ++k) {
@@ -274,6 +340,8 @@ static pags_result take_view(bench *self, vehicle *v, const pags_camera *camera)
   }
   if (!pags_camera_crop(&own, lo, hi, 0.2, &crop) || crop.width < 6 || crop.height < 6)
     return PAGS_OK;
+  if (self->pictures)
+    return take_pictures(self, v, view, box_from_world, &crop);
   const double *m = camera->world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
   int nx = crop.width < LATTICE ? crop.width : LATTICE, ny = crop.height < LATTICE ? crop.height : LATTICE;
@@ -293,7 +361,8 @@ static pags_result take_view(bench *self, vehicle *v, const pags_camera *camera)
     }
     unsigned met = pags_stage_trace(self->stage, &rays, touches);
     for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r)
-      PAGS_TRY(take_ray(self, v, box_from_world, origin, directions[r], &touches[r], met >> r & 1));
+      PAGS_TRY(take_ray(v, box_from_world, origin, directions[r], (double)touches[r].distance, met >> r & 1,
+                        met >> r & 1 && self->street.placements[touches[r].placement].actor == v->actor));
   }
   return PAGS_OK;
 }
@@ -353,6 +422,14 @@ typedef struct spread {
 
 /* Even over the proxy's area. */
 static void measure_proxy(const vehicle *v, spread *out) {
+  if (!v->truth_solid) {
+    int64_t step = v->met_count / PROXY_SAMPLES + 1;
+    for (int64_t i = 0; i < v->met_count; i += step) {
+      const double p[3] = {(double)v->met[3 * i], (double)v->met[3 * i + 1], (double)v->met[3 * i + 2]};
+      out->seen[out->seen_count++] = pags_solid_distance(v->cloud_solid, p, NULL);
+    }
+    return;
+  }
   double area = pags_shell_area(&v->proxy), owed = 0;
   int64_t n = 0;
   for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
@@ -412,7 +489,7 @@ static pags_result tell(bench *self, vehicle *v, spread *to) {
 static pags_result measure(bench *self, vehicle *v) {
   for (int64_t i = 0; i < self->scene.view_count; ++i)
     if (!self->scene.views[i].test)
-      PAGS_TRY(take_view(self, v, &self->scene.views[i].camera));
+      PAGS_TRY(take_view(self, v, &self->scene.views[i]));
   if (!v->cloud_count) {
     printf("%-16s is seen by no training camera\n", v->record->id);
     return PAGS_OK;
@@ -432,9 +509,8 @@ static pags_result measure(bench *self, vehicle *v) {
 
 /* Ids end with the number of the street's list. */
 static int actor_of(const bench *self, const char *id) {
-  const char *digits = strrchr(id, '_');
-  for (int i = 0; digits && i < self->street.actor_count; ++i)
-    if (self->street.actors[i].number == atoi(digits + 1))
+  for (int i = 0; i < self->street.actor_count; ++i)
+    if (self->street.actors[i].number == number_of(id))
       return i;
   return -1;
 }
@@ -444,12 +520,12 @@ static pags_result measure_node(bench *self, const pags_json_value *node, const 
   for (int64_t i = 0; i < self->scene.object_count; ++i)
     if (!strcmp(self->scene.objects[i].record.id, track))
       v.record = &self->scene.objects[i].record;
-  if (!v.record || v.actor < 0 || v.record->category != PAGS_CATEGORY_VEHICLE)
+  if (!v.record || (v.actor < 0 && !self->pictures) || v.record->category != PAGS_CATEGORY_VEHICLE)
     return PAGS_OK;
   pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &v.proxy);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK && !self->pictures)
     result = true_shell(self, v.actor, &v.truth);
-  if (result == PAGS_OK)
+  if (result == PAGS_OK && !self->pictures)
     result = pags_solid_of_shell(&v.truth, &v.truth_solid);
   if (result == PAGS_OK)
     result = pags_solid_of_shell(&v.proxy, &v.proxy_solid);
@@ -461,6 +537,7 @@ static pags_result measure_node(bench *self, const pags_json_value *node, const 
   pags_shell_destroy(&v.truth);
   pags_shell_destroy(&v.proxy);
   free(v.cloud);
+  free(v.met);
   return result;
 }
 
@@ -537,11 +614,42 @@ static pags_result measure_ground(bench *self, const pags_json_value *node) {
   return result;
 }
 
+static pags_result measure_laser(bench *self, const pags_json_value *node) {
+  pags_shell ground = {0};
+  pags_solid *solid = NULL;
+  pags_laser_ground found;
+  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &ground);
+  if (result == PAGS_OK)
+    result = pags_solid_of_shell(&ground, &solid);
+  if (result == PAGS_OK)
+    result = pags_laser_ground_measure(&self->scene, solid, &found);
+  if (result == PAGS_OK && found.points) {
+    int good = found.error.p95 <= ground_bound;
+    self->failures += !good;
+    printf("ground against %lld points of %lld held-out sweeps: %.3f (p95 %.3f, max %.2f) m, %lld beyond it%s\n",
+           (long long)found.points, (long long)found.sweeps, found.error.mean, found.error.p95, found.error.max,
+           (long long)found.missed, good ? "" : "  <<<");
+    pags_json_begin_object(&self->json, "laser_ground");
+    put_distance(&self->json, "error", &found.error);
+    pags_json_put_integer(&self->json, "points", found.points);
+    pags_json_put_integer(&self->json, "missed", found.missed);
+    pags_json_end_object(&self->json);
+  }
+  pags_solid_destroy(solid);
+  pags_shell_destroy(&ground);
+  return result;
+}
+
 /* ---- */
 
 static pags_result run(bench *self) {
   const pags_json_value *nodes = member(self->file.root, "nodes");
-  PAGS_TRY(read_options(self->scene.dataset ? self->scene.dataset : ".", &self->options));
+  PAGS_TRY(read_options(self->scene.dataset ? self->scene.dataset : ".", &self->options, &self->pictures));
+  char *pictures = pags_path_join(self->scene.dataset ? self->scene.dataset : ".", "truth/ids");
+  int has_truth = !self->pictures || (pictures && pags_dir_exists(pictures));
+  free(pictures);
+  if (self->pictures)
+    printf("no truth/street.json: %s\n", has_truth ? "the truth's pictures stand for it" : "the ground alone is measured, against the laser's");
   PAGS_TRY(pags_street_build(&self->options, &self->street));
   pags_street_number(&self->street);
   PAGS_TRY(pags_stage_create(self->street.meshes, self->street.mesh_count, self->street.placements,
@@ -551,14 +659,17 @@ static pags_result run(bench *self) {
   pags_json_begin_array(&self->json, "objects");
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
     const pags_json_value *track = member(member(node, "extras"), "track");
-    if (track && track->type == PAGS_JSON_STRING && member(node, "mesh"))
+    if (has_truth && track && track->type == PAGS_JSON_STRING && member(node, "mesh"))
       PAGS_TRY(measure_node(self, node, track->text));
   }
   pags_json_end_array(&self->json);
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
     const pags_json_value *name = member(node, "name");
-    if (name && !strcmp(name->text, "ground"))
+    if (!name || strcmp(name->text, "ground") != 0)
+      continue;
+    if (!self->pictures)
       PAGS_TRY(measure_ground(self, node));
+    PAGS_TRY(measure_laser(self, node));
   }
   printf("%d of these exceed the bounds\n", self->failures);
   return PAGS_OK;

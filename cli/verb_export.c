@@ -24,7 +24,7 @@ typedef struct export_arguments {
 #define AT(member) offsetof(export_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_GROUP("Proxies (.glb, .gltf)"),
+    PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda)"),
     PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box", NULL,
                 "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box"),
     PAGS_FLAG("lod", 0, AT(proxy.lod), "all of them in one file by MSFT_lod, in place of --proxy"),
@@ -43,10 +43,12 @@ static const pags_option options[] = {
     PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 0.02, 2, "M", "metres", NULL, "fineness of the background's surface"),
     PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 1, 10000, "M", "metres", NULL,
                "what is farther from the cameras is left out of the background"),
+    PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
     PAGS_FLAG("invisible", 0, AT(proxy.visibility), "KHR_node_visibility: readers that know it show nothing"),
     PAGS_FLAG("physics", 0, AT(proxy.physics), "KHR_physics_rigid_bodies: objects as kinematic bodies"),
     PAGS_GROUP("Gaussians (.ply, .spz, .splat, .pagsz; .glb and .gltf with --splats)"),
     PAGS_FLAG("splats", 0, AT(splats), "write the Gaussians themselves, KHR_gaussian_splatting"),
+    PAGS_FLAG("tracks", 0, AT(splat.tracks), "with --splats: a node for each object, with its track as animation"),
     PAGS_VALUE("time", 0, DOUBLE, AT(time), 0, PAGS_UNLIMITED, "T", "seconds since the scene's begin", NULL,
                "objects are put where they are then"),
     PAGS_VALUE("sh-degree", 0, INT, AT(splat.sh_degree), 0, 3, "0..3", NULL, NULL, "higher terms of colour are cut"),
@@ -61,7 +63,7 @@ static const pags_verb verb = {.name = "export",
                                .usage = "SCENE FILE [options]",
                                .about = "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
                                         "its class, its track as animation and its measured error. Or its Gaussians, for "
-                                        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz.",
+                                        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz. Or both as a USD stage: .usda.",
                                .positionals = positionals,
                                .options = options};
 
@@ -171,6 +173,26 @@ static pags_result export_splats(export_arguments *arguments, pags_scene *scene,
   return pags_session_json(&arguments->session, &writer);
 }
 
+static pags_result export_usd(export_arguments *arguments, pags_scene *scene, const char *path) {
+  watch self = {pags_progress_begin(arguments->session.people), pags_seconds()};
+  int64_t count = 0;
+  pags_json_writer writer;
+  arguments->splat.time = scene->time_begin + arguments->time;
+  arguments->proxy.level = (pags_proxy_level)arguments->level;
+  pags_interrupt_install(arguments->session.tasks);
+  pags_result result =
+      pags_export_usd(scene, path, &arguments->proxy, &arguments->splat, arguments->session.tasks, show, &self, &count);
+  pags_progress_end(&self.progress);
+  PAGS_TRY(result);
+  pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - self.begun);
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_integer(&writer, "gaussians", count);
+  pags_json_end_object(&writer);
+  return pags_session_json(&arguments->session, &writer);
+}
+
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {
   pags_scene scene;
   PAGS_TRY(pags_check_writable(to));
@@ -180,6 +202,8 @@ static pags_result run(export_arguments *arguments, const char *from, const char
   arguments->proxy.chosen = chosen;
   if (result == PAGS_OK && (arguments->splats || pags_export_is_splat(to)))
     result = export_splats(arguments, &scene, to);
+  else if (result == PAGS_OK && !strcmp(pags_path_extension(to), ".usda"))
+    result = export_usd(arguments, &scene, to);
   else if (result == PAGS_OK)
     result = export_proxies(arguments, &scene, to);
   free(chosen);
@@ -194,8 +218,9 @@ int pags_verb_export(int argc, char **argv) {
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   const char *extension = pags_path_extension(parsed.positionals[1]);
-  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && !pags_export_is_splat(parsed.positionals[1]))
-    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz, .splat or .pagsz, got '%s'",
+  if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && strcmp(extension, ".usda") != 0 &&
+      !pags_export_is_splat(parsed.positionals[1]))
+    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
                             parsed.positionals[1]);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

@@ -5,6 +5,7 @@
 #include "backdrop.h"
 
 #include <math.h>
+#include <stdatomic.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -182,11 +183,11 @@ typedef struct naming {
   uint8_t *class_of; /* one a vertex */
 } naming;
 
-static uint8_t vote(const naming *self, const double point[3]) {
+static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
-  for (int64_t s = 0; s < self->sights->count; ++s) {
-    const pags_sight *sight = &self->sights->list[s];
+  for (int64_t s = 0; s < seen_count; ++s) {
+    const pags_sight *sight = &self->sights->list[seen[s]];
     if (!sight->labels || !pags_sight_project(sight, point, &x, &y, &z))
       continue;
     int64_t pixel = (int64_t)y * sight->camera.width + x;
@@ -208,12 +209,17 @@ static uint8_t guess(const float normal[3], const float color[3]) {
 
 static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const naming *self = context;
+  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
   (void)worker;
+  if (!seen)
+    return; /* of class 0 */
+  seen_count = pags_sights_of_run(self->sights, self->shell, begin, end, seen);
   for (int64_t i = begin; i < end; ++i) {
     const float *p = self->shell->positions + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
-    self->class_of[i] = vote(self, point);
+    self->class_of[i] = vote(self, seen, seen_count, point);
   }
+  free(seen);
 }
 
 static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, const pags_shell *shell, uint8_t *class_of) {
@@ -246,87 +252,150 @@ static void drop_ground(pags_shell *shell, const pags_ground *ground) {
   shell->triangle_count = kept;
 }
 
-static pags_result add_class(pags_backdrop *b, const pags_shell *tile, const uint8_t *class_of, int class) {
-  pags_shell part;
-  PAGS_TRY(pags_shell_copy(tile, &part));
-  int64_t kept = 0;
-  for (int64_t i = 0; i < part.triangle_count; ++i) {
-    const uint32_t *t = part.triangles + 3 * i;
+/* What a tile gives: a shell of each class, or none. */
+typedef struct tile {
+  double lo[3], hi[3];
+  int64_t first, last; /* of the points sorted by tile */
+  pags_shell parts[CLASSES];
+  pags_result result;
+  char message[256]; /* of a failure: messages belong to threads */
+} tile;
+
+static pags_result take_class(const pags_shell *whole, const uint8_t *class_of, int class, pags_shell *part) {
+  pags_shell view = *whole; /* borrows the vertices */
+  *part = (pags_shell){0};
+  view.triangles = malloc(((size_t)whole->triangle_count + 1) * 3 * sizeof *view.triangles);
+  if (!view.triangles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)whole->triangle_count);
+  view.triangle_count = 0;
+  for (int64_t i = 0; i < whole->triangle_count; ++i) {
+    const uint32_t *t = whole->triangles + 3 * i;
     /* The class of two corners, else of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
     if (own == class)
-      memmove(part.triangles + 3 * kept++, t, 3 * sizeof(uint32_t));
+      memcpy(view.triangles + 3 * view.triangle_count++, t, 3 * sizeof(uint32_t));
   }
-  part.triangle_count = kept;
-  pags_result result = pags_shell_compact(&part);
+  pags_result result = view.triangle_count ? pags_shell_copy(&view, part) : PAGS_OK;
+  free(view.triangles);
   if (result == PAGS_OK)
-    result = pags_shell_drop_small(&part, least_area);
-  if (result == PAGS_OK && part.triangle_count)
-    return add_chunk(b, class_names[class], &part);
-  pags_shell_destroy(&part);
-  return result;
+    result = pags_shell_compact(part);
+  return result == PAGS_OK ? pags_shell_drop_small(part, least_area) : result;
 }
 
-static pags_result cut_by_class(const pags_workshop *w, pags_backdrop *b, const pags_ground *ground, pags_shell *tile) {
-  drop_ground(tile, ground);
-  PAGS_TRY(pags_shell_compact(tile));
-  PAGS_TRY(pags_shell_drop_small(tile, least_area));
-  if (!tile->triangle_count)
+static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, const pags_ground *ground, pags_shell *whole,
+                                tile *out) {
+  drop_ground(whole, ground);
+  PAGS_TRY(pags_shell_compact(whole));
+  PAGS_TRY(pags_shell_drop_small(whole, least_area));
+  if (!whole->triangle_count)
     return PAGS_OK;
-  if (!pags_shell_paint(tile, &b->sights, 3 * w->options->voxel, w->tasks))
+  if (!pags_shell_paint(whole, &b->sights, 3 * w->options->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
-  uint8_t *class_of = malloc((size_t)tile->vertex_count);
+  uint8_t *class_of = calloc((size_t)whole->vertex_count, 1);
   if (!class_of)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)tile->vertex_count);
-  pags_result result = find_classes(w, b, tile, class_of);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)whole->vertex_count);
+  pags_result result = find_classes(w, b, whole, class_of);
   for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
-    result = add_class(b, tile, class_of, class);
+    result = take_class(whole, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
 }
 
-/* Activates the blocks that depths fall into; returns how many depths do. */
-static int64_t touch_tile(const pags_workshop *w, const pags_sights *sights, const double lo[3], const double hi[3],
-                          pags_grid *grid) {
-  int64_t count = 0;
-  double reach = 3 * grid->step;
+/* Depths as points, those of a tile together; a point near a border belongs to all tiles that it is near to. */
+typedef struct tiling {
+  const pags_workshop *workshop;
+  const pags_backdrop *backdrop;
+  const pags_ground *ground;
+  pags_progress_fn *tell;
+  void *user;
+  double side, step, reach;
+  int64_t origin[2], count[2];
+  tile *tiles;
+  float *points;
+  atomic_llong done;
+  atomic_int stopped;
+} tiling;
+
+static int64_t tile_of(const tiling *t, double x, int axis) {
+  int64_t i = (int64_t)floor(x / t->side) - t->origin[axis];
+  return i < 0 ? 0 : i >= t->count[axis] ? t->count[axis] - 1 : i;
+}
+
+/* Twice over all depths: first counting into `last`, then putting. */
+static void visit_depths(tiling *t) {
+  const pags_sights *sights = &t->backdrop->sights;
   for (int64_t i = 0; i < sights->count; ++i) {
     const pags_sight *s = &sights->list[i];
-    pags_camera crop;
-    if (!pags_camera_crop(&s->camera, lo, hi, 0.2, &crop))
-      continue;
     for (int y = 0; y < s->camera.height; y += 2)
       for (int x = 0; x < s->camera.width; x += 2) {
         double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
-        if (!(depth > 0 && depth < w->options->range))
+        if (!(depth > 0 && depth < t->workshop->options->range))
           continue;
         pags_sight_point(s, x, y, depth, p);
-        if (p[0] < lo[0] - reach || p[0] > hi[0] + reach || p[1] < lo[1] - reach || p[1] > hi[1] + reach)
-          continue;
-        pags_grid_touch(grid, p, reach);
-        ++count;
+        for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); ++v)
+          for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); ++u) {
+            tile *own = &t->tiles[v * t->count[0] + u];
+            for (int k = 0; k < 3 && t->points; ++k)
+              t->points[3 * own->last + k] = (float)p[k];
+            ++own->last;
+          }
       }
   }
-  return count;
 }
 
-static pags_result add_tile(const pags_workshop *w, pags_backdrop *b, const pags_ground *ground, const double lo[3],
-                            const double hi[3], double step) {
-  pags_grid grid;
-  pags_shell tile = {0};
-  PAGS_TRY(pags_grid_create(&grid, lo, hi, step, 1));
-  pags_result result = PAGS_OK;
-  if (touch_tile(w, &b->sights, lo, hi, &grid)) {
-    if (!pags_grid_fuse(&grid, &b->sights, 3 * step, w->options->range, 1, w->tasks))
-      result = pags_fail(PAGS_CANCELLED, "interrupted");
-    if (result == PAGS_OK)
-      result = pags_grid_surface(&grid, 1, &tile);
-    if (result == PAGS_OK)
-      result = cut_by_class(w, b, ground, &tile);
+static pags_result sort_depths(tiling *t) {
+  int64_t total = 0;
+  visit_depths(t);
+  for (int64_t i = 0; i < t->count[0] * t->count[1]; ++i) {
+    int64_t own = t->tiles[i].last;
+    t->tiles[i].first = t->tiles[i].last = total;
+    total += own;
   }
-  pags_shell_destroy(&tile);
+  t->points = malloc(((size_t)total + 1) * 3 * sizeof *t->points);
+  if (!t->points)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)total);
+  visit_depths(t);
+  return PAGS_OK;
+}
+
+static pags_result make_tile(const tiling *t, tile *own) {
+  const pags_workshop *w = t->workshop;
+  pags_grid grid;
+  pags_shell whole = {0};
+  if (own->first == own->last)
+    return PAGS_OK;
+  PAGS_TRY(pags_grid_create(&grid, own->lo, own->hi, t->step, 1));
+  for (int64_t i = own->first; i < own->last; ++i) {
+    const float *p = t->points + 3 * i;
+    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
+    pags_grid_touch(&grid, point, t->reach);
+  }
+  pags_result result = PAGS_OK;
+  if (!pags_grid_fuse(&grid, &t->backdrop->sights, 3 * t->step, w->options->range, 1, w->tasks))
+    result = pags_fail(PAGS_CANCELLED, "interrupted");
+  if (result == PAGS_OK)
+    result = pags_grid_surface(&grid, 1, &whole);
   pags_grid_destroy(&grid);
+  if (result == PAGS_OK)
+    result = cut_by_class(w, t->backdrop, t->ground, &whole, own);
+  pags_shell_destroy(&whole);
   return result;
+}
+
+static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  tiling *t = context;
+  for (int64_t i = begin; i < end; ++i) {
+    tile *own = &t->tiles[i];
+    if (!atomic_load(&t->stopped))
+      own->result = make_tile(t, own);
+    if (own->result != PAGS_OK) {
+      snprintf(own->message, sizeof own->message, "%s", pags_error_message());
+      atomic_store(&t->stopped, 1);
+    }
+    double done = (double)(atomic_fetch_add(&t->done, 1) + 1) / (double)(t->count[0] * t->count[1]);
+    if (worker == 0 && !t->tell(t->user, 0.45 + 0.45 * done, "background: surface"))
+      atomic_store(&t->stopped, 2);
+  }
 }
 
 /* Where depths within range are: the box that holds all but stray ones (a thousandth at either end of each axis). */
@@ -371,51 +440,104 @@ static pags_result find_extent(const pags_workshop *w, const pags_sights *sights
   return PAGS_OK;
 }
 
+static pags_result take_tiles(tiling *t, pags_backdrop *b) {
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; ++i) {
+    if (t->tiles[i].result != PAGS_OK)
+      result = pags_fail(t->tiles[i].result, "%s", t->tiles[i].message);
+    for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
+      if (t->tiles[i].parts[class].triangle_count)
+        result = add_chunk(b, class_names[class], &t->tiles[i].parts[class]);
+  }
+  return result;
+}
+
+/* Tiles are independent: each worker takes the next one. */
 static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
                              pags_backdrop *b) {
   double lo[3], hi[3];
+  tiling t = {.workshop = w, .backdrop = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
   PAGS_TRY(find_extent(w, &b->sights, lo, hi));
-  double side = w->options->chunk, step = side / ceil(side / w->options->voxel); /* tiles meet on points of both grids */
-  int64_t first[2], last[2], done = 0;
+  t.step = t.side / ceil(t.side / w->options->voxel); /* tiles meet on points of both grids */
+  t.reach = 3 * t.step;
   for (int k = 0; k < 2; ++k) {
-    first[k] = (int64_t)floor(lo[k] / side);
-    last[k] = (int64_t)floor(hi[k] / side);
+    t.origin[k] = (int64_t)floor(lo[k] / t.side);
+    t.count[k] = (int64_t)floor(hi[k] / t.side) - t.origin[k] + 1;
   }
-  int64_t count = (last[0] - first[0] + 1) * (last[1] - first[1] + 1);
-  for (int64_t j = first[1]; j <= last[1]; ++j)
-    for (int64_t i = first[0]; i <= last[0]; ++i, ++done) {
-      const double tile_lo[3] = {(double)i * side, (double)j * side, lo[2] - 3 * step};
-      const double tile_hi[3] = {(double)(i + 1) * side - 0.01 * step, (double)(j + 1) * side - 0.01 * step, hi[2] + 3 * step};
-      if (!tell(user, 0.45 + 0.5 * (double)done / (double)count, "background: surface"))
-        return pags_fail(PAGS_CANCELLED, "interrupted");
-      PAGS_TRY(add_tile(w, b, ground, tile_lo, tile_hi, step));
+  int64_t count = t.count[0] * t.count[1];
+  t.tiles = calloc((size_t)count, sizeof *t.tiles);
+  if (!t.tiles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld tiles", (long long)count);
+  for (int64_t i = 0; i < count; ++i) {
+    const int64_t at[2] = {t.origin[0] + i % t.count[0], t.origin[1] + i / t.count[0]};
+    for (int k = 0; k < 2; ++k) {
+      t.tiles[i].lo[k] = (double)at[k] * t.side;
+      t.tiles[i].hi[k] = (double)(at[k] + 1) * t.side - 0.01 * t.step;
     }
-  return PAGS_OK;
+    t.tiles[i].lo[2] = lo[2] - t.reach;
+    t.tiles[i].hi[2] = hi[2] + t.reach;
+  }
+  pags_result result = sort_depths(&t);
+  if (result == PAGS_OK && (!pags_parallel_for(w->tasks, count, 1, make_tiles, &t) || atomic_load(&t.stopped) == 2))
+    result = pags_fail(PAGS_CANCELLED, "interrupted");
+  if (result == PAGS_OK)
+    result = take_tiles(&t, b);
+  for (int64_t i = 0; i < count; ++i)
+    for (int class = 0; class < CLASSES; ++class)
+      pags_shell_destroy(&t.tiles[i].parts[class]);
+  free(t.tiles);
+  free(t.points);
+  return result;
+}
+
+typedef struct decimation {
+  const pags_workshop *workshop;
+  pags_backdrop *backdrop;
+  int64_t total;        /* triangles of all chunks but the ground */
+  pags_result *results; /* one a chunk */
+} decimation;
+
+static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
+  const decimation *d = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    pags_shell *shell = &d->backdrop->chunks[i].shell, simple = {0};
+    if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
+      continue;
+    int64_t budget = (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
+    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_shell_simplify(shell, budget, &simple);
+    pags_shell_destroy(shell);
+    *shell = simple;
+  }
 }
 
 /* Each chunk gets its share of the budget by triangles; what would have fewer than a few is left out. */
 static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
-  int64_t total = 0, kept = 0;
+  int64_t kept = 0;
+  decimation d = {.workshop = w, .backdrop = b};
   for (int64_t i = 0; i < b->chunk_count; ++i)
-    total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].shell.triangle_count : 0;
-  for (int64_t i = 0; i < b->chunk_count; ++i) {
+    d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].shell.triangle_count : 0;
+  if (d.total <= w->options->chunk_triangles)
+    return PAGS_OK;
+  d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
+  if (!d.results)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b->chunk_count);
+  pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d) ? PAGS_OK
+                                                                                          : pags_fail(PAGS_CANCELLED, "interrupted");
+  for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; ++i) {
     pags_chunk *chunk = &b->chunks[i];
-    pags_shell simple = {0};
-    if (strcmp(chunk->class_name, "ground") != 0 && total > w->options->chunk_triangles) {
-      int64_t budget = (int64_t)((double)chunk->shell.triangle_count * (double)w->options->chunk_triangles / (double)total);
-      pags_result result = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_shell_simplify(&chunk->shell, budget, &simple);
-      pags_shell_destroy(&chunk->shell);
-      if (result == PAGS_ERROR_LIMIT)
-        continue;
-      PAGS_TRY(result);
-      chunk->shell = simple;
-    }
+    if (d.results[i] == PAGS_ERROR_LIMIT)
+      continue;
+    if (d.results[i] != PAGS_OK)
+      result = pags_fail(d.results[i], "a chunk of the background can't be decimated");
     b->chunks[kept] = *chunk;
     if (kept++ != i)
       chunk->shell = (pags_shell){0};
   }
-  b->chunk_count = kept;
-  return PAGS_OK;
+  free(d.results);
+  if (result == PAGS_OK)
+    b->chunk_count = kept;
+  return result;
 }
 
 static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_backdrop *out, pags_gaussians *g,

@@ -60,6 +60,12 @@ typedef struct fusion {
   int carve;
 } fusion;
 
+/* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
+static double weigh(const pags_sight *sight, double step, double z) {
+  double pixels = sight->camera.fx * step / z;
+  return fmin(1, pixels * pixels) + 1e-3;
+}
+
 /* What one view says of one point: returns its weight, 0 for nothing. */
 static double ask(const fusion *self, const pags_sight *sight, const double point[3], double *distance) {
   int x, y;
@@ -73,13 +79,16 @@ static double ask(const fusion *self, const pags_sight *sight, const double poin
   if (*distance < -self->truncation)
     return 0;
   *distance = fmin(*distance, self->truncation);
-  /* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
-  double pixels = sight->camera.fx * self->grid->step / z;
-  return fmin(1, pixels * pixels) + 1e-3;
+  return weigh(sight, self->grid->step, z);
 }
 
-static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, const double point[3], int64_t at) {
-  double sum = 0, weight = 0, distance = 0;
+/* Views that say the same of all of a block. */
+typedef struct known {
+  double sum, weight;
+} known;
+
+static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3], int64_t at) {
+  double sum = sure.sum, weight = sure.weight, distance = 0;
   for (int64_t i = 0; i < seen_count; ++i) {
     double w = ask(self, &self->sights->list[seen[i]], point, &distance);
     if (w > 0) {
@@ -93,23 +102,25 @@ static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_cou
   }
 }
 
-/* Whether any of a block of points may lie in the view: its ball against the planes of the view. */
-static bool may_see(const pags_sight *sight, const double middle[3], double radius, double range) {
-  const double *m = sight->camera_from_model;
-  const pags_camera *c = &sight->camera;
-  double p[3];
-  for (int k = 0; k < 3; ++k)
-    p[k] = m[4 * k] * middle[0] + m[4 * k + 1] * middle[1] + m[4 * k + 2] * middle[2] + m[4 * k + 3];
-  if (p[2] < -radius || p[2] > range + radius)
-    return false;
-  const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx}, {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
-  for (int k = 0; k < 2; ++k) {
-    double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
-    double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
-    if (left < -radius || right < -radius)
-      return false;
+/* Sorts the views by what they say of a ball around the block: nothing, that it is free, or point by point (`seen`). */
+static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
+  int64_t count = 0;
+  *sure = (known){0};
+  for (int64_t i = 0; i < self->sights->count; ++i) {
+    const pags_sight *sight = &self->sights->list[i];
+    double z;
+    if (!pags_sight_may_see(sight, middle, radius, self->range))
+      continue;
+    pags_sight_verdict verdict = pags_sight_judge(sight, middle, radius, self->truncation, &z);
+    if (verdict == PAGS_SIGHT_CLEAR && self->carve && z + radius <= self->range) {
+      double w = weigh(sight, self->grid->step, z);
+      sure->sum += w * self->truncation;
+      sure->weight += w;
+    } else if (verdict != PAGS_SIGHT_HIDDEN) {
+      seen[count++] = i;
+    }
   }
-  return true;
+  return count;
 }
 
 static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
@@ -119,20 +130,18 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
                   (int)(block / grid->blocks[0] / grid->blocks[1]) * PAGS_GRID_BLOCK};
   int last[3];
   double middle[3], half = 0.5 * (PAGS_GRID_BLOCK - 1) * grid->step;
-  int64_t seen_count = 0;
+  known sure;
   for (int k = 0; k < 3; ++k) {
     last[k] = first[k] + PAGS_GRID_BLOCK < grid->n[k] ? first[k] + PAGS_GRID_BLOCK : grid->n[k];
     middle[k] = grid->origin[k] + first[k] * grid->step + half;
   }
-  for (int64_t i = 0; i < self->sights->count; ++i)
-    if (may_see(&self->sights->list[i], middle, 1.7321 * half, self->range))
-      seen[seen_count++] = i;
+  int64_t seen_count = choose_views(self, middle, 1.7321 * half, seen, &sure);
   for (int z = first[2]; z < last[2]; ++z)
     for (int y = first[1]; y < last[1]; ++y)
       for (int x = first[0]; x < last[0]; ++x) {
         const double point[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
                                  grid->origin[2] + z * grid->step};
-        fuse_point(self, seen, seen_count, point, ((int64_t)z * grid->n[1] + y) * grid->n[0] + x);
+        fuse_point(self, seen, seen_count, sure, point, ((int64_t)z * grid->n[1] + y) * grid->n[0] + x);
       }
 }
 
@@ -153,6 +162,23 @@ bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncatio
   return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
 }
 
+int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end, int64_t *seen) {
+  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
+  int64_t count = 0;
+  for (int64_t i = 3 * begin; i < 3 * end; ++i) {
+    lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
+  }
+  for (int k = 0; k < 3; ++k) {
+    middle[k] = 0.5 * (lo[k] + hi[k]);
+    radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
+  }
+  for (int64_t s = 0; s < sights->count; ++s)
+    if (pags_sight_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
+      seen[count++] = s;
+  return count;
+}
+
 typedef struct painting {
   pags_shell *surface;
   const pags_sights *sights;
@@ -161,14 +187,18 @@ typedef struct painting {
 
 static void paint_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const painting *self = context;
+  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
   (void)worker;
+  if (!seen)
+    return; /* grey */
+  seen_count = pags_sights_of_run(self->sights, self->surface, begin, end, seen);
   for (int64_t i = begin; i < end; ++i) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
     const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
     double sum[3] = {0}, weight = 0, z;
     int x, y;
-    for (int64_t s = 0; s < self->sights->count; ++s) {
-      const pags_sight *sight = &self->sights->list[s];
+    for (int64_t s = 0; s < seen_count; ++s) {
+      const pags_sight *sight = &self->sights->list[seen[s]];
       if (!pags_sight_project(sight, point, &x, &y, &z))
         continue;
       int64_t pixel = (int64_t)y * sight->camera.width + x;
@@ -183,6 +213,7 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
     for (int c = 0; c < 3; ++c)
       color[c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
   }
+  free(seen);
 }
 
 bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks) {

@@ -40,6 +40,9 @@ bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncatio
  * their edge have a weight of at least 0. */
 pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell *out);
 
+/* Views that may see any of a run of vertices; `seen` has room for all. */
+int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end, int64_t *seen);
+
 /* Colours of vertices: the mean over the views that see them, the nearer the more. Others take the mean of those. */
 bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks);
 

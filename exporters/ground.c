@@ -10,13 +10,14 @@
 #include <string.h>
 
 static const double cell = 0.2;         /* metres */
-static const double farthest = 25;      /* depth beyond which a pixel is too flat on the ground to tell its height; metres */
+static const double farthest = 25, nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
 static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
-enum { LEAST_HEIGHTS = 3, SWEEPS = 200, WINDOW = 2 };
+enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, SWEEPS = 200, WINDOW = 2 };
 
 typedef struct heights {
   int64_t *first; /* cells + 1 */
   float *values;  /* by cell, ascending */
+  const struct heights *close; /* those of near pixels alone */
 } heights;
 
 void pags_ground_destroy(pags_ground *ground) {
@@ -31,11 +32,11 @@ static int64_t cell_of(const pags_ground *g, double x, double y) {
 }
 
 /* The point of a pixel where it and its neighbours make a level plane. */
-static int level_point(const pags_sight *s, int x, int y, double p[3]) {
+static int level_point(const pags_sight *s, int x, int y, double reach, double p[3]) {
   int w = s->camera.width;
   double right[3], below[3], n[3];
   int64_t at = (int64_t)y * w + x;
-  if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > farthest)
+  if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > reach)
     return 0;
   pags_sight_point(s, x, y, (double)s->depth[at], p);
   pags_sight_point(s, x + 1, y, (double)s->depth[at + 1], right);
@@ -55,13 +56,13 @@ static int compare_floats(const void *a, const void *b) {
 }
 
 /* Twice over all pixels: first counting, then putting. */
-static void visit_pixels(const pags_ground *g, const pags_sights *sights, int64_t *count, float *values) {
+static void visit_pixels(const pags_ground *g, const pags_sights *sights, double reach, int64_t *count, float *values) {
   for (int64_t i = 0; i < sights->count; ++i) {
     const pags_sight *s = &sights->list[i];
     for (int y = 0; y + 1 < s->camera.height; ++y)
       for (int x = 0; x + 1 < s->camera.width; ++x) {
         double p[3];
-        int64_t at = level_point(s, x, y, p) ? cell_of(g, p[0], p[1]) : -1;
+        int64_t at = level_point(s, x, y, reach, p) ? cell_of(g, p[0], p[1]) : -1;
         if (at >= 0 && values)
           values[count[at]++] = (float)p[2];
         else if (at >= 0)
@@ -70,12 +71,12 @@ static void visit_pixels(const pags_ground *g, const pags_sights *sights, int64_
   }
 }
 
-static pags_result gather_heights(const pags_ground *g, const pags_sights *sights, heights *out) {
+static pags_result gather_heights(const pags_ground *g, const pags_sights *sights, double reach, heights *out) {
   int64_t cells = (int64_t)g->nx * g->ny;
   int64_t *next = calloc((size_t)cells + 1, sizeof *next);
   out->first = calloc((size_t)cells + 2, sizeof *out->first);
   if (next && out->first) {
-    visit_pixels(g, sights, out->first, NULL);
+    visit_pixels(g, sights, reach, out->first, NULL);
     for (int64_t i = 0; i < cells; ++i)
       out->first[i + 1] += out->first[i];
     memcpy(next, out->first, (size_t)cells * sizeof *next);
@@ -85,15 +86,18 @@ static pags_result gather_heights(const pags_ground *g, const pags_sights *sight
     free(next);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   }
-  visit_pixels(g, sights, next, out->values);
+  visit_pixels(g, sights, reach, next, out->values);
   free(next);
   for (int64_t i = 0; i < cells; ++i)
     qsort(out->values + out->first[i], (size_t)(out->first[i + 1] - out->first[i]), sizeof *out->values, compare_floats);
   return PAGS_OK;
 }
 
-/* The median of a cell's heights within `band` of `expected`; returns how many there are. */
+/* The median of a cell's heights within `band` of `expected`, of near pixels where there are enough; returns how many there are. */
 static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
+  int64_t close = h->close ? median_near(h->close, at, expected, band, median) : 0;
+  if (close >= ENOUGH_HEIGHTS)
+    return close;
   int64_t begin = h->first[at], end = h->first[at + 1];
   while (begin < end && (double)h->values[begin] < expected - band)
     ++begin;
@@ -222,7 +226,7 @@ static pags_result relax(pags_ground *g, const heights *h) {
     for (int64_t i = 0; i < cells; ++i) {
       if (!g->known[i])
         continue;
-      double w = g->known[i] == 1 ? 0.25 * fmin((double)(h->first[i + 1] - h->first[i]), 24) : 0;
+      double w = g->known[i] == 1 ? 0.5 * fmin((double)(h->first[i + 1] - h->first[i]), 24) : 0;
       double sum = w * (double)measured[i];
       for (int d = 0; d < 4; ++d) {
         int64_t x = i % g->nx + dx[d], y = i / g->nx + dy[d];
@@ -239,9 +243,11 @@ static pags_result relax(pags_ground *g, const heights *h) {
 }
 
 static pags_result find(const pags_sights *sights, const double *path, int64_t path_count, double reach, heights *h,
-                        pags_ground *g) {
+                        heights *close, pags_ground *g) {
   int64_t cells = (int64_t)g->nx * g->ny;
-  PAGS_TRY(gather_heights(g, sights, h));
+  PAGS_TRY(gather_heights(g, sights, farthest, h));
+  PAGS_TRY(gather_heights(g, sights, nearer, close));
+  h->close = close;
   double height = camera_height(g, h, path, path_count);
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
   if (!queue)
@@ -277,11 +283,13 @@ pags_result pags_ground_find(const pags_sights *sights, const double *path, int6
   out->y0 = lo[1];
   out->z = calloc((size_t)(nx * ny), sizeof *out->z);
   out->known = calloc((size_t)(nx * ny), 1);
-  heights h = {0};
-  pags_result result = out->z && out->known ? find(sights, path, path_count, reach, &h, out)
+  heights h = {0}, close = {0};
+  pags_result result = out->z && out->known ? find(sights, path, path_count, reach, &h, &close, out)
                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
   free(h.first);
   free(h.values);
+  free(close.first);
+  free(close.values);
   if (result != PAGS_OK)
     pags_ground_destroy(out);
   return result;

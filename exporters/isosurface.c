@@ -96,6 +96,12 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
   }
 }
 
+/* In a block that wasn't fused. */
+static int is_idle(const pags_grid *g, const int cell[3]) {
+  int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] + cell[0] / PAGS_GRID_BLOCK;
+  return g->active && !g->active[block];
+}
+
 pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell *out) {
   marcher self = {grid, out, NULL, (int64_t)grid->n[0] * grid->n[1]};
   *out = (pags_shell){0};
@@ -106,8 +112,12 @@ pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell 
   int cell[3];
   for (cell[2] = 0; cell[2] + 1 < grid->n[2] && !out->failed; ++cell[2]) {
     for (cell[1] = 0; cell[1] + 1 < grid->n[1]; ++cell[1])
-      for (cell[0] = 0; cell[0] + 1 < grid->n[0]; ++cell[0])
-        march_cell(&self, cell, known_only);
+      for (cell[0] = 0; cell[0] + 1 < grid->n[0]; ++cell[0]) {
+        if (known_only && is_idle(grid, cell)) /* its first corner isn't known */
+          cell[0] += PAGS_GRID_BLOCK - 1 - cell[0] % PAGS_GRID_BLOCK;
+        else
+          march_cell(&self, cell, known_only);
+      }
     memset((char *)self.edges + (size_t)(cell[2] % 2) * layer_bytes, 0, layer_bytes); /* becomes the layer after next */
   }
   free(self.edges);

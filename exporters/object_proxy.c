@@ -13,7 +13,7 @@
 #include "base/log.h"
 #include "cage.h"
 
-enum { LEAST_GAUSSIANS = 16, LEAST_PIXELS = 64, MOST_VIEWS = 64, CLUSTER = 64 };
+enum { LEAST_GAUSSIANS = 16, LEAST_PIXELS = 64, MOST_VIEWS = 64, MOST_SIDE = 320, CLUSTER = 64 };
 
 /* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
  * to be the object's; metres. */
@@ -137,7 +137,15 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
   for (int k = 0; k < 3; ++k)
     lo[k] = -reach[k];
-  return pags_camera_crop(&camera, lo, reach, 0.2, out) && out->width >= 6 && out->height >= 6;
+  if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
+    return 0;
+  int side = out->width > out->height ? out->width : out->height;
+  if (side > MOST_SIDE) { /* finer than the grid by far */
+    camera = pags_camera_downscale(&camera, (double)side / MOST_SIDE);
+    if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
+      return 0;
+  }
+  return out->width >= 6 && out->height >= 6;
 }
 
 /* The views that have it in the picture; of more than MOST_VIEWS an even choice. */

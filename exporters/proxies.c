@@ -9,9 +9,10 @@
 #include "base/json.h"
 #include "base/text.h"
 #include "backdrop.h"
+#include "cameras.h"
 #include "compare.h"
 #include "gltf.h"
-#include "object_proxy.h"
+#include "object_set.h"
 #include "proxy_report.h"
 
 enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
@@ -198,61 +199,34 @@ static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts 
   pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
 }
 
-static void measure_surface(const pags_shell *surface, const pags_shell_topology *topology, pags_proxy_facts *facts) {
-  facts->vertices = surface->vertex_count;
-  facts->triangles = surface->triangle_count;
-  facts->closed = topology->closed;
-  facts->volume = topology->closed ? topology->volume : 0;
-}
-
-/* One level of one object: made, measured, put into the file; `mesh` receives its number there. */
-static pags_result add_level(exporter *self, int64_t object, const pags_object_shape *shape, const char *name,
-                             pags_proxy_level level, pags_proxy_facts *facts, int *mesh) {
-  const pags_scene_object *o = &self->workshop.scene->objects[object];
-  pags_shell surface = {0};
-  pags_shell_topology topology;
+/* One level of one object into the file; `mesh` receives its number there. */
+static pags_result add_level(exporter *self, int64_t object, pags_made_level *made, const char *name, int *mesh) {
+  pags_proxy_facts *facts = &made->facts;
   char mesh_name[NAME_SIZE];
-  *facts = (pags_proxy_facts){.name = name,
-                              .class_name = o->record.class_name,
-                              .object = object,
-                              .critical = o->critical,
-                              .moving = o->record.moving,
-                              .gaussians = shape->gaussians.count,
-                              .s_sem = shape->s_sem};
-  PAGS_TRY(pags_object_proxy_make(&self->workshop, object, shape, level, &surface, &facts->level, &facts->note));
-  pags_result result = pags_shell_inspect(&surface, &topology);
-  if (result == PAGS_OK) {
-    measure_surface(&surface, &topology, facts);
-    result = pags_proxy_compare(&surface, &shape->sights, self->workshop.tasks, facts);
-  }
-  if (facts->level == PAGS_PROXY_BOX) /* a label's, not anything a camera saw */
-    facts->observed = 0;
+  facts->name = name;
+  facts->class_name = self->workshop.scene->objects[object].record.class_name;
   if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
     snprintf(mesh_name, NAME_SIZE, "UCX_%.80s_00", name);
   else if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
     snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
   else
     snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
-  if (result == PAGS_OK)
-    *mesh = pags_gltf_mesh(self->gltf, mesh_name, &surface, self->material,
-                           (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) |
-                               (topology.closed ? PAGS_GLTF_MANIFOLD : 0));
-  pags_shell_destroy(&surface);
-  return result == PAGS_OK ? pags_proxy_report_add(self->report, facts) : result;
+  *mesh = pags_gltf_mesh(self->gltf, mesh_name, &made->shell, self->material,
+                         (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
+  return pags_proxy_report_add(self->report, facts);
 }
 
 /* The levels below the finest as nodes outside of the scene, named by MSFT_lod of the node that holds the finest. */
-static pags_result add_coarser(exporter *self, int64_t object, const pags_object_shape *shape, const char *name, int node) {
+static pags_result add_coarser(exporter *self, int64_t object, pags_made_object *made, const char *name, int node) {
   char ids[96] = "", child_name[NAME_SIZE];
   int used = 0;
-  for (int level = PAGS_PROXY_MESH + 1; level < PAGS_PROXY_LEVELS; ++level) {
-    pags_proxy_facts facts;
+  for (int level = 1; level < made->level_count; ++level) {
     int mesh;
-    PAGS_TRY(add_level(self, object, shape, name, (pags_proxy_level)level, &facts, &mesh));
+    PAGS_TRY(add_level(self, object, &made->levels[level], name, &mesh));
     snprintf(child_name, NAME_SIZE, "%.80s_lod%d", name, level);
     int child = pags_gltf_node(self->gltf, -2, child_name);
     pags_gltf_node_mesh(self->gltf, child, mesh);
-    PAGS_TRY(put_extras(self, child, &facts, &self->workshop.scene->objects[object].record));
+    PAGS_TRY(put_extras(self, child, &made->levels[level].facts, &self->workshop.scene->objects[object].record));
     used += snprintf(ids + used, sizeof ids - (size_t)used, "%s%d", used ? "," : "{\"ids\":[", child);
   }
   snprintf(ids + used, sizeof ids - (size_t)used, "]}");
@@ -262,46 +236,40 @@ static pags_result add_coarser(exporter *self, int64_t object, const pags_object
   return PAGS_OK;
 }
 
-static pags_result add_object(exporter *self, int64_t object) {
+static pags_result add_object(exporter *self, int64_t object, pags_made_object *made) {
   const pags_proxy_options *options = self->workshop.options;
   const pags_scene_object *o = &self->workshop.scene->objects[object];
-  pags_object_shape shape = {0};
-  pags_proxy_facts facts;
+  const pags_proxy_facts *facts = &made->levels[0].facts;
   char plain[NAME_SIZE], name[NAME_SIZE], child_name[NAME_SIZE];
   int mesh = -1;
   plain_name(o->record.class_name, plain);
   snprintf(name, NAME_SIZE, "%.60s_%04lld", plain, (long long)object);
-  pags_result result = PAGS_OK;
-  if (options->lod || options->level != PAGS_PROXY_BOX || o->model >= 0 || self->workshop.scene->view_count)
-    result = pags_object_shape_make(&self->workshop, object, &shape);
   int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name);
+  pags_result result = place(self, node, &o->record);
   if (result == PAGS_OK)
-    result = place(self, node, &o->record);
+    result = add_level(self, object, &made->levels[0], name, &mesh);
   if (result == PAGS_OK)
-    result = add_level(self, object, &shape, name, options->lod ? PAGS_PROXY_MESH : options->level, &facts, &mesh);
-  if (result == PAGS_OK)
-    result = put_extras(self, node, &facts, &o->record);
+    result = put_extras(self, node, facts, &o->record);
   if (result == PAGS_OK && (options->lod || options->naming == PAGS_NAMING_UNREAL)) {
     if (options->lod)
       snprintf(child_name, NAME_SIZE, "%.80s_lod0", name);
     else
       snprintf(child_name, NAME_SIZE, "%s%.80s%s",
-               facts.level == PAGS_PROXY_HULL  ? "UCX_"
-               : facts.level == PAGS_PROXY_BOX ? "UBX_"
-                                               : "SM_",
-               name, facts.level >= PAGS_PROXY_HULL ? "_00" : "");
+               facts->level == PAGS_PROXY_HULL  ? "UCX_"
+               : facts->level == PAGS_PROXY_BOX ? "UBX_"
+                                                : "SM_",
+               name, facts->level >= PAGS_PROXY_HULL ? "_00" : "");
     int child = pags_gltf_node(self->gltf, node, child_name);
     pags_gltf_node_mesh(self->gltf, child, mesh);
     if (options->lod)
-      result = add_coarser(self, object, &shape, name, child);
+      result = add_coarser(self, object, made, name, child);
   } else {
     pags_gltf_node_mesh(self->gltf, node, mesh);
   }
   if (result == PAGS_OK && options->physics)
-    put_body(self, node, mesh, &facts, &o->record);
+    put_body(self, node, mesh, facts, &o->record);
   if (options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
-  pags_object_shape_destroy(&shape);
   return result;
 }
 
@@ -428,25 +396,38 @@ static pags_result add_background(exporter *self) {
   return result;
 }
 
+static int tell_objects(void *user, double fraction, const char *what) {
+  const exporter *self = user;
+  return tell(self, self->workshop.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
+}
+
+static pags_result add_objects(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  pags_made_object *made;
+  PAGS_TRY(pags_objects_make(&self->workshop, 1, tell_objects, self, &made));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; ++i)
+    if (made[i].level_count)
+      result = add_object(self, i, &made[i]);
+  pags_objects_destroy(made, scene->object_count);
+  return result;
+}
+
 static pags_result fill(exporter *self) {
   const pags_scene *scene = self->workshop.scene;
   double pose[12];
-  char what[64];
   find_time_zero(self);
   root_pose(scene->up, pose);
   self->root = pags_gltf_node(self->gltf, -1, "scene");
   pags_gltf_node_pose(self->gltf, self->root, pose);
   if (scene->object_count)
     self->material = pags_gltf_material(self->gltf, "proxy", 0);
-  for (int64_t i = 0; i < scene->object_count; ++i) {
-    if (self->workshop.options->chosen && !self->workshop.options->chosen[i])
-      continue;
-    snprintf(what, sizeof what, "object %lld of %lld", (long long)i + 1, (long long)scene->object_count);
-    PAGS_TRY(tell(self, (self->workshop.options->background ? 0.5 : 1) * (double)i / (double)scene->object_count, what));
-    PAGS_TRY(add_object(self, i));
-  }
+  if (scene->object_count)
+    PAGS_TRY(add_objects(self));
   if (self->workshop.options->background)
     PAGS_TRY(add_background(self));
+  if (self->workshop.options->cameras)
+    PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));
   return finish_shapes(self);
 }

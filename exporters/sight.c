@@ -20,6 +20,7 @@ void pags_sights_destroy(pags_sights *sights) {
     free(sights->list[i].cover);
     free(sights->list[i].rgb);
     free(sights->list[i].labels);
+    free(sights->list[i].lo);
   }
   free(sights->list);
   memset(sights, 0, sizeof *sights);
@@ -61,6 +62,30 @@ static void drop_edges(pags_sight *sight, float *scratch) {
     }
 }
 
+static pags_result bound_cells(pags_sight *sight) {
+  int w = sight->camera.width, h = sight->camera.height;
+  sight->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  sight->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
+  sight->lo = malloc(2 * (size_t)count * sizeof *sight->lo);
+  if (!sight->lo)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", w, h);
+  sight->hi = sight->lo + count;
+  for (int64_t i = 0; i < count; ++i) {
+    sight->lo[i] = INFINITY;
+    sight->hi[i] = 0;
+  }
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x) {
+      int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * sight->cells_x + x / PAGS_SIGHT_CELL;
+      float depth = sight->depth[(int64_t)y * w + x];
+      depth = depth < 0 ? INFINITY : depth;
+      sight->lo[at] = depth < sight->lo[at] ? depth : sight->lo[at];
+      sight->hi[at] = depth > sight->hi[at] ? depth : sight->hi[at];
+    }
+  return PAGS_OK;
+}
+
 static pags_result reserve(pags_sights *sights) {
   if (sights->count < sights->capacity)
     return PAGS_OK;
@@ -94,7 +119,7 @@ pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_p
   read_pixels(&picture, sight);
   drop_edges(sight, scratch);
   free(scratch);
-  return PAGS_OK;
+  return bound_cells(sight);
 }
 
 static void transform(const double m[12], const double p[3], double out[3]) {
@@ -139,6 +164,46 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   out->cx -= x0;
   out->cy -= y0;
   return 1;
+}
+
+int pags_sight_may_see(const pags_sight *sight, const double middle[3], double radius, double range) {
+  const pags_camera *c = &sight->camera;
+  double p[3];
+  transform(sight->camera_from_model, middle, p);
+  if (p[2] < -radius || p[2] > range + radius)
+    return 0;
+  const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx}, {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
+  for (int k = 0; k < 2; ++k) {
+    double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
+    double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
+    if (left < -radius || right < -radius)
+      return 0;
+  }
+  return 1;
+}
+
+pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin, double *z) {
+  const pags_camera *c = &sight->camera;
+  double p[3];
+  transform(sight->camera_from_model, middle, p);
+  *z = p[2];
+  double near = p[2] - radius;
+  if (near < 0.1)
+    return PAGS_SIGHT_MIXED;
+  /* A point of the ball is off in u by at most f r (1 + |x / z|) / (z - r). */
+  double u = c->fx * p[0] / p[2] + c->cx, v = c->fy * p[1] / p[2] + c->cy;
+  double du = c->fx * radius * (1 + fabs(p[0] / p[2])) / near, dv = c->fy * radius * (1 + fabs(p[1] / p[2])) / near;
+  if (!(u - du >= 0 && v - dv >= 0 && u + du < c->width && v + dv < c->height))
+    return PAGS_SIGHT_MIXED;
+  int x0 = (int)(u - du) / PAGS_SIGHT_CELL, x1 = (int)(u + du) / PAGS_SIGHT_CELL;
+  int y0 = (int)(v - dv) / PAGS_SIGHT_CELL, y1 = (int)(v + dv) / PAGS_SIGHT_CELL;
+  double lo = HUGE_VAL, hi = 0;
+  for (int y = y0; y <= y1; ++y)
+    for (int x = x0; x <= x1; ++x) {
+      lo = fmin(lo, (double)sight->lo[(int64_t)y * sight->cells_x + x]);
+      hi = fmax(hi, (double)sight->hi[(int64_t)y * sight->cells_x + x]);
+    }
+  return lo >= p[2] + radius + margin ? PAGS_SIGHT_CLEAR : hi < near - margin ? PAGS_SIGHT_HIDDEN : PAGS_SIGHT_MIXED;
 }
 
 int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z) {

@@ -13,6 +13,8 @@ extern "C" {
 #define PAGS_SIGHT_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
 #define PAGS_SIGHT_FREE (-1.0f) /* nothing there: the ray is free all along */
 
+enum { PAGS_SIGHT_CELL = 8 };
+
 typedef struct pags_sight {
   pags_camera camera;          /* of the part of the picture; its world is the model's frame */
   double camera_from_model[12];
@@ -21,6 +23,8 @@ typedef struct pags_sight {
   uint8_t *cover;              /* alpha, 0..255 */
   uint8_t *labels;             /* what its users make of them, one a pixel; NULL: none */
   uint8_t *rgb;                /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
+  int cells_x, cells_y;        /* of PAGS_SIGHT_CELL pixels a side */
+  float *lo, *hi;              /* of a cell's depths: free pixels count as infinite, unknown ones as 0 */
 } pags_sight;
 
 typedef struct pags_sights {
@@ -36,6 +40,17 @@ pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_p
 
 /* Cuts the camera down to where the box `lo`..`hi` of its world may be seen; 0: nowhere. */
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane, pags_camera *out);
+
+/* Whether any point of a ball may be in the picture, no farther than `range`. */
+int pags_sight_may_see(const pags_sight *sight, const double middle[3], double radius, double range);
+
+typedef enum pags_sight_verdict {
+  PAGS_SIGHT_MIXED,  /* look at its points */
+  PAGS_SIGHT_CLEAR,  /* all of it lies before everything seen by at least the margin */
+  PAGS_SIGHT_HIDDEN  /* all of it lies behind it by more than that, or where nothing is known */
+} pags_sight_verdict;
+/* Of a ball that may be seen: how it lies to what is seen where it is in the picture. `z` receives its middle's. */
+pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin, double *z);
 
 /* Pixel and camera z of a point of the model; 0 when it is not in the picture. */
 int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z);

@@ -10,6 +10,7 @@
 
 #include "base/file.h"
 #include "gltf.h"
+#include "owned.h"
 #include "splats.h"
 
 pags_splat_options pags_splat_options_default(void) {
@@ -115,6 +116,56 @@ static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *
   return result;
 }
 
+/* One node an object, in its own frame, with its track; what is nobody's as `background`. */
+static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
+                             const pags_splat_options *options, int degree, int64_t *count) {
+  pags_gaussians g;
+  pags_owned_track track = {0};
+  char name[96];
+  const pags_scene *scene = pags_composition_scene(composition);
+  PAGS_TRY(pags_owned_gaussians(composition, object, options->time, degree, &g));
+  pags_result result = PAGS_OK;
+  if (g.count) {
+    snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
+    int node = pags_gltf_node(gltf, root, name);
+    if (object >= 0)
+      result = pags_owned_track_make(composition, object, time_zero, &track);
+    if (result == PAGS_OK && track.count)
+      pags_gltf_node_pose(gltf, node, track.poses[0]);
+    if (result == PAGS_OK && track.count > 1)
+      pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
+    pags_owned_track_destroy(&track);
+    if (result == PAGS_OK)
+      result = add_points(gltf, node, name, &g);
+    *count += g.count;
+  }
+  pags_gaussians_destroy(&g);
+  return result;
+}
+
+static pags_result save_tracks(const char *path, pags_composition *composition, const pags_splat_options *options, int64_t *count) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  const pags_scene *scene = pags_composition_scene(composition);
+  int degree = pags_owned_degree(composition, options->sh_degree);
+  double time_zero = scene->time_begin;
+  pags_gltf *gltf;
+  PAGS_TRY(pags_gltf_create(&gltf));
+  int root = pags_gltf_node(gltf, -1, "scene");
+  pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
+  pags_result result = PAGS_OK;
+  *count = 0;
+  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; ++i)
+    result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);
+  if (result == PAGS_OK && !*count)
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
+  if (result == PAGS_OK)
+    result = pags_gltf_save(gltf, path);
+  pags_gltf_destroy(gltf);
+  return result;
+}
+
 static pags_result save_packed(const char *path, const pags_scene *scene, const pags_gaussians *g) {
   pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
   memcpy(head.origin, scene->origin, sizeof head.origin);
@@ -141,7 +192,13 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   const pags_part *parts;
   int part_count, degree = 0;
   pags_gaussians baked = {0};
+  int64_t written = 0;
   PAGS_TRY(pags_composition_create(scene, &composition));
+  if (options->tracks) {
+    pags_result saved = save_tracks(path, composition, options, count ? count : &written);
+    pags_composition_destroy(composition);
+    return saved;
+  }
   pags_compose(composition, options->time, &parts, &part_count);
   for (int i = 0; i < part_count; ++i)
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;

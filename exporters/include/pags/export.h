@@ -42,6 +42,7 @@ typedef struct pags_proxy_options {
   double range;             /* depths beyond it are left out of the background, metres; default 60 */
   int cage_level;           /* subdivisions of the cage as written, 0 (the cage itself) to 3; default 1 */
   int background;           /* 1: ground and chunks, too. Default 1 */
+  int cameras;              /* 1: the training views as cameras, and the way of the first of them as a node `ego`. Default 0 */
   int visibility;           /* 1: KHR_node_visibility, proxies invisible (colliders only). Default 0 */
   int physics;              /* 1: KHR_implicit_shapes and KHR_physics_rigid_bodies, kinematic bodies. Default 0 */
 } pags_proxy_options;
@@ -91,6 +92,7 @@ PAGS_API pags_result pags_export_proxies(const pags_scene *scene, const char *pa
 typedef struct pags_splat_options {
   double time;     /* seconds of the scene's clock at which objects are put where they are; NaN: its begin */
   int sh_degree;   /* higher terms are cut, 0..3; default 3 */
+  int tracks;      /* 1: of glTF files, a node for each object in its own frame, with its track as animation. Default 0 */
   int spz_version; /* 3 (gzip, default) or 4 (zstd) */
 } pags_splat_options;
 
@@ -103,6 +105,14 @@ PAGS_API int pags_export_is_splat(const char *path);
  * harmonics), .pagsz (pags/packed.h; with s_sem where all parts have it, without the sky), or .glb and .gltf with KHR_gaussian_splatting. Positions are relative to the scene's origin. Takes the scene's Gaussians
  * (`scene` is zeroed). `count` (may be NULL) receives how many were written. */
 PAGS_API pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count);
+
+/* A USD stage in text (.usda): Z up, metres; Gaussians as ParticleField3DGaussianSplat, each object's below an Xform with its track as time
+ * samples, and the proxies as invisible meshes with UsdPhysics' colliders, objects as kinematic bodies, with semantic labels. Of harmonics
+ * the constant alone where options->sh_degree or the scene's is 0, else all up to degree 3, missing ones zero. Takes the scene as
+ * pags_export_splats does. `count` (may be NULL) receives how many Gaussians were written. */
+PAGS_API pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_proxy_options *proxies,
+                                     const pags_splat_options *splats, pags_tasks *tasks, pags_progress_fn *progress,
+                                     void *user, int64_t *count);
 
 #ifdef __cplusplus
 }

@@ -1,0 +1,17 @@
+/* Heights of a ground mesh against the laser's own ground. */
+#ifndef PAGS_BENCHMARKS_LASER_GROUND_H
+#define PAGS_BENCHMARKS_LASER_GROUND_H
+
+#include <exporters/compare.h>
+#include <exporters/solid.h>
+#include <pags/scene.h>
+
+typedef struct pags_laser_ground {
+  int64_t sweeps, points, missed; /* held-out ones; points of the ground; of these without mesh above or below */
+  pags_proxy_distance error;      /* of heights, metres */
+} pags_laser_ground;
+
+/* Of the sweeps of held-out time steps of the scene's data set, within 25 m of the cameras. `ground` is relative to the scene's origin. */
+pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_solid *ground, pags_laser_ground *out);
+
+#endif
