@@ -24,6 +24,7 @@ all:
 setup:
 	sh scripts/setup.sh
 	sh scripts/segment_venv.sh
+	sh tests/outside/setup.sh
 
 demo: setup
 	$(MAKE) all

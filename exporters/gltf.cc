@@ -325,6 +325,7 @@ int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camer
     out.perspective.yfov = 2 * std::atan(0.5 * camera->height / camera->fy);
     out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);
     out.perspective.znear = 0.01;
+    out.perspective.zfar = 1e5; /* tinygltf would write 0 for infinity, which is no distance */
     gltf->model.cameras.push_back(out);
     return static_cast<int>(gltf->model.cameras.size()) - 1;
   });

@@ -5,6 +5,8 @@ set -u
 needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libcmocka-dev python3"
 # The segmentation tool's environment, the NEON kernels' tests, the Python module, Blender's tests; everything else does without.
 wanted="python3-venv gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
+# Other programs that read what pags export writes, for its tests; whoever has a node of his own keeps it.
+command -v npm >/dev/null || wanted="$wanted nodejs npm"
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "setup: this is no Debian; please see to these yourself:"
@@ -12,7 +14,8 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "  zlib and zstd with their static libraries, OpenImageIO 2.4 to 3, Embree 3 or 4,"
   echo "  protobuf-c with protoc-c, expat, tinygltf, meshoptimizer, qhull, OpenSubdiv, cmocka, Python 3;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
-  echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick"
+  echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick;"
+  echo "  for the exporters' tests: node and npm"
   exit 0
 fi
 
@@ -59,5 +62,5 @@ if [ -n "$missing_needed" ] && ! install $missing_needed; then
 fi
 # shellcheck disable=SC2086
 if [ -n "$missing_wanted" ] && ! install $missing_wanted; then
-  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests, the Python module or Blender's tests"
+  echo "setup: could not install $missing_wanted; going on without the NEON kernels' tests, the Python module, Blender's tests or other programs' readers in the exporters'"
 fi

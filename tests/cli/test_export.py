@@ -1,0 +1,213 @@
+"""pags export: budgets are kept, what is said of a proxy is so, odd objects become boxes, odd scenes give a message or a file."""
+
+import collections
+import json
+import math
+import struct
+
+import fixtures
+import scenes
+from fixtures import Case, main
+
+
+QUICK = ["--range", 15, "--chunk", 40, "--voxel", 0.4]  # of the background
+
+
+class Glb:
+    """A GLB of one buffer, its JSON checked by Python's own reader."""
+
+    def __init__(self, path):
+        data = fixtures.read(path)
+        magic, version, size, json_size, kind = struct.unpack("<IIIII", data[:20])
+        assert (magic, version, size, kind) == (0x46546C67, 2, len(data), 0x4E4F534A), path
+        self.json = json.loads(data[20 : 20 + json_size])
+        self.bytes = data[28 + json_size :]
+
+    def accessor(self, number):
+        item = self.json["accessors"][number]
+        view = self.json["bufferViews"][item["bufferView"]]
+        code = {5126: "f", 5123: "H", 5125: "I"}[item["componentType"]]
+        count = item["count"] * {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}[item["type"]]
+        return struct.unpack_from(f"<{count}{code}", self.bytes, view.get("byteOffset", 0) + item.get("byteOffset", 0))
+
+    def nodes(self):
+        return {node["name"]: node for node in self.json["nodes"]}
+
+    def triangles(self, node):
+        primitive = self.json["meshes"][node["mesh"]]["primitives"][0]
+        corners = self.accessor(primitive["indices"])
+        return [corners[i : i + 3] for i in range(0, len(corners), 3)]
+
+    def positions(self, node):
+        values = self.accessor(self.json["meshes"][node["mesh"]]["primitives"][0]["attributes"]["POSITION"])
+        return [values[i : i + 3] for i in range(0, len(values), 3)]
+
+    def children(self, node):
+        return [self.json["nodes"][i]["name"] for i in node.get("children", [])]
+
+
+def open_edges(triangles):
+    """Edges that don't have exactly two faces, running opposite ways."""
+    edges = collections.Counter()
+    for t in triangles:
+        for k in range(3):
+            edges[t[k], t[(k + 1) % 3]] += 1
+    return sum(1 for (a, b), n in edges.items() if n != 1 or edges[b, a] != 1)
+
+
+def volume(positions, triangles):
+    total = 0.0
+    for a, b, c in triangles:
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = positions[a], positions[b], positions[c]
+        total += ax * (by * cz - bz * cy) - ay * (bx * cz - bz * cx) + az * (bx * cy - by * cx)
+    return total / 6
+
+
+class Proxies(Case):
+    names = ["car_0000", "car_0001", "pedestrian_0002", "rolling_container_0003", "pedestrian_0004"]
+
+    def setUp(self):
+        super().setUp()
+        self.scene = scenes.make_scene(self.path("scene"))
+
+    def export(self, name, *options):
+        facts = self.path("facts.json")
+        done = self.succeeds("export", self.scene, self.path(name), "--json", facts, *options)
+        with open(facts) as file:
+            return Glb(self.path(name)), {p["name"]: p for p in json.load(file)["proxies"]}, done
+
+    def check_objects(self, glb, facts, level, budget):
+        for number, name in enumerate(self.names):
+            node, said = glb.nodes()[name], facts[name]
+            triangles, positions = glb.triangles(node), glb.positions(node)
+            self.assertLessEqual(len(triangles), budget, name)
+            self.assertEqual(len(triangles), said["triangles"], name)
+            self.assertEqual(open_edges(triangles), 0, name)
+            self.assertGreater(volume(positions, triangles), 0.01, name)
+            self.assertTrue(said["watertight"], name)
+            self.assertEqual(node["extras"]["watertight"], said["watertight"])
+            self.assertEqual(node["extras"]["class"], ["Car", "Car", "Pedestrian", "Rolling Container", "Pedestrian"][number])
+            self.assertTrue(all(math.isfinite(v) for p in positions for v in p))
+        for name in self.names[:2]:
+            self.assertEqual(facts[name]["level"], level)
+        for name in ("pedestrian_0002", "pedestrian_0004"):
+            self.assertEqual(facts[name]["level"], "box", name)
+            if level != "box":
+                self.assertIn("too few Gaussians", facts[name]["note"])
+
+    def test_levels(self):
+        for level, budget in (("mesh", 600), ("mesh", 40), ("cage", 600), ("cage", 100), ("hull", 60), ("box", 12)):
+            with self.subTest(level=level, budget=budget):
+                glb, facts, _ = self.export("proxy.glb", "--proxy", level, "--triangles", budget, "--no-background")
+                self.check_objects(glb, facts, level, budget)
+                self.assertNotIn("extensionsRequired", glb.json)
+                if level == "mesh" and budget == 600:
+                    for name in self.names[:2]:
+                        self.assertGreater(facts[name]["error"]["silhouette_iou"], 0.85, name)
+
+    def test_background_budgets(self):
+        glb, facts, _ = self.export("proxy.glb", *QUICK, "--ground-triangles", 300, "--chunk-triangles", 500)
+        nodes = glb.nodes()
+        self.assertLessEqual(len(glb.triangles(nodes["ground"])), 300)
+        chunks = [f for f in facts.values() if f["class"] not in ("Car", "Pedestrian", "Rolling Container", "ground")]
+        self.assertGreater(len(chunks), 0)
+        self.assertLessEqual(sum(f["triangles"] for f in chunks), 500)
+        heights = [p[2] for p in glb.positions(nodes["ground"])]
+        self.assertLess(max(map(abs, heights)), 0.06)  # the street is level at 0, relative to the origin
+        self.assertEqual(glb.json["asset"]["extras"]["origin"], scenes.ORIGIN)
+
+    def test_groups_and_tracks(self):
+        glb, _, _ = self.export("proxy.glb", "--no-background")
+        nodes = glb.nodes()
+        self.assertEqual(glb.children(nodes["scene"]), ["critical", "background"])
+        self.assertEqual(glb.children(nodes["critical"]), ["car", "pedestrian"])
+        self.assertEqual(glb.children(nodes["car"]), ["car_0000", "car_0001"])
+        channels = glb.json["animations"][0]["channels"]
+        moved = {glb.json["nodes"][c["target"]["node"]]["name"] for c in channels}
+        self.assertEqual(moved, {"car_0001", "pedestrian_0002", "rolling_container_0003"})
+        samplers = glb.json["animations"][0]["samplers"]
+        times = glb.accessor(samplers[channels[0]["sampler"]]["input"])
+        self.assertEqual(len(times), 10)
+        for i, time in enumerate(times):
+            self.assertAlmostEqual(time, 0.1 * i, 5)
+        places = glb.accessor(samplers[channels[0]["sampler"]]["output"])
+        self.assertAlmostEqual(places[27], 5 + 0.6 * 9, 4)
+
+    def test_several_files_in_one(self):
+        glb, facts, _ = self.export("proxy.glb", "--lod", "--physics", "--invisible", "--no-background")
+        node = glb.nodes()["car_0001_lod0"]
+        levels = [glb.json["nodes"][i] for i in node["extensions"]["MSFT_lod"]["ids"]]
+        self.assertEqual([len(glb.triangles(levels[-1]))], [12])
+        self.assertEqual(len(node["extras"]["MSFT_screencoverage"]), len(levels) + 1)
+        for name in ("MSFT_lod", "KHR_physics_rigid_bodies", "KHR_node_visibility"):
+            self.assertIn(name, glb.json["extensionsUsed"])
+        self.assertNotIn("extensionsRequired", glb.json)
+
+    def test_unreal_names(self):
+        glb, _, _ = self.export("proxy.glb", "--proxy", "hull", "--naming", "unreal", "--no-background")
+        self.assertIn("UCX_car_0001_00", glb.nodes())
+        self.assertIn("UBX_pedestrian_0002_00", glb.nodes())
+
+    def test_cameras(self):
+        glb, _, _ = self.export("proxy.glb", "--cameras", "--no-background", "--only", "car_1")
+        cameras = [node for node in glb.json["nodes"] if "camera" in node]
+        self.assertEqual(len(cameras), 30)
+        self.assertEqual(len(glb.json["cameras"]), 1)  # all alike
+        nodes = glb.nodes()
+        first = nodes["000_0.00"]
+        for got, wanted in zip(first["translation"], (0, 0, 1.6)):
+            self.assertAlmostEqual(got, wanted, 5)
+        x, y, z, w = first["rotation"]  # what lies at -z of a glTF camera is looked at
+        looked = [-2 * (x * z + w * y), -2 * (y * z - w * x), -(1 - 2 * (x * x + y * y))]
+        for got, wanted in zip(looked, (math.cos(0.15), 0, -math.sin(0.15))):
+            self.assertAlmostEqual(got, wanted, 5)
+        self.assertIn("ego", nodes)
+        targets = [c["target"]["node"] for c in glb.json["animations"][0]["channels"]]
+        self.assertIn(glb.json["nodes"].index(nodes["ego"]), targets)
+
+    def test_one_object(self):
+        glb, facts, _ = self.export("proxy.glb", "--only", "car_1", "--no-background")
+        self.assertEqual(list(facts), ["car_0001"])
+
+
+class Odd(Case):
+    def test_empty_scene(self):
+        scene = scenes.make_empty_scene(self.path("scene"))
+        done = self.succeeds("export", scene, self.path("proxy.glb"))
+        self.assertIn("0 proxies", done.stdout + done.stderr)
+        self.assertEqual(Glb(self.path("proxy.glb")).json["nodes"][0]["name"], "scene")
+        self.fails(["export", scene, self.path("splats.glb"), "--splats"], "no Gaussian")
+
+    def test_bare_file(self):
+        path = self.write("three.ply", fixtures.ply_bytes(fixtures.some_splats()[:3]))
+        self.succeeds("export", path, self.path("proxy.glb"))
+        self.succeeds("export", path, self.path("splats.glb"), "--splats")
+        self.assertEqual(len(Glb(self.path("splats.glb")).json["meshes"]), 1)
+
+    def test_bad_calls(self):
+        path = self.write("some.ply", fixtures.ply_bytes(fixtures.some_splats()))
+        self.fails(["export", path, self.path("proxy.obj")], ".glb", code=2)
+        self.fails(["export", path, self.path("proxy.glb"), "--triangles", "3"], "--triangles", code=2)
+        self.fails(["export", path, self.path("nowhere", "deep", "proxy.glb")], "nowhere")
+        self.fails(["export", self.path("missing"), self.path("proxy.glb")], "missing")
+
+
+class Splats(Case):
+    def test_formats(self):
+        scene = scenes.make_scene(self.path("scene"))
+        for name in ("all.ply", "all.spz", "all.splat"):
+            self.succeeds("export", scene, self.path(name), "--time", "0.3")
+            info = self.path("info.json")
+            self.succeeds("info", self.path(name), "--json", info)
+            with open(info) as file:
+                self.assertGreater(json.load(file)["gaussians"], 5000, name)
+
+    def test_moves(self):
+        scene = scenes.make_scene(self.path("scene"))
+        for time in (0.0, 0.9):
+            self.succeeds("export", scene, self.path(f"{time}.ply"), "--time", time)
+        self.assertNotEqual(fixtures.read(self.path("0.0.ply")), fixtures.read(self.path("0.9.ply")))
+
+
+if __name__ == "__main__":
+    main()

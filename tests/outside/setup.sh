@@ -1,0 +1,28 @@
+#!/bin/sh
+# Installs programs of others that read what pags export writes, for the tests: node modules and usd-core, below this folder. Never fails:
+# nothing else needs them.
+set -u
+cd "$(dirname "$0")" || exit 1
+
+if ! cmp -s package-lock.json node_modules/.of; then
+  if command -v npm >/dev/null; then
+    echo "setup: installing tests/outside/node_modules"
+    if npm ci --no-audit --no-fund --loglevel=error; then
+      cp package-lock.json node_modules/.of
+    else
+      echo "setup: could not install tests/outside/node_modules; going on without these readers"
+    fi
+  else
+    echo "setup: no npm here; going on without gltf-validator and splat-transform in the tests"
+  fi
+fi
+
+if ! cmp -s requirements.txt .venv/requirements.txt; then
+  echo "setup: making tests/outside/.venv"
+  if python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt; then
+    cp requirements.txt .venv/requirements.txt
+  else
+    echo "setup: could not make tests/outside/.venv; going on without usd-core in the tests"
+  fi
+fi
+exit 0
