@@ -12,7 +12,7 @@ trap 'rm -rf "$work"' EXIT
 faults=$work/faults
 : >"$faults"
 
-find . \( -path './.git' -o -path './build*' -o -path '*/__pycache__' -o -name '.venv' \) -prune -o -type f \
+find . \( -path './.git' -o -path './build*' -o -path '*/__pycache__' -o -name '.venv' -o -name node_modules \) -prune -o -type f \
   \( -name '*.[ch]' -o -name '*.inl' -o -name '*.cc' -o -name '*.py' -o -name '*.sh' -o -name '*.cmake' \
   -o -name CMakeLists.txt -o -name Makefile -o -name '*.json' -o -name '*.md' -o -path './.ci/run' \) -print |
   sed 's|^\./||' | sort >"$work/files"
