@@ -1,47 +1,47 @@
 #!/usr/bin/env python3
-"""size_tables.py SCENE: the quantile tables of engine/synth/size_tables.h from a trained synthetic street.
+"""size_tables.py pandaset|street SCENE: the quantile tables of engine/synth/size_tables.h from a trained street.
 
-SCENE is what `pags train` made of a `pags synth street` data set; its geometry is known, so regions are boxes in the world. Taken are the
-background's Gaussians in the stretch 8 m < x < 45 m, which the recording car drove along. Standard library only.
+pandaset: SCENE is what `pags train pandaset-002 --iterations 10000` made (grounds, fronts). street: what `pags train` made of `pags synth
+street` (things). Regions are boxes (u, d, z) in metres: u along the street, d to the left of the recording car; in pandaset-002's
+world the street runs at 45 degrees. Standard library only.
 """
 
+import array
 import math
-import struct
 import sys
 
 SHARES = (1, 5, 15, 30, 50, 70, 85, 95, 99)
-SPAN = (8.0, 45.0)
+
+# By data set: the street's direction in degrees; boxes from, to, and the area in square metres that their density refers to, or None
+SETS = {
+    "pandaset": (
+        45,
+        {
+            "ground": [((12, -2, -0.6), (34, 6, 0.4), 22 * 8)],
+            "fronts": [((-4, 26.5, 1), (10, 31.5, 5), 14 * 4), ((20, 20, 1), (26, 23.5, 4), 6 * 3)],
+        },
+    ),
+    "street": (0, {"things": [((8, 3.2, 0.35), (45, 8.7, 8), None), ((8, -12.1, 0.35), (45, -6.5, 8), None)]}),
+}
 
 
 def read_ply(path):
-    """A dict of columns."""
+    """A dict of columns, all of them floats."""
     with open(path, "rb") as stream:
-        names, kinds, count = [], "", 0
+        names = []
         while True:
             words = stream.readline().decode("ascii").split()
-            if words[0] == "element":
-                count = int(words[2])
             if words[0] == "property":
                 names.append(words[2])
-                kinds += {"float": "f", "int": "i"}[words[1]]
             if words[0] == "end_header":
                 break
-        row = struct.Struct("<" + kinds)
-        columns = list(zip(*row.iter_unpack(stream.read(count * row.size))))
-    return dict(zip(names, columns))
+        values = array.array("f")
+        values.frombytes(stream.read())
+    return {name: values[k :: len(names)] for k, name in enumerate(names)}
 
 
-def on_ground(y, z):
-    return -8.6 < y < 5.3 and abs(z) < 0.3
-
-
-def on_fronts(y, z):
-    return 0.5 < z < 9 and (8.7 < y < 10.8 or -14.2 < y < -12.1)
-
-
-def on_things(y, z):
-    """Parked cars and trees between the lanes and the fronts."""
-    return 0.35 < z < 8 and (3.2 < y < 8.7 or -12.1 < y < -6.5)
+def inside(row, boxes):
+    return any(all(a < v < b for a, v, b in zip(box[0], row, box[1])) for box in boxes)
 
 
 def quantiles(values):
@@ -49,25 +49,42 @@ def quantiles(values):
     return [values[min(len(values) - 1, int(len(values) * share / 100))] for share in SHARES]
 
 
+def ranks(values):
+    out = [0] * len(values)
+    for place, i in enumerate(sorted(range(len(values)), key=values.__getitem__)):
+        out[i] = place
+    return out
+
+
+def correlation(a, b):
+    """Spearman's."""
+    a, b = ranks(a), ranks(b)
+    middle = (len(a) - 1) / 2
+    return sum((x - middle) * (y - middle) for x, y in zip(a, b)) / sum((x - middle) ** 2 for x in a)
+
+
 def main():
-    ply = read_ply(sys.argv[1] + "/background.ply")
+    degrees, regions = SETS[sys.argv[1]]
+    ply = read_ply(sys.argv[2] + "/background.ply")
+    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+    places = [(c * x + s * y, c * y - s * x, z) for x, y, z in zip(ply["x"], ply["y"], ply["z"])]
     print("/* quantiles at", ", ".join(map(str, SHARES)), "per cent */")
-    for name, inside in (("ground", on_ground), ("fronts", on_fronts), ("things", on_things)):
-        rows = {"ln_long": [], "ln_middle_by_long": [], "ln_short_by_middle": [], "logit_opacity": []}
-        for i, (x, y, z) in enumerate(zip(ply["x"], ply["y"], ply["z"])):
-            if SPAN[0] < x < SPAN[1] and inside(y, z):
+    for name, boxes in regions.items():
+        keys = ("ln_long", "ln_middle_by_long", "ln_short_by_middle", "logit_opacity")
+        rows = {key: [] for key in keys}
+        for i, place in enumerate(places):
+            if inside(place, boxes):
                 long, middle, short = sorted((max(ply[f"scale_{k}"][i], -12.0) for k in range(3)), reverse=True)
-                rows["ln_long"].append(long)
-                rows["ln_middle_by_long"].append(middle - long)
-                rows["ln_short_by_middle"].append(short - middle)
-                rows["logit_opacity"].append(ply["opacity"][i])
+                for key, value in zip(keys, (long, middle - long, short - middle, ply["opacity"][i])):
+                    rows[key].append(value)
         count = len(rows["ln_long"])
         print(f"/* {name}: {count} Gaussians */")
         for key, values in rows.items():
             print(f".{key} = {{" + ", ".join(f"{v:.3f}f" for v in quantiles(values)) + "},")
-        if name == "ground":
-            print(f"/* {count / (13.9 * (SPAN[1] - SPAN[0])):.1f} per square metre */")
-    rest = [v for name, column in ply.items() if name.startswith("f_rest_") for v in column]
+        print(" ".join(f"{a} {b} {correlation(rows[a], rows[b]):.2f};" for n, a in enumerate(keys) for b in keys[:n]))
+        if boxes[0][2]:
+            print(f"/* {count / sum(box[2] for box in boxes):.1f} per square metre */")
+    rest = [v for name, column in ply.items() if name.startswith("f_rest_") for v in column[::16]]
     print(f"/* degree 1: standard deviation {math.sqrt(sum(v * v for v in rest) / max(len(rest), 1)):.4f} */")
 
 

@@ -1,21 +1,26 @@
-/* Sizes and opacities of a trained street's Gaussians, as quantiles.
+/* Sizes and opacities of trained streets' Gaussians, as quantiles.
  *
- * Measured by scripts/size_tables.py on the background of a scene that `pags train` made of `pags synth street` (40 frames, 3 cameras of
- * 480x270; 3,000 steps, degree 1, 350 thousand Gaussians), in the 37 m that the recording car drove along: on the road and the pavements
- * (82 thousand Gaussians), on house fronts 0.5 to 9 m high (88 thousand), on parked cars and trees (59 thousand). The axes of a
- * Gaussian are sorted by length; their logarithms' differences and the opacity are taken as independent (measured correlations of the three
- * and the logit of opacity: 0.45 long to middle axis, below 0.1 with opacity). There were 160 Gaussians a square metre of road and 139 of
- * fronts. */
+ * Measured by scripts/size_tables.py. Ground and fronts: on the background of the real street that `pags train pandaset-002 --iterations 10000`
+ * made (3 cameras of 960x540, degree 1, 753 thousand Gaussians), on 22 x 8 m of road before the car (33 thousand Gaussians) and on two house
+ * fronts 20 and 28 m beside it (8 thousand). Things: on parked cars and trees of a street of `pags synth street` (40 frames, 3 cameras of 480x270;
+ * 3,000 steps; 59 thousand), because the real one has few of them in sight. The same fronts in that synthetic street, which was trained for
+ * so much shorter, are fainter: half the opacities below 0.12 against 0.27 here, and optically 4 thick against 8 to 14 (sum of -ln(1 - alpha)
+ * square to the wall). The axes of a Gaussian are sorted by length. The logarithm of the longest, the differences to the others and the logit of opacity
+ * are drawn with the rank correlations of opacity with the first two; those between the axes are below 0.13. */
 #ifndef PAGS_SYNTH_SIZE_TABLES_H
 #define PAGS_SYNTH_SIZE_TABLES_H
 
 enum { PAGS_QUANTILES = 9 };
 
-#define PAGS_TRAINED_DENSITY 150.0 /* Gaussians a square metre */
-#define PAGS_TRAINED_LEAVES 0.25f  /* share of that on leaves, so that crowns close */
-#define PAGS_TRAINED_CARS 1.5f    /* on cars and people: about 230 a square metre of the parked cars' street side */
+/* Gaussians a square metre */
+#define PAGS_TRAINED_DENSITY 150.0 /* where nothing below applies: of the synthetic street; the unit of pags_surface.area */
+#define PAGS_TRAINED_FRONTS 107.0  /* 81 to 133 */
+#define PAGS_TRAINED_GROUND 189.0
+#define PAGS_TRAINED_CARS 225.0    /* cars and people: the street side of parked cars */
+#define PAGS_TRAINED_LEAVES 37.0   /* so that crowns close */
+
 #define PAGS_TRAINED_SPREAD 0.03f  /* sigma of the distance from the surface, metres: half of what road and fronts showed */
-#define PAGS_TRAINED_DEGREE_1 0.0185f /* standard deviation of each coefficient of degree 1 */
+#define PAGS_TRAINED_DEGREE_1 0.0354f /* standard deviation of each coefficient of degree 1 */
 
 static const float pags_quantile_shares[PAGS_QUANTILES] = {0.01f, 0.05f, 0.15f, 0.30f, 0.50f, 0.70f, 0.85f, 0.95f, 0.99f};
 
@@ -23,19 +28,24 @@ typedef struct pags_size_table {
   float ln_long[PAGS_QUANTILES]; /* ln sigma of the longest axis, metres */
   float ln_middle_by_long[PAGS_QUANTILES], ln_short_by_middle[PAGS_QUANTILES];
   float logit_opacity[PAGS_QUANTILES];
+  float opacity_with_long, opacity_with_middle; /* rank correlations of the last with the first and the second */
 } pags_size_table;
 
 static const pags_size_table pags_size_ground = {
-    .ln_long = {-3.152f, -2.852f, -2.596f, -2.409f, -2.224f, -2.037f, -1.843f, -1.599f, -1.280f},
-    .ln_middle_by_long = {-2.380f, -1.678f, -1.115f, -0.712f, -0.420f, -0.234f, -0.115f, -0.037f, -0.008f},
-    .ln_short_by_middle = {-2.822f, -1.821f, -0.926f, -0.554f, -0.341f, -0.196f, -0.098f, -0.032f, -0.006f},
-    .logit_opacity = {-6.613f, -5.925f, -3.438f, -2.531f, -1.711f, -0.742f, 0.502f, 1.946f, 3.222f}};
+    .ln_long = {-4.273f, -3.641f, -3.102f, -2.670f, -2.277f, -1.917f, -1.611f, -1.282f, -0.916f},
+    .ln_middle_by_long = {-3.490f, -2.471f, -1.654f, -1.075f, -0.641f, -0.338f, -0.159f, -0.051f, -0.010f},
+    .ln_short_by_middle = {-3.709f, -2.727f, -1.815f, -1.145f, -0.704f, -0.391f, -0.187f, -0.058f, -0.011f},
+    .logit_opacity = {-5.538f, -4.351f, -3.011f, -2.020f, -0.932f, 0.685f, 2.706f, 4.501f, 6.027f},
+    .opacity_with_long = 0.02f,
+    .opacity_with_middle = -0.08f};
 
 static const pags_size_table pags_size_fronts = {
-    .ln_long = {-2.893f, -2.438f, -2.149f, -1.955f, -1.768f, -1.574f, -1.350f, -1.012f, -0.497f},
-    .ln_middle_by_long = {-3.978f, -3.077f, -2.265f, -1.559f, -0.864f, -0.417f, -0.181f, -0.056f, -0.011f},
-    .ln_short_by_middle = {-3.542f, -2.435f, -1.566f, -0.970f, -0.552f, -0.297f, -0.140f, -0.046f, -0.009f},
-    .logit_opacity = {-6.571f, -5.030f, -3.523f, -2.744f, -1.984f, -1.093f, 0.216f, 2.127f, 3.899f}};
+    .ln_long = {-3.047f, -2.646f, -2.301f, -2.052f, -1.714f, -1.214f, -0.853f, -0.488f, -0.072f},
+    .ln_middle_by_long = {-6.627f, -4.403f, -2.771f, -1.760f, -0.998f, -0.528f, -0.237f, -0.072f, -0.012f},
+    .ln_short_by_middle = {-4.585f, -3.470f, -2.282f, -1.444f, -0.802f, -0.427f, -0.193f, -0.060f, -0.011f},
+    .logit_opacity = {-5.540f, -4.679f, -3.548f, -2.463f, -0.985f, 0.620f, 2.257f, 4.114f, 5.911f},
+    .opacity_with_long = 0.38f,
+    .opacity_with_middle = 0.10f};
 
 static const pags_size_table pags_size_things = {
     .ln_long = {-3.501f, -3.133f, -2.790f, -2.526f, -2.262f, -1.997f, -1.752f, -1.453f, -1.054f},

@@ -44,6 +44,26 @@ static bool is_critical(uint8_t label) {
   return label == PAGS_CLASS_CAR || label == PAGS_CLASS_PERSON || label == PAGS_CLASS_RIDER || label == PAGS_CLASS_BICYCLE;
 }
 
+static const pags_size_table *table_of(uint8_t label) {
+  switch (label) {
+    case PAGS_CLASS_ROAD:
+    case PAGS_CLASS_SIDEWALK:
+    case PAGS_CLASS_TERRAIN: return &pags_size_ground;
+    case PAGS_CLASS_BUILDING: return &pags_size_fronts;
+    default: return &pags_size_things;
+  }
+}
+
+/* Gaussians a square metre. */
+static double density_of(const pags_material *material) {
+  const pags_size_table *table = table_of(material->label);
+  return material->finish == PAGS_FINISH_LEAF ? PAGS_TRAINED_LEAVES
+         : is_critical(material->label)       ? PAGS_TRAINED_CARS
+         : table == &pags_size_fronts         ? PAGS_TRAINED_FRONTS
+         : table == &pags_size_ground         ? PAGS_TRAINED_GROUND
+                                              : PAGS_TRAINED_DENSITY;
+}
+
 /* Half the cross product of the diagonals: right for flat quads, and for triangles, whose last corner repeats. */
 static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_t face) {
   float first[3], second[3], normal[3];
@@ -53,10 +73,7 @@ static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_
   }
   cross(first, second, normal);
   const pags_material *material = &town->materials.list[mesh->materials[face]];
-  const double weight = material->finish == PAGS_FINISH_LEAF   ? (double)PAGS_TRAINED_LEAVES
-                        : is_critical(material->label)        ? (double)PAGS_TRAINED_CARS
-                                                               : 1.0;
-  return 0.5 * (double)sqrtf(dot(normal, normal)) * weight;
+  return 0.5 * (double)sqrtf(dot(normal, normal)) * density_of(material) / PAGS_TRAINED_DENSITY;
 }
 
 static pags_result add_up_mesh(const pags_street *town, int index, pags_surface *out) {
@@ -163,16 +180,6 @@ static float quantile(const float table[PAGS_QUANTILES], double share) {
   return table[i] + (table[i + 1] - table[i]) * (t < 0.0f ? 0.0f : t > 1.0f ? 1.0f : t);
 }
 
-static const pags_size_table *table_of(uint8_t label) {
-  switch (label) {
-    case PAGS_CLASS_ROAD:
-    case PAGS_CLASS_SIDEWALK:
-    case PAGS_CLASS_TERRAIN: return &pags_size_ground;
-    case PAGS_CLASS_BUILDING: return &pags_size_fronts;
-    default: return &pags_size_things;
-  }
-}
-
 /* What is drawn by chance about one Gaussian. */
 typedef struct spot {
   facet face;
@@ -182,15 +189,30 @@ typedef struct spot {
   pags_touch touch; /* what the shading looks at: the centre */
 } spot;
 
+/* The share of a normal distribution below. */
+static double share_below(double z) {
+  return 0.5 * erfc(-z * 0.70710678118654752);
+}
+
+/* Three of the table's four columns, drawn jointly: normal deviates of its correlations say which quantiles (a Gaussian copula). */
+static void choose_quantiles(const pags_size_table *table, const double draw[2], const double other[2], float *ln_long,
+                             float *ln_middle, float *logit) {
+  const double a = (double)table->opacity_with_long, b = (double)table->opacity_with_middle;
+  *ln_long = quantile(table->ln_long, share_below(draw[0]));
+  *ln_middle = *ln_long + quantile(table->ln_middle_by_long, share_below(draw[1]));
+  *logit = quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
+}
+
 /* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the face. */
 static void choose_size(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
   const uint64_t seed = s->town->options->seed;
   const facet *f = &out->face;
   const pags_size_table *table = table_of(f->material->label);
-  double size[2], shape[2];
-  pags_rng_uniform2(seed, a + DRAW_SIZE, row, size);
-  pags_rng_uniform2(seed, a + DRAW_SHAPE, row, shape);
-  const float ln_long = quantile(table->ln_long, size[0]), ln_middle = ln_long + quantile(table->ln_middle_by_long, shape[0]);
+  double draw[2], other[2];
+  float ln_long, ln_middle;
+  pags_rng_normal2(seed, a + DRAW_SIZE, row, draw);
+  pags_rng_normal2(seed, a + DRAW_SHAPE, row, other);
+  choose_quantiles(table, draw, other, &ln_long, &ln_middle, &out->logit);
   const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
   const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
   const float c = cosf(turn), d = sinf(turn);
@@ -205,8 +227,7 @@ static void choose_size(const pags_surface *s, spot *out, uint64_t a, uint64_t r
               least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
   out->ln_sigma[0] = fminf(ln_long, most);
   out->ln_sigma[1] = fminf(ln_middle, least);
-  out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, shape[1]);
-  out->logit = quantile(table->logit_opacity, size[1]);
+  out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, share_below(other[1]));
 }
 
 /* A share of a side, kept 0.7 sigma away from its ends so that faces' borders stay sharp. */

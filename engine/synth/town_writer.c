@@ -13,6 +13,7 @@
 #include "synth/surface.h"
 
 enum { CAMERAS = 3, SKY_SIZE = 256, PROBES = 6000, FITS = 3 };
+#define SHORTEST_BLOCK 12.0 /* metres: one house */
 
 pags_town_options pags_town_options_default(void) {
   return (pags_town_options){.gaussians = 2000000, .density = 1.0, .width = 960, .height = 540, .frames = 24};
@@ -59,11 +60,12 @@ static pags_result raise_town(town_maker *m) {
   return PAGS_OK;
 }
 
-/* A street's metre has about 60 square metres that are seen. About as many streets as columns of blocks; blocks then as long as makes the
- * surface right, found by measuring towns of other lengths. */
+/* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the middle street several
+ * blocks stand behind each other; blocks then as long as makes the surface right, found by measuring towns of other lengths. */
 static pags_result plan_town(town_maker *m) {
-  const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 60.0;
-  const int streets = (int)(sqrt(metres / 30.0) + 0.5);
+  const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 90.0;
+  const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street */
+  const int streets = (int)fmin(sqrt(metres / 9.0) + 0.5, metres / shortest);
   m->plan.streets = streets < 2 ? 2 : streets;
   const int columns = (int)(metres / m->plan.streets / 36.0 + 0.5);
   m->plan.columns = columns < 2 ? 2 : columns;
@@ -73,7 +75,7 @@ static pags_result plan_town(town_maker *m) {
     const double block = (double)m->plan.block * wanted / m->seen;
     if (fabs(wanted / m->seen - 1.0) < 0.01 || fit + 1 == FITS)
       break;
-    m->plan.block = (float)fmin(fmax(block, 16.0), 60.0);
+    m->plan.block = (float)fmin(fmax(block, SHORTEST_BLOCK), 60.0);
   }
   return PAGS_OK;
 }

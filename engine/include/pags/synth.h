@@ -91,9 +91,9 @@ typedef struct pags_town_facts { /* what was made */
 } pags_town_facts;
 
 /* Gaussians of degree 1 on the surfaces of a town made of the street's own houses, trees, cars and people: parallel streets with blocks of
- * houses between them, cut by lanes. No training: sizes and opacities are drawn from a trained street's histograms, colours from the
+ * houses between them, cut by lanes. No training: sizes and opacities are drawn jointly from trained streets' histograms, colours from the
  * street's shading; only what the streets see is covered. The town is as large as `gaussians` cover at a trained street's density
- * (150 a square metre); fewer than about 800 thousand make the smallest town, two streets of two blocks, thinner than that. Writes a
+ * (about 150 a square metre, by surface); fewer than about 900 thousand make the smallest town, two streets of two blocks, thinner than that. Writes a
  * scene folder (docs/scene.md) with s_sem 1 on cars, people and bicycles and 0 elsewhere, a sky, and as views a drive along
  * the middle street 1.6 m above it, cameras in front, 50 degrees to the left and to the right. World z up, metres. The same
  * bytes for any number of threads. `progress` and `facts` may be NULL. Errors as pags_synth_room. */
