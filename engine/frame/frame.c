@@ -180,6 +180,8 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
  * of the next; the first has nothing to go by. */
 static bool wants_slabs(const pags_frame *frame) {
   const double enough = 0.35;
+  if (frame->options.tiles)
+    return true;
   if (frame->options.early_z == PAGS_EARLY_Z_OFF || frame->options.order != PAGS_ORDER_DEPTH)
     return false;
   return frame->options.slab_size > 0 || frame->hiding > enough;
@@ -197,6 +199,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   assert(!(options->exposed && options->keep_for_backward));
   assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
   assert(options->slab_size >= 0);
+  assert(!options->tiles || (!options->keep_for_backward && options->early_z != PAGS_EARLY_Z_PAPER && options->order == PAGS_ORDER_DEPTH));
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   if (options->keep_for_backward)

@@ -1,8 +1,20 @@
 /* Runs the projection and shading kernels over the clusters in view. */
+#include <math.h>
+
 #include "stages.h"
 
 static int32_t splat_id(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + (int32_t)row;
+}
+
+/* Opacity times area, px: p w = k / sqrt(det), k = log2(e) / 2, area 2 pi sqrt(det). */
+static float weight_of(const pags_splat *s) { return exp2f(s->log2_opacity) * 4.5323601f / (s->p * s->w); }
+
+static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
+  const pags_part *const part = frame->parts + c->part;
+  for (int k = 0; k < c->count; k++)
+    if (keys[k] != UINT32_MAX && weight_of(splats + k) < frame->options.rest_cut && !frame_is_critical(part, c->first + k))
+      keys[k] = UINT32_MAX;
 }
 
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, pags_reach *reaches) {
@@ -14,6 +26,8 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
   frame->kernels->project(frame->projections + c->part, rows, stride, part->opacity_factor ? part->opacity_factor + c->first : NULL,
                           c->count, splats, keys, reaches);
+  if (frame->options.rest_cut > 0.0f)
+    cut_rest(frame, c, splats, keys);
   for (int k = 0; k < c->count; k++)
     if (keys[k] != UINT32_MAX)
       splats[k].id = splat_id(part, c->first + k);
@@ -47,6 +61,17 @@ static bool is_any_drawn(const uint32_t *keys, int count) {
   return false;
 }
 
+pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *c) {
+  pags_projection view = frame->projections[c->part];
+  if (frame->options.rest_sh_less == 0)
+    return view;
+  for (int k = 0; k < c->count; k++)
+    if (frame_is_critical(frame->parts + c->part, c->first + k))
+      return view;
+  view.sh_degree = view.sh_degree > frame->options.rest_sh_less ? view.sh_degree - frame->options.rest_sh_less : 0;
+  return view;
+}
+
 static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
   const pags_frame *const frame = context;
   (void)worker;
@@ -57,8 +82,9 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
     int64_t stride;
     if (part->packed && !is_any_drawn(frame->keys + c->base, c->count))
       continue;
-    const float *const rows = pags_frame_colours(part, c, frame->projections[c->part].sh_degree, &scratch, &stride);
-    frame->kernels->shade(frame->projections + c->part, rows, stride, part->dc ? part->dc + c->first : NULL, c->count,
+    const pags_projection view = pags_frame_shading(frame, c);
+    const float *const rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
+    frame->kernels->shade(&view, rows, stride, part->dc ? part->dc + c->first : NULL, c->count,
                           frame->keys + c->base, frame->splats + c->base);
   }
 }

@@ -180,6 +180,7 @@ static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
   const pags_part *const part = f->parts + c->part;
+  const pags_projection view = pags_frame_shading(f, c);
   const float *rows = NULL;
   row_scratch scratch;
   int64_t stride = 0;
@@ -188,9 +189,9 @@ static void shade_groups(const slabs *s, active_cluster *a) {
     if (!a->ready[group] || (a->shaded >> group & 1))
       continue;
     if (!rows)
-      rows = pags_frame_colours(part, c, f->projections[c->part].sh_degree, &scratch, &stride);
+      rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
     const uint32_t *const keys = f->keys + c->base + first;
-    f->kernels->shade(f->projections + c->part, rows + first, stride,
+    f->kernels->shade(&view, rows + first, stride,
                       part->dc ? part->dc + c->first + first : NULL, count, keys, f->splats + c->base + first);
     a->shaded = (uint16_t)(a->shaded | 1u << group);
     for (int k = 0; k < count; k++)
@@ -294,6 +295,8 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
 static int64_t slab_budget(const pags_frame *f) {
   enum { SLABS = 4, LEAST = 4096 };
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
+  if (f->options.early_z == PAGS_EARLY_Z_OFF) /* some tiles alone */
+    return INT64_MAX;
   if (f->options.slab_size > 0)
     return f->options.slab_size;
   return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
@@ -324,6 +327,7 @@ pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void 
   frame->stats.clusters_hidden += frame->cluster_count - s.next; /* never came up */
   for (int64_t i = 0; i < s.active_count; i++)
     frame->stats.hidden += s.active[i].waiting_count;
-  frame->hiding = hidden_share(stats);
+  if (!frame->options.tiles)
+    frame->hiding = hidden_share(stats);
   return PAGS_OK;
 }

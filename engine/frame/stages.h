@@ -108,6 +108,8 @@ static inline bool frame_is_critical(const pags_part *part, int64_t row) {
 }
 /* Projects one cluster's members and gives them their ids. `reaches` may be NULL. */
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
+/* The projection that a cluster is shaded by: of a lower degree where the options say so. */
+pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *cluster);
 /* Sorts by key, stable; *keys and *spare may be swapped. */
 pags_result pags_frame_radix_sort(pags_frame *frame, depth_key **keys, depth_key **spare, int64_t count);
 /* Puts splats of equal depth into the order of their ids. */

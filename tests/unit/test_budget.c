@@ -1,0 +1,292 @@
+/* Frames within a time: the controller against a made-up clock, and what each reduction changes and leaves alone. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+#include <math.h>
+#include <pags/budget.h>
+
+/* ---- The controller ---- */
+
+typedef struct clock_model {
+  double share[PAGS_BUDGET_STEPS]; /* what steps really cost */
+  double noise;
+  unsigned state;
+} clock_model;
+
+static double noise_of(clock_model *m) {
+  m->state = m->state * 1664525u + 1013904223u;
+  return 1 + m->noise * ((double)(m->state >> 8) / 8388608.0 - 1);
+}
+
+static const clock_model steep = {{1, 0.99, 0.9, 0.7, 0.55, 0.35, 0.25, 0.2, 0.15, 0.1}, 0.04, 1};
+
+/* Frames whose full cost runs between `low` and `high` within 60 frames. Returns the share that met the target; adds up steps. */
+static double drive(pags_budget_controller *c, clock_model m, double low, double high, int frames, double *mean_step) {
+  int met = 0, sum = 0;
+  for (int i = 0; i < frames; i++) {
+    const double full = low + (high - low) * 0.5 * (1 + sin(i * 6.28318 / 60)), ms = full * m.share[c->step] * noise_of(&m);
+    met += ms <= c->target;
+    sum += c->step;
+    pags_budget_controller_tell(c, ms);
+  }
+  *mean_step = (double)sum / frames;
+  return (double)met / frames;
+}
+
+static void test_nothing_is_given_up_for_nothing(void **state) {
+  (void)state;
+  double step;
+  pags_budget_controller c = pags_budget_controller_begin(50);
+  assert_true(drive(&c, steep, 20, 40, 200, &step) == 1);
+  assert_true(step == 0);
+}
+
+static void test_the_time_is_kept(void **state) {
+  (void)state;
+  const double costs[][2] = {{50, 60}, {60, 120}, {80, 250}, {200, 300}, {30, 90}};
+  for (int i = 0; i < 5; i++) {
+    double first, step, later;
+    pags_budget_controller c = pags_budget_controller_begin(50);
+    drive(&c, steep, costs[i][0], costs[i][1], 30, &first); /* learns */
+    assert_true(drive(&c, steep, costs[i][0], costs[i][1], 400, &step) >= 0.95);
+    /* no more than needed: the mean step of who knows all costs, and one and a half */
+    double wanted = 0;
+    for (int k = 0; k < 400; k++) {
+      const double full = costs[i][0] + (costs[i][1] - costs[i][0]) * 0.5 * (1 + sin(k * 6.28318 / 60));
+      int j = 0;
+      while (j + 1 < PAGS_BUDGET_STEPS && full * steep.share[j] > 50)
+        j++;
+      wanted += j / 400.0;
+    }
+    assert_true(step <= wanted + 1.5);
+    drive(&c, steep, 10, 20, 100, &later); /* quality comes back */
+    assert_int_equal(c.step, 0);
+  }
+}
+
+static void test_the_impossible(void **state) {
+  (void)state;
+  double step;
+  pags_budget_controller c = pags_budget_controller_begin(5);
+  assert_true(drive(&c, steep, 100, 200, 100, &step) == 0);
+  assert_int_equal(c.step, PAGS_BUDGET_STEPS - 1);
+  pags_budget_controller_tell(&c, NAN);
+  pags_budget_controller_tell(&c, 0);
+  pags_budget_controller_tell(&c, INFINITY);
+  assert_int_equal(c.step, PAGS_BUDGET_STEPS - 1);
+}
+
+/* ---- Frames ---- */
+
+enum { WIDTH = 150, HEIGHT = 90, COUNT = 4000, CRITICAL = 300 };
+
+typedef struct scene {
+  pags_gaussians gaussians;
+  pags_clusters clusters;
+  pags_part part;
+  pags_camera camera;
+  pags_frame_options options;
+  float priority[COUNT];
+  pags_tasks *tasks;
+  pags_frame *frame;
+} scene;
+
+static unsigned seed;
+static float between(float lo, float hi) {
+  seed = seed * 1664525u + 1013904223u;
+  return lo + (hi - lo) * (float)(seed >> 8) / 16777216.0f;
+}
+
+static void put(const scene *s, int64_t i, const float mean[3], float sigma, float logit) {
+  const pags_gaussians *const g = &s->gaussians;
+  for (int k = 0; k < 3; k++) {
+    pags_plane(g, PAGS_MEAN + k)[i] = mean[k];
+    pags_plane(g, PAGS_SCALE + k)[i] = logf(sigma);
+  }
+  pags_plane(g, PAGS_ROTATION)[i] = 1;
+  pags_plane(g, PAGS_OPACITY)[i] = logit;
+  for (int p = PAGS_SH; p < pags_plane_count(g->sh_degree); p++)
+    pags_plane(g, p)[i] = between(-0.4f, 0.6f);
+}
+
+/* A rest that fills the picture, 8 m away, and something critical on the left, 4 m away. */
+static void create(scene *s) {
+  memset(s, 0, sizeof *s);
+  seed = 5;
+  assert_int_equal(pags_gaussians_create(&s->gaussians, COUNT, 1), PAGS_OK);
+  assert_int_equal(pags_gaussians_add_s_sem(&s->gaussians), PAGS_OK);
+  for (int64_t i = 0; i < COUNT; i++) {
+    const int critical = i < CRITICAL;
+    const float mean[3] = {critical ? between(-1.6f, -0.9f) : between(-6, 6), critical ? between(-0.4f, 0.4f) : between(-4, 4),
+                           critical ? 4 : between(8, 9)};
+    put(s, i, mean, critical ? 0.08f : between(0.005f, 0.2f), critical ? 3 : between(-4, 2));
+    s->gaussians.s_sem[i] = s->priority[i] = critical ? 1 : 0;
+  }
+  assert_int_equal(pags_clusters_create(&s->clusters, COUNT, 16), PAGS_OK);
+  pags_clusters_update(&s->clusters, &s->gaussians, 0, s->clusters.count);
+  s->part = (pags_part){.gaussians = &s->gaussians, .clusters = &s->clusters,
+                        .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  s->camera = (pags_camera){.width = WIDTH, .height = HEIGHT, .fx = 100, .fy = 100, .cx = 75, .cy = 45,
+                            .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  s->options = pags_frame_options_default();
+  s->options.extra_channels = 1;
+  s->tasks = pags_tasks_create(2);
+  assert_int_equal(pags_frame_create(s->tasks, &s->frame), PAGS_OK);
+}
+
+static void destroy(scene *s) {
+  pags_frame_destroy(s->frame);
+  pags_tasks_destroy(s->tasks);
+  pags_gaussians_destroy(&s->gaussians);
+  pags_clusters_destroy(&s->clusters);
+}
+
+static pags_picture draw(scene *s, const pags_frame_options *options) {
+  pags_picture out;
+  assert_int_equal(pags_frame_render(s->frame, &s->part, 1, &s->camera, options, NULL, NULL, &out), PAGS_OK);
+  return out;
+}
+
+/* Pixels of these tiles whose bits differ. */
+static int differing(const pags_picture *a, const pags_picture *b, const uint8_t *tiles) {
+  const int tiles_x = (WIDTH + 15) / 16;
+  int count = 0;
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++) {
+      const int64_t at = (int64_t)y * a->stride + x;
+      if (!tiles[y / 16 * tiles_x + x / 16])
+        continue;
+      int differs = memcmp(a->transmittance + at, b->transmittance + at, 4) != 0 || a->id[at] != b->id[at] ||
+                    memcmp(a->depth + at, b->depth + at, 4) != 0;
+      for (int k = 0; k < 3; k++)
+        differs |= memcmp(a->rgb[k] + at, b->rgb[k] + at, 4) != 0;
+      count += differs;
+    }
+  return count;
+}
+
+static double psnr(const pags_picture *a, const pags_picture *b) {
+  double sum = 0;
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++)
+      for (int k = 0; k < 3; k++)
+        sum += pow((double)a->rgb[k][(int64_t)y * a->stride + x] - (double)b->rgb[k][(int64_t)y * b->stride + x], 2);
+  return -10 * log10(sum / (3.0 * WIDTH * HEIGHT) + 1e-12);
+}
+
+static void test_some_tiles_alone(void **state) {
+  (void)state;
+  enum { TILES = ((WIDTH + 15) / 16) * ((HEIGHT + 15) / 16) };
+  static const pags_early_z modes[] = {PAGS_EARLY_Z_OFF, PAGS_EARLY_Z_LOSSLESS};
+  scene s, other;
+  create(&s);
+  create(&other);
+  const pags_picture whole = draw(&s, &s.options);
+  const int64_t shaded = pags_frame_stats_get(s.frame)->shaded;
+  for (int round = 0; round < 6; round++) {
+    uint8_t tiles[TILES];
+    for (int i = 0; i < TILES; i++)
+      tiles[i] = between(0, 1) < 0.15f * (float)round;
+    other.options.tiles = tiles;
+    other.options.early_z = modes[round % 2];
+    other.options.slab_size = round == 3 ? 200 : 0;
+    const pags_picture some = draw(&other, &other.options);
+    assert_int_equal(differing(&whole, &some, tiles), 0);
+    if (round < 2)
+      assert_true(pags_frame_stats_get(other.frame)->shaded < shaded / 2);
+  }
+  destroy(&s);
+  destroy(&other);
+}
+
+/* What is critical is neither cut nor shaded at a lower degree. */
+static void test_rest_is_cut(void **state) {
+  (void)state;
+  scene s;
+  create(&s);
+  draw(&s, &s.options);
+  const int64_t all = pags_frame_stats_get(s.frame)->shaded;
+  pags_frame_options options = s.options;
+  options.rest_cut = 2;
+  draw(&s, &options);
+  const int64_t some = pags_frame_stats_get(s.frame)->shaded;
+  assert_true(some < all && some > CRITICAL / 2);
+  options.rest_cut = 1e9f;
+  draw(&s, &options);
+  assert_true(pags_frame_stats_get(s.frame)->shaded <= CRITICAL && pags_frame_stats_get(s.frame)->shaded > CRITICAL / 2);
+  options.rest_sh_less = 3;
+  scene other; /* nothing but what is critical */
+  create(&other);
+  for (int64_t i = CRITICAL; i < COUNT; i++)
+    pags_plane(&other.gaussians, PAGS_OPACITY)[i] = -20;
+  uint8_t all_tiles[1024];
+  memset(all_tiles, 1, sizeof all_tiles);
+  const pags_picture cut = draw(&s, &options), alone = draw(&other, &other.options);
+  assert_int_equal(differing(&cut, &alone, all_tiles), 0);
+  options = s.options;
+  options.rest_sh_less = 1;
+  pags_frame_options flat = s.options;
+  flat.sh_degree = 0;
+  for (int64_t i = 0; i < COUNT; i++)
+    s.gaussians.s_sem[i] = 0;
+  const pags_picture less = draw(&s, &options);
+  pags_frame *frame;
+  pags_picture degree0;
+  assert_int_equal(pags_frame_create(s.tasks, &frame), PAGS_OK);
+  assert_int_equal(pags_frame_render(frame, &s.part, 1, &s.camera, &flat, NULL, NULL, &degree0), PAGS_OK);
+  assert_int_equal(differing(&less, &degree0, all_tiles), 0);
+  pags_frame_destroy(frame);
+  destroy(&s);
+  destroy(&other);
+}
+
+static void test_steps(void **state) {
+  (void)state;
+  scene s;
+  pags_budget *budget;
+  create(&s);
+  assert_int_equal(pags_budget_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  const pags_picture whole = draw(&s, &s.options);
+  const int tiles_x = (WIDTH + 15) / 16;
+  uint8_t tiles[1024] = {0}, all_tiles[1024];
+  memset(all_tiles, 1, sizeof all_tiles);
+  for (int y = 0; y < HEIGHT; y++) /* where something critical has the largest weight */
+    for (int x = 0; x < WIDTH; x++) {
+      const int32_t id = whole.id[(int64_t)y * whole.stride + x];
+      if (id >= 0 && id < CRITICAL)
+        tiles[y / 16 * tiles_x + x / 16] = 1;
+    }
+  double last = 1000;
+  for (int step = 0; step < PAGS_BUDGET_STEPS; step++) {
+    pags_picture out;
+    pags_budget_facts facts;
+    assert_int_equal(pags_budget_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+    const double error = psnr(&whole, &out);
+    if (step == 0)
+      assert_int_equal(differing(&whole, &out, all_tiles), 0);
+    if (pags_budget_steps()[step].scale > 1) { /* the critical object and its surroundings have the bits of a full frame */
+      assert_int_equal(differing(&whole, &out, tiles), 0);
+      assert_true(facts.full_tiles > 0.02 && facts.full_tiles < 0.5);
+      assert_true(facts.rest.tiles < facts.full.tiles);
+    }
+    assert_true(error > 15 && error < last + 3); /* the further, the worse */
+    last = error;
+    for (int64_t i = 0; i < (int64_t)HEIGHT * out.stride; i++)
+      assert_true(i % out.stride >= WIDTH || (isfinite(out.rgb[0][i]) && out.transmittance[i] >= 0 && out.transmittance[i] <= 1));
+  }
+  pags_budget_destroy(budget);
+  destroy(&s);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_nothing_is_given_up_for_nothing), cmocka_unit_test(test_the_time_is_kept),
+      cmocka_unit_test(test_the_impossible),                  cmocka_unit_test(test_some_tiles_alone),
+      cmocka_unit_test(test_rest_is_cut),                     cmocka_unit_test(test_steps),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
