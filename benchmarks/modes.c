@@ -29,12 +29,34 @@ pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options)
     options->exp_degree = 3;
   else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
     options->sh_degree = text[2] - '0';
-  else if (strcmp(text, "off"))
-    return pags_early_z_parse(text, options) == PAGS_OK
-               ? PAGS_OK
-               : pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected off, lossless, bounded, bounded=EPS, exp3, sh0, sh1 or sh2, got '%s'",
-                           text);
+  else if (pags_early_z_parse(text, options) != PAGS_OK)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected " PAGS_BENCH_MODE_WORDS ", got '%s'", text);
   return PAGS_OK;
+}
+
+int pags_bench_next_word(const char **list, char *word, size_t size) {
+  const size_t length = strcspn(*list, ",");
+  if (length == 0 || length >= size)
+    return 0;
+  memcpy(word, *list, length);
+  word[length] = 0;
+  *list += length + ((*list)[length] == ',');
+  return 1;
+}
+
+pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out) {
+  const char *list = text;
+  out->count = 0;
+  while (out->count < PAGS_BENCH_MOST_MODES && pags_bench_next_word(&list, out->names[out->count], PAGS_BENCH_MODE_NAME)) {
+    pags_bench_mode *mode = &out->modes[out->count];
+    *mode = (pags_bench_mode){out->names[out->count], *standard};
+    PAGS_TRY(pags_bench_mode_parse(mode->name, &mode->options));
+    out->count++;
+  }
+  return *list || out->count == 0
+             ? pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected at most %d modes separated by commas, got '%s'",
+                         PAGS_BENCH_MOST_MODES, text)
+             : PAGS_OK;
 }
 
 static double stage_ms(const pags_frame_stats *stats, int stage) {

@@ -12,8 +12,26 @@ typedef struct pags_bench_mode {
   pags_frame_options options;
 } pags_bench_mode;
 
-/* "off", "lossless", "bounded", "bounded=EPS" (pags_early_z_parse), "exp3" (exp of degree 3), "sh0", "sh1", "sh2" (colour of at most that degree): what they change in the options. */
+enum { PAGS_BENCH_MOST_MODES = 16, PAGS_BENCH_MODE_NAME = 32 };
+
+/* What a mode is called, in words for people. */
+#define PAGS_BENCH_MODE_WORDS "off, lossless, bounded, bounded=EPS, paper, exp3, sh0, sh1, sh2"
+#define PAGS_BENCH_MODE_HELP                                                                                           \
+  PAGS_BENCH_MODE_WORDS ". The first ones as of pags render --early-z; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most that "   \
+                        "degree. The first in the list is what others are held against"
+
+typedef struct pags_bench_mode_list {
+  pags_bench_mode modes[PAGS_BENCH_MOST_MODES]; /* names point into `names` */
+  char names[PAGS_BENCH_MOST_MODES][PAGS_BENCH_MODE_NAME];
+  int count;
+} pags_bench_mode_list;
+
+/* One of PAGS_BENCH_MODE_WORDS: what it changes in the options. PAGS_ERROR_ARGUMENT. */
 pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options);
+/* Modes separated by commas, each changing `standard`. The list must not be moved afterwards. PAGS_ERROR_ARGUMENT. */
+pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out);
+/* The next piece of a list separated by commas; false at its end or where it doesn't fit into `size` bytes. */
+int pags_bench_next_word(const char **list, char *word, size_t size);
 
 /* Frames to draw. The first mode is what the others are held against. */
 typedef struct pags_bench_frames {

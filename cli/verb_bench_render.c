@@ -1,4 +1,5 @@
 /* pags bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
+#include "deadline.h"
 #include "interrupt.h"
 #include "path.h"
 #include "plot.h"
@@ -13,7 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_MODES = 16, MOST_SIZES = 8, NAME = 32 };
+enum { MOST_MODES = PAGS_BENCH_MOST_MODES, MOST_SIZES = 8, NAME = 32 };
 
 typedef struct render_bench_arguments {
   pags_session session;
@@ -21,6 +22,7 @@ typedef struct render_bench_arguments {
   int64_t frames;
   int repetitions, exp_degree; /* exp_degree: index in "3|5" */
   int packed;
+  double budget_ms; /* 0: none */
 } render_bench_arguments;
 
 #define AT(member) offsetof(render_bench_arguments, member)
@@ -30,12 +32,12 @@ static const pags_option options[] = {
               "cameras: the scene's training views, the way through them, round the scene, or a camera or path file"),
     PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", "pictures", NULL, "spread evenly along the path"),
     PAGS_TEXT("sizes", 0, AT(sizes), "WxH,...", "the cameras'", "sizes to draw at, by width; the middle is kept"),
-    PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL,
-              "off, lossless, bounded, bounded=EPS: as of pags render --early-z; exp3: exp of degree 3; sh0, sh1, sh2: colour of at most "
-              "that degree. The first is what others are held against"),
+    PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL, PAGS_BENCH_MODE_HELP),
     PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL, "degree of the polynomial behind exp, as of pags render"),
     PAGS_FLAG("packed", 0, AT(packed), "draw from the packed form"),
+    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds", "none",
+               "draw the pictures once more, one after the other, as pags render --budget-ms does, all held against full quality"),
     PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per size and mode"),
     PAGS_TEXT("plot", 0, AT(plot), "FILE.svg", NULL, "draw time along the path, and speed against error"),
     PAGS_SESSION_OPTIONS(render_bench_arguments),
@@ -61,46 +63,24 @@ typedef struct render_bench {
   const render_bench_arguments *arguments;
   pags_composition *composition;
   pags_path path;
-  pags_bench_mode modes[MOST_MODES];
-  char names[MOST_MODES][NAME];
-  int mode_count;
+  pags_bench_mode_list modes;
   size_row sizes[MOST_SIZES];
   int size_count;
   pags_bench_mode_result results[MOST_SIZES][MOST_MODES];
   double layers[MOST_SIZES];
+  pags_deadline deadlines[MOST_SIZES]; /* with --budget-ms */
   pags_progress progress;
 } render_bench;
 
-/* The next piece of a list separated by commas; false at its end. */
-static bool next_word(const char **list, char word[NAME]) {
-  const size_t length = strcspn(*list, ",");
-  if (length == 0 || length >= NAME)
-    return false;
-  memcpy(word, *list, length);
-  word[length] = 0;
-  *list += length + ((*list)[length] == ',');
-  return true;
-}
-
 static pags_result parse_modes(render_bench *self) {
-  const char *list = self->arguments->modes;
   pags_frame_options standard = pags_composition_options(self->composition);
   standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
-  while (self->mode_count < MOST_MODES && next_word(&list, self->names[self->mode_count])) {
-    pags_bench_mode *mode = &self->modes[self->mode_count];
-    *mode = (pags_bench_mode){self->names[self->mode_count], standard};
-    PAGS_TRY(pags_bench_mode_parse(mode->name, &mode->options));
-    self->mode_count++;
-  }
-  return *list || self->mode_count == 0
-             ? pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected at most %d modes separated by commas, got '%s'", MOST_MODES,
-                         self->arguments->modes)
-             : PAGS_OK;
+  return pags_bench_modes_parse(self->arguments->modes, &standard, &self->modes);
 }
 
 static bool parse_sizes(const char *list, render_bench *self) {
   char word[NAME], rest;
-  while (list && self->size_count < MOST_SIZES && next_word(&list, word)) {
+  while (list && self->size_count < MOST_SIZES && pags_bench_next_word(&list, word, sizeof word)) {
     size_row *size = &self->sizes[self->size_count++];
     if (sscanf(word, "%5dx%5d%c", &size->width, &size->height, &rest) != 2 || size->width < 16 || size->width > 16384 ||
         size->height < 16 || size->height > 16384)
@@ -178,9 +158,28 @@ static double mean_layers(const render_bench *self, const pags_camera *cameras) 
     const pags_part *parts;
     int count;
     pags_compose(self->composition, cameras[i].time, &parts, &count);
-    sum += pags_bench_layers(parts, count, cameras + i, &self->modes[0].options);
+    sum += pags_bench_layers(parts, count, cameras + i, &self->modes.modes[0].options);
   }
   return sum / (double)self->path.count;
+}
+
+/* Along the path, as a viewer would ask for them. */
+static pags_result keep_deadline(render_bench *self, int index, const pags_camera *cameras) {
+  pags_deadline *deadline = &self->deadlines[index];
+  if (self->arguments->budget_ms <= 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, 1, deadline));
+  for (int64_t i = 0; i < self->path.count; i++) {
+    const pags_part *parts;
+    int count;
+    pags_picture picture;
+    pags_budget_facts facts;
+    if (!show_progress(&self->progress, (double)i / (double)self->path.count, "within the time"))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    pags_compose(self->composition, cameras[i].time, &parts, &count);
+    PAGS_TRY(pags_deadline_draw(deadline, parts, count, cameras + i, &self->modes.modes[0].options, &picture, &facts));
+  }
+  return PAGS_OK;
 }
 
 static pags_result measure_size(render_bench *self, int index) {
@@ -195,14 +194,16 @@ static pags_result measure_size(render_bench *self, int index) {
                                     .user = self->composition,
                                     .cameras = cameras,
                                     .camera_count = self->path.count,
-                                    .modes = self->modes,
-                                    .mode_count = self->mode_count,
+                                    .modes = self->modes.modes,
+                                    .mode_count = self->modes.count,
                                     .repetitions = self->arguments->repetitions,
                                     .progress = show_progress,
                                     .progress_user = &self->progress};
-  const pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
+  pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
   if (result == PAGS_OK)
     self->layers[index] = mean_layers(self, cameras);
+  if (result == PAGS_OK)
+    result = keep_deadline(self, index, cameras);
   free(cameras);
   return result;
 }
@@ -222,14 +223,14 @@ static void say_size(const render_bench *self, int index) {
   const double pixels = (double)self->sizes[index].width * self->sizes[index].height;
   pags_say(session, "\n%dx%d, %lld pictures, %d frames each; %.1f Gaussians a pixel, %.1f of them blended by %s\n",
            self->sizes[index].width, self->sizes[index].height, (long long)self->path.count, self->arguments->repetitions,
-           self->layers[index], (double)results[0].counts.pairs_blended / pixels, self->modes[0].name);
+           self->layers[index], (double)results[0].counts.pairs_blended / pixels, self->modes.modes[0].name);
   pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %", "FPS",
            "speed-up", "in view", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB", "max error", "differ");
-  for (int k = 0; k < self->mode_count; k++) {
+  for (int k = 0; k < self->modes.count; k++) {
     const pags_bench_mode_result *r = &results[k];
     const pags_frame_stats *s = &r->counts;
     const pags_bench_span *ms = &r->ms[PAGS_BENCH_STAGES - 1];
-    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes[k].name,
+    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes.modes[k].name,
              ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up, (long long)s->in_view, (long long)s->loaded,
              (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6,
              (double)s->pairs_blended * 1e-6, r->bytes * 1e-6);
@@ -239,12 +240,14 @@ static void say_size(const render_bench *self, int index) {
   for (int i = 0; i < PAGS_BENCH_STAGES - 1; i++)
     pags_say(session, " %8s", pags_bench_stage_names[i]);
   pags_say(session, "\n");
-  for (int k = 0; k < self->mode_count; k++) {
-    pags_say(session, "%-16s", self->modes[k].name);
+  for (int k = 0; k < self->modes.count; k++) {
+    pags_say(session, "%-16s", self->modes.modes[k].name);
     for (int i = 0; i < PAGS_BENCH_STAGES - 1; i++)
       pags_say(session, " %8.2f", results[k].ms[i].median);
     pags_say(session, "\n");
   }
+  if (self->arguments->budget_ms > 0)
+    pags_deadline_say(&self->deadlines[index], session);
 }
 
 static void put_span(pags_json_writer *json, const char *name, const pags_bench_span *span) {
@@ -300,9 +303,11 @@ static pags_result write_json(const render_bench *self) {
     pags_json_put_integer(&json, "height", self->sizes[i].height);
     pags_json_put_number(&json, "gaussians_per_pixel", self->layers[i]);
     pags_json_begin_array(&json, "modes");
-    for (int k = 0; k < self->mode_count; k++)
-      put_mode(&json, self->modes[k].name, &self->results[i][k]);
+    for (int k = 0; k < self->modes.count; k++)
+      put_mode(&json, self->modes.modes[k].name, &self->results[i][k]);
     pags_json_end_array(&json);
+    if (self->arguments->budget_ms > 0)
+      pags_deadline_put(&self->deadlines[i], &json);
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);
@@ -314,7 +319,7 @@ static pags_result put_csv_row(pags_file_writer *file, const render_bench *self,
   const pags_bench_mode_result *r = &self->results[size][mode];
   const pags_frame_stats *s = &r->counts;
   char line[1024];
-  int length = snprintf(line, sizeof line, "%d,%d,%s", self->sizes[size].width, self->sizes[size].height, self->modes[mode].name);
+  int length = snprintf(line, sizeof line, "%d,%d,%s", self->sizes[size].width, self->sizes[size].height, self->modes.modes[mode].name);
   for (int i = 0; i < PAGS_BENCH_STAGES; i++)
     length += snprintf(line + length, sizeof line - (size_t)length, ",%.4f,%.4f,%.4f", r->ms[i].median, r->ms[i].low,
                        r->ms[i].high);
@@ -342,7 +347,7 @@ static pags_result write_csv(const render_bench *self) {
   PAGS_TRY(pags_file_writer_begin(&file, self->arguments->csv));
   PAGS_TRY(pags_file_writer_put(&file, head, (size_t)length));
   for (int i = 0; i < self->size_count; i++)
-    for (int k = 0; k < self->mode_count; k++)
+    for (int k = 0; k < self->modes.count; k++)
       PAGS_TRY(put_csv_row(&file, self, i, k));
   return pags_file_writer_commit(&file);
 }
@@ -351,10 +356,10 @@ static pags_result write_csv(const render_bench *self) {
 static void plot_path(const render_bench *self, pags_plot *plot, int size, const double *numbers) {
   pags_plot_line lines[MOST_MODES];
   char title[64];
-  for (int k = 0; k < self->mode_count; k++)
-    lines[k] = (pags_plot_line){self->modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
+  for (int k = 0; k < self->modes.count; k++)
+    lines[k] = (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
   snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
-  pags_plot_lines(plot, title, "picture", "ms (median)", lines, self->mode_count);
+  pags_plot_lines(plot, title, "picture", "ms (median)", lines, self->modes.count);
 }
 
 /* A point a mode: its speed against what it loses. Equal pictures are shown at 100 dB. */
@@ -362,15 +367,15 @@ static void plot_error(const render_bench *self, pags_plot *plot, int size, bool
   pags_plot_line lines[MOST_MODES];
   double x[MOST_MODES], y[MOST_MODES];
   char title[80];
-  for (int k = 0; k < self->mode_count; k++) {
+  for (int k = 0; k < self->modes.count; k++) {
     const pags_bench_mode_result *r = &self->results[size][k];
     x[k] = r->speed_up;
     y[k] = decibels ? fmin(r->psnr, 100) : r->max_error;
-    lines[k] = (pags_plot_line){self->modes[k].name, 1, x + k, y + k};
+    lines[k] = (pags_plot_line){self->modes.modes[k].name, 1, x + k, y + k};
   }
   snprintf(title, sizeof title, decibels ? "PSNR (100: no error), %dx%d" : "Largest error, %dx%d", self->sizes[size].width,
            self->sizes[size].height);
-  pags_plot_lines(plot, title, "speed-up", decibels ? "dB" : "colour, 0..1", lines, self->mode_count);
+  pags_plot_lines(plot, title, "speed-up", decibels ? "dB" : "colour, 0..1", lines, self->modes.count);
 }
 
 static pags_result write_plot(const render_bench *self) {
@@ -436,31 +441,29 @@ static pags_result run(render_bench *self) {
   return write_json(self);
 }
 
-int pags_verb_bench_render(int argc, char **argv) {
-  render_bench_arguments arguments = {.modes = "off,lossless,bounded", .frames = 12, .repetitions = 5, .exp_degree = 1};
-  render_bench *self = calloc(1, sizeof *self);
-  pags_parsed parsed;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK || !self) {
-    free(self);
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : status == PAGS_PARSE_OK ? PAGS_EXIT_FAILED : PAGS_EXIT_USAGE;
+static void destroy(render_bench *self) {
+  for (int i = 0; i < self->size_count; i++) {
+    pags_bench_modes_free(self->results[i], self->modes.count);
+    pags_deadline_destroy(&self->deadlines[i]);
   }
-  self->arguments = &arguments;
-  arguments.input = parsed.positionals[0];
-  int code = PAGS_EXIT_USAGE;
-  if (parse_sizes(arguments.sizes, self)) {
-    pags_result result = pags_session_begin(&arguments.session);
-    if (result == PAGS_OK)
-      result = run(self);
-    code = pags_session_end(&arguments.session, result);
-  } else {
-    pags_usage_error(&verb, "--sizes: expected WIDTHxHEIGHT, each 16..16384, at most %d separated by commas, got '%s'",
-                     MOST_SIZES, arguments.sizes);
-  }
-  for (int i = 0; i < self->size_count; i++)
-    pags_bench_modes_free(self->results[i], self->mode_count);
   pags_composition_destroy(self->composition);
   pags_path_destroy(&self->path);
-  free(self);
-  return code;
+}
+
+int pags_verb_bench_render(int argc, char **argv) {
+  render_bench_arguments arguments = {.modes = "off,lossless,bounded", .frames = 12, .repetitions = 5, .exp_degree = 1};
+  render_bench self = {.arguments = &arguments};
+  pags_parsed parsed;
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  arguments.input = parsed.positionals[0];
+  if (!parse_sizes(arguments.sizes, &self))
+    return pags_usage_error(&verb, "--sizes: expected WIDTHxHEIGHT, each 16..16384, at most %d separated by commas, got '%s'",
+                            MOST_SIZES, arguments.sizes);
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = run(&self);
+  destroy(&self);
+  return pags_session_end(&arguments.session, result);
 }

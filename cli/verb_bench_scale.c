@@ -16,7 +16,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { MOST_STEPS = 16, MOST_MODES = 4, WORD = 32, FORMS = 2 };
+enum { MOST_STEPS = 16, WORD = 32, FORMS = 2 };
 static const char *const form_names[FORMS] = {"shared", "packed"};
 
 typedef struct scale_arguments {
@@ -32,7 +32,7 @@ static const pags_option options[] = {
     PAGS_TEXT("millions", 0, AT(millions), "M,...", NULL, "Gaussians to measure with, in millions"),
     PAGS_CHOICE("form", AT(form), "both|shared|packed", NULL, "parts that share rows, files with every row, or both"),
     PAGS_TEXT("scratch", 0, AT(folder), "FOLDER", NULL, "where the packed files go, one at a time, removed after use"),
-    PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL, "as of pags bench render; the first is what others are held against"),
+    PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL, PAGS_BENCH_MODE_HELP),
     PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views", "measure from this camera or path file"),
     PAGS_VALUE("frames", 'n', INT, AT(frames), 1, 1000, "N", "pictures", NULL, "spread evenly over the views"),
     PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
@@ -70,9 +70,7 @@ typedef struct scale_bench {
   pags_camera *cameras;
   int64_t camera_count;
   double spacing;
-  pags_bench_mode modes[MOST_MODES];
-  char names[MOST_MODES][WORD];
-  int mode_count;
+  pags_bench_mode_list modes;
   double steps[MOST_STEPS]; /* millions */
   int step_count;
   scale_row *table;
@@ -80,39 +78,15 @@ typedef struct scale_bench {
   pags_progress progress;
 } scale_bench;
 
-/* The next piece of a list separated by commas; false at its end. */
-static bool next_word(const char **list, char word[WORD]) {
-  const size_t length = strcspn(*list, ",");
-  if (length == 0 || length >= WORD)
-    return false;
-  memcpy(word, *list, length);
-  word[length] = 0;
-  *list += length + ((*list)[length] == ',');
-  return true;
-}
-
 static bool parse_steps(const char *list, scale_bench *self) {
   char word[WORD], *end;
-  while (self->step_count < MOST_STEPS && next_word(&list, word)) {
+  while (self->step_count < MOST_STEPS && pags_bench_next_word(&list, word, sizeof word)) {
     const double value = strtod(word, &end);
     if (*end || !(value >= 0.001 && value <= 2000))
       return false;
     self->steps[self->step_count++] = value;
   }
   return !*list && self->step_count > 0;
-}
-
-static pags_result parse_modes(scale_bench *self) {
-  const char *list = self->arguments->modes;
-  while (self->mode_count < MOST_MODES && next_word(&list, self->names[self->mode_count])) {
-    pags_bench_mode *mode = &self->modes[self->mode_count];
-    *mode = (pags_bench_mode){self->names[self->mode_count], self->options};
-    PAGS_TRY(pags_bench_mode_parse(mode->name, &mode->options));
-    self->mode_count++;
-  }
-  return *list || self->mode_count == 0 ? pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected at most %d modes, got '%s'", MOST_MODES,
-                                                    self->arguments->modes)
-                                        : PAGS_OK;
 }
 
 static pags_result out_of_memory(const scale_bench *self) {
@@ -237,15 +211,15 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
                                     .user = s,
                                     .cameras = self->cameras,
                                     .camera_count = self->camera_count,
-                                    .modes = self->modes,
-                                    .mode_count = self->mode_count,
+                                    .modes = self->modes.modes,
+                                    .mode_count = self->modes.count,
                                     .repetitions = self->arguments->repetitions,
                                     .progress = show_progress,
                                     .progress_user = &self->progress};
-  pags_bench_mode_result results[MOST_MODES];
+  pags_bench_mode_result results[PAGS_BENCH_MOST_MODES];
   int64_t frame_bytes = 0;
   const pags_result result = pags_bench_modes(&frames, results, &frame_bytes);
-  for (int k = 0; k < self->mode_count && result == PAGS_OK; k++)
+  for (int k = 0; k < self->modes.count && result == PAGS_OK; k++)
     self->table[self->table_count++] = (scale_row){.form = form,
                                                    .mode = k,
                                                    .millions = millions,
@@ -254,7 +228,7 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
                                                    .frame_bytes = frame_bytes,
                                                    .resident = resident_bytes(),
                                                    .result = results[k]};
-  pags_bench_modes_free(results, self->mode_count);
+  pags_bench_modes_free(results, self->modes.count);
   return result;
 }
 
@@ -341,7 +315,7 @@ static void say_table(const scale_bench *self) {
     const scale_row *r = &self->table[i];
     const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
     pags_say(session, "%8g %-7s %-14s %12lld %10lld %10lld %10lld %9.2f %8.2f %8.2f %9.1f %8.1f %9.1f %9.1f\n", r->millions,
-             form_names[r->form], self->names[r->mode], (long long)r->gaussians, (long long)r->result.counts.in_view,
+             form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians, (long long)r->result.counts.in_view,
              (long long)r->result.counts.loaded, (long long)r->result.counts.shaded, ms->median, ms->low, ms->high,
              (double)r->rows_bytes * 1e-6, (double)r->rows_bytes / (double)r->gaussians, (double)r->frame_bytes * 1e-6,
              (double)r->resident * 1e-6);
@@ -361,7 +335,7 @@ static pags_result write_json(const scale_bench *self) {
     pags_json_begin_object(&json, NULL);
     pags_json_put_number(&json, "millions", r->millions);
     pags_json_put_string(&json, "form", form_names[r->form]);
-    pags_json_put_string(&json, "mode", self->names[r->mode]);
+    pags_json_put_string(&json, "mode", self->modes.names[r->mode]);
     pags_json_put_integer(&json, "gaussians", r->gaussians);
     pags_json_put_integer(&json, "in_view", r->result.counts.in_view);
     pags_json_put_integer(&json, "loaded", r->result.counts.loaded);
@@ -392,7 +366,7 @@ static pags_result write_csv(const scale_bench *self) {
     const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
     char line[400];
     const int length = snprintf(line, sizeof line, "%g,%s,%s,%lld,%lld,%lld,%lld,%.3f,%.3f,%.3f,%lld,%lld,%lld\n", r->millions,
-                                form_names[r->form], self->names[r->mode], (long long)r->gaussians,
+                                form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
                                 (long long)r->result.counts.in_view, (long long)r->result.counts.loaded,
                                 (long long)r->result.counts.shaded, ms->median, ms->low, ms->high, (long long)r->rows_bytes,
                                 (long long)r->frame_bytes, (long long)r->resident);
@@ -406,8 +380,8 @@ static pags_result run(scale_bench *self) {
   if (a->csv)
     PAGS_TRY(pags_check_writable(a->csv));
   PAGS_TRY(load(self));
-  PAGS_TRY(parse_modes(self));
-  self->table = calloc((size_t)(self->step_count * self->mode_count * FORMS), sizeof *self->table);
+  PAGS_TRY(pags_bench_modes_parse(a->modes, &self->options, &self->modes));
+  self->table = calloc((size_t)(self->step_count * self->modes.count * FORMS), sizeof *self->table);
   if (!self->table)
     return out_of_memory(self);
   pags_interrupt_install(a->session.tasks);
@@ -426,32 +400,28 @@ static pags_result run(scale_bench *self) {
   return write_json(self);
 }
 
-int pags_verb_bench_scale(int argc, char **argv) {
-  scale_arguments arguments = {.millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
-  scale_bench *self = calloc(1, sizeof *self);
-  pags_parsed parsed;
-  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK || !self) {
-    free(self);
-    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : status == PAGS_PARSE_OK ? PAGS_EXIT_FAILED : PAGS_EXIT_USAGE;
-  }
-  self->arguments = &arguments;
-  arguments.input = parsed.positionals[0];
-  int code = PAGS_EXIT_USAGE;
-  if (parse_steps(arguments.millions, self)) {
-    pags_result result = pags_session_begin(&arguments.session);
-    if (result == PAGS_OK)
-      result = run(self);
-    code = pags_session_end(&arguments.session, result);
-  } else {
-    pags_usage_error(&verb, "--millions: expected at most %d numbers from 0.001 to 2000 separated by commas, got '%s'", MOST_STEPS,
-                     arguments.millions);
-  }
+static void destroy(scale_bench *self) {
   pags_gaussians_destroy(&self->rows);
   pags_clusters_destroy(&self->clusters);
   pags_sky_destroy(&self->sky);
   free(self->cameras);
   free(self->table);
-  free(self);
-  return code;
+}
+
+int pags_verb_bench_scale(int argc, char **argv) {
+  scale_arguments arguments = {.millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
+  scale_bench self = {.arguments = &arguments};
+  pags_parsed parsed;
+  const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
+  if (status != PAGS_PARSE_OK)
+    return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
+  arguments.input = parsed.positionals[0];
+  if (!parse_steps(arguments.millions, &self))
+    return pags_usage_error(&verb, "--millions: expected at most %d numbers from 0.001 to 2000 separated by commas, got '%s'",
+                            MOST_STEPS, arguments.millions);
+  pags_result result = pags_session_begin(&arguments.session);
+  if (result == PAGS_OK)
+    result = run(&self);
+  destroy(&self);
+  return pags_session_end(&arguments.session, result);
 }

@@ -1,4 +1,5 @@
 /* pags render: draws a scene or a splat file into pictures. */
+#include "deadline.h"
 #include "edits.h"
 #include "interrupt.h"
 #include "path.h"
@@ -29,6 +30,7 @@ typedef struct render_arguments {
   int order; /* pags_order */
   pags_dataset_options dataset_options;
   int packed;
+  double budget_ms; /* 0: none */
 } render_arguments;
 
 #define AT(member) offsetof(render_arguments, member)
@@ -101,6 +103,9 @@ static const pags_option options[] = {
               "paper: draw nothing behind what is critical and opaque, at a loss"),
     PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
                 "paper: everything critical in front of the rest, as the paper sorts; blends wrongly"),
+    PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds a frame", "none",
+               "keep within this time: critical Gaussians at full quality, the rest reduced as much as needed; every eighth frame is held "
+               "against full quality. What is drawn then depends on how fast this machine is"),
     PAGS_FLAG("packed", 0, AT(packed),
               "draw from the packed form: less memory, rounded as docs/packed.md says (a packed file always is)"),
     PAGS_SESSION_OPTIONS(render_arguments),
@@ -130,6 +135,8 @@ typedef struct renderer {
   pags_picture_writer writer;
   pags_picture_queue queue;
   pags_frame_stats *stats; /* per frame done */
+  pags_deadline deadline;  /* with --budget-ms */
+  pags_budget_facts *facts; /* per frame done, with --budget-ms */
   int64_t done;
 } renderer;
 
@@ -269,9 +276,13 @@ static pags_result write_json(const renderer *self) {
     pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
     pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
     put_stats(&writer, &self->stats[i]);
+    if (self->facts)
+      pags_deadline_put_frame(&self->facts[i], &writer);
     pags_json_end_object(&writer);
   }
   pags_json_end_array(&writer);
+  if (self->facts)
+    pags_deadline_put(&self->deadline, &writer);
   pags_json_begin_object(&writer, "mean");
   put_stats(&writer, &mean);
   pags_json_end_object(&writer);
@@ -287,8 +298,14 @@ static pags_result draw(renderer *self, int64_t index) {
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
   if (self->arguments->exposure)
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
-  PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
-  self->stats[index] = *pags_frame_stats_get(self->frame);
+  if (self->facts) {
+    PAGS_TRY(pags_deadline_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture, &self->facts[index]));
+    self->stats[index] = self->facts[index].full;
+    pags_frame_stats_add(&self->stats[index], &self->facts[index].rest);
+  } else {
+    PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
+    self->stats[index] = *pags_frame_stats_get(self->frame);
+  }
   PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &viewpoint->camera, viewpoint->name));
   self->done = index + 1;
   return PAGS_OK;
@@ -328,6 +345,8 @@ static void report(const renderer *self) {
       (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
       mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
   const int64_t count = pags_composition_gaussian_count(self->composition);
+  if (self->facts)
+    pags_deadline_say(&self->deadline, &self->arguments->session);
   if (self->packed)
     pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
              (double)pags_composition_bytes(self->composition) * 1e-6,
@@ -380,6 +399,17 @@ static pags_result compose(renderer *self, const pags_parsed *parsed) {
   return result;
 }
 
+static pags_result begin_deadline(renderer *self) {
+  enum { CHECK_EVERY = 8 };
+  if (self->arguments->budget_ms <= 0)
+    return PAGS_OK;
+  self->facts = calloc((size_t)self->viewpoints.count + 1, sizeof *self->facts);
+  if (!self->facts)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
+  return pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, CHECK_EVERY,
+                              &self->deadline);
+}
+
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
   const render_arguments *arguments = self->arguments;
   bool made = false;
@@ -391,6 +421,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   if (!self->stats)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
+  PAGS_TRY(begin_deadline(self));
   PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));
   PAGS_TRY(pags_prepare_folder(arguments->output, &made));
   pags_result result = draw_all(self);
@@ -409,6 +440,8 @@ static void destroy(renderer *self) {
   pags_picture_writer_destroy(&self->writer);
   pags_viewpoints_destroy(&self->viewpoints);
   pags_composition_destroy(self->composition);
+  pags_deadline_destroy(&self->deadline);
+  free(self->facts);
   free(self->stats);
 }
 
@@ -428,6 +461,8 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
   pags_frame_options early_z;
   if (pags_early_z_parse(arguments->early_z, &early_z) != PAGS_OK)
     return pags_usage_error(&verb, "--%s", pags_error_message());
+  if (arguments->budget_ms > 0 && (early_z.early_z == PAGS_EARLY_Z_PAPER || arguments->order != 0))
+    return pags_usage_error(&verb, "--budget-ms excludes --early-z paper and --order paper");
   if (*channels >> PAGS_CHANNEL_PRIORITY & 1 && arguments->format == PAGS_PICTURE_PNG)
     *channels |= 1u << PAGS_CHANNEL_HEAT;
   if ((arguments->shift != 0 || arguments->fps > 0) && strcmp(arguments->path, "ego") != 0)

@@ -46,6 +46,20 @@ class Render(Case):
         self.succeeds("render", packed, "--camera", self.camera(), "-o", self.path("mapped"), "--format", "exr")
         self.assertEqual(read(self.path("out", "00000.exr")), read(self.path("mapped", "00000.exr")))
 
+    def test_budget(self):
+        scene, out = self.write("a.ply", ply_bytes(some_splats())), self.path("out")
+        common = ["render", scene, "-n", 6, "-o", out, "--json", self.path("r.json"), "--budget-ms"]
+        self.succeeds(*common, 100000)  # time for everything: nothing is given up
+        told = json.loads(read(self.path("r.json")))
+        self.assertEqual((told["budget"]["met"], told["budget"]["steps"][0]["frames"]), (6, 6))
+        self.assertIsNone(told["budget"]["error"]["psnr"])
+        self.assertTrue(all(frame["met"] and frame["step"] == 0 for frame in told["frames"]))
+        self.succeeds(*common, 0.1)  # hardly any: what was given up and the error are told
+        told = json.loads(read(self.path("r.json")))["budget"]
+        self.assertEqual(sum(step["frames"] for step in told["steps"]), 6)
+        self.assertLess(told["met"], 7)
+        self.fails([*common, 5, "--early-z", "paper"], "--budget-ms", code=2)
+
     def test_nearest_in_front(self):
         placed = [(6, (0, 1, 0)), (3, (1, 0, 0)), (-3, (0, 0, 1))]
         rows = [splat(0, 0, z, colour, sigma=0.8, opacity=12.0) for z, colour in placed]
