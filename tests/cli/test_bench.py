@@ -53,6 +53,15 @@ class Bench(Case):
         self.assertEqual(len(plot.getElementsByTagName("g")), 6)
         self.assertIn("speed-up", done.stdout)
 
+    def test_budget(self):
+        done = self.succeeds(*self.render("--modes", "off,paper", "--budget-ms", 100000, "--json", self.path("a.json")))
+        self.assertIn("budget 100000 ms: 2 of 2 frames", done.stdout)
+        for size in json.loads(read(self.path("a.json")))["sizes"]:
+            self.assertEqual([m["mode"] for m in size["modes"]], ["off", "paper"])
+            budget = size["budget"]
+            self.assertEqual((budget["frames"], budget["met"], budget["checked"], budget["full_tiles"]), (2, 2, 2, 1))
+            self.assertIsNone(budget["error"]["psnr"])
+
     def test_scale(self):
         scene = self.write("many.ply", ply_bytes(3 * some_splats()))
         camera = self.write("camera.json", json.dumps(CAMERA))

@@ -99,7 +99,7 @@ static void test_hidden_is_empty(void **state) {
   int inside = 0;
   for (int64_t i = 0; i < g->count; i++) {
     const float x = pags_plane(g, PAGS_MEAN)[i], y = pags_plane(g, PAGS_MEAN + 1)[i], z = pags_plane(g, PAGS_MEAN + 2)[i];
-    inside += y > 9.2f + 4.0f && y < 9.2f + 22.0f - 4.0f && x > 3.0f && x < 13.0f && z < 5.0f;
+    inside += y > 9.2f + 4.0f && y < 9.2f + 22.0f - 4.0f && x > 3.0f && x < 9.0f && z < 5.0f;
   }
   assert_int_equal(inside, 0);
   pags_scene_destroy(&scene);
