@@ -106,11 +106,10 @@ static pags_camera at_size(const pags_camera *camera, const size_row *size) {
   return out;
 }
 
-/* Every (count / wanted)th of what there is. */
 static void thin(pags_path *path, int64_t wanted) {
   const int64_t kept = path->count < wanted ? path->count : wanted;
   for (int64_t i = 0; i < kept; i++)
-    path->cameras[i] = path->cameras[i * path->count / kept];
+    path->cameras[i] = path->cameras[pags_bench_spread(i, kept, path->count)];
   path->count = kept;
 }
 

@@ -108,7 +108,7 @@ static pags_result find_cameras(scale_bench *self, const pags_scene *scene) {
   self->cameras = path.cameras;
   self->camera_count = path.count < a->frames ? path.count : a->frames;
   for (int64_t i = 0; i < self->camera_count; i++)
-    path.cameras[i] = path.cameras[i * path.count / self->camera_count];
+    path.cameras[i] = path.cameras[pags_bench_spread(i, self->camera_count, path.count)];
   return path.count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
 
