@@ -2,7 +2,8 @@
  *
  * Collapses leave two faults in a surface that was closed: pairs of faces that cover each other, and edges where four faces meet. The
  * former are taken out; the latter are cut apart: going round the edge, each face is joined to the one that bounds the same piece of
- * solid, and vertices are doubled so that only joined faces share them. */
+ * solid, and vertices are doubled so that only joined faces share them. Where such sheets hang together about both ends of the edge,
+ * that doesn't part them: then each pair of faces gets a vertex of its own in the edge's middle. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -191,7 +192,72 @@ static pags_result cut_edges(pags_shell *s) {
   return result;
 }
 
+/* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half becomes a new triangle. */
+static void split_face(pags_shell *s, int64_t id, uint32_t middle) {
+  const uint32_t corners[3] = {s->triangles[id], s->triangles[next_corner(id)], s->triangles[next_corner(next_corner(id))]};
+  s->triangles[next_corner(id)] = middle;
+  pags_shell_triangle(s, middle, corners[1], corners[2]);
+}
+
+/* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next pass. */
+static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split) {
+  for (int64_t i = 0; i < count; ++i) {
+    if (halves[i].backward || split[halves[i].id / 3])
+      continue;
+    for (int64_t step = 1; step < count; ++step) {
+      half *other = &halves[(i + count - step) % count];
+      if (!other->backward || split[other->id / 3])
+        continue;
+      float position[3], color[3];
+      for (int k = 0; k < 3; ++k) {
+        position[k] = 0.5f * (s->positions[3 * (int64_t)halves[i].low + k] + s->positions[3 * (int64_t)halves[i].high + k]);
+        color[k] = s->colors[3 * (int64_t)halves[i].low + k];
+      }
+      uint32_t middle = pags_shell_vertex(s, position, color, s->observed[halves[i].low]);
+      split[halves[i].id / 3] = split[other->id / 3] = 1;
+      split_face(s, halves[i].id, middle);
+      split_face(s, other->id, middle);
+      break;
+    }
+  }
+}
+
+/* How many edges still have more than two faces, or two that run the same way; these are parted in their middle. */
+static pags_result part_edges(pags_shell *s, int64_t *found) {
+  int64_t count = 3 * s->triangle_count;
+  half *halves = malloc(((size_t)count + 1) * sizeof *halves);
+  uint8_t *split = calloc((size_t)s->triangle_count + 1, 1);
+  *found = 0;
+  if (!halves || !split) {
+    free(halves);
+    free(split);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+  }
+  for (int64_t i = 0; i < count; ++i) {
+    uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
+    halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
+    halves[i].angle = angle_of(s, &halves[i]);
+  }
+  qsort(halves, (size_t)count, sizeof *halves, compare_halves);
+  for (int64_t i = 0, end; i < count; i = end) {
+    for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; ++end)
+      continue;
+    if (end - i > 2) {
+      ++*found;
+      part_edge(s, halves + i, end - i, split);
+    }
+  }
+  free(halves);
+  free(split);
+  return pags_shell_check(s);
+}
+
 pags_result pags_shell_repair(pags_shell *surface) {
+  enum { PASSES = 4 };
+  int64_t left = 1;
   PAGS_TRY(drop_flaps(surface));
-  return cut_edges(surface);
+  PAGS_TRY(cut_edges(surface));
+  for (int pass = 0; pass < PASSES && left; ++pass)
+    PAGS_TRY(part_edges(surface, &left));
+  return PAGS_OK;
 }
