@@ -261,7 +261,7 @@ def composited():
     scene = bpy.context.scene
     plain = render("plain")
     with in_view():
-        bpy.ops.object.light_add(type="SUN", rotation=(0.5, 0.3, 0))
+        bpy.ops.object.light_add(type="SUN", rotation=(0.3, 0.9, 0))
     sun = bpy.context.view_layer.objects.active
     sun.data.energy, sun.data.angle = 4, 0.02
     deselect()
