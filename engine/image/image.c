@@ -189,15 +189,16 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
   return result;
 }
 
-/* Writes beside `path` and renames, so that a reader never sees half a file. */
+/* Writes beside `path` and renames, so that a reader never sees half a file. What a killed process leaves beside it has always
+ * the same name, so that the next one writes over it. */
 static pags_result write_file(const char *path, const char *format, const pags_oiio_picture *picture) {
   const pags_oiio *oiio;
   PAGS_TRY(pags_oiio_module(&oiio));
-  size_t size = strlen(path) + 32;
+  size_t size = strlen(path) + sizeof ".part";
   char *beside = malloc(size);
   if (!beside)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", path);
-  snprintf(beside, size, "%s.%ld.part", path, (long)getpid());
+  snprintf(beside, size, "%s.part", path);
   pags_oiio_message message;
   pags_result result = oiio->write(beside, format, picture, &message);
   if (result != PAGS_OK)

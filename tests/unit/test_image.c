@@ -199,6 +199,15 @@ static void test_saving_fails_cleanly(void **state) {
 }
 
 /* The same pixels give the same bytes: no date, no host in the file. */
+/* What a process that was killed has left is written over, not left for good. */
+static void test_saving_clears_up(void **state) {
+  scratch *s = *state;
+  scratch_text(s, "again.png.part", "half of a picture");
+  scratch_picture(s, "again.png", 4, 3, pattern);
+  assert_true(pags_file_exists(scratch_path(s, "again.png")));
+  assert_false(pags_file_exists(scratch_path(s, "again.png.part")));
+}
+
 static void test_saving_is_deterministic(void **state) {
   scratch *s = *state;
   const char *const names[] = {"x.png", "x.jpg", "x.exr"};
@@ -331,6 +340,7 @@ int main(void) {
       cmocka_unit_test_setup_teardown(test_bad_files, begin, end),
       cmocka_unit_test_setup_teardown(test_cut_off_files, begin, end),
       cmocka_unit_test_setup_teardown(test_saving_fails_cleanly, begin, end),
+      cmocka_unit_test_setup_teardown(test_saving_clears_up, begin, end),
       cmocka_unit_test_setup_teardown(test_saving_is_deterministic, begin, end),
       cmocka_unit_test(test_shrink_mean),
       cmocka_unit_test(test_shrink_mask),
