@@ -252,7 +252,7 @@ def meshes():
 
 
 def painted(picture):
-    """Where a picture has the mesh's green, which nothing in the street has."""
+    """Where a picture has the mesh's green."""
     red, green, blue = (picture[..., c] for c in range(3))
     return (green > red + 40) & (blue > red + 20)
 
@@ -269,8 +269,8 @@ def composited():
     scene.cycles.samples, scene.cycles.use_denoising = 24, False
     whole = render("composite")
     keep("composite", os.path.join(FOLDER, "composite.png"))
-    mesh = painted(whole)
-    assert mesh.sum() > 1000 > 10 * painted(plain).sum(), "the mesh isn't in the picture"
+    mesh = painted(whole) & ~painted(plain)  # there may be a green car in the street
+    assert mesh.sum() > 1000, "the mesh isn't in the picture"
     darker = (whole.sum(axis=2) < 0.7 * plain.sum(axis=2)) & ~mesh
     assert darker.sum() > 100, "there is no shadow"
     yield 0.1
