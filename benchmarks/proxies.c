@@ -136,39 +136,6 @@ typedef struct bench {
   int pictures; /* 1: the truth is in pictures */
 } bench;
 
-static pags_result read_options(const char *dataset, pags_street_options *out, int *missing) {
-  *missing = 0;
-  *out = pags_street_options_default();
-  char *path = pags_path_join(dataset, "truth/street.json");
-  pags_json *json;
-  double frames, fps, objects, seed;
-  if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  if (!pags_file_exists(path)) {
-    *missing = 1;
-    free(path);
-    return PAGS_OK;
-  }
-  pags_result result = pags_json_parse_file(path, &json);
-  free(path);
-  PAGS_TRY(result);
-  const pags_json_value *root = pags_json_root(json);
-  result = pags_json_number(json, root, "frames", &frames);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "fps", &fps);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "objects", &objects);
-  if (result == PAGS_OK)
-    result = pags_json_number(json, root, "seed", &seed);
-  pags_json_destroy(json);
-  PAGS_TRY(result);
-  out->frames = (int)frames;
-  out->fps = fps;
-  out->objects = (int)objects;
-  out->seed = (uint64_t)seed;
-  return PAGS_OK;
-}
-
 static pags_result set_time(bench *self, double time) {
   if (time == self->stage_time)
     return PAGS_OK;
@@ -644,7 +611,9 @@ static pags_result measure_laser(bench *self, const pags_json_value *node) {
 
 static pags_result run(bench *self) {
   const pags_json_value *nodes = member(self->file.root, "nodes");
-  PAGS_TRY(read_options(self->scene.dataset ? self->scene.dataset : ".", &self->options, &self->pictures));
+  int found;
+  PAGS_TRY(pags_street_read_truth(self->scene.dataset ? self->scene.dataset : ".", &self->options, &found));
+  self->pictures = !found;
   char *pictures = pags_path_join(self->scene.dataset ? self->scene.dataset : ".", "truth/ids");
   int has_truth = !self->pictures || (pictures && pags_dir_exists(pictures));
   free(pictures);

@@ -56,20 +56,30 @@ static pags_result read_options(const char *path, pags_street_options *out) {
   return PAGS_OK;
 }
 
-pags_result pags_street_truth_open(const char *folder, pags_street_truth **out) {
-  *out = NULL;
+pags_result pags_street_read_truth(const char *folder, pags_street_options *out, int *found) {
+  *found = 0;
+  *out = pags_street_options_default();
   char *path = pags_path_join(folder, truth_file);
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  if (!pags_file_exists(path)) {
-    free(path);
-    return PAGS_OK;
-  }
-  pags_street_truth *truth = calloc(1, sizeof *truth);
-  pags_result result = truth ? read_options(path, &truth->options) : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a street");
+  *found = pags_file_exists(path);
+  const pags_result result = *found ? read_options(path, out) : PAGS_OK;
   free(path);
-  if (result == PAGS_OK)
-    result = pags_street_build(&truth->options, &truth->street);
+  return result;
+}
+
+pags_result pags_street_truth_open(const char *folder, pags_street_truth **out) {
+  *out = NULL;
+  pags_street_options options;
+  int found;
+  PAGS_TRY(pags_street_read_truth(folder, &options, &found));
+  if (!found)
+    return PAGS_OK;
+  pags_street_truth *truth = calloc(1, sizeof *truth);
+  if (!truth)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a street");
+  truth->options = options;
+  const pags_result result = pags_street_build(&truth->options, &truth->street);
   if (result == PAGS_OK)
     *out = truth;
   else
