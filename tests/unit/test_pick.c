@@ -200,6 +200,42 @@ static void test_limits(void **state) {
   destroy_world(&w);
 }
 
+/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma meets it (alpha 0.011), at 3.5 it doesn't (0.0022): its cluster must
+ * reach as far, though no neighbour widens it. */
+static void test_grazing(void **state) {
+  (void)state;
+  pags_pick_options options = pags_pick_options_default();
+  pags_gaussians g;
+  pags_clusters clusters;
+  pags_picked picked;
+  assert_int_equal(pags_gaussians_create(&g, 1, 0), PAGS_OK);
+  for (int k = 0; k < 3; ++k) {
+    pags_plane(&g, PAGS_MEAN + k)[0] = 0;
+    pags_plane(&g, PAGS_SCALE + k)[0] = (float)log(0.1);
+    pags_plane(&g, PAGS_ROTATION + 1 + k)[0] = 0;
+  }
+  pags_plane(&g, PAGS_ROTATION)[0] = 1;
+  pags_plane(&g, PAGS_OPACITY)[0] = (float)log(0.99 / 0.01);
+  assert_int_equal(pags_clusters_create(&clusters, 1, 64), PAGS_OK);
+  pags_clusters_update(&clusters, &g, 0, clusters.count);
+  const pags_part part = {
+      .gaussians = &g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  options.blocked = 0;
+  for (int axis = 0; axis < 3; ++axis)
+    for (int out = 0; out < 2; ++out) {
+      double from[3] = {0, 0, 0}, along[3] = {0, 0, 0};
+      from[axis] = -5;
+      from[(axis + 1) % 3] = out ? 0.35 : 0.3;
+      along[axis] = 1;
+      assert_int_equal(pags_pick(&part, 1, from, along, &options, &picked), PAGS_OK);
+      assert_int_equal(picked.part, out ? -1 : 0);
+      if (!out)
+        assert_true(fabs(picked.depth - 5) < 1e-5);
+    }
+  pags_clusters_destroy(&clusters);
+  pags_gaussians_destroy(&g);
+}
+
 /* Packing rounds, so that of two nearly as near the other may be picked: depths agree, and nearly all ids. */
 static void test_packed(void **state) {
   (void)state;
@@ -388,7 +424,8 @@ static void test_embree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_limits),  cmocka_unit_test(test_packed),
+      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_limits),
+      cmocka_unit_test(test_grazing), cmocka_unit_test(test_packed),
       cmocka_unit_test(test_bad_rays),    cmocka_unit_test(test_objects),
 #ifdef PAGS_EMBREE
       cmocka_unit_test(test_embree),
