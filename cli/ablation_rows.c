@@ -22,12 +22,15 @@ static const part parts[] = {
     {"sp", "--preset short --alpha 0", "", false},
     {"sd", "--dropout --dropout-beta 0", "", false},
     {"spr", "--preset short --alpha 0.4 --dropout --dropout-beta 0.5", "", false},
+    {"lean", "--preset lean", "", false},
     {"pdr", "", "--early-z paper", false},
     {"alpha=", "--alpha %s", "", true},
     {"rate=", "--prune-rate %s", "", true},
     {"preset=", "--preset %s", "", true},
     {"beta=", "--dropout-beta %s", "", true},
     {"gamma=", "--dropout-gamma %s", "", true},
+    {"hybrid=", "--hybrid %s", "", true},
+    {"critical-weight=", "--critical-weight %s", "", true},
     {"s-sem=", "--s-sem %s", "", true},
     {"s-grad=", "--s-grad %s", "", true},
     {"s-grad-from=", "--s-grad-from %s", "", true},
@@ -173,13 +176,15 @@ static pags_result add_part(pags_ablation_row *row, const char *text) {
 
 /* Whether the name changes something of spr without saying of what. */
 static bool needs_spr(char *const *names, int count) {
+  static const char *const whole[] = {"sp", "sd", "spr", "lean"};
   bool changes = false;
   for (int i = 0; i < count; ++i) {
     const part *found = find_part(names[i]);
     if (found && found->of_spr)
       changes = true;
-    if (found && (!strcmp(found->name, "sp") || !strcmp(found->name, "sd") || !strcmp(found->name, "spr")))
-      return false;
+    for (size_t k = 0; found && k < sizeof whole / sizeof *whole; ++k)
+      if (!strcmp(found->name, whole[k]))
+        return false;
   }
   return changes;
 }

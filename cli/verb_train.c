@@ -111,11 +111,15 @@ static const pags_option options[] = {
                "than E from wherever a training view sees it"),
 
     PAGS_GROUP("Priority (see docs/priority.md)"),
-    PAGS_CHOICE("preset", CONFIG(preset), "none|short|paper", NULL,
-                "prune by score: short: after steps 10 000, 15 000, 20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 "
-                "of 50 000"),
+    PAGS_CHOICE("preset", CONFIG(preset), "none|lean|short|paper", NULL,
+                "prune by score: lean: after steps 5000, 10 000, ... 25 000 of 30 000, what loses least; the paper's: short: after 10 000, 15 000, "
+                "20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 of 50 000"),
     PAGS_VALUE("alpha", 0, DOUBLE, CONFIG(alpha), 0, 1, "A", NULL, NULL,
-               "the score is A times what shows vehicles and people plus 1 - A times what the picture hangs on"),
+               "how much of the score is what shows vehicles and people; the rest is what the picture hangs on"),
+    PAGS_CHOICE("hybrid", CONFIG(hybrid), "preset|sum|product", "preset: product with lean, otherwise sum",
+                "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where nothing critical is shown"),
+    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 3 with --preset lean",
+               "count pixels that show vehicles and people W times in the loss"),
     PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3",
               "share of the Gaussians removed at the first three prunes, and at those after"),
     PAGS_VALUE("prune-floor", 0, INT64, CONFIG(prune_floor), 0, 2147483584.0, "N", NULL, NULL,

@@ -1,4 +1,5 @@
-/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004).
+/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004), both of
+ * sums over pixels that may count more than once.
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
@@ -28,9 +29,9 @@ typedef struct loss_state {
   const pags_loss_rows *io;
   int64_t pitch;        /* floats from row to row of the scratch */
   float *x, *y;         /* rings of LOSS_RING rows, times the mask */
-  float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale and the mask */
+  float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and how often the pixel counts */
   float *sums[2][4];    /* what the pass down the columns leaves for the one along the row */
-  double l1, squared, ssim;
+  double l1, squared, ssim, more_l1, more_dssim;
 } loss_state;
 
 static inline float *loss_ring(const loss_state *s, float *ring, int row) {
@@ -49,6 +50,11 @@ static inline vm loss_counted(const pags_loss_rows *io, int row, int column) {
   return m_and(inside, v_gt(v_load_u8(io->mask + row * io->stride + column), v_zero()));
 }
 
+/* How much more than once pixels count. */
+static inline vf loss_more(const pags_loss_rows *io, int row, int column) {
+  return io->emphasis ? v_mul(v_load_u8(io->emphasis + row * io->stride + column), v_set(io->gain)) : v_zero();
+}
+
 /* Brings a row into the rings; in the band, adds up |x - y| and the square of clamped x - y (as PSNR has it). */
 static void loss_load(loss_state *s, int row) {
   const pags_loss_rows *io = s->io;
@@ -59,7 +65,7 @@ static void loss_load(loss_state *s, int row) {
     return;
   }
   const vf scale = v_set(1.0f / 255.0f);
-  vf l1 = v_zero(), squared = v_zero();
+  vf l1 = v_zero(), squared = v_zero(), more = v_zero();
   for (int i = 0; i < io->width; i += V_LANES) {
     const vm use = loss_counted(io, row, i);
     const vf a = v_maskz(use, v_load(io->prediction + row * io->stride + i));
@@ -68,10 +74,12 @@ static void loss_load(loss_state *s, int row) {
     v_store(x + i, a);
     v_store(y + i, b);
     l1 = v_add(l1, v_abs(v_sub(a, b)));
+    more = v_fma(loss_more(io, row, i), v_abs(v_sub(a, b)), more);
     squared = v_fma(d, d, squared);
   }
   if (row >= io->begin && row < io->end) {
     s->l1 += (double)v_sum(l1);
+    s->more_l1 += (double)v_sum(more);
     s->squared += (double)v_sum(squared);
   }
 }
@@ -164,7 +172,7 @@ static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
     out[j] = loss_ring(s, s->derivative[j], row);
   const vf c1 = v_set(0.01f * 0.01f), c2 = v_set(0.03f * 0.03f), two = v_set(2.0f), half = v_set(0.5f);
   const vf scale = v_set(io->ssim_scale);
-  vf total = v_zero();
+  vf total = v_zero(), more = v_zero();
   for (int i = 0; i < io->width; i += V_LANES) {
     const vf mx = loss_along(sums[0] + i), my = loss_along(sums[1] + i);
     const vf q = loss_along(sums[2] + i), p = loss_along(sums[3] + i);
@@ -177,15 +185,19 @@ static void loss_differentiate(loss_state *s, int row, float *const sums[4]) {
     const vf inverse = v_div(v_set(1.0f), v_mul(b1, b2));
     const vf ssim = v_mul(v_mul(a1, a2), inverse);
     const vm use = loss_counted(io, row, i);
-    const vf k = v_maskz(use, v_mul(scale, inverse)), k2 = v_mul(two, k);
+    const vf extra = loss_more(io, row, i), weight = v_fma(extra, scale, scale);
+    const vf k = v_maskz(use, v_mul(weight, inverse)), k2 = v_mul(two, k);
     const vf towards = v_fnma(v_mul(mx, ssim), v_sub(b2, b1), v_mul(my, v_sub(a2, a1)));
     v_store(out[0] + i, v_mul(k2, towards));
     v_store(out[1] + i, v_sub(v_zero(), v_mul(k, v_mul(ssim, b1))));
     v_store(out[2] + i, v_mul(k2, a1));
     total = v_add(total, v_maskz(use, ssim));
+    more = v_fma(extra, v_maskz(use, v_sub(v_set(1.0f), ssim)), more);
   }
-  if (row >= io->begin && row < io->end)
-    s->ssim += (double)v_sum(total);
+  if (row < io->begin || row >= io->end)
+    return;
+  s->ssim += (double)v_sum(total);
+  s->more_dssim += (double)v_sum(more);
 }
 
 static void loss_derivatives(loss_state *s, int row) {
@@ -204,11 +216,12 @@ static void loss_gradient(const loss_state *s, int row, float *const sums[3]) {
   const pags_loss_rows *io = s->io;
   const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
   float *out = io->gradient + row * io->stride;
-  const vf l1 = v_set(io->l1_scale), minus_l1 = v_set(-io->l1_scale);
+  const vf scale = v_set(io->l1_scale);
   memset(out + loss_padded(io), 0, (size_t)(io->stride - loss_padded(io)) * sizeof *out);
   for (int i = 0; i < io->width; i += V_LANES) {
     const vf a = v_load(x + i), b = v_load(y + i);
-    const vf sign = v_select(v_gt(a, b), l1, v_maskz(v_lt(a, b), minus_l1));
+    const vf l1 = v_fma(loss_more(io, row, i), scale, scale);
+    const vf sign = v_select(v_gt(a, b), l1, v_maskz(v_lt(a, b), v_sub(v_zero(), l1)));
     const vf dq = loss_along(sums[1] + i), dp = loss_along(sums[2] + i);
     const vf ssim = v_fma(v_add(a, a), dq, v_fma(b, dp, loss_along(sums[0] + i)));
     v_store(out + i, v_maskz(loss_counted(io, row, i), v_add(sign, ssim)));
@@ -248,4 +261,6 @@ static void loss_rows(pags_loss_rows *io) {
   io->l1 = s.l1;
   io->squared = s.squared;
   io->ssim = s.ssim;
+  io->more_l1 = s.more_l1;
+  io->more_dssim = s.more_dssim;
 }

@@ -10,7 +10,7 @@
 enum { BAND = 48 };
 
 typedef struct band_sums {
-  double l1, squared, ssim;
+  double l1, squared, ssim, more_l1, more_dssim;
   int done;
 } band_sums;
 
@@ -19,6 +19,7 @@ typedef struct loss_job {
   pags_tasks *tasks;
   const pags_picture *picture;
   const pags_photo *photo;
+  const pags_emphasis *emphasis;
   float *const *gradient;
   float l1_scale, ssim_scale;
   band_sums *sums; /* per block */
@@ -50,6 +51,8 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
       .prediction = job->picture->rgb[channel],
       .target = photo->rgb + (int64_t)channel * photo->height * photo->stride,
       .mask = photo->mask,
+      .emphasis = job->emphasis->pixels,
+      .gain = (float)(job->emphasis->times - 1.0),
       .gradient = job->gradient[channel],
       .l1_scale = job->l1_scale,
       .ssim_scale = job->ssim_scale,
@@ -57,7 +60,7 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
   };
   if (rows.scratch) {
     job->kernels->loss_rows(&rows);
-    job->sums[block] = (band_sums){rows.l1, rows.squared, rows.ssim, 1};
+    job->sums[block] = (band_sums){rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, 1};
   }
   pags_arena_release(arena, mark);
 }
@@ -68,13 +71,15 @@ static void run_blocks(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weight, int64_t counted, pags_loss *out) {
-  double l1 = 0.0, squared = 0.0, ssim = 0.0;
+  double l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
   for (int64_t b = 0; b < blocks; b++) {
     if (!job->sums[b].done)
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels wide", job->photo->width);
     l1 += job->sums[b].l1;
     squared += job->sums[b].squared;
     ssim += job->sums[b].ssim;
+    more_l1 += job->sums[b].more_l1;
+    more_dssim += job->sums[b].more_dssim;
   }
   *out = (pags_loss){.counted = counted};
   if (counted) {
@@ -82,7 +87,8 @@ static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weigh
     out->l1 = l1 / values;
     out->mse = squared / values;
     out->ssim = ssim / values;
-    out->loss = (1.0 - ssim_weight) * out->l1 + ssim_weight * (1.0 - out->ssim);
+    out->loss = (1.0 - ssim_weight) * (out->l1 + more_l1 / values) +
+                ssim_weight * (1.0 - out->ssim + more_dssim / values);
   }
   return PAGS_OK;
 }
@@ -104,14 +110,17 @@ static pags_result evaluate(loss_job *job, double ssim_weight, pags_loss *out) {
 }
 
 pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
-                               double ssim_weight, float *const gradient[3], pags_loss *out) {
+                               const pags_emphasis *emphasis, double ssim_weight, float *const gradient[3],
+                               pags_loss *out) {
+  assert(emphasis->times >= 1.0);
   assert(ssim_weight >= 0.0 && ssim_weight <= 1.0);
   if (picture->width != photo->width || picture->height != photo->height || picture->stride != photo->stride)
     return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
                      picture->width, picture->height, photo->width, photo->height);
   const char *why = "no vector kernels";
   loss_job job = {
-      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .gradient = gradient};
+      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .emphasis = emphasis,
+      .gradient = gradient};
   if (!job.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   /* Blocks of this very loop stack their scratch on top of what the calling thread, worker 0, allocates here. */

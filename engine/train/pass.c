@@ -59,6 +59,7 @@ void pags_pass_destroy(pags_trainer *t) {
     free(p->depth[i].samples);
   for (int i = 0; i < PLANES; i++)
     free(p->plane[i]);
+  free(p->emphasis);
   void *const arrays[] = {p->parts, p->part_model, p->part_knot, p->pose,      p->pose_room, p->dc,
                           p->basis, p->dc_stride,  p->held,      p->held_step, p->held_room, p->depth,
                           p->factor, p->factor_room};
@@ -82,6 +83,11 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
                        picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
   }
+  free(p->emphasis);
+  p->emphasis = calloc((size_t)floats, 1);
+  if (!p->emphasis)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for what counts of a picture of %d x %d", picture->width,
+                     picture->height);
   for (int64_t i = 0; i < floats; i++)
     p->plane[ONES][i] = 1.0f;
   p->plane_floats = floats;
@@ -365,6 +371,17 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   return PAGS_OK;
 }
 
+/* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts as it is. */
+static pags_emphasis emphasis_of(pags_trainer *t, const pags_photo *photo) {
+  double times = t->state.schedule.config.critical_weight;
+  if (!photo->labels || !(times > 1.0) || t->measuring)
+    return (pags_emphasis){.times = 1.0};
+  int64_t count = (int64_t)photo->stride * photo->height;
+  for (int64_t i = 0; i < count; i++)
+    t->pass.emphasis[i] = (photo->labels[i] & PAGS_LABEL_CRITICAL) != 0;
+  return (pags_emphasis){t->pass.emphasis, times};
+}
+
 static pags_result photometric(pags_trainer *t, pags_step_view *v, double exposure_gradient[6]) {
   pags_pass *p = &t->pass;
   pags_picture exposed = v->picture;
@@ -376,8 +393,9 @@ static pags_result photometric(pags_trainer *t, pags_step_view *v, double exposu
     for (int c = 0; c < 3; c++)
       exposed.rgb[c] = p->plane[EXPOSED + c];
   }
-  PAGS_TRY(pags_loss_evaluate(t->tasks, &exposed, &v->photo, t->state.schedule.config.ssim_weight, p->plane + GRADIENT,
-                              &v->loss));
+  pags_emphasis emphasis = emphasis_of(t, &v->photo);
+  PAGS_TRY(pags_loss_evaluate(t->tasks, &exposed, &v->photo, &emphasis, t->state.schedule.config.ssim_weight,
+                              p->plane + GRADIENT, &v->loss));
   return modelled ? pags_exposure_backward(value, &v->picture, t->tasks, p->plane + GRADIENT, exposure_gradient)
                   : PAGS_OK;
 }

@@ -1,8 +1,9 @@
 /* Pruning by priority.
  *
  * The paper ranks all Gaussians by S_hybrid and removes the lowest. S_sem lies in 0..1, S_grad is heavy-tailed over many
- * powers of ten; as a percentile rank it spreads evenly over 0..1, so that alpha weighs the two as it says: what isn't critical scores
- * up to 1 - alpha, what is from alpha on. A Gaussian that no training view shows has score 0 whatever it inherited. */
+ * powers of ten; as a percentile rank it spreads evenly over 0..1, so that alpha weighs the two as it says: in the paper's sum what isn't
+ * critical scores up to 1 - alpha, what is from alpha on, though no pixel may need it. The product asks more of what isn't critical
+ * and keeps nothing that doesn't matter. A Gaussian that no training view shows has score 0 whatever it inherited. */
 #include "train/prune.h"
 
 #include <math.h>
@@ -158,6 +159,11 @@ static int32_t group_of(const pags_train_model *m, int64_t row) {
   return m->gaussians.object_id ? m->gaussians.object_id[row] + 1 : 0;
 }
 
+double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad) {
+  return c->hybrid == PAGS_HYBRID_PRODUCT ? (1.0 - c->alpha + c->alpha * s_sem) * s_grad
+                                          : c->alpha * s_sem + (1.0 - c->alpha) * s_grad;
+}
+
 /* S_hybrid of all rows. */
 static pags_result score_rows(const pags_train_state *s, const pags_scores *scores, row_lists *l) {
   const pags_train_config *c = &s->schedule.config;
@@ -172,7 +178,7 @@ static pags_result score_rows(const pags_train_state *s, const pags_scores *scor
     const pags_train_model *m = &s->models[i];
     for (int64_t row = 0; row < m->gaussians.count; row++, at++) {
       double s_sem = m->gaussians.s_sem ? (double)m->gaussians.s_sem[row] : 0.0;
-      double hybrid = c->alpha * s_sem + (1.0 - c->alpha) * (double)l->score[at];
+      double hybrid = pags_prune_hybrid(c, s_sem, (double)l->score[at]);
       l->score[at] = scores->drawn[at] > 0.0 ? (float)hybrid : 0.0f;
       l->group[at] = group_of(m, row);
     }

@@ -1,4 +1,4 @@
-/* Pruning by priority: the Gaussians with the lowest S_hybrid = alpha S_sem + (1 - alpha) S_grad go, over all models together. */
+/* Pruning by priority: the Gaussians with the lowest S_hybrid go, over all models together. */
 #ifndef PAGS_TRAIN_PRUNE_H
 #define PAGS_TRAIN_PRUNE_H
 
@@ -14,6 +14,9 @@ int64_t pags_prune_target(const pags_schedule *schedule, int index, int64_t coun
  * RANK: the share of others that are lower (ties: none of them is). MINMAX: linear. LOG: log(1 + x / m), m the median of
  * those over 0, then linear. */
 pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t count, float *out);
+
+/* S_hybrid of both scores, in 0..1; of a resolved configuration. */
+double pags_prune_hybrid(const pags_train_config *config, double s_sem, double s_grad);
 
 typedef struct pags_prune_request {
   int64_t count;

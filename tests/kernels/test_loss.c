@@ -9,7 +9,10 @@ typedef struct picture {
   int64_t stride;
   float *prediction;
   uint8_t *target, *mask; /* mask NULL: every pixel counts */
+  uint8_t *emphasis;      /* with a mask: how often pixels count is 1 + gain times this */
 } picture;
+
+static const float gain = 0.37f;
 
 typedef enum content { NOISE, NEAR, EQUAL, HUGE_VALUES } content;
 
@@ -19,6 +22,7 @@ static picture make_picture(int width, int height, bool masked, content what) {
   p.prediction = CHECK_NEW(float, p.stride *height);
   p.target = CHECK_NEW(uint8_t, p.stride * height);
   p.mask = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
+  p.emphasis = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
   for (int64_t i = 0; i < p.stride * height; i++) {
     const bool inside = i % p.stride < width;
     p.target[i] = (uint8_t)check_u32();
@@ -28,19 +32,23 @@ static picture make_picture(int width, int height, bool masked, content what) {
                       : what == NEAR  ? near + 0.05f * check_normal()
                       : what == EQUAL ? (float)p.target[i] * (1.0f / 255.0f)
                                       : 1e4f * check_normal();
-    if (masked)
+    if (masked) {
       p.mask[i] = (uint8_t)(!inside || check_below(4) ? 1 + check_below(255) : 0);
+      p.emphasis[i] = (uint8_t)check_below(3);
+    }
   }
   check_freeze(p.prediction);
   check_freeze(p.target);
-  if (masked)
+  if (masked) {
     check_freeze(p.mask);
+    check_freeze(p.emphasis);
+  }
   return p;
 }
 
 typedef struct result {
   float *gradient;
-  double l1, squared, ssim;
+  double l1, squared, ssim, more_l1, more_dssim;
 } result;
 
 static void run(const pags_kernels *k, const picture *p, int begin, int end, result *r) {
@@ -53,6 +61,8 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
                        .prediction = p->prediction,
                        .target = p->target,
                        .mask = p->mask,
+                       .emphasis = p->emphasis,
+                       .gain = gain,
                        .gradient = r->gradient,
                        .l1_scale = 0.8f,
                        .ssim_scale = -0.1f,
@@ -62,6 +72,8 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
   r->l1 += io.l1;
   r->squared += io.squared;
   r->ssim += io.ssim;
+  r->more_l1 += io.more_l1;
+  r->more_dssim += io.more_dssim;
 }
 
 /* In bands of `rows` rows. */
@@ -77,6 +89,8 @@ static void check_sums(const result *got, const result *want, const picture *p, 
   CHECK(fabs(got->l1 - want->l1) <= share * fmax(want->l1, 1e-3 * pixels));
   CHECK(fabs(got->squared - want->squared) <= share * fmax(want->squared, 1e-3 * pixels));
   CHECK(fabs(got->ssim - want->ssim) <= share * pixels);
+  CHECK(fabs(got->more_l1 - want->more_l1) <= share * fmax(want->more_l1, 1e-3 * pixels));
+  CHECK(fabs(got->more_dssim - want->more_dssim) <= share * pixels);
 }
 
 /* ---- In double ---- */
@@ -92,6 +106,10 @@ static void weights(double w[11]) {
 
 static bool counted(const picture *p, int x, int y) {
   return !p->mask || p->mask[y * p->stride + x] != 0;
+}
+
+static double more(const picture *p, int x, int y) {
+  return p->emphasis ? (double)gain * p->emphasis[y * p->stride + x] : 0.0;
 }
 
 static double ssim_at(const picture *p, double *const planes[5], int x, int y) {
@@ -117,7 +135,7 @@ static void fill(const picture *p, double *const planes[5]) {
     }
 }
 
-/* Central differences of the sum of SSIM by the prediction of one pixel, over those windows that hold it. */
+/* Central differences of the weighted sum of SSIM by the prediction of one pixel, over those windows that hold it. */
 static double ssim_gradient(const picture *p, double *const planes[5], int x, int y) {
   const int at = y * p->width + x;
   const double a = planes[0][at], b = planes[1][at], step = 1e-4;
@@ -128,7 +146,7 @@ static double ssim_gradient(const picture *p, double *const planes[5], int x, in
     for (int v = y - 5; v <= y + 5; v++)
       for (int u = x - 5; u <= x + 5; u++)
         if (u >= 0 && v >= 0 && u < p->width && v < p->height && counted(p, u, v))
-          sum[side] += ssim_at(p, planes, u, v);
+          sum[side] += (1.0 + more(p, u, v)) * ssim_at(p, planes, u, v);
   }
   planes[0][at] = a, planes[2][at] = a * a, planes[4][at] = a * b;
   return (sum[1] - sum[0]) / (2.0 * step);
@@ -145,7 +163,10 @@ static void check_plainly(const picture *p, const result *got) {
       const double a = planes[0][y * p->width + x], b = planes[1][y * p->width + x], d = fmin(fmax(a, 0.0), 1.0) - b;
       want.l1 += fabs(a - b);
       want.squared += d * d;
-      want.ssim += counted(p, x, y) ? ssim_at(p, planes, x, y) : 0.0;
+      const double ssim = counted(p, x, y) ? ssim_at(p, planes, x, y) : 0.0;
+      want.ssim += ssim;
+      want.more_l1 += more(p, x, y) * fabs(a - b);
+      want.more_dssim += counted(p, x, y) ? more(p, x, y) * (1.0 - ssim) : 0.0;
     }
   check_sums(got, &want, p, 2e-5);
   for (int sample = 0; sample < 6; sample++) {
@@ -153,7 +174,7 @@ static void check_plainly(const picture *p, const result *got) {
     const double a = planes[0][y * p->width + x], b = planes[1][y * p->width + x];
     if (fabs(a - b) < 1e-6)
       continue;
-    const double l1 = a > b ? 0.8 : -0.8, ssim = -0.1 * ssim_gradient(p, planes, x, y);
+    const double l1 = (a > b ? 0.8 : -0.8) * (1.0 + more(p, x, y)), ssim = -0.1 * ssim_gradient(p, planes, x, y);
     const double should = counted(p, x, y) ? (double)(float)l1 + ssim : 0.0,
                  is = (double)got->gradient[y * p->stride + x];
     if (!(fabs(is - should) <= 2e-4 * fmax(fabs(ssim), 0.1) + 1e-6))

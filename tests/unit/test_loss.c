@@ -20,7 +20,7 @@
 typedef struct pair {
   int width, height, stride;
   float *planes, *gradient;
-  uint8_t *rgb, *mask;
+  uint8_t *rgb, *mask, *emphasis; /* emphasis NULL: every pixel counts once */
   pags_picture picture;
   pags_photo photo;
 } pair;
@@ -71,13 +71,25 @@ static void free_pair(pair *p) {
   free(p->gradient);
   free(p->rgb);
   free(p->mask);
+  free(p->emphasis);
+}
+
+static const double times = 2.75;
+
+/* An upright stripe, part of which the mask hides. */
+static void emphasise(pair *p) {
+  p->emphasis = calloc((size_t)p->stride * (size_t)p->height, 1);
+  for (int y = 0; y < p->height; y++)
+    for (int x = p->width / 3; x < p->width; x++)
+      p->emphasis[(int64_t)y * p->stride + x] = x + y / 3 < 2 * p->width / 3;
 }
 
 static pags_result evaluate(pair *p, pags_tasks *tasks, double weight, pags_loss *out) {
   float *gradient[3];
   for (int c = 0; c < 3; c++)
     gradient[c] = p->gradient + (int64_t)c * p->height * p->stride;
-  return pags_loss_evaluate(tasks, &p->picture, &p->photo, weight, gradient, out);
+  pags_emphasis emphasis = {p->emphasis, p->emphasis ? times : 1.0};
+  return pags_loss_evaluate(tasks, &p->picture, &p->photo, &emphasis, weight, gradient, out);
 }
 
 /* ------------------------------------------------------------------------------------------------ plain evaluation */
@@ -102,11 +114,17 @@ static void plain_blur(const double *in, double *out, int width, int height) {
   free(rows);
 }
 
-/* Sum over counted pixels of SSIM values; `derivative` receives d/dx of the sum. x and y are masked already. */
-static double plain_ssim(const double *x, const double *y, const uint8_t *use, int width, int height,
-                         double *derivative) {
+/* Sums over pixels of SSIM values, each `use` times: of those used at all once, and of all. `derivative` receives d/dx of the latter. x and
+ * y are masked already. */
+typedef struct plain_sums {
+  double once, all;
+} plain_sums;
+
+static plain_sums plain_ssim(const double *x, const double *y, const double *use, int width, int height,
+                             double *derivative) {
   const int n = width * height;
-  double *m = calloc((size_t)(9 * n), sizeof *m), total = 0.0;
+  double *m = calloc((size_t)(9 * n), sizeof *m);
+  plain_sums total = {0};
   double *in = m + 5 * n, *d[3] = {m + 6 * n, m + 7 * n, m + 8 * n};
   for (int k = 0; k < 5; k++) {
     for (int i = 0; i < n; i++)
@@ -117,8 +135,9 @@ static double plain_ssim(const double *x, const double *y, const uint8_t *use, i
     const double mx = m[i], my = m[n + i], vx = m[2 * n + i] - mx * mx, vy = m[3 * n + i] - my * my;
     const double a1 = 2 * mx * my + 1e-4, a2 = 2 * (m[4 * n + i] - mx * my) + 9e-4;
     const double b1 = mx * mx + my * my + 1e-4, b2 = vx + vy + 9e-4, s = a1 * a2 / (b1 * b2);
-    const double on = use[i] ? 1.0 : 0.0;
-    total += on * s;
+    const double on = use[i];
+    total.once += on > 0.0 ? s : 0.0;
+    total.all += on * s;
     d[0][i] = on * ((2 * my * (a2 - a1)) / (b1 * b2) - 2 * mx * s / b1 + 2 * mx * s / b2);
     d[1][i] = -on * s / b2;
     d[2][i] = on * 2 * a1 / (b1 * b2);
@@ -136,28 +155,33 @@ static pags_loss plain_loss(const pair *p, double weight, double *gradient) {
   const int n = p->width * p->height;
   pags_loss out = {0};
   double *x = calloc((size_t)(3 * n), sizeof *x), *y = x + n, *ssim = x + 2 * n;
-  uint8_t *use = calloc((size_t)n, 1);
+  double *use = calloc((size_t)n, sizeof *use), l1 = 0.0, all = 0.0, weighted = 0.0;
   for (int i = 0; i < n; i++) {
-    use[i] = !p->mask || p->mask[(i / p->width) * p->stride + i % p->width];
-    out.counted += use[i];
+    const int64_t at = (i / p->width) * p->stride + i % p->width;
+    use[i] = p->mask && !p->mask[at] ? 0.0 : p->emphasis && p->emphasis[at] ? times : 1.0;
+    out.counted += use[i] > 0.0;
+    all += 3.0 * use[i];
   }
   const double values = 3.0 * (double)out.counted;
   for (int c = 0; c < 3; c++) {
     for (int i = 0; i < n; i++) {
       const int64_t at = ((int64_t)c * p->height + i / p->width) * p->stride + i % p->width;
-      x[i] = use[i] ? (double)p->planes[at] : 0.0;
-      y[i] = use[i] ? p->rgb[at] / 255.0 : 0.0;
+      x[i] = use[i] > 0.0 ? (double)p->planes[at] : 0.0;
+      y[i] = use[i] > 0.0 ? p->rgb[at] / 255.0 : 0.0;
       out.l1 += fabs(x[i] - y[i]) / values;
+      l1 += use[i] * fabs(x[i] - y[i]) / values;
       out.mse += pow(fmin(1.0, fmax(0.0, x[i])) - y[i], 2.0) / values;
     }
-    out.ssim += plain_ssim(x, y, use, p->width, p->height, ssim) / values;
+    const plain_sums sums = plain_ssim(x, y, use, p->width, p->height, ssim);
+    out.ssim += sums.once / values;
+    weighted += sums.all / values;
     for (int i = 0; i < n; i++) {
       /* Equal within rounding of k/255: no side. */
       const double sign = fabs(x[i] - y[i]) < 1e-7 ? 0.0 : x[i] > y[i] ? 1.0 : -1.0;
-      gradient[c * n + i] = use[i] ? ((1.0 - weight) * sign - weight * ssim[i]) / values : 0.0;
+      gradient[c * n + i] = use[i] > 0.0 ? ((1.0 - weight) * use[i] * sign - weight * ssim[i]) / values : 0.0;
     }
   }
-  out.loss = (1.0 - weight) * out.l1 + weight * (1.0 - out.ssim);
+  out.loss = (1.0 - weight) * l1 + weight * (out.counted ? all / values - weighted : 1.0);
   free(x);
   free(use);
   return out;
@@ -187,8 +211,10 @@ static double gradient_error(const pair *p, const double *expected) {
   return worst / fmax(sqrt(power / (3.0 * n)), 1e-3 / (3.0 * n));
 }
 
-static void check_against_plain(int width, int height, int masked, double weight, pags_tasks *tasks) {
+static void check_against_plain(int width, int height, int masked, int emphasised, double weight, pags_tasks *tasks) {
   pair p = make_pair(width, height, (uint64_t)(width * 1000 + height), masked);
+  if (emphasised)
+    emphasise(&p);
   double *expected = calloc((size_t)(3 * width * height), sizeof *expected);
   const pags_loss plain = plain_loss(&p, weight, expected);
   pags_loss loss = {0};
@@ -217,9 +243,11 @@ static void test_plain(void **state) {
     for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++)
       for (int masked = 0; masked < 2; masked++)
         if (!masked || sizes[i][0] > 50)
-          check_against_plain(sizes[i][0], sizes[i][1], masked, 0.2, tasks);
-    check_against_plain(70, 50, 1, 1.0, tasks);
-    check_against_plain(70, 50, 1, 0.0, tasks);
+          check_against_plain(sizes[i][0], sizes[i][1], masked, i % 2 == 0, 0.2, tasks);
+    for (int emphasised = 0; emphasised < 2; emphasised++) {
+      check_against_plain(70, 50, 1, emphasised, 1.0, tasks);
+      check_against_plain(70, 50, 1, emphasised, 0.0, tasks);
+    }
   }
   if (kept)
     setenv("PAGS_CPU", kept, 1);
@@ -233,6 +261,7 @@ static void test_plain(void **state) {
 static void test_finite_differences(void **state) {
   (void)state;
   pair p = make_pair(37, 29, 5, 1);
+  emphasise(&p);
   const int n = p.width * p.height;
   double *gradient = calloc((size_t)(6 * n), sizeof *gradient), *unused = gradient + 3 * n;
   plain_loss(&p, 0.2, gradient);
@@ -257,6 +286,7 @@ static void test_finite_differences(void **state) {
 static void test_threads(void **state) {
   (void)state;
   pair p = make_pair(150, 333, 3, 1);
+  emphasise(&p);
   const size_t bytes = (size_t)(3 * p.stride * p.height) * sizeof(float);
   float *first = malloc(bytes);
   pags_loss loss, first_loss = {0};

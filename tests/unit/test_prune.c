@@ -44,10 +44,34 @@ static void prunes_come_when_the_paper_says(void **unused) {
     assert_true(s.prune_step[i] >= at[i] && s.prune_step[i] < at[i] + (i < 3 ? s.densify_every : 1));
 }
 
+static void lean_begins_earlier_and_asks_less(void **unused) {
+  (void)unused;
+  pags_schedule s = schedule_of(PAGS_PRESET_LEAN, 30000, 10);
+  assert_int_equal(s.prunes, 5);
+  assert_int_equal(s.densify_until, 15000);
+  for (int i = 0; i < 5; i++) {
+    assert_int_equal(s.prune_step[i], 5000 * (i + 1));
+    assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
+  }
+  assert_true(s.config.critical_weight == 3.0 && s.config.hybrid == PAGS_HYBRID_PRODUCT);
+  s = schedule_of(PAGS_PRESET_PAPER, 30000, 10);
+  assert_true(s.config.critical_weight == 1.0 && s.config.hybrid == PAGS_HYBRID_SUM);
+}
+
+/* Between the preset's -1 and 1 there is nothing to ask for. */
+static void weights_below_1_are_refused(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default();
+  assert_int_equal(pags_train_config_check(&config), PAGS_OK);
+  assert_int_equal(pags_train_config_set(&config, "critical_weight", "0.5"), PAGS_OK);
+  assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "critical_weight: 0.5"));
+}
+
 static void they_stretch_and_none_is_the_last_step(void **unused) {
   (void)unused;
   for (int64_t n = 1; n < 200; n++)
-    for (int preset = PAGS_PRESET_SHORT; preset <= PAGS_PRESET_PAPER; preset++) {
+    for (int preset = PAGS_PRESET_LEAN; preset <= PAGS_PRESET_PAPER; preset++) {
       pags_schedule s = schedule_of((pags_preset)preset, n, 3);
       for (int i = 0; i < s.prunes; i++) {
         assert_true(s.prune_step[i] > 0 && s.prune_step[i] < n);
@@ -97,6 +121,24 @@ static void scores_come_into_0_to_1(void **unused) {
     assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 2, out), PAGS_OK);
     assert_true(out[0] == 0 && out[1] == 0);
     assert_int_equal(pags_prune_normalise((pags_s_grad)kind, odd, 0, out), PAGS_OK);
+  }
+}
+
+/* 0.4 of what is semantic: in the sum a critical Gaussian needs nothing else, in the product it must matter, too. */
+static void the_two_scores_come_together(void **unused) {
+  (void)unused;
+  pags_train_config c = pags_train_config_default();
+  c.hybrid = PAGS_HYBRID_SUM;
+  assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.0) - 0.4) < 1e-15);
+  assert_true(fabs(pags_prune_hybrid(&c, 0.25, 0.5) - 0.4) < 1e-15);
+  c.hybrid = PAGS_HYBRID_PRODUCT;
+  assert_true(pags_prune_hybrid(&c, 1.0, 0.0) == 0.0);
+  assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.6) - pags_prune_hybrid(&c, 0.0, 1.0)) < 1e-15);
+  assert_true(fabs(pags_prune_hybrid(&c, 0.5, 0.5) - 0.4) < 1e-15);
+  c.alpha = 0.0;
+  for (int kind = PAGS_HYBRID_SUM; kind <= PAGS_HYBRID_PRODUCT; kind++) {
+    c.hybrid = (pags_hybrid)kind;
+    assert_true(pags_prune_hybrid(&c, 1.0, 0.3) == 0.3 && pags_prune_hybrid(&c, 0.0, 0.3) == 0.3);
   }
 }
 
@@ -234,6 +276,9 @@ static void mcmc_has_no_presets(void **unused) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(prunes_come_when_the_paper_says),
+      cmocka_unit_test(lean_begins_earlier_and_asks_less),
+      cmocka_unit_test(weights_below_1_are_refused),
+      cmocka_unit_test(the_two_scores_come_together),
       cmocka_unit_test(they_stretch_and_none_is_the_last_step),
       cmocka_unit_test(resets_wait_for_a_prune_that_is_near),
       cmocka_unit_test(scores_come_into_0_to_1),

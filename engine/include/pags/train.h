@@ -26,9 +26,17 @@ typedef enum pags_strategy {
 /* When the Gaussians with the lowest scores are removed (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
+  PAGS_PRESET_LEAN,  /* after 5000, 10 000, 15 000, 20 000 and 25 000 of 30 000 steps; what was measured to lose least */
   PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
   PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
 } pags_preset;
+
+/* How S_hybrid comes of S_sem and S_grad. */
+typedef enum pags_hybrid {
+  PAGS_HYBRID_OF_PRESET, /* PRODUCT with LEAN, otherwise SUM */
+  PAGS_HYBRID_SUM,       /* alpha S_sem + (1 - alpha) S_grad: the paper's */
+  PAGS_HYBRID_PRODUCT    /* (1 - alpha + alpha S_sem) S_grad: what isn't critical must matter 1 / (1 - alpha) times as much to be kept */
+} pags_hybrid;
 
 /* How S_sem, the share of a Gaussian that shows something critical, is found. */
 typedef enum pags_s_sem {
@@ -104,7 +112,9 @@ typedef struct pags_train_config {
 
   /* Priority: scores and pruning by them (docs/priority.md) */
   pags_preset preset;   /* default PAGS_PRESET_NONE; others not with MCMC */
-  double alpha;         /* S_hybrid = alpha S_sem + (1 - alpha) S_grad, 0..1; default 0.4 */
+  double alpha;         /* how much of S_hybrid is semantic, 0..1; default 0.4 */
+  pags_hybrid hybrid;   /* default PAGS_HYBRID_OF_PRESET */
+  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 3 with LEAN, otherwise 1 */
   double prune_early;   /* share removed at the first three prunes, 0..0.99; default 0.6 */
   double prune_late;    /* at those after; default 0.3 */
   int64_t prune_floor;  /* no object is pruned below so many; default 500 */
