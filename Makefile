@@ -3,6 +3,8 @@
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
 #   make demo    set up, build, and record, train and render a street of our own making
 #   make check   set up, build, run all tests
+#   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/fuzzing.md)
+#   make fuzz-long  the same at length: 5 minutes, and 30
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
@@ -16,6 +18,9 @@ JOBS ?= $(shell nproc)
 PREFIX ?= /usr/local
 BLENDER_NEW ?=
 SCENE ?= build/demo/scene
+MINUTES ?= 1
+LONG_MINUTES ?= $(MINUTES)
+TARGETS ?=
 
 all:
 	cmake --preset release
@@ -33,6 +38,14 @@ demo: setup
 check: setup
 	$(MAKE) all
 	ctest --preset release --parallel $(JOBS)
+
+fuzz:
+	cmake --preset fuzz
+	cmake --build --preset fuzz --parallel $(JOBS) --target fuzz_targets
+	python3 scripts/fuzz.py build-fuzz --minutes $(MINUTES) --long-minutes $(LONG_MINUTES) --json build-fuzz/fuzz.json $(TARGETS)
+
+fuzz-long:
+	$(MAKE) fuzz MINUTES=5 LONG_MINUTES=30
 
 bench: build/demo/scene/scene.json
 	build/pags bench roofline build/demo/scene
@@ -66,4 +79,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check bench addon check-blender check-blender-new bench-blender guide install clean
+.PHONY: all setup demo check fuzz fuzz-long bench addon check-blender check-blender-new bench-blender guide install clean

@@ -85,6 +85,7 @@ void pags_packed_colours(const pags_packed *packed, int64_t cluster, int sh_degr
   for (int p = 0; p < rest; p++) {
     float step;
     memcpy(&step, steps + 4 * p, sizeof step);
+    step = fabsf(step) < 1e30f ? step : 0.0f; /* of a bad file: no NaN either */
     memcpy(bytes, block + (6 + p) * ROWS, sizeof bytes);
     for (int i = 0; i < ROWS; i++)
       planes[(3 + p) * ROWS + i] = (float)bytes[i] * step;

@@ -11,6 +11,7 @@
 #include <string.h>
 #include <zlib.h>
 #include <zstd.h>
+#include <zstd_errors.h>
 
 #include "base/bytes.h"
 #include "base/log.h"
@@ -145,6 +146,12 @@ static pags_result create(const char *path, const spz_header *h, pags_gaussians 
   return pags_gaussians_create(out, h->count, h->sh_degree > 3 ? 3 : h->sh_degree);
 }
 
+/* Of a buffer for unpacked data: first what usual files come to, then twice as much each time. */
+static uint64_t next_capacity(uint64_t capacity, uint64_t packed, uint64_t size) {
+  uint64_t next = capacity ? 2 * capacity : 8 * packed + (1u << 16);
+  return next < size ? next : size;
+}
+
 /* Inflates exactly `size` bytes. */
 static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *out, uint64_t size) {
   while (size) {
@@ -159,6 +166,21 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
                        path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
                        (unsigned long long)size);
+  }
+  return PAGS_OK;
+}
+
+/* Inflates `size` bytes into a block that grows as they come: what the header claims is no reason to allocate. *out is the caller's,
+ * also on failure. */
+static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t file_size, uint64_t size, uint8_t **out) {
+  uint64_t capacity = 0;
+  for (uint64_t have = 0; have < size || !*out; have = capacity) {
+    capacity = next_capacity(capacity, file_size, size);
+    uint8_t *grown = realloc(*out, (size_t)capacity + 1);
+    if (!grown)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)capacity);
+    *out = grown;
+    PAGS_TRY(inflate_exactly(path, stream, grown + have, capacity - have));
   }
   return PAGS_OK;
 }
@@ -194,13 +216,12 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   if (total / 1032 > file_size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: %lld Gaussians can't be in %zu bytes", path, (long long)h->count,
                      file_size);
-  PAGS_TRY(create(path, h, out));
-  uint8_t *plain = malloc((size_t)total + 1);
-  if (!plain)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)total);
-  pags_result result = inflate_exactly(path, stream, plain, total);
+  uint8_t *plain = NULL;
+  pags_result result = inflate_growing(path, stream, file_size, total, &plain);
   if (result == PAGS_OK)
     result = inflate_rest(path, stream, h->flags & FLAG_EXTENSIONS);
+  if (result == PAGS_OK)
+    result = create(path, h, out);
   const uint8_t *at = plain;
   for (int i = 0; i < STREAMS && result == PAGS_OK; at += h->sizes[i++])
     decoders[i](h, at, out);
@@ -225,19 +246,27 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
 
 static pags_result decode_stream(const char *path, const spz_header *h, int index, const uint8_t *bytes,
                                  uint64_t packed, uint64_t offset, pags_gaussians *out) {
-  uint64_t size = h->sizes[index];
-  uint8_t *plain = malloc((size_t)size + 1);
-  if (!plain)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)size);
-  size_t got = ZSTD_decompress(plain, (size_t)size, bytes, (size_t)packed);
+  uint64_t size = h->sizes[index], capacity = 0;
+  uint8_t *plain = NULL;
+  size_t got = 0;
   pags_result result = PAGS_OK;
+  do { /* again with more room: the sizes that the file claims are no reason to allocate */
+    free(plain);
+    capacity = next_capacity(capacity, packed, size);
+    plain = malloc((size_t)capacity + 1);
+    if (!plain)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)capacity);
+    got = ZSTD_decompress(plain, (size_t)capacity, bytes, (size_t)packed);
+  } while (ZSTD_getErrorCode(got) == ZSTD_error_dstSize_tooSmall && capacity < size);
   if (ZSTD_isError(got))
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
                        (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
   else if (got != size)
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected %llu bytes of %s, found %zu", path,
                        (unsigned long long)offset, (unsigned long long)size, stream_names[index], got);
-  else
+  else if (index == 0) /* there are so many Gaussians: room for them can be made */
+    result = create(path, h, out);
+  if (result == PAGS_OK)
     decoders[index](h, plain, out);
   free(plain);
   return result;
@@ -282,7 +311,6 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
     return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 15: expected %d streams for SH degree %d, found %d", path, expected,
                      h->sh_degree, streams);
   PAGS_TRY(check_table(path, bytes, size, h, table, streams));
-  PAGS_TRY(create(path, h, out));
   uint64_t offset = table + 16u * (unsigned)streams;
   for (int i = 0; i < streams; ++i) {
     uint64_t packed = pags_load_u64(bytes + table + 16 * i);

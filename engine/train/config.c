@@ -40,7 +40,7 @@ static const double max_count = 2147483584.0; /* 2^31 - 64 */
 #define MAX_STEPS 1e9
 
 static const field fields[] = {
-    FIELD(iterations, FIELD_I64, 1, MAX_STEPS),
+    FIELD(iterations, FIELD_I64, 1, PAGS_CONFIG_STEPS),
     FIELD(schedule_iterations, FIELD_I64, 0, MAX_STEPS),
     FIELD(seed, FIELD_U64, 0, INFINITY),
     FIELD(position_rate_begin, FIELD_F64, 0, 1),

@@ -14,6 +14,7 @@
 #include "base/file.h"
 #include "base/rng.h"
 #include "train/checkpoint.h"
+#include "train/config.h"
 
 enum { ROWS = 150, CLUSTERS = 3 };
 
@@ -137,6 +138,18 @@ static void impossible_steps_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
+/* Nor may a file of a few kilobytes ask for the gigabytes that billions of steps would take. */
+static void impossible_lengths_are_refused(void **unused) {
+  (void)unused;
+  pags_train_state a, b;
+  uint64_t fingerprint;
+  make(&a);
+  a.stop = PAGS_CONFIG_STEPS + 1;
+  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  assert_int_equal(pags_checkpoint_load(path, NULL, &b, &fingerprint), PAGS_ERROR_FORMAT);
+  pags_state_destroy(&a);
+}
+
 static int make_path(void **unused) {
   (void)unused;
   snprintf(path, sizeof path, "/tmp/pags_checkpoint_%ld", (long)getpid());
@@ -153,6 +166,7 @@ int main(void) {
       cmocka_unit_test(same_state_same_bytes),
       cmocka_unit_test(damage_is_found),
       cmocka_unit_test(impossible_steps_are_refused),
+      cmocka_unit_test(impossible_lengths_are_refused),
   };
   return cmocka_run_group_tests(tests, make_path, remove_path);
 }

@@ -299,6 +299,27 @@ static void refuses(const uint8_t *bytes, size_t size, const char *part) {
   assert_null(opened.block);
 }
 
+/* Colours aren't looked at when a file is opened: whatever is there becomes numbers. */
+static void test_bad_colours(void **state) {
+  (void)state;
+  pags_gaussians g = make_cloud(100, 1), back;
+  pags_packed packed, opened;
+  const float bad[3] = {(float)NAN, INFINITY, -3e38f};
+  scratch_ok(pags_packed_create(&g, &packed));
+  uint8_t *const colour = (uint8_t *)(uintptr_t)packed.colour;
+  memset(colour, 0x7F, 2 * 64); /* halves that are NaN */
+  memcpy(colour + 64 * (6 + 9), bad, sizeof bad);
+  scratch_path(&place, "colours.pagsz");
+  scratch_ok(pags_packed_save(place.path, &packed, 1, NULL));
+  scratch_ok(pags_packed_open(place.path, &opened));
+  scratch_ok(pags_packed_unpack(&opened, &back));
+  assert_int_equal(pags_gaussians_find_bad(&back, NULL), 0);
+  pags_gaussians_destroy(&back);
+  pags_packed_destroy(&opened);
+  pags_packed_destroy(&packed);
+  pags_gaussians_destroy(&g);
+}
+
 static void test_faults(void **state) {
   (void)state;
   pags_gaussians g = make_cloud(100, 1);
@@ -345,6 +366,6 @@ static int teardown(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors), cmocka_unit_test(test_ends),   cmocka_unit_test(test_bytes),
                                      cmocka_unit_test(test_picture), cmocka_unit_test(test_file), cmocka_unit_test(test_copies),
-                                     cmocka_unit_test(test_faults)};
+                                     cmocka_unit_test(test_faults), cmocka_unit_test(test_bad_colours)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

@@ -57,7 +57,7 @@ typedef struct pags_train_config {
   uint32_t cookie; /* set by pags_train_config_default; a struct that doesn't come from there is refused */
 
   /* Run */
-  int64_t iterations; /* steps in all; default 30000, >= 1 */
+  int64_t iterations; /* steps in all; default 30000, 1 to 10 million */
   int64_t
       schedule_iterations; /* steps the schedule is stretched over; 0: iterations. Steps beyond run at its end rates */
   uint64_t seed;           /* of everything random; default 0 */

@@ -1,0 +1,409 @@
+/* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames and range images. */
+#include "fuzz.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "import/kitti_files.h"
+#include "import/tfrecord.h"
+#include "import/waymo_lidar.h"
+#include "import/waymo_message.h"
+#include "import/waymo_tracks.h"
+#include "raw_waymo.h"
+
+/* ---- KITTI's texts, parted by cuts ---- */
+
+static const char *const kitti_names[] = {"calib.txt",           "day/calib_cam_to_cam.txt", "day/calib_velo_to_cam.txt",
+                                          "day/calib_imu_to_velo.txt", "oxts.txt",           "label.txt",
+                                          "times.txt",           "points.bin"};
+enum { KITTI_FILES = sizeof kitti_names / sizeof *kitti_names };
+
+static void check_calib(const pags_kitti_calib *calib) {
+  for (int i = 0; i < 12; ++i)
+    FUZZ_CHECK(isfinite(calib->cam0_from_velo[i]));
+  for (int c = 0; c < 4; ++c) {
+    double intrinsics[4], pose[12];
+    if (pags_kitti_camera(calib, c, intrinsics, pose) == PAGS_OK)
+      for (int i = 0; i < 12; ++i)
+        FUZZ_CHECK(isfinite(pose[i]) && isfinite(intrinsics[i % 4]));
+  }
+}
+
+static pags_result read_calibs(const char *path, const char *day) {
+  pags_kitti_calib calib;
+  PAGS_TRY(pags_kitti_calib_read(path, &calib));
+  check_calib(&calib);
+  PAGS_TRY(pags_kitti_calib_read_raw(day, &calib));
+  check_calib(&calib);
+  return PAGS_OK;
+}
+
+static pags_result read_oxts(const char *path) {
+  pags_kitti_table table;
+  PAGS_TRY(pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table));
+  double pose[12];
+  FUZZ_CHECK(table.rows > 0);
+  for (int64_t i = 0; i < table.rows; ++i)
+    pags_kitti_oxts_pose(table.values + i * PAGS_KITTI_OXTS, pags_kitti_oxts_scale(table.values), pose);
+  pags_kitti_table_destroy(&table);
+  return PAGS_OK;
+}
+
+static pags_result read_labels(const char *path) {
+  pags_kitti_labels labels;
+  PAGS_TRY(pags_kitti_labels_read(path, true, &labels));
+  for (int64_t i = 0; i < labels.count; ++i) {
+    double pose[12];
+    if (pags_kitti_label_is_box(&labels.rows[i])) {
+      pags_kitti_label_pose(&labels.rows[i], pose);
+      FUZZ_CHECK(isfinite(pose[3]) && isfinite(pose[0]));
+    }
+  }
+  pags_kitti_labels_destroy(&labels);
+  return PAGS_OK;
+}
+
+static pags_result read_times(const char *path) {
+  int64_t count;
+  double *seconds;
+  PAGS_TRY(pags_kitti_times_read(path, &count, &seconds));
+  for (int64_t i = 0; i < count; ++i)
+    FUZZ_CHECK(isfinite(seconds[i]));
+  free(seconds);
+  return PAGS_OK;
+}
+
+static pags_result read_points(const char *path) {
+  int64_t count;
+  float *rows;
+  PAGS_TRY(pags_kitti_points_read(path, &count, &rows));
+  FUZZ_CHECK(count >= 0 && (count == 0 || rows)); /* numbers pass as they are: readers of sweeps leave out what isn't finite */
+  free(rows);
+  return PAGS_OK;
+}
+
+static int read_part(pags_result result) {
+  if (result != PAGS_OK)
+    fuzz_refused(result, "/");
+  return result == PAGS_OK;
+}
+
+static int run_kitti(const uint8_t *data, size_t size) {
+  fuzz_part parts[KITTI_FILES];
+  char paths[KITTI_FILES][1024], day[1024];
+  fuzz_parts(data, size, KITTI_FILES, parts);
+  for (int i = 0; i < KITTI_FILES; ++i)
+    snprintf(paths[i], sizeof paths[i], "%.900s", fuzz_file(kitti_names[i], parts[i].bytes, parts[i].size));
+  fuzz_parts_free(KITTI_FILES, parts);
+  snprintf(day, sizeof day, "%.900s/day", fuzz_folder());
+  int accepted = read_part(read_calibs(paths[0], day));
+  accepted &= read_part(read_oxts(paths[4]));
+  accepted &= read_part(read_labels(paths[5]));
+  accepted &= read_part(read_times(paths[6]));
+  return accepted & read_part(read_points(paths[7]));
+}
+
+#define CALIB_ROWS "7.2e2 0 6.1e2 4.5e1 0 7.2e2 1.7e2 2.1e-1 0 0 1 2.7e-3\n"
+#define TURN "0 -1 0 0 0 -1 1 0 0"
+
+static void seed_kitti(void) {
+  file_bytes out = {0};
+  bytes_text(&out, "P0: " CALIB_ROWS "P1: " CALIB_ROWS "P2: " CALIB_ROWS "P3: " CALIB_ROWS);
+  bytes_text(&out, "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 -0.08 1 0 0 -0.27\nTr_imu_velo 1 0 0 -0.8 0 1 0 0.3 0 0 1 -0.8\n");
+  bytes_text(&out, FUZZ_CUT "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nS_00: 1.4e3 5.1e2\nR_rect_00: 1 0 0 0 1 0 0 0 1\n");
+  for (int c = 0; c < 4; ++c)
+    bytes_text(&out, "P_rect_%02d: " CALIB_ROWS, c);
+  bytes_text(&out, FUZZ_CUT "calib_time: 15-Mar-2012 11:37:16\nR: " TURN "\nT: 0 -0.08 -0.27\ndelta_f: 0 0\n");
+  bytes_text(&out, FUZZ_CUT "calib_time: 25-May-2012 16:47:16\nR: 1 0 0 0 1 0 0 0 1\nT: -0.8 0.3 -0.8\n" FUZZ_CUT);
+  for (int row = 0; row < 3; ++row) {
+    bytes_text(&out, "49.01150%d 8.4162%d 112.8", row, row);
+    for (int k = 3; k < PAGS_KITTI_OXTS; ++k)
+      bytes_text(&out, " %g", k < 25 ? 0.01 * k : 4.0);
+    bytes_text(&out, "\n");
+  }
+  bytes_text(&out, FUZZ_CUT "0 -1 DontCare -1 -1 -10 219.3 188.4 245.5 218.5 -1000 -1000 -1000 -10 -1 -1 -1\n"
+                            "0 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 13.4 -2.1\n"
+                            "1 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 12.4 -2.1\n");
+  bytes_text(&out, FUZZ_CUT "2011-09-26 13:02:25.594360375\n2011-09-26 13:02:25.697987071\n" FUZZ_CUT);
+  for (int i = 0; i < 8; ++i)
+    bytes_f32(&out, 0.25f * (float)i);
+  fuzz_seed_bytes(out);
+}
+
+static const char *const kitti_words[] = {"P2: ", "R_rect ", "R0_rect: ", "Tr_velo_to_cam: ", "Tr_imu_to_velo: ", "P_rect_02: ", "DontCare",
+                                          "Pedestrian ", " nan ", " 1e308 ", " -1 ", "2011-09-26 ", "13:02:25.", "\r\n", NULL};
+static const fuzz_target kitti = {
+    .name = "kitti_text", .seeds = seed_kitti, .run = run_kitti, .words = kitti_words, .smoke = 5000};
+
+/* ---- tracklet_labels.xml ---- */
+
+static int run_tracklets(const uint8_t *data, size_t size) {
+  pags_kitti_tracklets tracklets;
+  const pags_result result = pags_kitti_tracklets_read(fuzz_file("tracklet_labels.xml", data, size), &tracklets);
+  if (result != PAGS_OK) {
+    fuzz_refused(result, "tracklet_labels.xml");
+    return 0;
+  }
+  for (int64_t i = 0; i < tracklets.count; ++i) {
+    const pags_kitti_tracklet *const t = &tracklets.items[i];
+    FUZZ_CHECK(t->count > 0 && t->first_frame >= 0 && t->height > 0 && isfinite(t->length));
+    for (int64_t k = 0; k < t->count; ++k) {
+      double pose[12];
+      pags_kitti_tracklet_pose(t, k, pose);
+      FUZZ_CHECK(isfinite(pose[0]) && isfinite(pose[11]));
+    }
+  }
+  pags_kitti_tracklets_destroy(&tracklets);
+  return 1;
+}
+
+static void seed_tracklets(void) {
+  file_bytes out = {0};
+  bytes_text(&out, "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\" ?>\n<!DOCTYPE boost_serialization>\n"
+                   "<boost_serialization signature=\"serialization::archive\" version=\"9\">\n<tracklets class_id=\"0\" version=\"0\">\n"
+                   "<count>2</count>\n<item_version>1</item_version>\n");
+  for (int i = 0; i < 2; ++i) {
+    bytes_text(&out, "<item class_id=\"1\" tracking_level=\"0\" version=\"1\">\n<objectType>%s</objectType>\n<h>1.5</h><w>1.7</w><l>4.2</l>\n"
+                     "<first_frame>%d</first_frame>\n<poses class_id=\"2\" version=\"0\">\n<count>2</count>\n<item_version>2</item_version>\n",
+               i ? "Cyclist" : "Car", i);
+    for (int k = 0; k < 2; ++k)
+      bytes_text(&out, "<item><tx>%d.5</tx><ty>3</ty><tz>-1.7</tz><rx>0</rx><ry>0</ry><rz>%g</rz><state>2</state></item>\n", 4 + k,
+                 0.25 * k);
+    bytes_text(&out, "</poses>\n<finished>1</finished>\n</item>\n");
+  }
+  bytes_text(&out, "</tracklets>\n</boost_serialization>\n");
+  fuzz_seed_bytes(out);
+}
+
+static const char *const xml_words[] = {"<item>", "</item>", "<poses>", "</poses>", "<tx>", "</tx>", "<h>", "<objectType>", "<first_frame>",
+                                        "<!DOCTYPE a [<!ENTITY b \"c\">]>", "&b;", "&#65;", "<![CDATA[", "]]>", "<!--", "-->", "<tracklets>", NULL};
+static const fuzz_target tracklets = {.name = "tracklets", .seeds = seed_tracklets, .run = run_tracklets, .words = xml_words};
+
+/* ---- TFRecord ---- */
+
+enum { RECORD_HEADER = 12, RECORD_FOOTER = 4 };
+
+static int run_tfrecord(const uint8_t *data, size_t size) {
+  pags_tfrecord *reader;
+  pags_tfrecord_item item = {0};
+  const char *const path = fuzz_file("a.tfrecord", data, size);
+  int64_t records = 0;
+  pags_result result = pags_tfrecord_open(path, &reader);
+  FUZZ_CHECK(result == PAGS_OK);
+  while ((result = pags_tfrecord_next(reader, &item)) == PAGS_OK && item.data) {
+    FUZZ_CHECK(item.number == records++ && item.offset + RECORD_HEADER + item.size + RECORD_FOOTER <= size);
+    FUZZ_CHECK(pags_tfrecord_fraction(reader) >= 0 && pags_tfrecord_fraction(reader) <= 1);
+  }
+  if (result != PAGS_OK)
+    fuzz_refused(result, "a.tfrecord");
+  pags_tfrecord_close(reader);
+  int end = 0;
+  FUZZ_CHECK(pags_tfrecord_open(path, &reader) == PAGS_OK);
+  for (int64_t i = 0; i < records && !end; ++i) /* what can be read can be passed over */
+    FUZZ_CHECK(pags_tfrecord_skip(reader, &end) == PAGS_OK && !end);
+  pags_tfrecord_close(reader);
+  return result == PAGS_OK;
+}
+
+static uint32_t masked_crc(const uint8_t *bytes, size_t size) {
+  const uint32_t crc = pags_crc32c(bytes, size);
+  return (crc >> 15 | crc << 17) + 0xa282ead8u;
+}
+
+static size_t mend_tfrecord(uint8_t *data, size_t size, size_t capacity) {
+  (void)capacity;
+  for (size_t at = 0; size - at >= RECORD_HEADER;) {
+    const uint64_t length = pags_load_u64(data + at);
+    pags_store_u32(data + at + 8, masked_crc(data + at, 8));
+    if (size - at < RECORD_HEADER + RECORD_FOOTER || length > size - at - RECORD_HEADER - RECORD_FOOTER)
+      break;
+    pags_store_u32(data + at + RECORD_HEADER + length, masked_crc(data + at + RECORD_HEADER, (size_t)length));
+    at += RECORD_HEADER + (size_t)length + RECORD_FOOTER;
+  }
+  return size;
+}
+
+static void seed_tfrecord(void) {
+  static const size_t lengths[] = {5, 0, 300, 17};
+  file_bytes out = {0};
+  for (int i = 0; i < 4; ++i) {
+    bytes_u64(&out, lengths[i]);
+    bytes_u32(&out, 0);
+    for (size_t k = 0; k < lengths[i]; ++k)
+      bytes_u8(&out, (unsigned)(k * 7));
+    bytes_u32(&out, 0);
+  }
+  mend_tfrecord(out.data, out.size, out.size);
+  fuzz_seed_bytes(out);
+}
+
+static const fuzz_target tfrecord = {.name = "tfrecord", .seeds = seed_tfrecord, .run = run_tfrecord, .mend = mend_tfrecord};
+
+/* ---- Waymo's frames ---- */
+
+static int run_frame(const uint8_t *data, size_t size) {
+  pags_waymo_frame *frame;
+  const char *const where = "segment: record 0";
+  pags_result result = pags_waymo_unpack_frame(data, size, where, &frame);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!frame);
+    fuzz_refused(result, where);
+    return 0;
+  }
+  double pose[12];
+  pags_waymo_points points = {0};
+  pags_waymo_boxes boxes = {0};
+  pags_layout_track *tracks = NULL;
+  int64_t count = 0;
+  result = pags_waymo_lidar_points(frame, where, &points);
+  for (int64_t i = 0; i < PAGS_WAYMO_LIDAR_COLUMNS * points.count; ++i)
+    FUZZ_CHECK(isfinite(points.rows[i]));
+  if (result == PAGS_OK)
+    result = pags_waymo_transform(frame->pose, where, "pose", pose);
+  if (result == PAGS_OK)
+    result = pags_waymo_boxes_add(&boxes, frame, 0, 0, pose, where);
+  if (result == PAGS_OK)
+    result = pags_waymo_boxes_tracks(&boxes, where, &tracks, &count);
+  for (int64_t i = 0; i < count; ++i)
+    pags_layout_track_destroy(&tracks[i]);
+  free(tracks);
+  for (int name = 0; name < 7; ++name)
+    if (pags_waymo_camera(frame, name) && pags_waymo_image(frame, name))
+      FUZZ_CHECK(name == 0 || name > PAGS_WAYMO_CAMERAS || pags_waymo_camera_name(name));
+  pags_waymo_boxes_destroy(&boxes);
+  pags_waymo_points_destroy(&points);
+  pags_waymo_free_frame(frame);
+  if (result != PAGS_OK)
+    fuzz_refused(result, where);
+  return result == PAGS_OK;
+}
+
+static const double still[12] = {1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3};
+
+static float three_metres(void *user, const double origin[3], const double direction[3], int which) {
+  (void)user, (void)origin, (void)direction;
+  return (float)(3 + which);
+}
+
+static void stand(void *user, int column, float out[6]) {
+  (void)user;
+  memset(out, 0, 6 * sizeof *out);
+  out[3] = (float)column;
+}
+
+static void add_label(raw_waymo *memory, Pags__Waymo__Frame *f, int i) {
+  Pags__Waymo__Label *const l = raw_waymo_alloc(memory, 1, sizeof *l);
+  Pags__Waymo__Box *const b = raw_waymo_alloc(memory, 1, sizeof *b);
+  pags__waymo__label__init(l);
+  pags__waymo__box__init(b);
+  l->box = b;
+  l->id = raw_waymo_text(memory, i ? "b" : "a");
+  l->has_type = b->has_center_x = b->has_center_y = b->has_center_z = 1;
+  b->has_length = b->has_width = b->has_height = b->has_heading = 1;
+  l->type = i + 1;
+  b->center_x = 5 * i;
+  b->length = b->width = b->height = 2;
+  f->laser_labels[f->n_laser_labels++] = l;
+}
+
+static void add_camera(raw_waymo *memory, Pags__Waymo__Frame *f) {
+  static double intrinsic[9] = {20, 20, 12, 8, -0.1, 0.01, 0.001, 0.001, 0};
+  Pags__Waymo__CameraCalibration *const c = raw_waymo_alloc(memory, 1, sizeof *c);
+  Pags__Waymo__CameraImage *const m = raw_waymo_alloc(memory, 1, sizeof *m);
+  pags__waymo__camera_calibration__init(c);
+  pags__waymo__camera_image__init(m);
+  c->has_name = c->has_width = c->has_height = m->has_name = m->has_image = 1;
+  c->name = m->name = 1;
+  c->width = 24;
+  c->height = 16;
+  c->n_intrinsic = 9;
+  c->intrinsic = intrinsic;
+  c->extrinsic = raw_transform(memory, still);
+  m->image = (ProtobufCBinaryData){.len = 4, .data = (uint8_t *)raw_waymo_text(memory, "\xff\xd8\xff\xd9")};
+  m->pose = raw_transform(memory, still);
+  f->context->camera_calibrations = raw_waymo_alloc(memory, 1, sizeof c);
+  f->images = raw_waymo_alloc(memory, 1, sizeof m);
+  f->context->camera_calibrations[f->context->n_camera_calibrations++] = c;
+  f->images[f->n_images++] = m;
+}
+
+static void seed_frame(void) {
+  static const double beams[3] = {-0.2, -0.1, 0};
+  raw_waymo memory = {0};
+  size_t size;
+  for (int turning = 0; turning < 2; ++turning) {
+    raw_laser laser = {.name = 1, .rows = 3, .columns = 5, .inclinations = turning ? beams : NULL, .low = -0.2, .high = 0.1,
+                       .range = three_metres, .pose = turning ? stand : NULL};
+    memcpy(laser.vehicle_from_laser, still, sizeof still);
+    Pags__Waymo__Frame *const f = raw_waymo_alloc(&memory, 1, sizeof *f);
+    pags__waymo__frame__init(f);
+    f->context = raw_waymo_alloc(&memory, 1, sizeof *f->context);
+    pags__waymo__context__init(f->context);
+    f->context->name = raw_waymo_text(&memory, "small");
+    f->has_timestamp_micros = 1;
+    f->timestamp_micros = 10000000;
+    f->pose = raw_transform(&memory, still);
+    f->context->laser_calibrations = raw_waymo_alloc(&memory, 1, sizeof *f->context->laser_calibrations);
+    f->lasers = raw_waymo_alloc(&memory, 1, sizeof *f->lasers);
+    f->laser_labels = raw_waymo_alloc(&memory, 2, sizeof *f->laser_labels);
+    add_camera(&memory, f);
+    add_label(&memory, f, 0);
+    add_label(&memory, f, 1);
+    raw_laser_add(&memory, f, &laser);
+    const uint8_t *const bytes = raw_frame_pack(&memory, f, &size);
+    fuzz_seed(bytes, size);
+  }
+  raw_waymo_free(&memory);
+}
+
+/* protobuf-c works within a budget of 64 MiB; range images are inflated, up to 64 MiB each and one at a time. */
+static const fuzz_target frame = {
+    .name = "waymo_frame", .seeds = seed_frame, .run = run_frame, .memory = 260u << 20, .times = 1032, .smoke = 5000};
+
+/* A range image's content, in a zlib stream that stores it. */
+static int run_matrix(const uint8_t *data, size_t size) {
+  file_bytes stream = {0};
+  bytes_put(&stream, "\x78\x01", 2);
+  for (size_t at = 0; at < size || at == 0;) {
+    const size_t block = size - at < 65535 ? size - at : 65535;
+    bytes_u8(&stream, at + block == size);
+    bytes_u32(&stream, (uint32_t)block | (uint32_t)(~block & 65535) << 16);
+    bytes_put(&stream, data + at, block);
+    at += block ? block : 1;
+  }
+  const uint32_t sum = (uint32_t)adler32(1, data, (uInt)size);
+  for (int i = 3; i >= 0; --i)
+    bytes_u8(&stream, sum >> (8 * i) & 255);
+  pags_waymo_matrix *matrix;
+  const ProtobufCBinaryData packed = {.len = stream.size, .data = stream.data};
+  const pags_result result = pags_waymo_unpack_matrix(&packed, 4, "segment", "range image", &matrix);
+  bytes_free(&stream);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!matrix);
+    fuzz_refused(result, "segment");
+    return 0;
+  }
+  FUZZ_CHECK((int64_t)matrix->n_data == 4 * (int64_t)matrix->shape->dims[0] * matrix->shape->dims[1]);
+  pags_waymo_free_matrix(matrix);
+  return 1;
+}
+
+static void seed_matrix(void) {
+  raw_waymo memory = {0};
+  const float values[2 * 3 * 4] = {1, 2, 3, 4};
+  const ProtobufCBinaryData packed = raw_matrix(&memory, values, 2, 3, 4);
+  uint8_t plain[1024];
+  uLongf size = sizeof plain;
+  FUZZ_CHECK(uncompress(plain, &size, packed.data, (uLong)packed.len) == Z_OK);
+  fuzz_seed(plain, size);
+  raw_waymo_free(&memory);
+}
+
+static const fuzz_target matrix = {
+    .name = "waymo_matrix", .seeds = seed_matrix, .run = run_matrix, .memory = 66u << 20, .times = 64, .smoke = 5000};
+
+const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix, NULL};

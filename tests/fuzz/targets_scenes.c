@@ -1,0 +1,154 @@
+/* scene.json with the files beside it, cameras and paths. */
+#include "fuzz.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/compose.h>
+#include <pags/scene.h>
+
+#include "base/file.h"
+#include "base/text.h"
+
+/* ---- scene.json ---- */
+
+enum { STILL = 6, MOVING = 4, OBJECTS = 2 };
+
+static void add_objects(pags_scene *scene) {
+  scene->object_count = OBJECTS;
+  scene->objects = calloc(OBJECTS, sizeof *scene->objects);
+  for (int i = 0; i < OBJECTS; ++i) {
+    scene->objects[i] = (pags_scene_object){.model = i ? 1 : -1, .critical = i, .rigid = !i};
+    scene->objects[i].record = (pags_object){.id = pags_text_copy(i ? "a/b" : "parked"),
+                                             .class_name = pags_text_copy("car"),
+                                             .category = PAGS_CATEGORY_VEHICLE,
+                                             .size = {4, 2, 1.5},
+                                             .moving = i,
+                                             .knot_count = 2,
+                                             .knots = calloc(2, sizeof(pags_knot))};
+    for (int k = 0; k < 2; ++k)
+      scene->objects[i].record.knots[k] = (pags_knot){.frame = k,
+                                                      .trained = 1,
+                                                      .time = 0.5 * k,
+                                                      .world_from_object = {0, -1, 0, 10, 1, 0, 0, 2, 0, 0, 1, k},
+                                                      .rotation = {0, 0, 0.01}};
+  }
+}
+
+static void add_view(pags_scene *scene) {
+  scene->view_count = 1;
+  scene->views = calloc(1, sizeof *scene->views);
+  scene->views[0] = (pags_scene_view){.name = pags_text_copy("000_0.png"), .gain = {1, 1.1, 1}};
+  scene->views[0].camera = (pags_camera){.width = 40, .height = 30, .fx = 30, .fy = 30, .cx = 20, .cy = 15, .time = 0.25,
+                                         .world_from_camera = {1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3}};
+}
+
+/* A driving scene with a parked and a moving object and a sky, in the target's folder. */
+static void write_scene(void) {
+  pags_scene scene = {.up = PAGS_UP_Z, .time_end = 0.5, .model_count = 2, .fps = 2, .iterations = 10, .seed = 3};
+  scene.models = calloc(2, sizeof *scene.models);
+  for (int i = 0; i < 2; ++i) {
+    scene.models[i] = (pags_model){.name = pags_text_copy(i ? "a/b" : "background"),
+                                   .file = pags_text_copy(i ? "objects/a_b.ply" : "background.ply")};
+    sample_gaussians(&scene.models[i].gaussians, i ? MOVING : STILL, 1, 5);
+  }
+  FUZZ_CHECK(pags_gaussians_add_object_id(&scene.models[0].gaussians) == PAGS_OK);
+  scene.models[0].gaussians.object_id[2] = 0;
+  FUZZ_CHECK(pags_sky_create(&scene.sky, 2) == PAGS_OK);
+  scene.config = pags_text_copy("{\"iterations\": 10}");
+  scene.notes = pags_text_copy("{\"sky\": \"a cube map\"}");
+  scene.dataset = pags_text_copy("data/street");
+  add_objects(&scene);
+  add_view(&scene);
+  FUZZ_CHECK(pags_scene_save(fuzz_folder(), &scene) == PAGS_OK);
+  pags_scene_destroy(&scene);
+}
+
+static void seed_scene(void) {
+  uint8_t *bytes;
+  size_t size;
+  write_scene();
+  char path[1024];
+  snprintf(path, sizeof path, "%.900s/scene.json", fuzz_folder());
+  FUZZ_CHECK(pags_file_read(path, &bytes, &size) == PAGS_OK);
+  fuzz_seed(bytes, size);
+  free(bytes);
+}
+
+static int run_scene(const uint8_t *data, size_t size) {
+  pags_scene scene;
+  pags_composition *composition = NULL;
+  const char *const path = fuzz_file("scene.json", data, size);
+  (void)path;
+  pags_result result = pags_scene_load(fuzz_folder(), &scene);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(scene.model_count == 0 && !scene.models);
+    fuzz_refused(result, "/");
+    return 0;
+  }
+  double gain[3], offset[3];
+  for (int k = -1; k <= 1; ++k)
+    pags_scene_exposure(&scene, 0, 0.25 * k, gain, offset);
+  result = pags_composition_create(&scene, &composition);
+  FUZZ_CHECK(result == PAGS_OK || *pags_error_message());
+  for (int k = -1; k <= 3 && result == PAGS_OK; ++k) {
+    double pose[12];
+    for (int64_t i = 0; i < scene.object_count; ++i)
+      if (pags_object_pose(&scene.objects[i].record, 0.2 * k, pose))
+        for (int j = 0; j < 12; ++j)
+          FUZZ_CHECK(isfinite(pose[j]));
+  }
+  pags_composition_destroy(composition);
+  /* What was read is written and read again. */
+  char copy[1024];
+  snprintf(copy, sizeof copy, "%.900s/copy", fuzz_folder());
+  FUZZ_CHECK(pags_scene_save(copy, &scene) == PAGS_OK);
+  pags_scene_destroy(&scene);
+  FUZZ_CHECK(pags_scene_load(copy, &scene) == PAGS_OK);
+  pags_scene_destroy(&scene);
+  FUZZ_CHECK(pags_remove_tree(copy) == PAGS_OK);
+  return 1;
+}
+
+static const char *const scene_words[] = {"\"models\": [", "\"cameras\": [", "\"objects\": [", "\"knots\": [", "\"file\": ", "\"sky\": ",
+                                          "\"gaussians\": ", "null", "true", "[[[[", "{}", "\\u0000", "\\ud800", "1e308", "-1e-320",
+                                          "\"background.ply\"", "\"../\"", "\"fps\": ", "\"time\": [", "\"modelled\": {", NULL};
+static const fuzz_target scene = {
+    .name = "scene_json", .seeds = seed_scene, .run = run_scene, .words = scene_words, .times = 512, .smoke = 6000};
+
+/* ---- Camera and path files ---- */
+
+static int run_path(const uint8_t *data, size_t size) {
+  pags_path path;
+  const pags_result result = pags_path_load(fuzz_file("path.json", data, size), &path);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!path.cameras);
+    fuzz_refused(result, "path.json");
+    return 0;
+  }
+  for (int64_t i = 0; i < path.count; ++i) {
+    pags_camera *const c = &path.cameras[i];
+    FUZZ_CHECK(c->width >= 1 && c->width <= 65535 && c->height >= 1 && c->height <= 65535);
+    FUZZ_CHECK(pags_camera_check(c, "again") == PAGS_OK);
+    const pags_camera half = pags_camera_downscale(c, 2);
+    FUZZ_CHECK(half.width >= 1 && isfinite(half.fx));
+  }
+  pags_path_destroy(&path);
+  return 1;
+}
+
+static void seed_path(void) {
+  static const char camera[] = "{\"width\": 64, \"height\": 48, \"fx\": 50.5, \"fy\": 50, \"cx\": 32, \"cy\": 24, "
+                               "\"camera_from_world_quaternion_wxyz\": [0.5, 0.5, -0.5, 0.5], "
+                               "\"camera_from_world_translation\": [1, 2.5, -3], \"time\": 1.5}";
+  char text[2048];
+  fuzz_seed_text(camera);
+  snprintf(text, sizeof text, "{\"fps\": 10, \"frames\": [%s,\n%s]}", camera, camera);
+  fuzz_seed_text(text);
+}
+
+static const char *const path_words[] = {"\"fps\": ", "\"frames\": [", "\"time\": ", "null", "1e308", "1e-320", "{}", "[]", "65536", NULL};
+static const fuzz_target camera_path = {.name = "camera_path", .seeds = seed_path, .run = run_path, .words = path_words, .times = 256};
+
+const fuzz_target *const fuzz_targets[] = {&scene, &camera_path, NULL};

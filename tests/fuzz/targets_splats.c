@@ -1,0 +1,229 @@
+/* Splat files of every format, packed scenes and skies. */
+#include "fuzz.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <zlib.h>
+
+#include <pags/packed.h>
+#include <pags/scene.h>
+#include <pags/sky.h>
+
+#include "base/bytes.h"
+#include "base/file.h"
+#include "scene/splat_formats.h"
+
+/* What every reader promises of what it accepts. */
+static int accept(pags_result result, pags_gaussians *g, const char *name) {
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!g->data && g->count == 0);
+    fuzz_refused(result, name);
+    return 0;
+  }
+  FUZZ_CHECK(pags_gaussians_find_bad(g, NULL) == 0);
+  pags_gaussians_destroy(g);
+  return 1;
+}
+
+/* As pags_file_read leaves a file. */
+static uint8_t *terminated(const uint8_t *data, size_t size) {
+  uint8_t *const copy = malloc(size + 1);
+  if (!copy)
+    abort();
+  memcpy(copy, data, size);
+  copy[size] = 0;
+  return copy;
+}
+
+/* ---- PLY, plain and compressed: header words, rows of text and bytes of either order ---- */
+
+static int run_ply(const uint8_t *data, size_t size) {
+  pags_gaussians g;
+  const char *kind;
+  int antialiased;
+  uint8_t *const bytes = terminated(data, size);
+  const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'); /* as loaders ask */
+  const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &kind, &antialiased), &g, "a.ply");
+  free(bytes);
+  return accepted;
+}
+
+static void seed_ply(void) {
+  pags_gaussians g;
+  for (int degree = 0; degree <= 3; ++degree) {
+    sample_gaussians(&g, 5, degree, 1);
+    fuzz_seed_bytes(make_ply(&g));
+    pags_gaussians_destroy(&g);
+  }
+  sample_gaussians(&g, 4, 1, 1);
+  fuzz_seed_bytes(make_scrambled_ply(&g, "ascii 1.0"));
+  fuzz_seed_bytes(make_scrambled_ply(&g, "binary_big_endian 1.0"));
+  FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK && pags_gaussians_add_object_id(&g) == PAGS_OK &&
+             pags_gaussians_add_fourier(&g) == PAGS_OK);
+  const char *const path = fuzz_file("all.ply", "", 0);
+  uint8_t *bytes;
+  size_t size;
+  FUZZ_CHECK(pags_ply_save(path, &g) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
+  fuzz_seed(bytes, size);
+  free(bytes);
+  pags_gaussians_destroy(&g);
+}
+
+static const char *const ply_words[] = {"element vertex ", "element chunk ", "property float ", "property double ", "property uchar ",
+                                        "property list uchar int ", "end_header\n", "format ascii 1.0\n", "s_sem", "object_id",
+                                        "f_dc_t1_0", "f_rest_0", "packed_position", "comment SplatRenderMode: mip", "rot_3", NULL};
+static const fuzz_target ply = {.name = "ply", .seeds = seed_ply, .run = run_ply, .words = ply_words};
+
+static void seed_compressed(void) {
+  fuzz_seed_bytes(make_compressed_ply(5, 0, 1, 1));
+  fuzz_seed_bytes(make_compressed_ply(3, 3, 1, 1));
+  fuzz_seed_bytes(make_compressed_ply(260, 1, 0, 1));
+}
+
+static const fuzz_target compressed = {.name = "compressed_ply", .seeds = seed_compressed, .run = run_ply, .words = ply_words};
+
+/* ---- .splat ---- */
+
+static int run_splat(const uint8_t *data, size_t size) {
+  pags_gaussians g;
+  return accept(pags_splat_decode("a.splat", data, size, &g), &g, "a.splat");
+}
+
+static void seed_splat(void) {
+  fuzz_seed_bytes(make_splat(1, 1));
+  fuzz_seed_bytes(make_splat(30, 1));
+}
+
+static const fuzz_target splat = {.name = "splat", .seeds = seed_splat, .run = run_splat};
+
+/* ---- SPZ: whole files, and what is inside of the gzip stream, which its checksum would hide ---- */
+
+static int run_spz(const uint8_t *data, size_t size) {
+  pags_gaussians g;
+  const char *kind;
+  int antialiased;
+  return accept(pags_spz_decode("a.spz", data, size, &g, &kind, &antialiased), &g, "a.spz");
+}
+
+static void seed_spz(void) {
+  for (int version = 2; version <= 4; ++version)
+    for (int degree = 0; degree <= 3; ++degree) {
+      spz_parts parts = make_spz_parts(version, 7, degree, 1);
+      fuzz_seed_bytes(pack_spz(&parts));
+      free_spz_parts(&parts);
+    }
+}
+
+/* Deflate packs up to 1032 to 1, zstd more; planes of floats take 3 times what the attributes take, and growing doubles. */
+static const fuzz_target spz = {.name = "spz", .seeds = seed_spz, .run = run_spz, .memory = 64u << 20, .times = 4096};
+
+/* A gzip file that stores its content: no room is saved, so nothing justifies more memory than a multiple of the size. */
+static int run_spz_content(const uint8_t *data, size_t size) {
+  file_bytes file = {0};
+  bytes_put(&file, "\x1f\x8b\x08\0\0\0\0\0\0\xff", 10);
+  for (size_t at = 0; at < size || at == 0;) {
+    const size_t block = size - at < 65535 ? size - at : 65535;
+    bytes_u8(&file, at + block == size);
+    bytes_u32(&file, (uint32_t)block | (uint32_t)(~block & 65535) << 16);
+    bytes_put(&file, data + at, block);
+    at += block ? block : 1;
+  }
+  bytes_u32(&file, (uint32_t)crc32(0, data, (uInt)size));
+  bytes_u32(&file, (uint32_t)size);
+  const int accepted = run_spz(file.data, file.size);
+  bytes_free(&file);
+  return accepted;
+}
+
+static void seed_spz_content(void) {
+  for (int version = 2; version <= 3; ++version)
+    for (int degree = 0; degree <= 4; ++degree) {
+      spz_parts parts = make_spz_parts(version, 6, degree, 1);
+      file_bytes plain = {0};
+      bytes_text(&plain, "NGSP");
+      bytes_u32(&plain, (uint32_t)parts.version);
+      bytes_u32(&plain, 6);
+      bytes_u32(&plain, (uint32_t)parts.sh_degree | 12 << 8);
+      for (int s = 0; s < 6; ++s)
+        bytes_put(&plain, parts.stream[s].data, parts.stream[s].size);
+      fuzz_seed_bytes(plain);
+      free_spz_parts(&parts);
+    }
+}
+
+static const fuzz_target spz_content = {.name = "spz_content", .seeds = seed_spz_content, .run = run_spz_content};
+
+/* ---- Packed scenes ---- */
+
+static int run_packed(const uint8_t *data, size_t size) {
+  pags_packed packed;
+  pags_gaussians g;
+  const char *const path = fuzz_file("a.pagsz", data, size);
+  const pags_result result = pags_packed_open(path, &packed);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!packed.block);
+    fuzz_refused(result, "a.pagsz");
+    return 0;
+  }
+  FUZZ_CHECK(pags_packed_unpack(&packed, &g) == PAGS_OK);
+  FUZZ_CHECK(pags_gaussians_find_bad(&g, NULL) == 0);
+  for (int64_t c = 0; c < packed.clusters.count; ++c) /* bounds must hold what is drawn by them */
+    FUZZ_CHECK(isfinite(packed.clusters.lo[0][c]) && isfinite(packed.clusters.sigma[c]));
+  pags_gaussians_destroy(&g);
+  pags_packed_destroy(&packed);
+  return 1;
+}
+
+static void seed_packed(void) {
+  for (int degree = 0; degree <= 3; degree += 3) {
+    pags_gaussians g;
+    pags_packed head = {.background = {0.5f, 0, 1}};
+    uint8_t *bytes;
+    size_t size;
+    sample_gaussians(&g, degree ? 70 : 3, degree, 2);
+    FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK);
+    const char *const path = fuzz_file("seed.pagsz", "", 0);
+    FUZZ_CHECK(pags_packed_export(path, &g, &head) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
+    fuzz_seed(bytes, size);
+    free(bytes);
+    pags_gaussians_destroy(&g);
+  }
+}
+
+static const fuzz_target packed = {.name = "packed", .seeds = seed_packed, .run = run_packed};
+
+/* ---- sky.npy ---- */
+
+static int run_sky(const uint8_t *data, size_t size) {
+  pags_sky sky;
+  const pags_result result = pags_sky_load(fuzz_file("sky.npy", data, size), &sky);
+  if (result != PAGS_OK) {
+    FUZZ_CHECK(!sky.texels);
+    fuzz_refused(result, "sky.npy");
+    return 0;
+  }
+  for (size_t i = 0; i < 18 * (size_t)sky.size * (size_t)sky.size; ++i)
+    FUZZ_CHECK(isfinite(sky.texels[i]));
+  pags_sky_destroy(&sky);
+  return 1;
+}
+
+static void seed_sky(void) {
+  pags_sky sky;
+  uint8_t *bytes;
+  size_t size;
+  FUZZ_CHECK(pags_sky_create(&sky, 3) == PAGS_OK);
+  for (int i = 0; i < 18 * 9; ++i)
+    sky.texels[i] = (float)i / 100.0f;
+  const char *const path = fuzz_file("seed.npy", "", 0);
+  FUZZ_CHECK(pags_sky_save(path, &sky) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
+  fuzz_seed(bytes, size);
+  free(bytes);
+  pags_sky_destroy(&sky);
+}
+
+static const char *const sky_words[] = {"'descr': ", "'<f2'", "'fortran_order': False", "'shape': (6, ", "\x93NUMPY\1", NULL};
+static const fuzz_target sky = {.name = "sky", .seeds = seed_sky, .run = run_sky, .words = sky_words};
+
+const fuzz_target *const fuzz_targets[] = {&ply, &compressed, &splat, &spz, &spz_content, &packed, &sky, NULL};
