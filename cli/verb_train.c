@@ -44,6 +44,8 @@ static const pags_option options[] = {
                "write a preview PNG every N steps"),
     PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "none",
                "set the number of steps from the speed measured early, so that the run fits; not reproducible"),
+    PAGS_VALUE("max-bad-rows", 0, INT64, RUN(bad_rows_most), 0, PAGS_UNLIMITED, "N", "updates", NULL,
+               "fail when more updates than that had to be left out because a number wasn't finite"),
     PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print minutes and memory of the whole run, write nothing"),
     PAGS_VALUE("seed", 0, UINT64, CONFIG(seed), 0, 0, "N", NULL, NULL, "of everything random"),
 
@@ -250,15 +252,17 @@ typedef struct watcher {
 
 static int show_progress(void *user, const pags_train_progress *now) {
   watcher *watch = user;
-  char eta[32], size[24] = "";
+  char eta[32], size[24] = "", bad[48] = "";
   if (!pags_progress_due(&watch->progress))
     return 1;
   if (now->level > 1)
     snprintf(size, sizeof size, ", 1/%d size", now->level);
+  if (now->bad_rows > 0)
+    snprintf(bad, sizeof bad, ", %lld rows left out", (long long)now->bad_rows);
   pags_progress_show(
-      &watch->progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB, %s left",
+      &watch->progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
       (long long)now->step, (long long)now->iterations, size, now->it_per_second, (long long)now->gaussians, now->loss,
-      now->psnr, pags_format_duration(now->eta_seconds, eta, sizeof eta));
+      now->psnr, bad, pags_format_duration(now->eta_seconds, eta, sizeof eta));
   return 1;
 }
 
@@ -292,6 +296,8 @@ static pags_result write_json(const train_arguments *arguments, const pags_train
   pags_json_put_number(&writer, "loss", result->loss);
   pags_json_put_number(&writer, "psnr", result->psnr);
   pags_json_put_integer(&writer, "bad_rows", result->bad_rows);
+  if (result->bad_rows > 0)
+    pags_json_put_string(&writer, "first_bad_row", result->first_bad_row);
   pags_json_put_unsigned(&writer, "heap_calls_steady", result->heap_calls_steady);
   pags_json_begin_object(&writer, "ms");
   pags_json_put_number(&writer, "wait", result->ms_wait);
@@ -318,6 +324,9 @@ static void report(const train_arguments *arguments, const pags_train_result *re
            arguments->output, (long long)result->gaussians, (long long)result->iterations,
            pags_format_duration(result->seconds, time, sizeof time), result->iterations_per_second,
            pags_format_bytes((double)result->peak_rss_bytes, memory, sizeof memory));
+  if (result->bad_rows > 0)
+    pags_say(&arguments->session, "%lld updates were left out because a number wasn't finite; the first was %s\n",
+             (long long)result->bad_rows, result->first_bad_row);
 }
 
 static void describe_driving(const train_arguments *arguments, const pags_dataset *dataset) {

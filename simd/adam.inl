@@ -61,6 +61,21 @@ static void adam_update(float *p, float *m, float *v, const float *gradient, int
   }
 }
 
+/* Comparisons are false for NaN. Runs before the update of the same rows, which then finds them in cache. */
+static int adam_check(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes, int rows, uint16_t *bad) {
+  const vf most = v_set(3e38f), steep = v_set(1e18f);
+  unsigned any = 0;
+  for (int i = 0; i < rows; i += 16) {
+    vm good = m_first(rows - i);
+    for (int k = 0; k < planes; k++)
+      good = m_and(good, m_and(v_lt(v_abs(v_load(p + k * p_stride + i)), most), v_lt(v_abs(v_load(gradient + k * gradient_stride + i)), steep)));
+    const unsigned found = m_bits(m_first(rows - i)) & ~m_bits(good);
+    bad[i / 16] = (uint16_t)(bad[i / 16] | found);
+    any |= found;
+  }
+  return any != 0;
+}
+
 /* Widens [range[0], range[1]] by where rows can get without a further gradient: between p and p - weight u, the steps all having the
  * sign of u. Rows that are not finite are left out. */
 static void adam_reach(const float *p, const float *m, const float *v, int rows, float weight, float eps, float range[2]) {

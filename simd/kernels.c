@@ -39,6 +39,7 @@ const pags_kernels pags_kernels_scalar = {
     .project_backward = project_backward,
     .adam_replay = adam_replay,
     .adam_update = adam_update,
+    .adam_check = adam_check,
     .adam_reach = adam_reach,
     .loss_rows = loss_rows,
     .roofline = roofline,

@@ -19,6 +19,7 @@ enum {
 #define PAGS_ALPHA_MAX 0.99f
 #define PAGS_ALPHA_MIN (1.0f / 255.0f)
 #define PAGS_T_STOP 1e-4f
+#define PAGS_COLOUR_MAX 1e6f /* of a Gaussian's shaded colour; the loss takes four of these in a product */
 #define PAGS_LOG2_255 7.99435344f
 /* Added to the cut-off, in powers of two, by whatever rules out pixels before they are computed: the rasteriser's rounding of
  * u^2 + v^2 must never find a pixel that was ruled out. u carries an error of about 2^-23 p |d| <= 1e-3 for |d| <= 4096 px, hence
@@ -148,6 +149,7 @@ typedef struct pags_row_gradient {
   float *data;       /* plane p at data + p * stride */
   int64_t stride;
   float *mean2d, *mean2d_abs, *radius;
+  uint8_t *bad; /* of rows set to zero because a value wasn't finite: 1 + the first plane that wasn't; others aren't written. May be NULL */
 } pags_row_gradient;
 
 typedef struct pags_adam_step { /* of one plane; symbols as in adam.inl */
@@ -231,6 +233,10 @@ typedef struct pags_kernels {
    * written too, with a gradient of zero. */
   void (*adam_replay)(float *p, const float *m, const float *v, int rows, const float *weights, int steps, float eps);
   void (*adam_update)(float *p, float *m, float *v, const float *gradient, int rows, const pags_adam_step *step);
+  /* Which rows can't take a step: bit i & 15 of bad[i / 16] is set where a plane of row i has a parameter of 3e38 or more, or a gradient of
+   * 1e18 or more (its square would not be a float for long). Plane k lies at p + k * p_stride and gradient + k * gradient_stride. Other
+   * bits stay; returns whether any was set. */
+  int (*adam_check)(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes, int rows, uint16_t *bad);
   /* range[0] = min, range[1] = max over rows of p and p - weight u, and of what range held. */
   void (*adam_reach)(const float *p, const float *m, const float *v, int rows, float weight, float eps, float range[2]);
 

@@ -22,7 +22,7 @@ typedef struct projected {
   vf a, b, c, d0, d;
   vf compensation;         /* sqrt(max(2.5e-5, D0 / D)), 1 without antialiasing */
   vf opacity;              /* compensated */
-  vf raw_opacity;          /* sigmoid(logit) */
+  vf raw_opacity, rest;    /* sigmoid(logit), and what it leaves of 1, to all its digits */
 } projected;
 
 static inline void rotation_from_quaternion(projected *s, const float *data, int64_t stride) {
@@ -99,7 +99,9 @@ static inline void project_covariance(projected *s, const pags_projection *view,
 
 static inline void project_opacity(projected *s, const pags_projection *view, const float *data, int64_t stride) {
   const vf logit = v_load(data + 10 * stride);
-  s->raw_opacity = v_div(v_set(1.0f), v_add(v_set(1.0f), v_exp(v_sub(v_zero(), logit))));
+  const vf fade = v_exp(v_sub(v_zero(), logit));
+  s->raw_opacity = v_div(v_set(1.0f), v_add(v_set(1.0f), fade));
+  s->rest = v_mul(fade, s->raw_opacity);
   s->compensation = v_set(1.0f);
   if (view->antialiased)
     s->compensation = v_sqrt(v_max(v_set(2.5e-5f), v_div(s->d0, s->d)));

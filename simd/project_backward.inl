@@ -145,12 +145,25 @@ static inline void shade_backward(const pags_projection *view, const float *data
     gmean[k] = v_fma(v_fnma(along, direction[k], gdirection[k]), inverse_distance, gmean[k]);
 }
 
+/* Tells the first plane of each row of `bad` whose value isn't finite. */
+static inline void name_planes(const float *out, int64_t stride, unsigned bad, uint8_t *name) {
+  for (; bad; bad &= bad - 1) {
+    const int k = __builtin_ctz(bad);
+    int p = 0;
+    while (fabsf(out[p * stride + k]) < 3e38f)
+      p++;
+    name[k] = (uint8_t)(p + 1);
+  }
+}
+
 /* Sets planes of rows with a value that isn't finite to zero; returns the bits of such rows. */
-static inline unsigned guard_rows(float *out, int64_t stride, int planes, unsigned drawn) {
+static inline unsigned guard_rows(float *out, int64_t stride, int planes, unsigned drawn, uint8_t *name) {
   vm finite = m_from_bits(0xFFFFu);
   for (int p = 0; p < planes; p++)
     finite = m_and(finite, v_lt(v_abs(v_load(out + p * stride)), v_set(3e38f)));
   const unsigned bad = drawn & ~m_bits(finite);
+  if (bad && name)
+    name_planes(out, stride, bad, name);
   const vm keep = m_from_bits(drawn & ~bad);
   for (int p = 0; p < planes; p++)
     v_store(out + p * stride, v_maskz(keep, v_load(out + p * stride)));
@@ -170,7 +183,7 @@ static inline void colour_gradient(const slot_sums *sums, const pags_splat *spla
 
 static inline int rows_backward(const pags_projection *view, const float *data, int64_t stride, const slot_sums *sums,
                                 unsigned drawn, const pags_splat *splats, float *out, int64_t out_stride, float *mean2d,
-                                float *mean2d_abs, float *radius) {
+                                float *mean2d_abs, float *radius, uint8_t *name) {
   projected s;
   project_all(&s, view, data, stride);
   const vf *const f = sums->field, two = v_set(2.0f);
@@ -196,7 +209,7 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   const vf low = v_set(view->low_pass);
   const vf ga = v_mul(low, gd);
   gc = v_fma(low, gd, gc);
-  v_store(out + 10 * out_stride, v_mul(glog, v_sub(v_set(1.0f), s.raw_opacity)));
+  v_store(out + 10 * out_stride, v_mul(glog, s.rest));
 
   vf gm[6], gt[6], gr[9], gq[4], gcam[3], gmean[3], gcolour[3];
   covariance_backward(&s, ga, gb, gc, gd0, gm);
@@ -222,7 +235,7 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
     v_store(out + k * out_stride, gmean[k]);
 
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
-  const unsigned bad = guard_rows(out, out_stride, planes, drawn);
+  const unsigned bad = guard_rows(out, out_stride, planes, drawn, name);
   const vm good = m_from_bits(drawn & ~bad);
   const vf half_w = v_set(0.5f * view->width), half_h = v_set(0.5f * view->height);
   const vf nx = v_mul(gmx, half_w), ny = v_mul(gmy, half_h);
@@ -246,7 +259,7 @@ static int project_backward(const pags_projection *view, const float *data, int6
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
       bad += rows_backward(view, data + first, stride, &sums, drawn, splats + first, out->data + first, out->stride,
-                           out->mean2d + first, out->mean2d_abs + first, out->radius + first);
+                           out->mean2d + first, out->mean2d_abs + first, out->radius + first, out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)

@@ -1,5 +1,6 @@
 /* Colour of a Gaussian seen from the camera: real spherical harmonics to degree 3 with INRIA's constants and signs,
- * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's frame. */
+ * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's frame. No colour is
+ * more than PAGS_COLOUR_MAX: infinity times a weight of 0 is NaN, and what covers a light of 1e20 would have a gradient of that size. */
 
 #define SH_C0 0.28209479177387814f
 #define SH_C1 0.4886025119029199f
@@ -79,7 +80,7 @@ static void shade(const pags_projection *view, const float *data, int64_t stride
     unsigned negative[3];
     for (int c = 0; c < 3; c++) {
       negative[c] = m_bits(v_lt(rgb[c], v_zero()));
-      v_store(colour[c], v_min(v_max(rgb[c], v_zero()), v_set(1e30f))); /* infinity times a weight of 0 is NaN */
+      v_store(colour[c], v_min(v_max(rgb[c], v_zero()), v_set(PAGS_COLOUR_MAX)));
     }
     for (; drawn; drawn &= drawn - 1) {
       const int k = __builtin_ctz(drawn);

@@ -68,7 +68,9 @@ static void loss_load(loss_state *s, int row) {
   vf l1 = v_zero(), squared = v_zero(), more = v_zero();
   for (int i = 0; i < io->width; i += V_LANES) {
     const vm use = loss_counted(io, row, i);
-    const vf a = v_maskz(use, v_load(io->prediction + row * io->stride + i));
+    /* Products of four values must stay floats; a NaN becomes the lower bound. */
+    const vf bounded = v_min(v_max(v_load(io->prediction + row * io->stride + i), v_set(-PAGS_COLOUR_MAX)), v_set(PAGS_COLOUR_MAX));
+    const vf a = v_maskz(use, bounded);
     const vf b = v_maskz(use, v_mul(v_load_u8(io->target + row * io->stride + i), scale));
     const vf d = v_sub(v_clamp(a, v_zero(), v_set(1.0f)), b);
     v_store(x + i, a);

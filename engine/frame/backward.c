@@ -16,7 +16,7 @@ typedef struct backward_context {
   pags_receive_fn *receive;
   void *user;
   float *scratch; /* per worker */
-  uint8_t *drawn; /* per worker */
+  uint8_t *drawn, *bad; /* per worker */
   atomic_llong bad_rows;
 } backward_context;
 
@@ -71,14 +71,15 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
   backward_context *const c = context;
   const pags_frame *const f = c->frame;
   float *const scratch = c->scratch + (int64_t)worker * SCRATCH_PLANES * MOST_MEMBERS;
-  uint8_t *const drawn = c->drawn + (int64_t)worker * MOST_MEMBERS;
+  uint8_t *const drawn = c->drawn + (int64_t)worker * MOST_MEMBERS, *const bad_planes = c->bad + (int64_t)worker * MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = f->clusters + i;
     const pags_gaussians *const g = f->parts[v->part].gaussians;
     const pags_projection *const view = f->projections + v->part;
     const int stride = (v->count + 15) / 16 * 16, planes = pags_plane_count(view->sh_degree);
     float *const extra = scratch + (int64_t)planes * stride;
-    const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride};
+    const pags_row_gradient rows = {scratch, stride, extra, extra + stride, extra + 2 * stride, bad_planes};
+    memset(bad_planes, 0, (size_t)v->count);
     const int bad = f->kernels->project_backward(view, g->data + v->first, g->stride, v->count, f->keys + v->base,
                                                  f->splats + v->base, f->slot_start + v->base, c->slots, &rows);
     if (bad)
@@ -95,7 +96,8 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
                                        .mean2d = rows.mean2d,
                                        .mean2d_abs = rows.mean2d_abs,
                                        .radius = rows.radius,
-                                       .drawn = drawn};
+                                       .drawn = drawn,
+                                       .bad = bad_planes};
     c->receive(c->user, &out, worker);
   }
 }
@@ -110,7 +112,8 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
   c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.slots, "gradient slots");
   c.scratch = pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
   c.drawn = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags");
-  if (!c.slots || !c.scratch || !c.drawn)
+  c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
+  if (!c.slots || !c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
   const double t0 = pags_frame_clock_ms();
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_backward, &c));

@@ -67,6 +67,14 @@ static void add_motion(const float *data, int64_t stride, const pags_gaussians *
   }
 }
 
+/* A row with a parameter that isn't finite has a gradient of zero, and 0 times infinity must not become the pose's. */
+static int is_finite(const double own[6]) {
+  double sum = 0.0;
+  for (int k = 0; k < 6; k++)
+    sum += own[k] * 0.0;
+  return sum == 0.0;
+}
+
 void pags_pose_gradient(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians, int64_t first,
                         int count, double out[6]) {
   for (int start = 0; start < count; start += ROWS) {
@@ -74,9 +82,12 @@ void pags_pose_gradient(const float *data, int64_t stride, int planes, const pag
     float turned[3][ROWS];
     turn_harmonics(data + start, stride, planes, gaussians, first + start, rows, turned);
     for (int i = 0; i < rows; i++) {
-      add_motion(data + start + i, stride, gaussians, first + start + i, out);
-      for (int k = 0; k < 3; k++)
-        out[k] += (double)turned[k][i];
+      double own[6] = {(double)turned[0][i], (double)turned[1][i], (double)turned[2][i], 0.0, 0.0, 0.0};
+      add_motion(data + start + i, stride, gaussians, first + start + i, own);
+      if (!is_finite(own))
+        continue;
+      for (int k = 0; k < 6; k++)
+        out[k] += own[k];
     }
   }
 }

@@ -15,7 +15,7 @@
 
 #include "kernels.h"
 
-enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS };
+enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
 
 static pags_rate_group group_of(int plane) {
   return plane < PAGS_SCALE      ? PAGS_RATE_POSITION
@@ -250,12 +250,64 @@ void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_
   pay(adam, g, cluster, step - 1);
 }
 
-void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
-                      const float *gradient, int64_t stride, int planes) {
+/* Rows of a cluster that take no step. */
+typedef struct left_out {
+  uint16_t bits[MOST_ROWS / 16];
+  int any;
+} left_out;
+
+static int is_left_out(const left_out *l, int row) {
+  return l->bits[row / 16] >> (row % 16) & 1;
+}
+
+static left_out find_left_out(const pags_adam *adam, const pags_gaussians *g, int64_t first, int rows, const float *gradient,
+                              int64_t stride, int planes) {
+  left_out l = {.any = 0};
+  l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
+  if (g->fourier)
+    l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride, PAGS_FOURIER_PLANES, rows, l.bits);
+  return l;
+}
+
+/* How many, and the first of them. */
+static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const left_out *l, int64_t first, int rows,
+                         const float *gradient, int64_t stride, int planes, pags_offender *out) {
+  int count = 0, row = -1;
+  for (int i = 0; i < rows; i++)
+    if (is_left_out(l, i) && count++ == 0)
+      row = i;
+  for (int i = 0; out && i < column_count(g, planes); i++) {
+    const int sound = fabsf(column_at(adam, g, planes, i, first).p[row]) < 3e38f;
+    if (sound && fabsf(gradient[i * stride + row]) < 1e18f)
+      continue;
+    *out = (pags_offender){.step = adam->step,
+                           .row = first + row,
+                           .plane = i < planes ? i : PAGS_MAX_PLANES + i - planes,
+                           .kind = sound ? PAGS_OFFENCE_GRADIENT : PAGS_OFFENCE_PARAMETER};
+    break;
+  }
+  return count;
+}
+
+/* One plane of a cluster in which some rows stay as they are. */
+static void update_others(const pags_adam *adam, column c, const float *gradient, int rows, const left_out *l, const pags_adam_step *s) {
+  float kept[3][MOST_ROWS];
+  float *const planes[3] = {c.p, c.m, c.v};
+  for (int k = 0; k < 3; k++)
+    memcpy(kept[k], planes[k], (size_t)rows * sizeof(float));
+  adam->kernels->adam_update(c.p, c.m, c.v, gradient, rows, s);
+  for (int i = 0; i < rows; i++)
+    for (int k = 0; k < 3 && is_left_out(l, i); k++)
+      planes[k][i] = kept[k][i];
+}
+
+int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
+                     const float *gradient, int64_t stride, int planes, pags_offender *offender) {
   const pags_train_config *c = config_of(adam);
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first);
   pay(adam, g, cluster, step - 1);
+  left_out out = find_left_out(adam, g, first, rows, gradient, stride, planes);
   int64_t n = step - adam->moment_step[cluster];
   pags_adam_step s = {.decay1 = (float)(n == 1 ? c->beta1 : pow(c->beta1, (double)n)),
                       .decay2 = (float)(n == 1 ? c->beta2 : pow(c->beta2, (double)n)),
@@ -268,11 +320,15 @@ void pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *cluster
   for (int i = 0; i < column_count(g, planes); i++) {
     column at = column_at(adam, g, planes, i, first);
     s.rate = (float)(rates[at.group] * adam->correction[k]);
-    adam->kernels->adam_update(at.p, at.m, at.v, gradient + i * stride, rows, &s);
+    if (out.any)
+      update_others(adam, at, gradient + i * stride, rows, &out, &s);
+    else
+      adam->kernels->adam_update(at.p, at.m, at.v, gradient + i * stride, rows, &s);
   }
   adam->moment_step[cluster] = (int32_t)step;
   adam->param_step[cluster] = (int32_t)step;
   pags_adam_bound(adam, g, clusters, cluster);
+  return out.any ? name_left_out(adam, g, &out, first, rows, gradient, stride, planes, offender) : 0;
 }
 
 /* Interval that a plane's members stay in. */

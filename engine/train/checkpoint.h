@@ -5,7 +5,8 @@
  * model: MODL the numbers of model_record, planes of count floats: GAUS the parameters, MOM1 and MOM2 the moments (Fourier
  * terms behind the others); STEP the two steps of each cluster (what rows owe is stored as owed), STAT the densify
  * statistics, OBJI object numbers, SSEM priorities, SQUA squared derivatives, each where there are any. TRAK holds increments and
- * moments of all knots (labels come from the data set), SKY0 texels, moments and visits, EXPO the exposures, END! nothing.
+ * moments of all knots (labels come from the data set), SKY0 texels, moments and visits, EXPO the exposures, BADR (only where there was one)
+ * how many updates were left out and the first of them, END! nothing.
  * Sections come in this order. */
 #ifndef PAGS_TRAIN_CHECKPOINT_H
 #define PAGS_TRAIN_CHECKPOINT_H

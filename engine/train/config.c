@@ -38,6 +38,7 @@ _Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == si
 
 static const double max_count = 2147483584.0; /* 2^31 - 64 */
 #define MAX_STEPS 1e9
+#define LEAST_OPACITY 0.004 /* what is at or below 1/255 isn't drawn and never gets a gradient */
 
 static const field fields[] = {
     FIELD(iterations, FIELD_I64, 1, PAGS_CONFIG_STEPS),
@@ -55,7 +56,7 @@ static const field fields[] = {
     FIELD(epsilon, FIELD_F64, 1e-20, 1),
     FIELD(ssim_weight, FIELD_F64, 0, 1),
     FIELD(random_start, FIELD_INT, 0, 1),
-    FIELD(init_opacity, FIELD_F64, 1e-3, 0.999),
+    FIELD(init_opacity, FIELD_F64, LEAST_OPACITY, 0.999),
     FIELD(init_scale, FIELD_F64, 1e-6, 1e6),
     FIELD(init_scale_max, FIELD_F64, 1e-6, 1e6),
     FIELD(sh_degree, FIELD_INT, -1, 3),
@@ -76,7 +77,7 @@ static const field fields[] = {
     FIELD(prune_opacity, FIELD_F64, 0, 1),
     FIELD(prune_scale, FIELD_F64, 0, 1e6),
     FIELD(reset_every, FIELD_I64, 1, MAX_STEPS),
-    FIELD(reset_opacity, FIELD_F64, 1e-6, 1),
+    FIELD(reset_opacity, FIELD_F64, LEAST_OPACITY, 1),
     FIELD(max_gaussians, FIELD_I64, 0, max_count),
     FIELD(target_size, FIELD_F64, 0, 1e9),
     FIELD(sh_error, FIELD_F64, 0, 255),

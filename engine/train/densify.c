@@ -27,13 +27,6 @@ static float logit(double probability) {
   return (float)log(probability / (1.0 - probability));
 }
 
-static int is_finite_row(const pags_gaussians *g, int64_t row) {
-  for (int p = 0; p < PAGS_SH + 3; p++)
-    if (!isfinite(pags_plane(g, p)[row]))
-      return 0;
-  return 1;
-}
-
 static float mean_gradient(const pags_density *density, int64_t row) {
   return density->seen[row] > 0 ? density->gradient[row] / (float)density->seen[row] : 0.0f;
 }
@@ -65,7 +58,7 @@ static int strays(const pags_train_model *model, int64_t row) {
 
 static pags_edit decide_row(const pags_train_model *model, const thresholds *t, int64_t row) {
   const pags_gaussians *g = &model->gaussians;
-  if (!is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
+  if (!pags_model_is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
     return PAGS_EDIT_PRUNE;
   float sigma = largest_sigma(g, row);
   int pulled = mean_gradient(&model->density, row) >= t->gradient;
@@ -162,7 +155,8 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     offset[i] = n[i] * exp((double)pags_plane(g, PAGS_SCALE + i)[row]);
   for (int i = 0; i < 3; i++) {
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
-    *mean = (float)((double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2]);
+    double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
+    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* ln sigma may be anything */
     pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->split_divisor);
   }
   if (c->revised_opacity) {

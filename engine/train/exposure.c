@@ -128,19 +128,21 @@ static void hold_means(pags_exposures *exposures, const pags_dataset *dataset) {
       exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
 }
 
-static void move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
+static int move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
   double direction[6];
   if (!pags_moments_step(&e->moments, gradient, config, direction))
-    return;
+    return 0;
   for (int k = 0; k < 6; k++)
     e->value[k] -= rate * direction[k];
+  return 1;
 }
 
-void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
+int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure_rate * pow(final_share, t);
-  move(&exposures->items[view], gradient, c, rate);
-  move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
+  int moved = move(&exposures->items[view], gradient, c, rate) &&
+              move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
   hold_means(exposures, dataset);
+  return moved;
 }

@@ -36,7 +36,7 @@ pags_result pags_exposure_backward(const double value[6], const pags_picture *pi
                                    float *const gradient[3], double out[6]);
 
 /* Adam for one view and its camera, then the means over the training views put back. */
-void pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
+int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step);
 
 #endif

@@ -11,6 +11,9 @@ static const double sh_c0 = 0.28209479177387814; /* 1 / (2 sqrt(pi)) */
 /* Smallest square of the first sigma, m^2: duplicate points have no distance to take. INRIA's bound. */
 static const float least_square = 1e-7f;
 
+/* Half a level: colours are clamped at 0, where nothing flows back, so that a black cloud would stay black. */
+static const double least_level = 0.5;
+
 double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count) {
   double mean[3] = {0.0, 0.0, 0.0}, largest = 0.0;
   for (int64_t i = 0; i < count; i++)
@@ -47,7 +50,7 @@ static void fill_row(const pags_train_config *config, const float *xyz, const ui
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
     pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
-    pags_plane(g, PAGS_SH + k)[row] = (float)(((double)rgb[k] / 255.0 - 0.5) / sh_c0);
+    pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / sh_c0);
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
   pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->init_opacity / (1.0 - config->init_opacity));

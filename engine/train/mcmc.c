@@ -168,11 +168,18 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
 }
 
 /* d/d(logit o) of w mean(o) = w o (1 - o) / N; d/d(ln sigma) of w mean(sigma) over 3 N sigmas = w sigma / (3 N). */
+/* Metres become lengths of a world whose extent is 20 where it is more. The regulariser adds up metres, and the noise goes with sigma
+ * squared times a rate that itself goes with the extent: at an extent of 2009 they left nothing of the loss (gsplat's issue 542). */
+static double shrink_of(const pags_train_model *model) {
+  const double most = 20.0, extent = model->schedule.extent;
+  return extent > most ? most / extent : 1.0;
+}
+
 void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride) {
   const pags_gaussians *g = &model->gaussians;
   const pags_train_config *c = &model->schedule.config;
   float opacity_weight = (float)(c->mcmc_opacity_reg / (double)g->count);
-  float scale_weight = (float)(c->mcmc_scale_reg / (3.0 * (double)g->count));
+  float scale_weight = (float)(c->mcmc_scale_reg * shrink_of(model) / (3.0 * (double)g->count));
   for (int i = 0; i < rows; i++) {
     float o = 1.0f / (1.0f + expf(-pags_plane(g, PAGS_OPACITY)[first + i]));
     gradient[PAGS_OPACITY * stride + i] += opacity_weight * o * (1.0f - o);
@@ -206,7 +213,9 @@ static void shake_row(const noise_job *job, int64_t row) {
   }
   for (int i = 0; i < 3; i++) {
     double move = r[3 * i] * local[0] + r[3 * i + 1] * local[1] + r[3 * i + 2] * local[2];
-    pags_plane(g, PAGS_MEAN + i)[row] += (float)(move * gate * job->weight);
+    float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
+    double moved = (double)*mean + move * gate * job->weight;
+    *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* ln sigma may be anything */
   }
 }
 
@@ -226,7 +235,8 @@ static void shake_block(void *context, int64_t begin, int64_t end, int worker) {
 pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *tasks) {
   double rates[PAGS_RATE_GROUPS];
   pags_schedule_rates(&model->schedule, step, rates);
-  noise_job job = {model, step, model->schedule.config.mcmc_noise * rates[PAGS_RATE_POSITION]};
+  const double shrink = shrink_of(model);
+  noise_job job = {model, step, model->schedule.config.mcmc_noise * rates[PAGS_RATE_POSITION] * shrink * shrink};
   if (pags_parallel_for(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
     return PAGS_OK;
   return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows shaken, some not: not to be saved */

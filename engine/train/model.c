@@ -188,3 +188,31 @@ pags_result pags_model_add_fourier(pags_train_model *model) {
   PAGS_TRY(pags_gaussians_add_fourier(&model->adam.first));
   return pags_gaussians_add_fourier(&model->adam.second);
 }
+
+int pags_model_is_finite_row(const pags_gaussians *g, int64_t row) {
+  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+    if (!isfinite(pags_plane(g, p)[row]))
+      return 0;
+  for (int p = 0; g->fourier && p < PAGS_FOURIER_PLANES; p++)
+    if (!isfinite(g->fourier[p * g->stride + row]))
+      return 0;
+  return 1;
+}
+
+int64_t pags_model_drop_spoiled(pags_train_model *model) {
+  pags_gaussians *g = &model->gaussians, kept = {0};
+  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index), count = 0;
+  for (int64_t row = 0; index && row < g->count; row++)
+    if (pags_model_is_finite_row(g, row))
+      index[count++] = row;
+  int64_t dropped = index ? g->count - count : -1;
+  if (dropped > 0 && pags_gaussians_create_like(&kept, count, g) != PAGS_OK)
+    dropped = -1;
+  if (dropped > 0) {
+    pags_gaussians_gather(g, index, count, &kept);
+    pags_gaussians_destroy(g);
+    *g = kept;
+  }
+  free(index);
+  return dropped;
+}

@@ -45,6 +45,11 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
                               pags_tasks *tasks);
 /* Morton order, clusters and bounds anew. The model must be settled. */
 pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks);
+/* All parameters of the row are numbers. */
+int pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
+/* For the finished scene: takes out rows that aren't finite; the model can't be trained any more. Returns how many there were, -1
+ * without memory. */
+int64_t pags_model_drop_spoiled(pags_train_model *model);
 /* Statistics back to zero. */
 void pags_model_clear_density(pags_train_model *model);
 /* Gives the colour terms over time (zeros) with their moments. */

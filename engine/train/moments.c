@@ -5,7 +5,7 @@
 
 int pags_moments_step(pags_moments *m, const double gradient[6], const pags_train_config *c, double step[6]) {
   for (int i = 0; i < 6; i++)
-    if (!isfinite(gradient[i]))
+    if (!(fabs(gradient[i]) < 1e150)) /* its square is finite, too; false for NaN */
       return 0;
   m->count++;
   const double bias1 = 1.0 - pow(c->beta1, (double)m->count), bias2 = 1.0 - pow(c->beta2, (double)m->count);

@@ -174,6 +174,8 @@ pags_result pags_output_log(pags_output *output, const pags_log_entry *e) {
     pags_json_put_number(&w, "view_depth", e->terms.depth);
   if (e->terms.objects > 0.0)
     pags_json_put_number(&w, "view_objects", e->terms.objects);
+  if (e->bad_rows > 0)
+    pags_json_put_integer(&w, "bad_rows", e->bad_rows);
   return put_line(output, &w);
 }
 
@@ -447,6 +449,8 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_number(&w, "loss", r->loss);
   pags_json_put_number(&w, "psnr", r->psnr);
   pags_json_put_integer(&w, "bad_rows", r->bad_rows);
+  if (r->bad_rows > 0)
+    pags_json_put_string(&w, "first_bad_row", r->first_bad_row);
   pags_json_put_unsigned(&w, "frame_heap_calls_in_last_tenth", r->heap_calls_steady);
   pags_json_begin_object(&w, "ms_per_step");
   pags_json_put_number(&w, "wait", r->ms_wait);

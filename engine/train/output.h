@@ -34,6 +34,7 @@ typedef struct pags_log_entry {
   double loss, psnr;                               /* running */
   double step_loss, step_l1, step_ssim, step_psnr; /* of this step's view */
   pags_terms terms;                                /* the same */
+  int64_t bad_rows;                                /* of the run so far */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);
 typedef struct pags_density_change { /* of all models together */

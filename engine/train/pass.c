@@ -279,7 +279,15 @@ static float *held_rows(const pags_pass *p, const pags_train_model *m, int64_t m
   return p->held[model] + cluster * pags_plane_count(m->gaussians.sh_degree) * m->clusters.size;
 }
 
-/* Keeps an object's gradients until the picture's arrive. */
+/* Rows whose gradient the frame has set to zero because it wasn't finite. */
+static int any_bad(const pags_cluster_gradient *g) {
+  int any = 0;
+  for (int i = 0; i < g->count; i++)
+    any |= g->bad[i];
+  return any;
+}
+
+/* Keeps an object's gradients until the picture's arrive. A row's that isn't finite is nothing beside them, but is counted. */
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   const pass_context *c = user;
   const pags_pass *p = &c->trainer->pass;
@@ -287,6 +295,10 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   (void)worker;
   if (!any_drawn(g))
     return;
+  for (int i = 0; any_bad(g) && i < g->count; i++)
+    if (g->bad[i])
+      pags_guard_note(&c->trainer->state.guard, 1,
+                      &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1, PAGS_OFFENCE_GRADIENT});
   memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
          (size_t)g->planes * (size_t)g->stride * sizeof(float));
   p->held_step[model][g->cluster] = (int32_t)c->step;
@@ -323,8 +335,8 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     return;
   add_statistics(m, g);
   int mcmc = m->schedule.config.strategy == PAGS_STRATEGY_MCMC;
-  int held = p->held_step[model] && p->held_step[model][g->cluster] == (int32_t)c->step;
-  if (mcmc || held || m->gaussians.fourier) {
+  int held = p->held_step[model] && p->held_step[model][g->cluster] == (int32_t)c->step, bad = any_bad(g);
+  if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
     data = copy;
   }
@@ -336,7 +348,14 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     pags_mcmc_regularise(m, g->first, g->count, copy, g->stride);
   if (m->gaussians.fourier)
     add_fourier(p->basis[model], g, copy);
-  pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes);
+  for (int i = 0; bad && i < g->count; i++)
+    if (g->bad[i])
+      copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* as it was: the update leaves the row out */
+  pags_offender first = {0};
+  int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
+  first.object = m->object;
+  if (left_out)
+    pags_guard_note(&c->trainer->state.guard, left_out, &first);
 }
 
 /* Loss terms. */
@@ -365,10 +384,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, t->state.schedule.config.object_weight, by_t,
                              &v->terms.objects));
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
-  int64_t bad = 0;
-  PAGS_TRY(pags_frame_backward(p->object_frame, &gradient, hold, &context, &bad));
-  t->bad_rows += bad;
-  return PAGS_OK;
+  return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
 /* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts as it is. */
@@ -452,7 +468,8 @@ static void update_tracks(pags_trainer *t, int64_t step) {
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
         sum[k] += t->pass.pose[model][c][k];
-    pags_tracks_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step);
+    if (!pags_tracks_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step))
+      pags_guard_note(&t->state.guard, 1, &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
   }
 }
 
@@ -462,7 +479,6 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   pass_context context = {t, step, 0};
   pags_frame_options options = pags_pass_options(t, step);
   pags_picture_gradient gradient;
-  int64_t bad = 0;
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
@@ -479,16 +495,16 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   PAGS_TRY(losses(t, step, v, exposure_gradient, &gradient));
   t->ms.loss += pags_trainer_lap(&clock);
   clear_poses(t);
-  PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, &bad));
-  t->bad_rows += bad;
+  PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(pags_scores_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);
     if (t->state.sky.sky.size > 0)
       PAGS_TRY(pags_sky_fit_update(&t->state.sky, &t->state.schedule, step, t->tasks));
-    if (t->state.exposures.count > 0)
-      pags_exposures_update(&t->state.exposures, t->dataset, v->view, exposure_gradient, &t->state.schedule, step);
+    if (t->state.exposures.count > 0 &&
+        !pags_exposures_update(&t->state.exposures, t->dataset, v->view, exposure_gradient, &t->state.schedule, step))
+      pags_guard_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
   }
   t->ms.backward += pags_trainer_lap(&clock);
   return PAGS_OK;

@@ -3,6 +3,7 @@
 #define PAGS_TRAIN_STATE_H
 
 #include "train/exposure.h"
+#include "train/guard.h"
 #include "train/model.h"
 #include "train/sky_fit.h"
 #include "train/tracks.h"
@@ -22,6 +23,7 @@ typedef struct pags_train_state {
   double sky_share;         /* of the training photographs' pixels */
   int64_t lidar_points;     /* that the background started from */
   pags_exposures exposures; /* count 0: none */
+  pags_guard guard;         /* what wasn't finite so far */
 } pags_train_state;
 
 /* An empty run of `stop` steps with room for `models` models. */

@@ -84,8 +84,8 @@ static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6])
     }
 }
 
-void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
-                        const pags_schedule *schedule, int64_t step) {
+int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
+                       const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   pags_knot *k = &tracks->objects[object].knots[knot];
   double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
@@ -95,7 +95,7 @@ void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
   double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
   if (!pags_moments_step(&tracks->moments[object][knot], g, c, direction))
-    return;
+    return 0;
   for (int i = 0; i < 3; i++) {
     direction[i] *= fall * c->track_rotation_rate;
     direction[3 + i] *= fall * c->track_translation_rate;
@@ -103,4 +103,5 @@ void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const
     k->translation[i] -= direction[3 + i];
   }
   hold_mean(tracks, object, direction);
+  return 1;
 }

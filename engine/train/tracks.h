@@ -27,7 +27,7 @@ pags_result pags_tracks_smooth(pags_tracks *tracks);
 /* One Adam step (Kingma and Ba) of one knot from dL/d(rotation, translation) of the perturbation world_from_model *
  * exp(xi): the gradient of pags_pose_gradient. Increments are small, so that exp(increment) exp(xi) is the increment plus
  * xi, its translation turned by the increment. */
-void pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
+int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
                         const pags_schedule *schedule, int64_t step);
 
 #endif

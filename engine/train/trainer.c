@@ -73,8 +73,14 @@ static void announce(pags_trainer *t, int64_t step, int level) {
   pags_photo_cache_prefetch(t->cache, ahead, count, level);
 }
 
+typedef struct unseen_job {
+  pags_train_model *model;
+  pags_guard *guard;
+} unseen_job;
+
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
-  pags_train_model *m = context;
+  const unseen_job *job = context;
+  pags_train_model *m = job->model;
   int64_t step = m->step, stride = m->adam.cluster_size;
   int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
   float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * LARGEST_CLUSTER];
@@ -86,14 +92,18 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
     memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
     pags_adam_touch(&m->adam, &m->gaussians, c, step);
     pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
-    pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes);
+    pags_offender offender = {0};
+    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &offender);
+    offender.object = m->object;
+    if (left_out)
+      pags_guard_note(job->guard, left_out, &offender);
   }
 }
 
 /* Under MCMC the regularisers and the noise move rows that no view shows, too. */
 static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
   pags_adam_begin(&m->adam, m->step);
-  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, m))
+  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, &(unseen_job){m, &t->state.guard}))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   return pags_mcmc_noise(m, m->step, t->tasks);
 }
@@ -176,6 +186,22 @@ static double psnr_of(double mse) {
   return mse > 0.0 ? -10.0 * log10(mse) : 0.0;
 }
 
+static const char *offender_name(const pags_trainer *t) {
+  int64_t object = t->state.guard.first.object;
+  return object >= 0 && object < t->state.tracks.count ? t->state.tracks.objects[object].id : NULL;
+}
+
+/* A number that isn't finite here and there costs a row a step. More of them are a sign that the run doesn't hold together. */
+static pags_result check_guard(const pags_trainer *t) {
+  char text[PAGS_GUARD_TEXT];
+  if (t->state.guard.count <= t->options->bad_rows_most)
+    return PAGS_OK;
+  pags_guard_describe(&t->state.guard, offender_name(t), text);
+  return pags_fail(PAGS_ERROR_LIMIT,
+                   "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
+                   (long long)t->state.step, (long long)t->state.guard.count, (long long)t->options->bad_rows_most, text);
+}
+
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
   prepare_order(t, step);
@@ -186,7 +212,9 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   double clock = pags_trainer_clock();
   pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
+  PAGS_TRY(check_guard(t));
   PAGS_TRY(control_density(t));
+  PAGS_TRY(check_guard(t)); /* MCMC moves the others there */
   t->ms.density += pags_trainer_lap(&clock);
   return PAGS_OK;
 }
@@ -239,7 +267,8 @@ static pags_train_progress progress_of(const pags_trainer *t, const run_clock *c
                                .psnr = psnr_of(s->mse),
                                .seconds = seconds,
                                .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
-                               .level = level};
+                               .level = level,
+                               .bad_rows = s->guard.count};
 }
 
 /* Calls the host; returns 0 when it asks to stop. */
@@ -272,7 +301,8 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .step_l1 = v->loss.l1,
                                                            .step_ssim = v->loss.ssim,
                                                            .step_psnr = psnr_of(v->loss.mse),
-                                                           .terms = v->terms}));
+                                                           .terms = v->terms,
+                                                           .bad_rows = s->guard.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop)
@@ -339,13 +369,29 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->peak_rss_bytes = peak_rss();
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
-  r->bad_rows = t->bad_rows;
+  r->bad_rows = s->guard.count;
+  if (s->guard.count > 0)
+    pags_guard_describe(&s->guard, offender_name(t), r->first_bad_row);
   r->heap_calls_steady = pags_frame_heap_calls(t->pass.frame) - clock->tail_heap_calls;
   r->ms_wait = t->ms.wait * per_step;
   r->ms_forward = t->ms.forward * per_step;
   r->ms_loss = t->ms.loss * per_step;
   r->ms_backward = t->ms.backward * per_step;
   r->ms_density = t->ms.density * per_step;
+}
+
+/* A scene holds numbers alone; its reader would refuse it else. */
+static pags_result drop_spoiled(pags_trainer *t) {
+  int64_t dropped = 0;
+  for (int64_t i = 0; i < t->state.model_count && dropped >= 0; i++) {
+    int64_t rows = pags_model_drop_spoiled(&t->state.models[i]);
+    dropped = rows < 0 ? -1 : dropped + rows;
+  }
+  if (dropped < 0)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to write the scene");
+  if (dropped > 0)
+    pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene", (long long)dropped);
+  return PAGS_OK;
 }
 
 /* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
@@ -356,6 +402,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
     PAGS_TRY(pags_scores_finish(t));
   PAGS_TRY(pags_sh_trim(t));
+  PAGS_TRY(drop_spoiled(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;
   return pags_output_report(&t->output, r, t->tasks);
@@ -374,8 +421,9 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   int stopped = 0;
   clock.window = clock.tail = pags_trainer_clock();
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
-  PAGS_TRY(loop(t, &clock, &stopped));
+  const pags_result code = loop(t, &clock, &stopped);
   fill_result(t, &clock, r);
+  PAGS_TRY(code);
   if (t->options->estimate)
     return write_estimate(t, r);
   return write_end(t, r, &clock);
@@ -385,7 +433,7 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
 
 pags_train_options pags_train_options_default(void) {
   return (pags_train_options){
-      .image_cache = (uint64_t)1 << 30, .checkpoint_every = 1000, .log_every = 100, .preview_every = 1000};
+      .image_cache = (uint64_t)1 << 30, .checkpoint_every = 1000, .log_every = 100, .preview_every = 1000, .bad_rows_most = 1000};
 }
 
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {

@@ -24,7 +24,6 @@ typedef struct pags_trainer {
   pags_photo_cache *cache;
   pags_pass pass;
   int measuring;           /* 1: gradients are thrown away */
-  int64_t bad_rows;        /* in this process */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;

@@ -132,6 +132,35 @@ static void test_replay(const pags_kernels *k) {
   }
 }
 
+/* Each kind of number in each place of parameters and gradients, alone and together; bits that were set stay. */
+static void test_check(const pags_kernels *k) {
+  static const float odd[] = {NAN, INFINITY, -INFINITY, 1e18f, 9.99e17f, 3.1e38f, 0.0f, -1e-40f};
+  enum { PLANES = 7 };
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
+    const int rows = counts[n], padded = (rows + 15) / 16 * 16;
+    float *const p = CHECK_NEW(float, PLANES * padded), *const g = CHECK_NEW(float, PLANES * padded);
+    for (int choice = 0; choice < 4; choice++) {
+      uint16_t got[16] = {0x8001}, want[16] = {0x8001};
+      int any = 0;
+      for (int i = 0; i < padded; i++) {
+        bool bad = false;
+        for (int j = 0; j < PLANES; j++) {
+          float *const at = (choice & 1 ? p : g) + j * padded + i;
+          p[j * padded + i] = check_normal(), g[j * padded + i] = i < rows ? check_normal() : NAN;
+          if (check_below(choice < 2 ? 40 : 5) == 0)
+            *at = odd[check_below(8)];
+          bad |= !(fabsf(p[j * padded + i]) < 3e38f) || !(fabsf(g[j * padded + i]) < 1e18f);
+        }
+        if (bad && i < rows)
+          want[i / 16] = (uint16_t)(want[i / 16] | 1u << i % 16), any = 1;
+      }
+      CHECK(k->adam_check(p, padded, g, padded, PLANES, rows, got) == any);
+      CHECK(memcmp(got, want, sizeof got) == 0);
+    }
+    check_release();
+  }
+}
+
 /* Where a row gets lies within the reach, and some row gets there; NaNs are left out; what the range held counts. */
 static void test_reach(const pags_kernels *k) {
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
@@ -164,6 +193,8 @@ static void test_bench(const pags_kernels *k) {
   float weights[STEPS] = {0.0f}, range[2] = {0.0f, 0.0f};
   const pags_adam_step step = step_at(100, 0.0, 1);
   CHECK_BENCH("adam_update", a.rows, "row") k->adam_update(a.p, a.m, a.v, a.gradient, a.rows, &step);
+  uint16_t bad[16] = {0};
+  CHECK_BENCH("adam_check", a.rows, "row") k->adam_check(a.p, a.padded, a.gradient, a.padded, 1, a.rows, bad);
   CHECK_BENCH("adam_replay, 40 steps", a.rows * STEPS, "row step")
   k->adam_replay(a.p, a.m, a.v, a.rows, weights, STEPS, 1e-15f);
   CHECK_BENCH("adam_reach", a.rows, "row") k->adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, range);
@@ -172,7 +203,7 @@ static void test_bench(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"adam_update", test_update}, {"adam small moments", test_small}, {"adam_replay", test_replay},
-      {"adam_reach", test_reach},   {"adam bench", test_bench},
+      {"adam_reach", test_reach},   {"adam_check", test_check},          {"adam bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

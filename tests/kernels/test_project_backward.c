@@ -51,6 +51,7 @@ static frame make_frame(const pags_kernels *k, int count, row_kind kind, int deg
 
 typedef struct gradient {
   float *data, *mean2d, *mean2d_abs, *radius;
+  uint8_t *names;
   int64_t stride;
   int bad;
 } gradient;
@@ -62,7 +63,9 @@ static gradient backward(const pags_kernels *k, const frame *f) {
   g.mean2d = CHECK_NEW(float, padded);
   g.mean2d_abs = CHECK_NEW(float, padded);
   g.radius = CHECK_NEW(float, padded);
-  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius};
+  g.names = CHECK_NEW(uint8_t, padded);
+  memset(g.names, 0, (size_t)padded);
+  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius, g.names};
   g.bad = k->project_backward(&f->view, f->rows.data, f->rows.stride, f->rows.count, f->keys, f->splats, f->slot_start,
                               f->slots, &out);
   return g;
@@ -208,6 +211,8 @@ static void check_kind(const pags_kernels *k, row_kind kind, bool poison) {
         double row[ROW_FLOATS];
         row_read(&f.rows, i, row);
         bad += has_gradient(&f, i) && f.poisoned[i];
+        if (kind == ROWS_ORDINARY)
+          CHECK((got.names[i] > 0) == (has_gradient(&f, i) && f.poisoned[i]) && got.names[i] <= f.rows.planes && got.names[i] == want.names[i]);
         if (has_gradient(&f, i) && f.poisoned[i])
           CHECK(got.data[i] == 0.0f && got.data[ROW_SH * got.stride + i] == 0.0f && got.mean2d[i] == 0.0f);
         else if (has_gradient(&f, i) && !poison && differentiable(&f.view, row, f.rows.planes))
@@ -238,7 +243,7 @@ static void test_poison(const pags_kernels *k) {
 static void test_bench(const pags_kernels *k) {
   const frame f = make_frame(k, 256, ROWS_ORDINARY, 3, false, false);
   const gradient g = backward(k, &f);
-  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius};
+  const pags_row_gradient out = {g.data, g.stride, g.mean2d, g.mean2d_abs, g.radius, NULL};
   CHECK_BENCH("project_backward", f.rows.count, "row")
   k->project_backward(&f.view, f.rows.data, f.rows.stride, f.rows.count, f.keys, f.splats, f.slot_start, f.slots, &out);
 }

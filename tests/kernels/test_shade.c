@@ -60,7 +60,7 @@ static void check_colour(const pags_splat *s, const double row[ROW_FLOATS], cons
     double size = 0.5; /* of the terms */
     for (int p = ROW_SH + c; p < planes; p += 3)
       size += fabs(row[p]);
-    if (!(fabs((double)got[c] - fmin(fmax(want->rgb[c], 0.0), 1e30)) <= 1e-6 * size))
+    if (!(fabs((double)got[c] - fmin(fmax(want->rgb[c], 0.0), (double)PAGS_COLOUR_MAX)) <= 1e-6 * size))
       CHECK_FAIL("row %d, channel %d: %.9g, should be %.9g", index, c, (double)got[c], fmax(want->rgb[c], 0.0));
     if (fabs(want->rgb[c]) > 1e-6 * size)
       CHECK((s->clamped >> c & 1u) == (want->rgb[c] < 0.0));
@@ -93,8 +93,8 @@ static void check_kind(const pags_kernels *k, row_kind kind) {
             check_colour(got + i, row, &plain, r.planes, i), checked++;
         }
         if (drawn) /* whatever the coefficients were, the blend gets numbers */
-          CHECK(got[i].r >= 0.0f && got[i].r <= 1e30f && got[i].g >= 0.0f && got[i].g <= 1e30f && got[i].b >= 0.0f &&
-                got[i].b <= 1e30f);
+          CHECK(got[i].r >= 0.0f && got[i].r <= PAGS_COLOUR_MAX && got[i].g >= 0.0f && got[i].g <= PAGS_COLOUR_MAX && got[i].b >= 0.0f &&
+                got[i].b <= PAGS_COLOUR_MAX);
       }
       check_release();
     }

@@ -101,7 +101,7 @@ static void sparse_step(run *r, int64_t step, int touch_all) {
         r->gradient[p * 64 + row % 64] = value;
         r->dense_gradient[row * PLANES + p] = (double)value;
       }
-    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, c, r->gradient, 64, planes);
+    pags_adam_update(&s->adam, &s->gaussians, &s->clusters, c, r->gradient, 64, planes, NULL);
   }
   s->step = step;
 }

@@ -184,6 +184,7 @@ typedef struct pags_cluster_gradient {
   const float *mean2d_abs; /* the same of the per-pixel absolute sums (gsplat's absgrad), if asked for */
   const float *radius;     /* 3 sigma of the larger axis in px; 0 if not drawn */
   const uint8_t *drawn;    /* 1: passed projection and fell into at least one tile */
+  const uint8_t *bad;      /* 0; for a member whose gradient wasn't finite, and is zero therefore, 1 + the first plane that wasn't */
 } pags_cluster_gradient;
 
 /* Called for every cluster in view (touched ones exactly), from several threads at once, once each. The gradient of a row with a

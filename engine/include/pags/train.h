@@ -78,7 +78,7 @@ typedef struct pags_train_config {
 
   /* Start: the data set's points; where it has none, points found by matching its photographs */
   int random_start;      /* 1: random points in the cameras' common view there. Default 0 */
-  double init_opacity;   /* 0..1, default 0.1 */
+  double init_opacity;   /* 0.004..0.999 (1/255 is not drawn), default 0.1 */
   double init_scale;     /* times the root mean square distance to the 3 nearest neighbours; default 1 */
   double init_scale_max; /* upper bound of the first sigma, times extent; default 0.1 */
 
@@ -106,7 +106,7 @@ typedef struct pags_train_config {
   double prune_scale;      /* of extent: a larger sigma is removed once an opacity reset has been; default 0.1 */
   int64_t
       reset_every; /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
-  double reset_opacity;  /* upper bound set then; default 0.01 */
+  double reset_opacity;  /* upper bound set then, 0.004..1; default 0.01 */
   int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). With a preset: kept from the last prune on, which
                             removes those with the lowest scores; until then the run may have more. Default 0 */
 
@@ -192,6 +192,7 @@ typedef struct pags_train_progress {
   double seconds; /* of this process's training, time inside of callbacks left out */
   double eta_seconds;
   int level; /* 1, 2 or 4: how much the photographs are shrunk */
+  int64_t bad_rows; /* as in the result */
 } pags_train_progress;
 
 /* Returning 0 stops as options.cancel does. */
@@ -213,6 +214,7 @@ typedef struct pags_train_options {
   int resume;                /* 1: go on from the folder's checkpoint, or start where there is none */
   int overwrite;             /* 1: a non-empty folder is trained into afresh */
   double time_limit_seconds; /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
+  int64_t bad_rows_most;     /* more such updates left out (pags_train_result.bad_rows) are PAGS_ERROR_LIMIT; default 1000 */
   int estimate;              /* 1: run 50 steps, fill the estimates of the result, write nothing */
   const volatile int *cancel; /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
   pags_train_progress_fn *progress; /* after every step; may be NULL */
@@ -233,7 +235,9 @@ typedef struct pags_train_result {
   double iterations_per_second; /* over the last tenth of the run; over what this process ran of it */
   uint64_t peak_rss_bytes;      /* of the process */
   double loss, psnr;            /* running figures at the end */
-  int64_t bad_rows;             /* gradients that were not finite and were dropped, in this process */
+  int64_t bad_rows;             /* updates left out because a gradient or a parameter wasn't finite, over the whole run: a Gaussian, an
+                                   object's pose or a view's exposure each that didn't move in a step. None of it spreads */
+  char first_bad_row[256];      /* what and where the first of them was, in words; empty: none */
   uint64_t heap_calls_steady;   /* heap calls of the frame in the last tenth of the run */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density; /* mean per step of this process */
   double estimated_seconds;                                     /* options.estimate: of the whole run */
