@@ -4,8 +4,10 @@ import json
 import os
 import shutil
 import signal
+import struct
 import subprocess
 import time
+import zlib
 
 import fixtures
 from fixtures import Case, files_below, make_dataset, read
@@ -36,6 +38,34 @@ class Train(Case):
         """Contents of what must be the same bits."""
         wanted = [n for n in files_below(folder) if n not in TIMED and not n.endswith(".pags")]
         return {name: read(os.path.join(folder, name)) for name in wanted}
+
+    def spoil(self, checkpoint):
+        """Makes the x of every fourth Gaussian of the background a NaN: tag, size, payload and CRC section by section."""
+        data = bytearray(read(checkpoint))
+        at = 8
+        while data[at:at + 4] != b"GAUS":
+            at += 16 + struct.unpack_from("<Q", data, at + 4)[0]
+        size = struct.unpack_from("<Q", data, at + 4)[0]
+        rows = len(data[at + 12:at + 12 + size]) // 4 // 59
+        for row in range(0, rows, 4):
+            struct.pack_into("<f", data, at + 12 + 4 * row, float("nan"))
+        struct.pack_into("<I", data, at + 12 + size, zlib.crc32(data[at:at + 12 + size]))
+        with open(checkpoint, "wb") as file:
+            file.write(data)
+
+    def test_numbers_that_are_not(self):
+        out = self.path("scene")
+        self.assertEqual(self.train(out, iterations=40)["bad_rows"], 0)
+        self.spoil(os.path.join(out, "checkpoint.pags"))
+        more = ["train", self.data, "-o", out, "-n", 60, "--resume", "--log-every", 1, "--json", "-", *SMALL]
+        self.fails([*more, "--max-bad-rows", 200], "200 are allowed; the first was mean x of row ", "of the background at step 41")
+        result = json.loads(self.succeeds(*more, "--max-bad-rows", 1000000).stdout)
+        self.assertGreater(result["bad_rows"], 200)
+        self.assertIn("mean x of row ", result["first_bad_row"])
+        with open(os.path.join(out, "log.jsonl"), encoding="utf-8") as file:
+            last = json.loads(file.read().splitlines()[-1])
+        self.assertEqual(last["bad_rows"], result["bad_rows"])
+        self.succeeds("info", out)  # the scene holds numbers alone
 
     def test_train_eval_render_info(self):
         out = self.path("scene")
