@@ -193,8 +193,10 @@ static void test_bench(const pags_kernels *k) {
   float weights[STEPS] = {0.0f}, range[2] = {0.0f, 0.0f};
   const pags_adam_step step = step_at(100, 0.0, 1);
   CHECK_BENCH("adam_update", a.rows, "row") k->adam_update(a.p, a.m, a.v, a.gradient, a.rows, &step);
+  enum { MANY = 59 }; /* planes, of 64 rows each as a cluster has */
+  float *const planes = CHECK_NEW(float, MANY * 64), *const gradients = CHECK_NEW(float, MANY * 64);
   uint16_t bad[16] = {0};
-  CHECK_BENCH("adam_check", a.rows, "row") k->adam_check(a.p, a.padded, a.gradient, a.padded, 1, a.rows, bad);
+  CHECK_BENCH("adam_check, 59 planes", 64 * MANY, "row and plane") k->adam_check(planes, 64, gradients, 64, MANY, 64, bad);
   CHECK_BENCH("adam_replay, 40 steps", a.rows * STEPS, "row step")
   k->adam_replay(a.p, a.m, a.v, a.rows, weights, STEPS, 1e-15f);
   CHECK_BENCH("adam_reach", a.rows, "row") k->adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, range);
