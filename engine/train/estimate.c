@@ -69,11 +69,11 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
 }
 
 /* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each Gaussian
- * did goes through the pairs like the backward half. */
+ * did goes through the pairs like the backward half; at half size, as prunes have it, pairs are fewer, yet not Gaussians: half of it. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
   int at_end = pags_scores_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;
-  return (double)(s->prunes + at_end) * (double)t->view_count;
+  return (0.5 * (double)s->prunes + (double)at_end) * (double)t->view_count;
 }
 
 pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {

@@ -245,7 +245,7 @@ pags_result pags_prune(pags_trainer *t, int index) {
   pags_scores scores;
   row_lists lists;
   int64_t dropped = 0;
-  PAGS_TRY(pags_scores_measure(t, &scores));
+  PAGS_TRY(pags_scores_measure(t, 1, &scores));
   pags_scores_write_s_sem(&t->state, &scores);
   pags_result result = create_lists(&lists, scores.count);
   if (result == PAGS_OK)

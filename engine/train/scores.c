@@ -104,25 +104,32 @@ static void announce(pags_trainer *t, int64_t next, int level) {
   pags_photo_cache_prefetch(t->cache, t->views + next, count, level);
 }
 
-static pags_result add_views(score_pass *p) {
+/* The training's level, or twice that where a rougher picture will do and isn't smaller than training's ever are. */
+static int level_of(const pags_trainer *t, const pags_camera *camera, int rough) {
+  const pags_schedule *s = &t->state.schedule;
+  int level = pags_schedule_level(s, t->state.step, camera->width, camera->height);
+  int shorter = camera->width < camera->height ? camera->width : camera->height;
+  return rough && level < 4 && shorter / (2 * level) >= s->config.resolution_floor ? 2 * level : level;
+}
+
+static pags_result add_views(score_pass *p, int rough) {
   pags_trainer *t = p->trainer;
   for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    int level = pags_schedule_level(&t->state.schedule, t->state.step, camera->width, camera->height);
+    int level = level_of(t, &pags_dataset_view(t->dataset, t->views[i])->camera, rough);
     announce(t, i, level);
     PAGS_TRY(add_view(p, t->views[i], level));
   }
   return PAGS_OK;
 }
 
-pags_result pags_scores_measure(pags_trainer *t, pags_scores *out) {
+pags_result pags_scores_measure(pags_trainer *t, int rough, pags_scores *out) {
   score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
   *out = (pags_scores){0};
   pags_result result = p.first ? create(out, pags_state_gaussian_count(&t->state))
                                : pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld models",
                                            (long long)t->state.model_count);
   if (result == PAGS_OK)
-    result = add_views(&p);
+    result = add_views(&p, rough);
   free(p.first);
   free(p.counted);
   if (result != PAGS_OK)
@@ -146,7 +153,7 @@ pags_result pags_scores_finish(pags_trainer *t) {
   pags_scores scores;
   if (!pags_scores_has_labels(t->dataset) || t->state.schedule.config.s_sem == PAGS_S_SEM_INIT)
     return PAGS_OK;
-  PAGS_TRY(pags_scores_measure(t, &scores));
+  PAGS_TRY(pags_scores_measure(t, 0, &scores));
   pags_scores_write_s_sem(&t->state, &scores);
   pags_scores_destroy(&scores);
   return PAGS_OK;

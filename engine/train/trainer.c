@@ -149,6 +149,15 @@ static pags_result refine(pags_trainer *t) {
   return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
 
+/* The background onto the planes that the laser measured; its clusters' bounds anew. */
+static pags_result draw_to_facets(pags_trainer *t) {
+  pags_train_model *m = &t->state.models[0];
+  if (!pags_facets_draw(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
+  return PAGS_OK;
+}
+
 /* What the schedule names for the step just done. */
 static pags_result control_density(pags_trainer *t) {
   pags_train_state *s = &t->state;
@@ -157,7 +166,8 @@ static pags_result control_density(pags_trainer *t) {
   int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
-  if (!due && !reset && !fourier && prune < 0)
+  int draws = t->facets.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  if (!due && !reset && !fourier && !draws && prune < 0)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);
   if (due)
@@ -166,6 +176,8 @@ static pags_result control_density(pags_trainer *t) {
     PAGS_TRY(pags_fourier_decide(t));
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
+  if (draws)
+    PAGS_TRY(draw_to_facets(t));
   if (!reset)
     return PAGS_OK;
   for (int64_t i = 0; i < s->model_count; i++)
@@ -447,6 +459,8 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_pass_create(t));
+  if (config.lidar_pull > 0.0)
+    PAGS_TRY(pags_facets_create(t->dataset, t->tasks, &t->facets));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
@@ -456,6 +470,7 @@ static void close_run(pags_trainer *t, int failed) {
   pags_photo_cache_destroy(t->cache);
   pags_pass_destroy(t);
   pags_state_destroy(&t->state);
+  pags_facets_destroy(&t->facets);
   free(t->views);
   free(t->order);
   free(t);

@@ -2,6 +2,7 @@
 #ifndef PAGS_TRAIN_TRAINER_H
 #define PAGS_TRAIN_TRAINER_H
 
+#include "train/facets.h"
 #include "train/loss.h"
 #include "train/output.h"
 #include "train/pass.h"
@@ -23,6 +24,7 @@ typedef struct pags_trainer {
   int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
   pags_pass pass;
+  pags_facets facets;      /* of the data set; none without lidar_pull */
   int measuring;           /* 1: gradients are thrown away */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */

@@ -87,6 +87,15 @@ class Eval(fixtures.Case):
         self.fails(["train", self.street, "-o", out, "--prune-rate", "0.5"], "--prune-rate", "'0.5'", code=2)
         self.fails(["train", self.street, "-o", out, "--preset", "short", "--strategy", "mcmc"], "preset", code=2)
 
+    def test_lidar_draws_gaussians_to_surfaces(self):
+        left_out = []
+        for pull in ["0", "0.5"]:
+            out = self.path("pull" + pull)
+            self.succeeds("train", self.street, "-o", out, "--iterations", "150", "--lidar-pull", pull, "-q")
+            figures = json.loads(self.succeeds("eval", out, "--split", "test", "--json", "-").stdout)
+            left_out.append(figures["priorities"]["astray"])
+        self.assertLess(left_out[1], 0.8 * left_out[0])
+
     def test_shift_needs_truth(self):
         street = self.path("plain")
         shutil.copytree(self.street, street, ignore=shutil.ignore_patterns("truth"))

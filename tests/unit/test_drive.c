@@ -193,6 +193,11 @@ static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   config.s_grad = PAGS_S_GRAD_LOG;
   config.s_sem = PAGS_S_SEM_OVERLAP;
   pruned_runs_go_on(&config, "training");
+  config = quick();
+  config.preset = PAGS_PRESET_LEAN;
+  config.prune_floor = 20;
+  config.lidar_pull = 0.5;
+  pruned_runs_go_on(&config, "lean");
 }
 
 static void parts_can_be_left_out(void **unused) {

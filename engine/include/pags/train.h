@@ -26,7 +26,7 @@ typedef enum pags_strategy {
 /* When the Gaussians with the lowest scores are removed (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* after 5000, 10 000, 15 000, 20 000 and 25 000 of 30 000 steps; what was measured to lose least */
+  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for its time */
   PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
   PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
 } pags_preset;
@@ -164,6 +164,8 @@ typedef struct pags_train_config {
   int lidar_start;               /* 1: LiDAR points to start from. Default 1 */
   double depth_weight;           /* of the LiDAR depth term, per metre; default 0.01 */
   double depth_share;            /* of samples that count, the best ones; default 0.95 */
+  double lidar_pull;             /* 0..1: share of the way to a plane that LiDAR shows nearby by which the background's Gaussians are moved at
+                                    each interval of densify (docs/driving.md); 0: none. Default 0 */
   double object_weight;          /* of the object opacity term, from densify_until on; default 0.1 */
   int exposure;                  /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph. Default 1 */
   double exposure_rate;          /* of these, falling to a tenth; default 3e-3 */

@@ -1,0 +1,140 @@
+/* Planes fitted to LiDAR points, and Gaussians drawn onto them. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/rng.h"
+#include "train/facets.h"
+
+enum { SIDE = 120, PLANE = SIDE * SIDE, CLOUD = 4000, COUNT = PLANE + CLOUD };
+
+static double noise(int64_t i, int draw) {
+  double n[2];
+  pags_rng_normal2(7, (uint64_t)draw, (uint64_t)i, n);
+  return n[0];
+}
+
+/* The road: z = 0.05 x - 0.02 y + 3. */
+static double height(double x, double y) {
+  return 0.05 * x - 0.02 * y + 3.0;
+}
+
+/* A point every 5 cm of 6 m by 6 m of road, off by 2 cm as a laser is, and at its edge a bush of 2 m. */
+static pags_candidates make_points(void) {
+  pags_candidates points = {0};
+  assert_int_equal(pags_candidates_reserve(&points, COUNT), PAGS_OK);
+  for (int i = 0; i < PLANE; i++) {
+    double x = 0.05 * (i % SIDE), y = 0.05 * (double)(i / SIDE);
+    points.rows[i] = (pags_candidate){
+        .p = {(float)x, (float)y, (float)(height(x, y) + 0.02 * noise(i, 1))}, .owner = -1, .parked = -1, .source = -1, .merged = 1};
+  }
+  for (int i = PLANE; i < COUNT; i++) {
+    points.rows[i] = points.rows[0];
+    for (int k = 0; k < 3; k++)
+      points.rows[i].p[k] = (float)((k == 0 ? 6.0 : k == 2 ? 2.4 : 0.0) + 2.0 * pags_rng_uniform(9, (uint64_t)k, (uint64_t)i));
+  }
+  points.count = COUNT;
+  return points;
+}
+
+static pags_gaussians make_gaussians(int count, const float (*means)[3]) {
+  pags_gaussians g;
+  assert_int_equal(pags_gaussians_create(&g, count, 0), PAGS_OK);
+  for (int i = 0; i < count; i++)
+    for (int k = 0; k < 3; k++)
+      pags_plane(&g, PAGS_MEAN + k)[i] = means[i][k];
+  return g;
+}
+
+static double above(const pags_gaussians *g, int64_t i) {
+  double x = (double)pags_plane(g, PAGS_MEAN)[i], y = (double)pags_plane(g, PAGS_MEAN + 1)[i];
+  return (double)pags_plane(g, PAGS_MEAN + 2)[i] - height(x, y);
+}
+
+/* Below and above the road alike; from further than 30 cm nothing is drawn, nor in the bush, nor beyond the road's edge. */
+static void they_come_halfway(void **unused) {
+  (void)unused;
+  static const float bush[3] = {6.05f, 1.0f, 3.4f}; /* 10 cm above the road's plane, within reach of its last facet */
+  float means[6][3] = {{3, 3, 0}, {2, 4.4f, 0}, {4, 1, 0}, {3.1f, 2.5f, 0}, {6.05f, 1, 3.4f}, {-2, 3, 0}};
+  static const double off[6] = {0.2, -0.2, 0.01, 0.5, 0, 0.1}, halfway[3] = {0.115, -0.115, 0.01};
+  for (int i = 0; i < 6; i++)
+    if (i != 4)
+      means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + off[i]);
+  pags_candidates points = make_points();
+  pags_facets facets;
+  pags_tasks *tasks = pags_tasks_create(2);
+  assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+  pags_gaussians g = make_gaussians(6, (const float(*)[3])means);
+  assert_true(pags_facets_draw(&facets, &g, 0.5, tasks));
+  for (int i = 0; i < 3; i++)
+    assert_true(fabs(above(&g, i) - halfway[i]) < 0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
+  for (int i = 3; i < 6; i += 2)
+    assert_true(fabs(above(&g, i) - off[i]) < 1e-5);
+  for (int k = 0; k < 3; k++)
+    assert_true(pags_plane(&g, PAGS_MEAN + k)[4] == bush[k]);
+  pags_gaussians_destroy(&g);
+  pags_facets_destroy(&facets);
+  pags_candidates_destroy(&points);
+  pags_tasks_destroy(tasks);
+}
+
+/* Points of moving and of parked things are no part of the background's surface. */
+static void objects_have_no_facets(void **unused) {
+  (void)unused;
+  pags_candidates points = make_points();
+  pags_facets facets;
+  for (int parked = 0; parked < 2; parked++) {
+    for (int i = 0; i < COUNT; i++) {
+      points.rows[i].owner = parked ? -1 : 0;
+      points.rows[i].parked = parked ? 0 : -1;
+    }
+    assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+    assert_int_equal(facets.count, 0);
+    pags_facets_destroy(&facets);
+  }
+  pags_candidates_destroy(&points);
+}
+
+static void threads_change_no_bit(void **unused) {
+  (void)unused;
+  enum { MANY = 20000 };
+  float(*means)[3] = calloc(MANY, sizeof *means);
+  assert_non_null(means);
+  for (int i = 0; i < MANY; i++) {
+    for (int k = 0; k < 2; k++)
+      means[i][k] = (float)(6.0 * pags_rng_uniform(3, (uint64_t)k, (uint64_t)i));
+    means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + 0.1 * noise(i, 2));
+  }
+  pags_candidates points = make_points();
+  pags_facets facets;
+  assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+  pags_gaussians one = make_gaussians(MANY, (const float(*)[3])means), four = make_gaussians(MANY, (const float(*)[3])means);
+  for (int threads = 1; threads <= 4; threads += 3) {
+    pags_tasks *tasks = pags_tasks_create(threads);
+    assert_true(pags_facets_draw(&facets, threads == 1 ? &one : &four, 0.5, tasks));
+    pags_tasks_destroy(tasks);
+  }
+  for (int k = 0; k < 3; k++)
+    assert_memory_equal(pags_plane(&one, PAGS_MEAN + k), pags_plane(&four, PAGS_MEAN + k), MANY * sizeof(float));
+  pags_gaussians_destroy(&one);
+  pags_gaussians_destroy(&four);
+  pags_facets_destroy(&facets);
+  pags_candidates_destroy(&points);
+  free(means);
+}
+
+int main(void) {
+  static const struct CMUnitTest tests[] = {
+      cmocka_unit_test(they_come_halfway),
+      cmocka_unit_test(objects_have_no_facets),
+      cmocka_unit_test(threads_change_no_bit),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
