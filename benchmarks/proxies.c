@@ -5,8 +5,9 @@
  * The street is built again from DATASET/truth/street.json; where that is missing, as in data sets of other programs, DATASET/truth/depth and
  * ids stand for it: then the proxy is compared where training cameras' rays truly meet the vehicle, and nothing is known of the rest.
  *
- * Each vehicle's true surface is brought into its box's frame, and the
- * training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed. Measured are the
+ * The training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed. The proxy is where
+ * the file's track puts it at that time, which training may have moved off the true one: what was seen is brought into the proxy's
+ * own frame, the true surface as it is to the proxy at the middle of its track. Measured are the
  * distances from there to the proxy; from places spread evenly over the proxy to the true surface, apart by whether the nearest place
  * of it is observed; what both cover of each picture; the ground's heights against the street's surfaces
  * and against the laser's ground in held-out sweeps.
@@ -17,7 +18,6 @@
 #include <string.h>
 
 #include <base/file.h>
-#include <base/json.h>
 #include <exporters/compare.h>
 #include <exporters/solid.h>
 #include <pags/image.h>
@@ -25,108 +25,18 @@
 #include <synth/stage.h>
 #include <synth/street_labels.h>
 
+#include "glb.h"
 #include "laser_ground.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
 static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
 static const double mean_bound = 0.1, iou_bound = 0.9, ground_bound = 0.05, ground_reach = 10;
 
-/* ---- GLB: one buffer, as pags export writes it. ---- */
-
-typedef struct glb {
-  uint8_t *bytes;
-  const uint8_t *buffer;
-  size_t size, buffer_size;
-  pags_json *json;
-  const pags_json_value *root;
-} glb;
-
-static const pags_json_value *member(const pags_json_value *object, const char *key) {
-  return object ? pags_json_member(object, key) : NULL;
-}
-
-static uint32_t word_at(const uint8_t *bytes) {
-  uint32_t word;
-  memcpy(&word, bytes, 4);
-  return word;
-}
-
-static pags_result open_glb(const char *path, glb *out) {
-  *out = (glb){0};
-  PAGS_TRY(pags_file_read(path, &out->bytes, &out->size));
-  size_t json_size = out->size > 28 ? word_at(out->bytes + 12) : 0;
-  if (json_size == 0 || json_size > out->size - 28)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: no GLB with a buffer", path);
-  out->buffer = out->bytes + 28 + json_size;
-  out->buffer_size = out->size - 28 - json_size;
-  PAGS_TRY(pags_json_parse_text(path, (const char *)out->bytes + 20, json_size, &out->json));
-  out->root = pags_json_root(out->json);
-  return PAGS_OK;
-}
-
-static void close_glb(glb *file) {
-  pags_json_destroy(file->json);
-  free(file->bytes);
-}
-
-static const pags_json_value *element(const pags_json_value *root, const char *list, int64_t index) {
-  const pags_json_value *at = member(root, list);
-  at = at ? at->first : NULL;
-  while (at && index-- > 0)
-    at = at->next;
-  return at;
-}
-
-static int64_t integer_of(const pags_json_value *object, const char *key, int64_t fallback) {
-  const pags_json_value *value = member(object, key);
-  return value && value->type == PAGS_JSON_NUMBER ? (int64_t)value->number : fallback;
-}
-
-/* Where an accessor's values lie; NULL where they don't fit into the buffer. */
-static const uint8_t *values_of(const glb *file, int64_t accessor, int64_t item_bytes, int64_t *count, int64_t *component) {
-  const pags_json_value *a = element(file->root, "accessors", accessor);
-  const pags_json_value *view = element(file->root, "bufferViews", integer_of(a, "bufferView", -1));
-  *count = integer_of(a, "count", 0);
-  *component = integer_of(a, "componentType", 0);
-  int64_t at = integer_of(view, "byteOffset", 0) + integer_of(a, "byteOffset", 0);
-  int64_t bytes = *count * (item_bytes ? item_bytes : *component == 5123 ? 2 : 4);
-  return a && view && at >= 0 && *count > 0 && at + bytes <= (int64_t)file->buffer_size ? file->buffer + at : NULL;
-}
-
-static pags_result read_mesh(const glb *file, int64_t mesh, pags_shell *out) {
-  static const float grey[3] = {0.5f, 0.5f, 0.5f};
-  const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
-  int64_t vertices = 0, indices = 0, component = 0;
-  const uint8_t *positions =
-      values_of(file, integer_of(member(primitive, "attributes"), "POSITION", -1), 12, &vertices, &component);
-  const uint8_t *corners = values_of(file, integer_of(primitive, "indices", -1), 0, &indices, &component);
-  *out = (pags_shell){0};
-  if (!positions || !corners)
-    return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld can't be read", (long long)mesh);
-  for (int64_t i = 0; i < vertices; ++i) {
-    float p[3];
-    memcpy(p, positions + 12 * i, sizeof p);
-    pags_shell_vertex(out, p, grey, 1);
-  }
-  for (int64_t i = 0; i + 2 < indices; i += 3) {
-    uint32_t c[3];
-    for (int k = 0; k < 3; ++k) {
-      uint16_t narrow;
-      memcpy(&narrow, corners + 2 * (i + k), 2);
-      c[k] = component == 5123 ? narrow : word_at(corners + 4 * (i + k));
-      if (c[k] >= vertices)
-        return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld: a corner is out of range", (long long)mesh);
-    }
-    pags_shell_triangle(out, c[0], c[1], c[2]);
-  }
-  return pags_shell_check(out);
-}
-
 /* ---- The truth. ---- */
 
 typedef struct bench {
   pags_scene scene;
-  glb file;
+  pags_glb file;
   pags_street_options options;
   pags_street street;
   pags_stage *stage;
@@ -150,7 +60,7 @@ static void apply(const double m[12], const double p[3], double out[3]) {
     out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
 }
 
-/* The actor's meshes in its box's frame, as it is at the stage's time. */
+/* The actor's meshes in its box's own frame, as it is at the stage's time. */
 static pags_result true_shell(const bench *self, int actor, pags_shell *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   double world_from_box[12], box_from_world[12];
@@ -189,6 +99,7 @@ static pags_result true_shell(const bench *self, int actor, pags_shell *out) {
 typedef struct vehicle {
   const pags_object *record;
   int actor;
+  double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
   pags_shell truth, proxy;
   pags_solid *truth_solid, *proxy_solid, *cloud_solid;
   float *cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
@@ -215,15 +126,27 @@ static pags_result keep_point(float **points, int64_t *count, int64_t *capacity,
   return PAGS_OK;
 }
 
-/* One ray: what the street shows there, and what truth and proxy by themselves would. */
-static pags_result take_ray(vehicle *v, const double box_from_world[12], const double origin[3], const double direction[3],
-                            double distance, int met, int is_it) {
-  double from[3], along[3], p[3];
-  apply(box_from_world, origin, from);
+/* Where the vehicle is when a view is taken. */
+typedef struct frames {
+  double truth_from_world[12], proxy_from_world[12];
+} frames;
+
+static void bring(const double m[12], const double origin[3], const double direction[3], double from[3], double along[3]) {
+  apply(m, origin, from);
   for (int k = 0; k < 3; ++k)
-    along[k] = box_from_world[4 * k] * direction[0] + box_from_world[4 * k + 1] * direction[1] +
-               box_from_world[4 * k + 2] * direction[2];
-  double truth = v->truth_solid ? pags_solid_ray(v->truth_solid, from, along, NULL) : -1, proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
+    along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
+}
+
+/* One ray: what the street shows there, and what truth and proxy by themselves would. */
+static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3], double distance,
+                            int met, int is_it) {
+  double from[3], along[3], p[3], truth = -1;
+  if (v->truth_solid) {
+    bring(f->truth_from_world, origin, direction, from, along);
+    truth = pags_solid_ray(v->truth_solid, from, along, NULL);
+  }
+  bring(f->proxy_from_world, origin, direction, from, along);
+  double proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
   v->both += truth > 0 && proxy > 0;
   v->either += truth > 0 || proxy > 0;
   int shows = proxy > 0 && (is_it || !met || proxy < distance);
@@ -264,7 +187,7 @@ static int number_of(const char *id) {
 }
 
 /* Every pixel of where the box may be; distances are camera z, as the directions' z is 1. */
-static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene_view *view, const double box_from_world[12],
+static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene_view *view, const frames *f,
                                  const pags_camera *crop) {
   truth_pictures p;
   const pags_camera *camera = &view->camera;
@@ -280,7 +203,7 @@ static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene
       for (int k = 0; k < 3; ++k)
         direction[k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
       int is_it = ((const uint16_t *)p.ids.data)[at] == number_of(v->record->id) + 1;
-      result = take_ray(v, box_from_world, origin, direction, depth, depth > 0, is_it);
+      result = take_ray(v, f, origin, direction, depth, depth > 0, is_it);
     }
   pags_image_destroy(&p.depth);
   pags_image_destroy(&p.ids);
@@ -290,17 +213,21 @@ static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene
 /* A lattice over where the box may be in the picture. */
 static pags_result take_view(bench *self, vehicle *v, const pags_scene_view *view) {
   const pags_camera *camera = &view->camera;
-  double world_from_box[12], box_from_world[12], lo[3], hi[3];
+  double world_from_box[12], lo[3], hi[3];
   pags_camera own = *camera, crop;
-  if (self->pictures) {
-    if (!pags_object_pose(v->record, camera->time, world_from_box))
-      return PAGS_OK;
-  } else {
+  frames f = {0};
+  if (!self->pictures) {
     PAGS_TRY(set_time(self, camera->time));
     pags_actor_pose(&self->street.actors[v->actor], camera->time, world_from_box);
+    pags_rigid_inverse(world_from_box, f.truth_from_world);
   }
-  pags_rigid_inverse(world_from_box, box_from_world);
-  pags_rigid_multiply(box_from_world, camera->world_from_camera, own.world_from_camera);
+  if (!pags_object_pose(v->record, camera->time, world_from_box)) {
+    if (v->record->moving)
+      return PAGS_OK;
+    memcpy(world_from_box, v->record->knots[v->record->knot_count / 2].world_from_object, sizeof world_from_box);
+  }
+  pags_rigid_inverse(world_from_box, f.proxy_from_world);
+  pags_rigid_multiply(f.proxy_from_world, camera->world_from_camera, own.world_from_camera);
   for (int k = 0; k < 3; ++k) {
     hi[k] = 0.55 * v->record->size[k] + 0.15;
     lo[k] = -hi[k];
@@ -308,7 +235,7 @@ static pags_result take_view(bench *self, vehicle *v, const pags_scene_view *vie
   if (!pags_camera_crop(&own, lo, hi, 0.2, &crop) || crop.width < 6 || crop.height < 6)
     return PAGS_OK;
   if (self->pictures)
-    return take_pictures(self, v, view, box_from_world, &crop);
+    return take_pictures(self, v, view, &f, &crop);
   const double *m = camera->world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
   int nx = crop.width < LATTICE ? crop.width : LATTICE, ny = crop.height < LATTICE ? crop.height : LATTICE;
@@ -328,7 +255,7 @@ static pags_result take_view(bench *self, vehicle *v, const pags_scene_view *vie
     }
     unsigned met = pags_stage_trace(self->stage, &rays, touches);
     for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r)
-      PAGS_TRY(take_ray(v, box_from_world, origin, directions[r], (double)touches[r].distance, met >> r & 1,
+      PAGS_TRY(take_ray(v, &f, origin, directions[r], (double)touches[r].distance, met >> r & 1,
                         met >> r & 1 && self->street.placements[touches[r].placement].actor == v->actor));
   }
   return PAGS_OK;
@@ -401,10 +328,13 @@ static void measure_proxy(const vehicle *v, spread *out) {
   int64_t n = 0;
   for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
     for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
-      double p[3], foot[3];
+      double p[3], q[3], foot[3], back[12];
       place_in(&v->proxy, t, n, p);
-      double distance = pags_solid_nearest(v->truth_solid, p, foot);
-      if (pags_solid_distance(v->cloud_solid, foot, NULL) <= near_observed)
+      apply(v->truth_from_proxy, p, q);
+      double distance = pags_solid_nearest(v->truth_solid, q, foot);
+      pags_rigid_inverse(v->truth_from_proxy, back);
+      apply(back, foot, q);
+      if (pags_solid_distance(v->cloud_solid, q, NULL) <= near_observed)
         out->seen[out->seen_count++] = distance;
       else
         out->rest[out->rest_count++] = distance;
@@ -482,6 +412,19 @@ static int actor_of(const bench *self, const char *id) {
   return -1;
 }
 
+/* At the middle of the track, where the stage is set to. */
+static pags_result relate(bench *self, vehicle *v) {
+  double truth[12], truth_from_world[12], proxy[12];
+  const pags_knot *knot = &v->record->knots[v->record->knot_count / 2];
+  PAGS_TRY(set_time(self, knot->time));
+  pags_actor_pose(&self->street.actors[v->actor], knot->time, truth);
+  if (!pags_object_pose(v->record, knot->time, proxy))
+    memcpy(proxy, knot->world_from_object, sizeof proxy);
+  pags_rigid_inverse(truth, truth_from_world);
+  pags_rigid_multiply(truth_from_world, proxy, v->truth_from_proxy);
+  return PAGS_OK;
+}
+
 static pags_result measure_node(bench *self, const pags_json_value *node, const char *track) {
   vehicle v = {.actor = actor_of(self, track)};
   for (int64_t i = 0; i < self->scene.object_count; ++i)
@@ -489,7 +432,9 @@ static pags_result measure_node(bench *self, const pags_json_value *node, const 
       v.record = &self->scene.objects[i].record;
   if (!v.record || (v.actor < 0 && !self->pictures) || v.record->category != PAGS_CATEGORY_VEHICLE)
     return PAGS_OK;
-  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &v.proxy);
+  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &v.proxy);
+  if (result == PAGS_OK && !self->pictures)
+    result = relate(self, &v);
   if (result == PAGS_OK && !self->pictures)
     result = true_shell(self, v.actor, &v.truth);
   if (result == PAGS_OK && !self->pictures)
@@ -533,7 +478,7 @@ static pags_result measure_ground(bench *self, const pags_json_value *node) {
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
-  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &ground);
+  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &ground);
   if (result == PAGS_OK)
     result = pags_solid_of_shell(&ground, &solid);
   for (int64_t i = 0; i < ground.vertex_count; ++i)
@@ -585,7 +530,7 @@ static pags_result measure_laser(bench *self, const pags_json_value *node) {
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   pags_laser_ground found;
-  pags_result result = read_mesh(&self->file, integer_of(node, "mesh", -1), &ground);
+  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &ground);
   if (result == PAGS_OK)
     result = pags_solid_of_shell(&ground, &solid);
   if (result == PAGS_OK)
@@ -610,7 +555,7 @@ static pags_result measure_laser(bench *self, const pags_json_value *node) {
 /* ---- */
 
 static pags_result run(bench *self) {
-  const pags_json_value *nodes = member(self->file.root, "nodes");
+  const pags_json_value *nodes = pags_glb_member(self->file.root, "nodes");
   int found;
   PAGS_TRY(pags_street_read_truth(self->scene.dataset ? self->scene.dataset : ".", &self->options, &found));
   self->pictures = !found;
@@ -627,13 +572,13 @@ static pags_result run(bench *self) {
   PAGS_TRY(set_time(self, 0));
   pags_json_begin_array(&self->json, "objects");
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
-    const pags_json_value *track = member(member(node, "extras"), "track");
-    if (has_truth && track && track->type == PAGS_JSON_STRING && member(node, "mesh"))
+    const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
+    if (has_truth && track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh"))
       PAGS_TRY(measure_node(self, node, track->text));
   }
   pags_json_end_array(&self->json);
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
-    const pags_json_value *name = member(node, "name");
+    const pags_json_value *name = pags_glb_member(node, "name");
     if (!name || strcmp(name->text, "ground") != 0)
       continue;
     if (!self->pictures)
@@ -654,7 +599,7 @@ int main(int argc, char **argv) {
   pags_json_begin_object(&self.json, NULL);
   pags_result result = pags_scene_load(argv[1], &self.scene);
   if (result == PAGS_OK)
-    result = open_glb(argv[2], &self.file);
+    result = pags_glb_open(argv[2], &self.file);
   if (result == PAGS_OK)
     result = run(&self);
   pags_json_end_object(&self.json);
@@ -665,7 +610,7 @@ int main(int argc, char **argv) {
   pags_json_writer_destroy(&self.json);
   pags_stage_destroy(self.stage);
   pags_street_destroy(&self.street);
-  close_glb(&self.file);
+  pags_glb_close(&self.file);
   pags_scene_destroy(&self.scene);
   return result != PAGS_OK || self.failures > 0;
 }

@@ -16,7 +16,7 @@
 #include <pags/image.h>
 #endif
 
-enum { MOST_VIEWS = 120, WIDEST = 480, CLUSTER = 64, LEAST_TRIANGLES = 8 };
+enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
 enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
 static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
 
@@ -113,10 +113,10 @@ static pags_result look(const pags_workshop *w, const pags_part *part, pags_prog
     ++taken;
     if (!tell(user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"))
       return pags_fail(PAGS_CANCELLED, "interrupted");
-    pags_camera camera = pags_camera_downscale(&view->camera, fmax(1, view->camera.width / (double)WIDEST));
-    for (int k = 0; k < 3; ++k)
-      camera.world_from_camera[4 * k + 3] -= w->scene->origin[k];
-    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, &camera, &w->drawing, v));
+    const pags_camera *camera = &w->whole.views[v].camera;
+    pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
+    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, camera, &drawing, v));
+    pags_sight_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
     load_labels(w, view, &out->sights.list[out->sights.count - 1]);
     out->labelled = out->labelled || out->sights.list[out->sights.count - 1].labels != NULL;
   }

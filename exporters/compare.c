@@ -59,6 +59,9 @@ static void take_sample(const comparison *self, const pags_sight *sight, int x, 
   for (int k = 0; k < 3; ++k)
     direction[k] -= origin[k];
   double t = pags_solid_ray(self->solid, origin, direction, &out->triangle_met);
+  /* Hidden by the rest of the scene, either of them: nothing is known. */
+  if (depth < 0 && (sight->cover[pixel] >= 128 || t > -depth))
+    return;
   out->covered = sight->cover[pixel] >= 128;
   out->has_met = t > 0;
   out->has_seen = depth > 0 && depth < self->range;

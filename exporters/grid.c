@@ -73,7 +73,7 @@ static double ask(const fusion *self, const pags_sight *sight, const double poin
   if (!pags_sight_project(sight, point, &x, &y, &z) || z > self->range)
     return 0;
   double depth = (double)sight->depth[(int64_t)y * sight->camera.width + x];
-  if (depth == 0 || (depth < 0 && !self->carve))
+  if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
     return 0;
   *distance = depth < 0 ? self->truncation : depth - z;
   if (*distance < -self->truncation)

@@ -19,6 +19,10 @@ enum { LEAST_GAUSSIANS = 16, LEAST_PIXELS = 64, MOST_VIEWS = 64, MOST_SIDE = 320
  * to be the object's; metres. */
 static const double margin = 0.15, lift = 0.08;
 
+/* Under vehicles it is dark, and Gaussians that go along with them show their shadow on the ground: what is level within this of the
+ * box's lower face is no part of them. What no camera saw below the second is taken for the air under them; metres. */
+static const double shadow = 0.12, clearance = 0.2;
+
 pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                pags_workshop *out) {
   *out = (pags_workshop){.scene = scene, .options = options, .tasks = tasks, .drawing = pags_frame_options_default()};
@@ -32,13 +36,19 @@ pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options
       out->drawing.low_pass = (float)value;
     pags_json_destroy(json);
   }
-  return pags_frame_create(tasks, &out->frame);
+  pags_result result = pags_frame_create(tasks, &out->frame);
+  if (result == PAGS_OK)
+    result = pags_whole_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
+  if (result != PAGS_OK)
+    pags_workshop_close(out);
+  return result;
 }
 
 void pags_workshop_close(pags_workshop *workshop) {
   if (workshop->frame)
     pags_frame_destroy(workshop->frame);
   workshop->frame = NULL;
+  pags_whole_destroy(&workshop->whole);
 }
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
@@ -148,6 +158,44 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   return out->width >= 6 && out->height >= 6;
 }
 
+static int is_shadow(const pags_sight *s, int x, int y, double floor) {
+  int64_t at = (int64_t)y * s->camera.width + x, right = at + (x + 1 < s->camera.width ? 1 : -1),
+          below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
+  double p[3], q[3], r[3], n[3];
+  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  if (p[2] > floor + shadow)
+    return 0;
+  if (!(s->depth[right] > 0 && s->depth[below] > 0))
+    return p[2] < floor + 0.5 * shadow;
+  pags_sight_point(s, x + (int)(right - at), y, (double)s->depth[right], q);
+  pags_sight_point(s, x, below > at ? y + 1 : y - 1, (double)s->depth[below], r);
+  for (int k = 0; k < 3; ++k) {
+    q[k] -= p[k];
+    r[k] -= p[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
+  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* Rays that meet a vehicle's shadow are free as far as that. */
+static pags_result clear_shadow(pags_sight *s, double floor) {
+  int64_t count = (int64_t)s->camera.width * s->camera.height;
+  uint8_t *marked = calloc((size_t)count, 1);
+  if (!marked)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
+  for (int64_t i = 0; i < count; ++i)
+    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), floor);
+  for (int64_t i = 0; i < count; ++i)
+    if (marked[i]) {
+      s->depth[i] = -s->depth[i];
+      s->cover[i] = 0;
+    }
+  free(marked);
+  pags_sight_bound(s);
+  return PAGS_OK;
+}
+
 /* The views that have it in the picture; of more than MOST_VIEWS an even choice. */
 static pags_result look(const pags_workshop *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
@@ -161,7 +209,12 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
       continue;
     if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
       ++taken;
-      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &w->drawing, v));
+      pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
+      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v));
+      pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
+      pags_sight_hide(sight, &w->whole.views[v]);
+      if (record->category == PAGS_CATEGORY_VEHICLE)
+        PAGS_TRY(clear_shadow(sight, -0.5 * record->size[2]));
     }
     ++seen;
   }
@@ -200,7 +253,7 @@ static double box_distance(const double size[3], const double p[3]) {
 }
 
 /* Gives what no camera saw a distance: the mirror image's, else the box's. Weights stay 0 there. */
-static pags_result complete(pags_grid *grid, const double size[3], int symmetric) {
+static pags_result complete(pags_grid *grid, const double size[3], int vehicle) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
   float *own = malloc((size_t)(layer * grid->n[2]) * sizeof *own);
   if (!own)
@@ -215,10 +268,12 @@ static pags_result complete(pags_grid *grid, const double size[3], int symmetric
         int border = x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2];
         if (border)
           grid->distance[at] = (float)grid->step;
-        else if (!(grid->weight[at] > 0) && symmetric && grid->weight[mirror] > 0)
+        else if (!(grid->weight[at] > 0) && vehicle && grid->weight[mirror] > 0)
           grid->distance[at] = own[mirror];
         else if (!(grid->weight[at] > 0)) {
           double d = box_distance(size, p);
+          if (vehicle)
+            d = fmax(d, clearance - 0.5 * size[2] - p[2]);
           grid->distance[at] = (float)fmax(fmin(d, 3 * grid->step), -3 * grid->step);
         }
       }

@@ -5,6 +5,7 @@
 #include <pags/export.h>
 
 #include "grid.h"
+#include "whole.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -17,6 +18,7 @@ typedef struct pags_workshop {
   pags_tasks *tasks;
   pags_frame *frame;
   pags_frame_options drawing; /* of the frame, origin zero */
+  pags_whole whole;           /* what hides what */
 } pags_workshop;
 
 pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,

@@ -62,7 +62,7 @@ static void drop_edges(pags_sight *sight, float *scratch) {
     }
 }
 
-static pags_result bound_cells(pags_sight *sight) {
+static pags_result make_cells(pags_sight *sight) {
   int w = sight->camera.width, h = sight->camera.height;
   sight->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
   sight->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
@@ -71,6 +71,13 @@ static pags_result bound_cells(pags_sight *sight) {
   if (!sight->lo)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", w, h);
   sight->hi = sight->lo + count;
+  pags_sight_bound(sight);
+  return PAGS_OK;
+}
+
+void pags_sight_bound(pags_sight *sight) {
+  int w = sight->camera.width, h = sight->camera.height;
+  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
   for (int64_t i = 0; i < count; ++i) {
     sight->lo[i] = INFINITY;
     sight->hi[i] = 0;
@@ -79,11 +86,10 @@ static pags_result bound_cells(pags_sight *sight) {
     for (int x = 0; x < w; ++x) {
       int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * sight->cells_x + x / PAGS_SIGHT_CELL;
       float depth = sight->depth[(int64_t)y * w + x];
-      depth = depth < 0 ? INFINITY : depth;
+      depth = fabsf(depth);
       sight->lo[at] = depth < sight->lo[at] ? depth : sight->lo[at];
       sight->hi[at] = depth > sight->hi[at] ? depth : sight->hi[at];
     }
-  return PAGS_OK;
 }
 
 static pags_result reserve(pags_sights *sights) {
@@ -119,7 +125,7 @@ pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_p
   read_pixels(&picture, sight);
   drop_edges(sight, scratch);
   free(scratch);
-  return bound_cells(sight);
+  return make_cells(sight);
 }
 
 static void transform(const double m[12], const double p[3], double out[3]) {

@@ -11,20 +11,20 @@ extern "C" {
 
 /* Depth codes of pixels without a surface. */
 #define PAGS_SIGHT_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
-#define PAGS_SIGHT_FREE (-1.0f) /* nothing there: the ray is free all along */
+#define PAGS_SIGHT_FREE (-1e30f) /* nothing there: the ray is free all along. Any negative depth: free as far as that, unknown beyond */
 
-enum { PAGS_SIGHT_CELL = 8 };
+enum { PAGS_SIGHT_CELL = 8, PAGS_SIGHT_WIDEST = 480 }; /* pixels: of a cell's side, of a view of the background */
 
 typedef struct pags_sight {
   pags_camera camera;          /* of the part of the picture; its world is the model's frame */
   double camera_from_model[12];
   int64_t view;                /* of the scene */
-  float *depth;                /* camera z in metres, or a code above */
+  float *depth;                /* camera z in metres, or as above */
   uint8_t *cover;              /* alpha, 0..255 */
   uint8_t *labels;             /* what its users make of them, one a pixel; NULL: none */
   uint8_t *rgb;                /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
   int cells_x, cells_y;        /* of PAGS_SIGHT_CELL pixels a side */
-  float *lo, *hi;              /* of a cell's depths: free pixels count as infinite, unknown ones as 0 */
+  float *lo, *hi;              /* of a cell's depths: free pixels count as far as they are, unknown ones as 0 */
 } pags_sight;
 
 typedef struct pags_sights {
@@ -37,6 +37,9 @@ void pags_sights_destroy(pags_sights *sights); /* frees and zeroes */
 /* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen. */
 pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
                             const pags_camera *camera, const pags_frame_options *options, int64_t view);
+
+/* Brings `lo` and `hi` up to date after a change of depths. */
+void pags_sight_bound(pags_sight *sight);
 
 /* Cuts the camera down to where the box `lo`..`hi` of its world may be seen; 0: nowhere. */
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane, pags_camera *out);

@@ -1,0 +1,27 @@
+/* GLB files as pags export writes them: one buffer. */
+#ifndef PAGS_BENCHMARKS_GLB_H
+#define PAGS_BENCHMARKS_GLB_H
+
+#include <base/json.h>
+#include <exporters/shell.h>
+
+typedef struct pags_glb {
+  uint8_t *bytes;
+  const uint8_t *buffer;
+  size_t size, buffer_size;
+  pags_json *json;
+  const pags_json_value *root;
+} pags_glb;
+
+pags_result pags_glb_open(const char *path, pags_glb *out);
+void pags_glb_close(pags_glb *file);
+
+/* NULL and `fallback` where there is none; NULL is allowed for `object` and `root`. */
+const pags_json_value *pags_glb_member(const pags_json_value *object, const char *key);
+const pags_json_value *pags_glb_element(const pags_json_value *root, const char *list, int64_t index);
+int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t fallback);
+
+/* Positions and triangles of a mesh's first primitive. */
+pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out);
+
+#endif
