@@ -19,9 +19,10 @@ enum { LEAST_GAUSSIANS = 16, LEAST_PIXELS = 64, MOST_VIEWS = 64, MOST_SIDE = 320
  * to be the object's; metres. */
 static const double margin = 0.15, lift = 0.08;
 
-/* Under vehicles it is dark, and Gaussians that go along with them show their shadow on the ground: what is level within this of the
- * box's lower face is no part of them. What no camera saw below the second is taken for the air under them; metres. */
-static const double shadow = 0.12, clearance = 0.2;
+/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the wheels, from the side
+ * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
+ * level near the box's lower face. What no camera saw below the last is taken for the air under them; metres. */
+static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16, clearance = 0.25;
 
 pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                pags_workshop *out) {
@@ -158,15 +159,22 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   return out->width >= 6 && out->height >= 6;
 }
 
-static int is_shadow(const pags_sight *s, int x, int y, double floor) {
+static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
+  const uint8_t *rgb = s->rgb + 3 * ((int64_t)y * s->camera.width + x);
+  double floor = -0.5 * size[2], limit = shadow;
   int64_t at = (int64_t)y * s->camera.width + x, right = at + (x + 1 < s->camera.width ? 1 : -1),
           below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
   double p[3], q[3], r[3], n[3];
   pags_sight_point(s, x, y, (double)s->depth[at], p);
-  if (p[2] > floor + shadow)
+  if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
+    if (p[2] < floor + wall_height && fabs(p[1]) < 0.5 * size[1] - wheels)
+      return 1;
+    limit = dark_shadow;
+  }
+  if (p[2] > floor + limit)
     return 0;
   if (!(s->depth[right] > 0 && s->depth[below] > 0))
-    return p[2] < floor + 0.5 * shadow;
+    return p[2] < floor + 0.5 * limit;
   pags_sight_point(s, x + (int)(right - at), y, (double)s->depth[right], q);
   pags_sight_point(s, x, below > at ? y + 1 : y - 1, (double)s->depth[below], r);
   for (int k = 0; k < 3; ++k) {
@@ -179,13 +187,13 @@ static int is_shadow(const pags_sight *s, int x, int y, double floor) {
 }
 
 /* Rays that meet a vehicle's shadow are free as far as that. */
-static pags_result clear_shadow(pags_sight *s, double floor) {
+static pags_result clear_shadow(pags_sight *s, const double size[3]) {
   int64_t count = (int64_t)s->camera.width * s->camera.height;
   uint8_t *marked = calloc((size_t)count, 1);
   if (!marked)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
   for (int64_t i = 0; i < count; ++i)
-    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), floor);
+    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
   for (int64_t i = 0; i < count; ++i)
     if (marked[i]) {
       s->depth[i] = -s->depth[i];
@@ -214,7 +222,7 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
       pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
       pags_sight_hide(sight, &w->whole.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)
-        PAGS_TRY(clear_shadow(sight, -0.5 * record->size[2]));
+        PAGS_TRY(clear_shadow(sight, record->size));
     }
     ++seen;
   }
