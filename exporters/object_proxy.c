@@ -1,8 +1,4 @@
-/* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
- *
- * Depth and cover of the object drawn alone by each training camera that had it in view are fused in the box's frame into a signed
- * distance. What no camera saw is, for vehicles, what the mirror image about the box's middle plane shows, and else solid
- * within the labelled box: so the surface is closed whatever was seen. */
+/* Proxies of objects at the level asked for. */
 #include "object_proxy.h"
 
 #include <math.h>
@@ -12,17 +8,6 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "cage.h"
-
-enum { LEAST_GAUSSIANS = 16, LEAST_PIXELS = 64, MOST_VIEWS = 64, MOST_SIDE = 320, CLUSTER = 64 };
-
-/* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
- * to be the object's; metres. */
-static const double margin = 0.15, lift = 0.08;
-
-/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the wheels, from the side
- * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
- * level near the box's lower face. What no camera saw below the last is taken for the air under them; metres. */
-static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16, clearance = 0.25;
 
 pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
                                pags_workshop *out) {
@@ -52,320 +37,6 @@ void pags_workshop_close(pags_workshop *workshop) {
   pags_whole_destroy(&workshop->whole);
 }
 
-void pags_object_shape_destroy(pags_object_shape *shape) {
-  pags_gaussians_destroy(&shape->gaussians);
-  pags_sights_destroy(&shape->sights);
-  pags_shell_destroy(&shape->surface);
-  memset(shape, 0, sizeof *shape);
-}
-
-/* Where a parked object stands: its middle label. */
-static void parked_pose(const pags_workshop *w, const pags_object *object, double out[12]) {
-  const pags_knot *knot = &object->knots[object->knot_count / 2];
-  if (!pags_object_pose(object, knot->time, out))
-    memcpy(out, knot->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; ++k)
-    out[4 * k + 3] -= w->scene->origin[k];
-}
-
-static int is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
-                      const float *z, int64_t i, int32_t id, int64_t object) {
-  const double p[3] = {(double)x[i], (double)y[i], (double)z[i]};
-  double q[3];
-  if (id != object && id >= 0)
-    return 0;
-  for (int k = 0; k < 3; ++k) {
-    q[k] = object_from_scene[4 * k] * p[0] + object_from_scene[4 * k + 1] * p[1] + object_from_scene[4 * k + 2] * p[2] +
-           object_from_scene[4 * k + 3];
-    double beyond = fabs(q[k]) - 0.5 * size[k];
-    if (beyond > (id == object ? margin : 0))
-      return 0;
-  }
-  return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
-}
-
-void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken) {
-  const pags_object *record = &workshop->scene->objects[object].record;
-  const pags_gaussians *g = &workshop->scene->models[0].gaussians;
-  double pose[12], object_from_scene[12];
-  parked_pose(workshop, record, pose);
-  pags_rigid_inverse(pose, object_from_scene);
-  for (int64_t i = 0; i < g->count; ++i)
-    if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
-                   pags_plane(g, PAGS_MEAN + 2), i, g->object_id ? g->object_id[i] : -1, object))
-      taken[i] = 1;
-}
-
-/* Of the background, what is known as the parked object's and what lies in its box. */
-static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_gaussians *out) {
-  const pags_gaussians *g = &w->scene->models[0].gaussians;
-  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
-  uint8_t *taken = calloc((size_t)g->count + 1, 1);
-  pags_result result = index && taken ? PAGS_OK
-                                      : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
-  if (result == PAGS_OK) {
-    pags_object_mark(w, object, taken);
-    for (int64_t i = 0; i < g->count; ++i)
-      if (taken[i])
-        index[count++] = i;
-    result = pags_gaussians_create_like(out, count, g);
-  }
-  if (result == PAGS_OK)
-    pags_gaussians_gather(g, index, count, out);
-  free(index);
-  free(taken);
-  return result;
-}
-
-static pags_result copy_model(const pags_gaussians *from, pags_gaussians *out) {
-  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
-  if (!index)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)from->count);
-  pags_result result = pags_gaussians_morton_order(from, index);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(out, from->count, from);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(from, index, from->count, out);
-  free(index);
-  return result;
-}
-
-static double mean_s_sem(const pags_gaussians *g) {
-  double sum = 0;
-  for (int64_t i = 0; g->s_sem && i < g->count; ++i)
-    sum += (double)g->s_sem[i];
-  return g->s_sem && g->count ? sum / (double)g->count : (double)NAN;
-}
-
-/* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture. */
-static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3],
-                     pags_camera *out) {
-  double world_from_object[12], object_from_world[12], lo[3];
-  pags_camera camera = view->camera;
-  if (view->test || !pags_object_pose(object, camera.time, world_from_object))
-    return 0;
-  pags_rigid_inverse(world_from_object, object_from_world);
-  pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
-  for (int k = 0; k < 3; ++k)
-    lo[k] = -reach[k];
-  if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
-    return 0;
-  int side = out->width > out->height ? out->width : out->height;
-  if (side > MOST_SIDE) { /* finer than the grid by far */
-    camera = pags_camera_downscale(&camera, (double)side / MOST_SIDE);
-    if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
-      return 0;
-  }
-  return out->width >= 6 && out->height >= 6;
-}
-
-static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
-  const uint8_t *rgb = s->rgb + 3 * ((int64_t)y * s->camera.width + x);
-  double floor = -0.5 * size[2], limit = shadow;
-  int64_t at = (int64_t)y * s->camera.width + x, right = at + (x + 1 < s->camera.width ? 1 : -1),
-          below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
-  double p[3], q[3], r[3], n[3];
-  pags_sight_point(s, x, y, (double)s->depth[at], p);
-  if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
-    if (p[2] < floor + wall_height && fabs(p[1]) < 0.5 * size[1] - wheels)
-      return 1;
-    limit = dark_shadow;
-  }
-  if (p[2] > floor + limit)
-    return 0;
-  if (!(s->depth[right] > 0 && s->depth[below] > 0))
-    return p[2] < floor + 0.5 * limit;
-  pags_sight_point(s, x + (int)(right - at), y, (double)s->depth[right], q);
-  pags_sight_point(s, x, below > at ? y + 1 : y - 1, (double)s->depth[below], r);
-  for (int k = 0; k < 3; ++k) {
-    q[k] -= p[k];
-    r[k] -= p[k];
-  }
-  for (int k = 0; k < 3; ++k)
-    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
-  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
-/* Rays that meet a vehicle's shadow are free as far as that. */
-static pags_result clear_shadow(pags_sight *s, const double size[3]) {
-  int64_t count = (int64_t)s->camera.width * s->camera.height;
-  uint8_t *marked = calloc((size_t)count, 1);
-  if (!marked)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
-  for (int64_t i = 0; i < count; ++i)
-    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
-  for (int64_t i = 0; i < count; ++i)
-    if (marked[i]) {
-      s->depth[i] = -s->depth[i];
-      s->cover[i] = 0;
-    }
-  free(marked);
-  pags_sight_bound(s);
-  return PAGS_OK;
-}
-
-/* The views that have it in the picture; of more than MOST_VIEWS an even choice. */
-static pags_result look(const pags_workshop *w, int64_t object, const pags_part *part, const double reach[3],
-                        pags_object_shape *shape) {
-  const pags_object *record = &w->scene->objects[object].record;
-  int64_t count = 0, taken = 0;
-  pags_camera camera;
-  for (int64_t v = 0; v < w->scene->view_count; ++v)
-    count += camera_of(record, &w->scene->views[v], reach, &camera);
-  for (int64_t v = 0, seen = 0; v < w->scene->view_count; ++v) {
-    if (!camera_of(record, &w->scene->views[v], reach, &camera))
-      continue;
-    if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
-      ++taken;
-      pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
-      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v));
-      pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
-      pags_sight_hide(sight, &w->whole.views[v]);
-      if (record->category == PAGS_CATEGORY_VEHICLE)
-        PAGS_TRY(clear_shadow(sight, record->size));
-    }
-    ++seen;
-  }
-  return PAGS_OK;
-}
-
-static pags_result draw_views(const pags_workshop *w, int64_t object, const double model_pose[12], const double reach[3],
-                              pags_object_shape *shape) {
-  pags_clusters clusters;
-  PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
-  pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
-  pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
-  memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
-  pags_result result = look(w, object, &part, reach, shape);
-  pags_clusters_destroy(&clusters);
-  return result;
-}
-
-static int64_t count_pixels(const pags_sights *sights) {
-  int64_t count = 0;
-  for (int64_t i = 0; i < sights->count; ++i)
-    for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; ++p)
-      count += sights->list[i].depth[p] > 0;
-  return count;
-}
-
-/* Signed distance to the labelled box, negative inside. */
-static double box_distance(const double size[3], const double p[3]) {
-  double outside = 0, inside = -HUGE_VAL;
-  for (int k = 0; k < 3; ++k) {
-    double d = fabs(p[k]) - 0.5 * size[k];
-    outside += d > 0 ? d * d : 0;
-    inside = fmax(inside, d);
-  }
-  return inside > 0 ? sqrt(outside) : inside;
-}
-
-/* Gives what no camera saw a distance: the mirror image's, else the box's. Weights stay 0 there. */
-static pags_result complete(pags_grid *grid, const double size[3], int vehicle) {
-  int64_t row = grid->n[0], layer = row * grid->n[1];
-  float *own = malloc((size_t)(layer * grid->n[2]) * sizeof *own);
-  if (!own)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
-  memcpy(own, grid->distance, (size_t)(layer * grid->n[2]) * sizeof *own);
-  for (int z = 0; z < grid->n[2]; ++z)
-    for (int y = 0; y < grid->n[1]; ++y)
-      for (int x = 0; x < grid->n[0]; ++x) {
-        int64_t at = z * layer + y * row + x, mirror = z * layer + (grid->n[1] - 1 - y) * row + x;
-        const double p[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
-                             grid->origin[2] + z * grid->step};
-        int border = x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2];
-        if (border)
-          grid->distance[at] = (float)grid->step;
-        else if (!(grid->weight[at] > 0) && vehicle && grid->weight[mirror] > 0)
-          grid->distance[at] = own[mirror];
-        else if (!(grid->weight[at] > 0)) {
-          double d = box_distance(size, p);
-          if (vehicle)
-            d = fmax(d, clearance - 0.5 * size[2] - p[2]);
-          grid->distance[at] = (float)fmax(fmin(d, 3 * grid->step), -3 * grid->step);
-        }
-      }
-  free(own);
-  return PAGS_OK;
-}
-
-/* One pass of 1 2 1 along each axis takes the steps out of what was seen at a pixel or less a voxel. The border stays outside. */
-static pags_result smooth(pags_grid *grid) {
-  int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
-  float *from = malloc((size_t)count * sizeof *from);
-  if (!from)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
-  for (int axis = 0; axis < 3; ++axis) {
-    memcpy(from, grid->distance, (size_t)count * sizeof *from);
-    for (int64_t i = 0; i < count; ++i) {
-      int64_t x = i / strides[axis] % grid->n[axis];
-      if (x > 0 && x + 1 < grid->n[axis])
-        grid->distance[i] = 0.25f * (from[i - strides[axis]] + 2 * from[i] + from[i + strides[axis]]);
-    }
-  }
-  for (int64_t i = 0; i < count; ++i) {
-    int64_t x = i % grid->n[0], y = i / strides[1] % grid->n[1], z = i / strides[2];
-    if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
-      grid->distance[i] = (float)grid->step;
-  }
-  free(from);
-  return PAGS_OK;
-}
-
-static pags_result fuse(const pags_workshop *w, int64_t object, const double reach[3], pags_object_shape *shape) {
-  const pags_object *record = &w->scene->objects[object].record;
-  pags_grid grid;
-  double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
-  shape->voxel = fmax(0.02, longest / 128);
-  for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
-    double half = ceil(reach[k] / shape->voxel) * shape->voxel;
-    lo[k] = -half;
-    hi[k] = half - 0.5 * shape->voxel;
-  }
-  PAGS_TRY(pags_grid_create(&grid, lo, hi, shape->voxel, 0));
-  pags_result result = PAGS_OK;
-  if (!pags_grid_fuse(&grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks))
-    result = pags_fail(PAGS_CANCELLED, "interrupted");
-  if (result == PAGS_OK)
-    result = complete(&grid, record->size, record->category == PAGS_CATEGORY_VEHICLE);
-  if (result == PAGS_OK)
-    result = smooth(&grid);
-  if (result == PAGS_OK)
-    result = pags_grid_surface(&grid, 0, &shape->surface);
-  pags_grid_destroy(&grid);
-  if (result == PAGS_OK)
-    result = pags_shell_keep_parts(&shape->surface, 0.1);
-  return result;
-}
-
-pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape) {
-  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-  const pags_scene_object *o = &workshop->scene->objects[object];
-  double pose[12], model_pose[12], reach[3];
-  *shape = (pags_object_shape){0};
-  memcpy(model_pose, identity, sizeof model_pose);
-  if (o->model >= 0) {
-    PAGS_TRY(copy_model(&workshop->scene->models[o->model].gaussians, &shape->gaussians));
-  } else if (workshop->scene->model_count > 0) {
-    parked_pose(workshop, &o->record, pose);
-    PAGS_TRY(gather_parked(workshop, object, &shape->gaussians));
-    pags_rigid_inverse(pose, model_pose);
-  }
-  shape->s_sem = mean_s_sem(&shape->gaussians);
-  for (int k = 0; k < 3; ++k)
-    reach[k] = 0.5 * o->record.size[k] * 1.1 + margin;
-  if (shape->gaussians.count < LEAST_GAUSSIANS)
-    return PAGS_OK;
-  PAGS_TRY(draw_views(workshop, object, model_pose, reach, shape));
-  shape->surface_pixels = count_pixels(&shape->sights);
-  if (shape->surface_pixels < LEAST_PIXELS)
-    return PAGS_OK;
-  PAGS_TRY(fuse(workshop, object, reach, shape));
-  if (!pags_shell_paint(&shape->surface, &shape->sights, 4 * shape->voxel, workshop->tasks))
-    return pags_fail(PAGS_CANCELLED, "interrupted");
-  return PAGS_OK;
-}
-
 static void mean_color(const pags_object_shape *shape, float out[3]) {
   double sum[3] = {0};
   const pags_gaussians *g = &shape->gaussians;
@@ -389,14 +60,11 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
                                    pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level, const char **note) {
   pags_shell_topology topology;
   float color[3];
-  *note = NULL;
+  *note = wanted == PAGS_PROXY_BOX ? NULL : shape->note;
   *level = wanted;
   if (wanted != PAGS_PROXY_BOX) {
     pags_result result = PAGS_ERROR_ARGUMENT;
-    if (shape->surface.triangle_count == 0)
-      *note = shape->gaussians.count < LEAST_GAUSSIANS ? "too few Gaussians: the labelled box"
-                                                       : "hardly seen by the training cameras: the labelled box";
-    else
+    if (shape->surface.triangle_count)
       result = make_level(workshop, shape, wanted, out);
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
@@ -408,9 +76,9 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
       pags_fail(PAGS_ERROR_FORMAT, "%lld open edges, %lld crossed, volume %g", (long long)topology.open_edges,
                 (long long)topology.crossed_edges, topology.volume);
     }
-    if (!*note)
+    if (shape->surface.triangle_count)
       pags_log(PAGS_LOG_INFO, "%s: %s", workshop->scene->objects[object].record.id, pags_error_message());
-    if (!*note)
+    if (!*note || shape->surface.triangle_count)
       *note = "no closed surface could be made: the labelled box";
   }
   *level = PAGS_PROXY_BOX;

@@ -4,12 +4,14 @@
 
 #include <pags/export.h>
 
-#include "grid.h"
+#include "form.h"
 #include "whole.h"
 
 #ifdef __cplusplus
 extern "C" {
 #endif
+
+enum { PAGS_LEAST_GAUSSIANS = 16 }; /* of an object: of fewer no surface is made */
 
 /* What all objects of an export share. */
 typedef struct pags_workshop {
@@ -19,6 +21,8 @@ typedef struct pags_workshop {
   pags_frame *frame;
   pags_frame_options drawing; /* of the frame, origin zero */
   pags_whole whole;           /* what hides what */
+  const pags_form *forms;     /* of vehicles that are well seen, for what no camera sees of others */
+  int64_t form_count;
 } pags_workshop;
 
 pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
@@ -33,10 +37,15 @@ typedef struct pags_object_shape {
   int64_t surface_pixels;   /* of all sights that have a depth within the box */
   pags_shell surface;     /* closed, at full resolution; empty where too little is seen */
   double voxel;
+  const char *note;       /* static: what was too little to see, and what stands for it; NULL: enough */
 } pags_object_shape;
 
 /* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
 pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape);
+/* A rough form of it alone. Its distance stays NULL when nothing is seen. */
+pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_form *out);
+/* How much of the training views it may fill. */
+double pags_object_pixels(const pags_workshop *workshop, int64_t object);
 /* Sets `taken` (one byte a Gaussian of the background) where it is this parked object's. */
 void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken);
 void pags_object_shape_destroy(pags_object_shape *shape);

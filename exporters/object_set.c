@@ -7,6 +7,8 @@
 
 #include "compare.h"
 
+enum { MOST_FORMS = 24 };
+
 typedef struct making {
   const pags_workshop *workshop;
   pags_made_object *objects;
@@ -76,16 +78,75 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
   }
 }
 
+typedef struct forming {
+  const pags_workshop *workshop;
+  pags_form forms[MOST_FORMS]; /* `object` says whose are to be made */
+  pags_result results[MOST_FORMS];
+  int64_t count;
+  pags_frame **frames;
+} forming;
+
+/* The vehicles that fill most of the views; of equals the first. */
+static pags_result choose_forms(forming *self) {
+  const pags_scene *scene = self->workshop->scene;
+  double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
+  if (!pixels)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
+      pixels[i] = pags_object_pixels(self->workshop, i);
+  for (; self->count < MOST_FORMS; ++self->count) {
+    int64_t best = 0;
+    for (int64_t i = 1; i < scene->object_count; ++i)
+      best = pixels[i] > pixels[best] ? i : best;
+    if (!(pixels[best] > 0))
+      break;
+    pixels[best] = 0;
+    self->forms[self->count].object = best;
+  }
+  free(pixels);
+  return PAGS_OK;
+}
+
+static void make_forms(void *context, int64_t begin, int64_t end, int worker) {
+  forming *self = context;
+  for (int64_t i = begin; i < end; ++i) {
+    pags_workshop own = *self->workshop;
+    if (!self->frames[worker])
+      self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
+    own.frame = self->frames[worker];
+    if (self->results[i] == PAGS_OK)
+      self->results[i] = pags_object_form_make(&own, self->forms[i].object, &self->forms[i]);
+  }
+}
+
+static pags_result find_forms(forming *self) {
+  PAGS_TRY(choose_forms(self));
+  if (!pags_parallel_for(self->workshop->tasks, self->count, 1, make_forms, self))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  for (int64_t i = 0; i < self->count; ++i)
+    if (self->results[i] != PAGS_OK)
+      return pags_fail(self->results[i], "the form of object %s can't be made",
+                       self->workshop->scene->objects[self->forms[i].object].record.id);
+  return PAGS_OK;
+}
+
 pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_progress_fn *tell, void *user,
                               pags_made_object **out) {
   int64_t count = workshop->scene->object_count;
   int workers = pags_tasks_workers(workshop->tasks);
-  making self = {.workshop = workshop, .tell = tell, .user = user, .measure = measure};
+  pags_workshop equipped = *workshop;
+  making self = {.workshop = &equipped, .tell = tell, .user = user, .measure = measure};
   *out = NULL;
   self.objects = calloc((size_t)count + 1, sizeof *self.objects);
   self.frames = calloc((size_t)workers, sizeof(pags_frame *));
   pags_result result = self.objects && self.frames ? PAGS_OK
                                                    : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)count);
+  forming rough = {.workshop = workshop, .frames = self.frames};
+  if (result == PAGS_OK && count && workshop->options->level != PAGS_PROXY_BOX)
+    result = find_forms(&rough);
+  equipped.forms = rough.forms;
+  equipped.form_count = rough.count;
   if (result == PAGS_OK && (!pags_parallel_for(workshop->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < count && result == PAGS_OK; ++i)
@@ -95,6 +156,8 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
     if (self.frames[i])
       pags_frame_destroy(self.frames[i]);
   free(self.frames);
+  for (int64_t i = 0; i < rough.count; ++i)
+    pags_form_destroy(&rough.forms[i]);
   if (result == PAGS_OK)
     *out = self.objects;
   else

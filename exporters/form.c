@@ -1,0 +1,203 @@
+/* Completing what no camera saw of an object. */
+#include "form.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NX = 64, NY = 32, NZ = 32, POINTS = NX * NY * NZ };
+static const double reach = 0.55; /* of the lattice, in sizes of the box */
+
+/* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
+static const double size_spread = 0.05, least_likeness = 0.02;
+
+/* Of a form beside what was seen: as much as this many views that see every step of the grid with a pixel. */
+static const double form_weight = 4;
+
+/* Unseen and lower than this over the box's lower face is the air under a vehicle; metres. */
+static const double clearance = 0.25;
+
+void pags_form_destroy(pags_form *form) {
+  free(form->distance);
+  free(form->known);
+  memset(form, 0, sizeof *form);
+}
+
+static pags_result make_room(const double size[3], int64_t object, pags_form *out) {
+  *out = (pags_form){.object = object,
+                     .size = {size[0], size[1], size[2]},
+                     .distance = calloc(POINTS, sizeof(float)),
+                     .known = calloc(POINTS, sizeof(float))};
+  if (out->distance && out->known)
+    return PAGS_OK;
+  pags_form_destroy(out);
+  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the form of an object");
+}
+
+static void point_of(const double size[3], int i, double p[3]) {
+  const int at[3] = {i % NX, i / NX % NY, i / NX / NY}, n[3] = {NX, NY, NZ};
+  for (int k = 0; k < 3; ++k)
+    p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
+}
+
+/* The grid's point next to a place; -1 outside. */
+static int64_t nearest_point(const pags_grid *g, const double p[3]) {
+  int64_t at[3];
+  for (int k = 0; k < 3; ++k) {
+    double i = floor((p[k] - g->origin[k]) / g->step + 0.5);
+    if (!(i >= 0 && i < g->n[k]))
+      return -1;
+    at[k] = (int64_t)i;
+  }
+  return (at[2] * g->n[1] + at[1]) * g->n[0] + at[0];
+}
+
+pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t object, pags_form *out) {
+  PAGS_TRY(make_room(size, object, out));
+  for (int i = 0; i < POINTS; ++i) {
+    double p[3];
+    point_of(size, i, p);
+    int64_t at = nearest_point(grid, p);
+    p[1] = -p[1];
+    int64_t mirror = nearest_point(grid, p);
+    if (at >= 0 && !(grid->weight[at] > 0))
+      at = mirror;
+    if (at < 0 || !(grid->weight[at] > 0))
+      continue;
+    out->distance[i] = grid->distance[at];
+    out->known[i] = (float)fmin(1, (double)grid->weight[at]);
+  }
+  return PAGS_OK;
+}
+
+static double likeness(const double a[3], const double b[3]) {
+  double sum = 0;
+  for (int k = 0; k < 3; ++k) {
+    double r = log(a[k] / b[k]) / size_spread;
+    sum += r * r;
+  }
+  return exp(-0.5 * sum);
+}
+
+pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, pags_form *out) {
+  double total = 0;
+  *out = (pags_form){0};
+  for (int64_t f = 0; f < count; ++f)
+    if (forms[f].distance && forms[f].object != object)
+      total += likeness(forms[f].size, size);
+  if (total < least_likeness)
+    return PAGS_OK;
+  PAGS_TRY(make_room(size, object, out));
+  for (int64_t f = 0; f < count; ++f) {
+    float like = (float)likeness(forms[f].size, size);
+    for (int i = 0; i < POINTS && forms[f].distance && forms[f].object != object; ++i) {
+      out->distance[i] += like * forms[f].known[i] * forms[f].distance[i];
+      out->known[i] += like * forms[f].known[i];
+    }
+  }
+  for (int i = 0; i < POINTS; ++i)
+    if (out->known[i] > 0) {
+      out->distance[i] /= out->known[i];
+      out->known[i] /= (float)total;
+    }
+  return PAGS_OK;
+}
+
+/* Between the lattice's points, of those known; returns how well it is known. */
+static double sample(const pags_form *form, const double p[3], double *distance) {
+  static const int n[3] = {NX, NY, NZ};
+  int at[3];
+  double part[3], sum = 0, weight = 0;
+  for (int k = 0; k < 3; ++k) {
+    double u = (p[k] / (form->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
+    if (!(u >= 0 && u <= n[k] - 1))
+      return 0;
+    at[k] = u < n[k] - 2 ? (int)u : n[k] - 2;
+    part[k] = u - at[k];
+  }
+  for (int c = 0; c < 8; ++c) {
+    int i = ((at[2] + (c >> 2)) * NY + at[1] + (c >> 1 & 1)) * NX + at[0] + (c & 1);
+    double w = (double)form->known[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
+               (c & 4 ? part[2] : 1 - part[2]);
+    sum += w * (double)form->distance[i];
+    weight += w;
+  }
+  *distance = weight > 0 ? sum / weight : 0;
+  return weight;
+}
+
+/* Signed distance to the labelled box, negative inside, without the air under a vehicle. */
+static double box_distance(const double size[3], int vehicle, const double p[3]) {
+  double outside = 0, inside = -HUGE_VAL;
+  for (int k = 0; k < 3; ++k) {
+    double d = fabs(p[k]) - 0.5 * size[k];
+    outside += d > 0 ? d * d : 0;
+    inside = fmax(inside, d);
+  }
+  double d = inside > 0 ? sqrt(outside) : inside;
+  return vehicle ? fmax(d, clearance - 0.5 * size[2] - p[2]) : d;
+}
+
+/* One pass of 1 2 1 along each axis takes the steps out of what was seen at a pixel or less a voxel. */
+static pags_result smooth(pags_grid *grid) {
+  int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
+  float *from = malloc((size_t)count * sizeof *from);
+  if (!from)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+  for (int axis = 0; axis < 3; ++axis) {
+    memcpy(from, grid->distance, (size_t)count * sizeof *from);
+    for (int64_t i = 0; i < count; ++i) {
+      int64_t x = i / strides[axis] % grid->n[axis];
+      if (x > 0 && x + 1 < grid->n[axis])
+        grid->distance[i] = 0.25f * (from[i - strides[axis]] + 2 * from[i] + from[i + strides[axis]]);
+    }
+  }
+  free(from);
+  return PAGS_OK;
+}
+
+static void fill_point(pags_grid *grid, const float *own, const double size[3], int vehicle, const pags_form *form,
+                       const int at[3]) {
+  int64_t row = grid->n[0], layer = row * grid->n[1];
+  int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
+  double p[3], d, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
+  for (int k = 0; k < 3; ++k)
+    p[k] = grid->origin[k] + at[k] * grid->step;
+  if (!(weight > 0) && vehicle && grid->weight[mirror] > 0) {
+    weight = (double)grid->weight[mirror];
+    value = (double)own[mirror];
+  }
+  if (form && (known = form_weight * sample(form, p, &d)) > 0) {
+    value = (weight * value + known * fmin(fmax(d, -limit), limit)) / (weight + known);
+    weight += known;
+  }
+  if (!(weight > 0))
+    value = fmin(fmax(box_distance(size, vehicle, p), -3 * grid->step), 3 * grid->step);
+  grid->distance[here] = (float)value;
+}
+
+static void close_border(pags_grid *grid) {
+  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; ++i) {
+    int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
+    if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
+      grid->distance[i] = (float)grid->step;
+  }
+}
+
+pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form) {
+  size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
+  float *own = malloc(count * sizeof *own);
+  int at[3];
+  if (!own)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+  memcpy(own, grid->distance, count * sizeof *own);
+  for (at[2] = 0; at[2] < grid->n[2]; ++at[2])
+    for (at[1] = 0; at[1] < grid->n[1]; ++at[1])
+      for (at[0] = 0; at[0] < grid->n[0]; ++at[0])
+        fill_point(grid, own, size, vehicle, form && form->distance ? form : NULL, at);
+  free(own);
+  close_border(grid);
+  PAGS_TRY(smooth(grid));
+  close_border(grid);
+  return PAGS_OK;
+}

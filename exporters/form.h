@@ -1,0 +1,36 @@
+/* What no camera saw of an object: its mirror image, the form that well-seen objects of its size have, or its box. */
+#ifndef PAGS_EXPORTERS_FORM_H
+#define PAGS_EXPORTERS_FORM_H
+
+#include <pags/object.h>
+
+#include "grid.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Signed distances about a vehicle on a lattice that is stretched with its box. */
+typedef struct pags_form {
+  int64_t object; /* of the scene; whose form it is */
+  double size[3]; /* of its box, metres */
+  float *distance; /* metres, negative inside; NULL: nothing is known */
+  float *known;    /* 0..1 a point */
+} pags_form;
+
+void pags_form_destroy(pags_form *form); /* frees and zeroes */
+
+/* From what the views say, fused about the box's middle: what was seen, or its mirror image. */
+pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t object, pags_form *out);
+
+/* The mean of others' forms for an object of this size, the nearer their sizes the more. `distance` stays NULL where none has about its size. */
+pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, pags_form *out);
+
+/* Gives what no view saw a distance; weights stay 0 there. `form` (may be NULL) also steadies what was seen hardly. The grid is even about the
+ * object's middle. */
+pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,321 @@
+/* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
+ *
+ * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the scene hides, are fused
+ * in the box's frame into a signed distance. What no camera saw is completed (form.h), so the surface is closed whatever was seen. */
+#include "object_proxy.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LEAST_PIXELS = 64, CLUSTER = 64 };
+
+/* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side of the box. */
+typedef struct closeness {
+  int views, side, steps;
+} closeness;
+static const closeness full = {64, 320, 128}, rough = {24, 160, 64};
+
+/* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
+ * to be the object's; metres. */
+static const double margin = 0.15, lift = 0.08;
+
+/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the wheels, from the side
+ * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
+ * level near the box's lower face; metres. */
+static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
+
+void pags_object_shape_destroy(pags_object_shape *shape) {
+  pags_gaussians_destroy(&shape->gaussians);
+  pags_sights_destroy(&shape->sights);
+  pags_shell_destroy(&shape->surface);
+  memset(shape, 0, sizeof *shape);
+}
+
+/* Where a parked object stands: its middle label. */
+static void parked_pose(const pags_workshop *w, const pags_object *object, double out[12]) {
+  const pags_knot *knot = &object->knots[object->knot_count / 2];
+  if (!pags_object_pose(object, knot->time, out))
+    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  for (int k = 0; k < 3; ++k)
+    out[4 * k + 3] -= w->scene->origin[k];
+}
+
+static int is_its_own(const double object_from_scene[12], const double size[3], const float *x, const float *y,
+                      const float *z, int64_t i, int32_t id, int64_t object) {
+  const double p[3] = {(double)x[i], (double)y[i], (double)z[i]};
+  double q[3];
+  if (id != object && id >= 0)
+    return 0;
+  for (int k = 0; k < 3; ++k) {
+    q[k] = object_from_scene[4 * k] * p[0] + object_from_scene[4 * k + 1] * p[1] + object_from_scene[4 * k + 2] * p[2] +
+           object_from_scene[4 * k + 3];
+    double beyond = fabs(q[k]) - 0.5 * size[k];
+    if (beyond > (id == object ? margin : 0))
+      return 0;
+  }
+  return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
+}
+
+void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken) {
+  const pags_object *record = &workshop->scene->objects[object].record;
+  const pags_gaussians *g = &workshop->scene->models[0].gaussians;
+  double pose[12], object_from_scene[12];
+  parked_pose(workshop, record, pose);
+  pags_rigid_inverse(pose, object_from_scene);
+  for (int64_t i = 0; i < g->count; ++i)
+    if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
+                   pags_plane(g, PAGS_MEAN + 2), i, g->object_id ? g->object_id[i] : -1, object))
+      taken[i] = 1;
+}
+
+/* Of the background, what is known as the parked object's and what lies in its box. */
+static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_gaussians *out) {
+  const pags_gaussians *g = &w->scene->models[0].gaussians;
+  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
+  uint8_t *taken = calloc((size_t)g->count + 1, 1);
+  pags_result result = index && taken ? PAGS_OK
+                                      : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  if (result == PAGS_OK) {
+    pags_object_mark(w, object, taken);
+    for (int64_t i = 0; i < g->count; ++i)
+      if (taken[i])
+        index[count++] = i;
+    result = pags_gaussians_create_like(out, count, g);
+  }
+  if (result == PAGS_OK)
+    pags_gaussians_gather(g, index, count, out);
+  free(index);
+  free(taken);
+  return result;
+}
+
+static pags_result copy_model(const pags_gaussians *from, pags_gaussians *out) {
+  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
+  if (!index)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)from->count);
+  pags_result result = pags_gaussians_morton_order(from, index);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create_like(out, from->count, from);
+  if (result == PAGS_OK)
+    pags_gaussians_gather(from, index, from->count, out);
+  free(index);
+  return result;
+}
+
+static double mean_s_sem(const pags_gaussians *g) {
+  double sum = 0;
+  for (int64_t i = 0; g->s_sem && i < g->count; ++i)
+    sum += (double)g->s_sem[i];
+  return g->s_sem && g->count ? sum / (double)g->count : (double)NAN;
+}
+
+/* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture. */
+static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], int most_side,
+                     pags_camera *out) {
+  double world_from_object[12], object_from_world[12], lo[3];
+  pags_camera camera = view->camera;
+  if (view->test || !pags_object_pose(object, camera.time, world_from_object))
+    return 0;
+  pags_rigid_inverse(world_from_object, object_from_world);
+  pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
+  for (int k = 0; k < 3; ++k)
+    lo[k] = -reach[k];
+  if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
+    return 0;
+  int side = out->width > out->height ? out->width : out->height;
+  if (side > most_side) { /* finer than the grid by far */
+    camera = pags_camera_downscale(&camera, (double)side / most_side);
+    if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
+      return 0;
+  }
+  return out->width >= 6 && out->height >= 6;
+}
+
+/* Half of the room that is looked at about the box's middle. */
+static void reach_of(const pags_object *record, double reach[3]) {
+  for (int k = 0; k < 3; ++k)
+    reach[k] = 0.5 * record->size[k] * 1.1 + margin;
+}
+
+static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
+  const uint8_t *rgb = s->rgb + 3 * ((int64_t)y * s->camera.width + x);
+  double floor = -0.5 * size[2], limit = shadow;
+  int64_t at = (int64_t)y * s->camera.width + x, right = at + (x + 1 < s->camera.width ? 1 : -1),
+          below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
+  double p[3], q[3], r[3], n[3];
+  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
+    if (p[2] < floor + wall_height && fabs(p[1]) < 0.5 * size[1] - wheels)
+      return 1;
+    limit = dark_shadow;
+  }
+  if (p[2] > floor + limit)
+    return 0;
+  if (!(s->depth[right] > 0 && s->depth[below] > 0))
+    return p[2] < floor + 0.5 * limit;
+  pags_sight_point(s, x + (int)(right - at), y, (double)s->depth[right], q);
+  pags_sight_point(s, x, below > at ? y + 1 : y - 1, (double)s->depth[below], r);
+  for (int k = 0; k < 3; ++k) {
+    q[k] -= p[k];
+    r[k] -= p[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
+  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* Rays that meet a vehicle's shadow are free as far as that. */
+static pags_result clear_shadow(pags_sight *s, const double size[3]) {
+  int64_t count = (int64_t)s->camera.width * s->camera.height;
+  uint8_t *marked = calloc((size_t)count, 1);
+  if (!marked)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
+  for (int64_t i = 0; i < count; ++i)
+    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
+  for (int64_t i = 0; i < count; ++i)
+    if (marked[i]) {
+      s->depth[i] = -s->depth[i];
+      s->cover[i] = 0;
+    }
+  free(marked);
+  pags_sight_bound(s);
+  return PAGS_OK;
+}
+
+/* The views that have it in the picture; of too many an even choice. */
+static pags_result look(const pags_workshop *w, int64_t object, closeness care, const pags_part *part, const double reach[3],
+                        pags_object_shape *shape) {
+  const pags_object *record = &w->scene->objects[object].record;
+  int64_t count = 0, taken = 0;
+  pags_camera camera;
+  for (int64_t v = 0; v < w->scene->view_count; ++v)
+    count += camera_of(record, &w->scene->views[v], reach, care.side, &camera);
+  for (int64_t v = 0, seen = 0; v < w->scene->view_count; ++v) {
+    if (!camera_of(record, &w->scene->views[v], reach, care.side, &camera))
+      continue;
+    if (count <= care.views || seen * care.views / count >= taken) {
+      ++taken;
+      pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
+      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v));
+      pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
+      pags_sight_hide(sight, &w->whole.views[v]);
+      if (record->category == PAGS_CATEGORY_VEHICLE)
+        PAGS_TRY(clear_shadow(sight, record->size));
+    }
+    ++seen;
+  }
+  return PAGS_OK;
+}
+
+static pags_result draw_views(const pags_workshop *w, int64_t object, closeness care, const double model_pose[12], const double reach[3],
+                              pags_object_shape *shape) {
+  pags_clusters clusters;
+  PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
+  pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
+  pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
+  memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
+  pags_result result = look(w, object, care, &part, reach, shape);
+  pags_clusters_destroy(&clusters);
+  return result;
+}
+
+static int64_t count_pixels(const pags_sights *sights) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < sights->count; ++i)
+    for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; ++p)
+      count += sights->list[i].depth[p] > 0;
+  return count;
+}
+
+static pags_result fuse(const pags_workshop *w, const pags_object *record, closeness care, const double reach[3],
+                        pags_object_shape *shape, pags_grid *grid) {
+  double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
+  shape->voxel = fmax(0.02, longest / care.steps);
+  for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
+    double half = ceil(reach[k] / shape->voxel) * shape->voxel;
+    lo[k] = -half;
+    hi[k] = half - 0.5 * shape->voxel;
+  }
+  PAGS_TRY(pags_grid_create(grid, lo, hi, shape->voxel, 0));
+  return pags_grid_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks) ? PAGS_OK
+                                                                                     : pags_fail(PAGS_CANCELLED, "interrupted");
+}
+
+/* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
+static pags_result look_and_fuse(const pags_workshop *w, int64_t object, closeness care, pags_object_shape *shape, pags_grid *grid) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  const pags_scene_object *o = &w->scene->objects[object];
+  double pose[12], model_pose[12], reach[3];
+  memcpy(model_pose, identity, sizeof model_pose);
+  if (o->model >= 0) {
+    PAGS_TRY(copy_model(&w->scene->models[o->model].gaussians, &shape->gaussians));
+  } else if (w->scene->model_count > 0) {
+    parked_pose(w, &o->record, pose);
+    PAGS_TRY(gather_parked(w, object, &shape->gaussians));
+    pags_rigid_inverse(pose, model_pose);
+  }
+  shape->s_sem = mean_s_sem(&shape->gaussians);
+  reach_of(&o->record, reach);
+  if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS)
+    PAGS_TRY(draw_views(w, object, care, model_pose, reach, shape));
+  shape->surface_pixels = count_pixels(&shape->sights);
+  return fuse(w, &o->record, care, reach, shape, grid);
+}
+
+static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
+  const pags_object *record = &w->scene->objects[object].record;
+  int vehicle = record->category == PAGS_CATEGORY_VEHICLE;
+  pags_form form = {0};
+  if (vehicle)
+    PAGS_TRY(pags_form_blend(w->forms, w->form_count, record->size, object, &form));
+  int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || form.distance;
+  int few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
+  if (!enough && possible)
+    shape->note = few ? "too few Gaussians: the form of vehicles of its size"
+                      : "hardly seen by the training cameras: the form of vehicles of its size";
+  else if (!enough)
+    shape->note = few ? "too few Gaussians: the labelled box" : "hardly seen by the training cameras: the labelled box";
+  pags_result result = possible ? pags_form_complete(grid, record->size, vehicle, &form) : PAGS_OK;
+  pags_form_destroy(&form);
+  if (!possible || result != PAGS_OK)
+    return result;
+  PAGS_TRY(pags_grid_surface(grid, 0, &shape->surface));
+  PAGS_TRY(pags_shell_keep_parts(&shape->surface, 0.1));
+  if (!pags_shell_paint(&shape->surface, &shape->sights, 4 * shape->voxel, w->tasks))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  return PAGS_OK;
+}
+
+pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape) {
+  pags_grid grid = {0};
+  *shape = (pags_object_shape){0};
+  pags_result result = look_and_fuse(workshop, object, full, shape, &grid);
+  if (result == PAGS_OK)
+    result = make_surface(workshop, object, shape, &grid);
+  pags_grid_destroy(&grid);
+  return result;
+}
+
+pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_form *out) {
+  pags_grid grid = {0};
+  pags_object_shape shape = {0};
+  *out = (pags_form){0};
+  pags_result result = look_and_fuse(workshop, object, rough, &shape, &grid);
+  if (result == PAGS_OK && shape.surface_pixels >= LEAST_PIXELS)
+    result = pags_form_take(&grid, workshop->scene->objects[object].record.size, object, out);
+  pags_grid_destroy(&grid);
+  pags_object_shape_destroy(&shape);
+  return result;
+}
+
+double pags_object_pixels(const pags_workshop *workshop, int64_t object) {
+  const pags_object *record = &workshop->scene->objects[object].record;
+  double reach[3], sum = 0;
+  pags_camera camera;
+  reach_of(record, reach);
+  for (int64_t v = 0; v < workshop->scene->view_count; ++v)
+    if (camera_of(record, &workshop->scene->views[v], reach, rough.side, &camera))
+      sum += (double)camera.width * camera.height;
+  return sum;
+}
