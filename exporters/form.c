@@ -10,9 +10,11 @@ static const double reach = 0.55; /* of the lattice, in sizes of the box */
 
 /* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
 static const double size_spread = 0.05, least_likeness = 0.02;
+static const float least_known = 0.1f; /* share of those alike that know a point */
 
-/* Of a form beside what was seen: as much as this many views that see every step of the grid with a pixel. */
-static const double form_weight = 4;
+/* Of a form beside what was hardly seen: as much as this many views that see every step of the grid with a pixel, and nothing where there are
+ * as many as the second. */
+static const double form_weight = 4, seen_well = 8;
 
 /* Unseen and lower than this over the box's lower face is the air under a vehicle; metres. */
 static const double clearance = 0.25;
@@ -76,7 +78,7 @@ static double likeness(const double a[3], const double b[3]) {
     double r = log(a[k] / b[k]) / size_spread;
     sum += r * r;
   }
-  return exp(-0.5 * sum);
+  return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
 pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, pags_form *out) {
@@ -85,7 +87,7 @@ pags_result pags_form_blend(const pags_form *forms, int64_t count, const double 
   for (int64_t f = 0; f < count; ++f)
     if (forms[f].distance && forms[f].object != object)
       total += likeness(forms[f].size, size);
-  if (total < least_likeness)
+  if (!(total > 0))
     return PAGS_OK;
   PAGS_TRY(make_room(size, object, out));
   for (int64_t f = 0; f < count; ++f) {
@@ -95,11 +97,10 @@ pags_result pags_form_blend(const pags_form *forms, int64_t count, const double 
       out->known[i] += like * forms[f].known[i];
     }
   }
-  for (int i = 0; i < POINTS; ++i)
-    if (out->known[i] > 0) {
-      out->distance[i] /= out->known[i];
-      out->known[i] /= (float)total;
-    }
+  for (int i = 0; i < POINTS; ++i) {
+    out->distance[i] /= out->known[i] > 0 ? out->known[i] : 1;
+    out->known[i] = out->known[i] < least_known * (float)total ? 0 : out->known[i] / (float)total;
+  }
   return PAGS_OK;
 }
 
@@ -160,14 +161,15 @@ static void fill_point(pags_grid *grid, const float *own, const double size[3], 
                        const int at[3]) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
   int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
-  double p[3], d, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
+  double p[3], d = 0, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
   for (int k = 0; k < 3; ++k)
     p[k] = grid->origin[k] + at[k] * grid->step;
   if (!(weight > 0) && vehicle && grid->weight[mirror] > 0) {
     weight = (double)grid->weight[mirror];
     value = (double)own[mirror];
   }
-  if (form && (known = form_weight * sample(form, p, &d)) > 0) {
+  double room = fmax(0, 1 - weight / seen_well);
+  if (form && room > 0 && (known = form_weight * room * sample(form, p, &d)) > 0) {
     value = (weight * value + known * fmin(fmax(d, -limit), limit)) / (weight + known);
     weight += known;
   }

@@ -338,23 +338,25 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
   }
 }
 
-/* Background without Gaussians, a ball, an object of three Gaussians, a flat one. */
+/* Background without Gaussians, a ball, an object of three Gaussians, a flat one, all of sizes of their own; one of three Gaussians and the
+ * ball's size. */
 static pags_scene made_scene(void) {
   pags_scene scene = {.up = PAGS_UP_Z};
   scene.model_count = 4;
   scene.models = calloc(4, sizeof *scene.models);
-  scene.objects = calloc(3, sizeof *scene.objects);
+  scene.objects = calloc(4, sizeof *scene.objects);
   for (int i = 0; i < 4; ++i) {
     scene.models[i].name = pags_text_copy(i ? "model" : "background");
     scene.models[i].file = NULL;
   }
   assert_int_equal(pags_gaussians_create(&scene.models[0].gaussians, 0, 0), PAGS_OK);
-  fill_ball(&scene.models[1].gaussians, 8000, 0.8, 0);
+  fill_ball(&scene.models[1].gaussians, 5000, 0.6, 0); /* clear of the ground: low and level would be a shadow */
   fill_ball(&scene.models[2].gaussians, 3, 0.8, 0);
   fill_ball(&scene.models[3].gaussians, 400, 0.8, 1);
   add_object(&scene, "ball", 1, 1.6, 3);
-  add_object(&scene, "three", 2, 1.6, 1);
-  add_object(&scene, "flat", 3, 1.6, 1);
+  add_object(&scene, "three", 2, 1.2, 1);
+  add_object(&scene, "flat", 3, 2.1, 1);
+  add_object(&scene, "like", 2, 1.6, 1);
   add_views(&scene, 16);
   return scene;
 }
@@ -371,11 +373,11 @@ static void test_proxies_of_a_scene(void **state) {
     options.triangles = 800;
     snprintf(path, 1024, "%s/%d.glb", scratch_folder, level);
     assert_int_equal(pags_export_proxies(&scene, path, &options, tasks, NULL, NULL, &report), PAGS_OK);
-    assert_int_equal(report.count, 3);
+    assert_int_equal(report.count, 4);
     assert_string_equal(report.proxies[0].name, "regular_vehicle_0000");
     assert_int_equal(report.proxies[0].level, level);
     assert_null(report.proxies[0].note);
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 4; ++i) {
       assert_true(report.proxies[i].closed);
       assert_true(report.proxies[i].triangles <= 800);
     }
@@ -385,6 +387,10 @@ static void test_proxies_of_a_scene(void **state) {
       assert_true(report.proxies[0].silhouette_iou > 0.9);
       assert_int_equal(report.proxies[1].level, PAGS_PROXY_BOX);
       assert_non_null(report.proxies[1].note);
+      assert_int_equal(report.proxies[3].level, level); /* the ball's form, and said so */
+      assert_non_null(strstr(report.proxies[3].note, "of its size"));
+      assert_true(report.proxies[3].observed < 0.01);
+      assert_true(fabs(report.proxies[3].volume / report.proxies[0].volume - 1) < 0.06);
     }
     pags_proxy_report_destroy(&report);
   }
