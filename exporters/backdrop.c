@@ -20,7 +20,7 @@ enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
 enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
 static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
 
-static const double ground_reach = 10; /* metres from the path that the ground covers without holes */
+static const double ground_reach = 11; /* metres from the cameras that the ground covers without holes: 10 from the path between them */
 static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
 static const double least_area = 0.4;  /* square metres of a part: less floats */
 
@@ -115,7 +115,7 @@ static pags_result look(const pags_workshop *w, const pags_part *part, pags_prog
       return pags_fail(PAGS_CANCELLED, "interrupted");
     const pags_camera *camera = &w->whole.views[v].camera;
     pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
-    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, camera, &drawing, v));
+    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
     pags_sight_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
     load_labels(w, view, &out->sights.list[out->sights.count - 1]);
     out->labelled = out->labelled || out->sights.list[out->sights.count - 1].labels != NULL;
@@ -154,14 +154,22 @@ static pags_result add_chunk(pags_backdrop *b, const char *class_name, pags_shel
   return PAGS_OK;
 }
 
-static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
-  double *path = malloc(((size_t)out->sights.count + 1) * 3 * sizeof *path);
-  if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)out->sights.count);
-  for (int64_t i = 0; i < out->sights.count; ++i)
+/* Where the cameras were, held-out views among them. */
+static double *path_of(const pags_scene *scene) {
+  double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
+  for (int64_t i = 0; path && i < scene->view_count; ++i)
     for (int k = 0; k < 3; ++k)
-      path[3 * i + k] = out->sights.list[i].camera.world_from_camera[4 * k + 3];
-  pags_result result = pags_ground_find(&out->sights, path, out->sights.count, ground_reach, ground);
+      path[3 * i + k] = scene->views[i].camera.world_from_camera[4 * k + 3] - scene->origin[k];
+  return path;
+}
+
+static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
+  pags_laser laser;
+  PAGS_TRY(pags_laser_read(w->scene, &laser));
+  double *path = path_of(w->scene);
+  pags_result result = path ? pags_ground_find(&out->sights, &laser, path, w->scene->view_count, ground_reach, ground)
+                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
+  pags_laser_destroy(&laser);
   free(path);
   PAGS_TRY(result);
   if (!ground->nx)

@@ -2,7 +2,7 @@
  *
  * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the ground must be, it
  * grows from cell to cell: a cell's height is the median of those near what its neighbours say, so that tables, roofs and
- * reflections are passed over and a kerb is not. What is missing near the path is filled by a membrane, which also takes out noise. */
+ * reflections are passed over and a kerb is not. Heights are the laser's where there are some, else those of near pixels, else of far ones. */
 #include "ground.h"
 
 #include <math.h>
@@ -11,14 +11,26 @@
 
 static const double cell = 0.2;         /* metres */
 static const double farthest = 25, nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
+static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
 static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
-enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, SWEEPS = 200, WINDOW = 2 };
+static const double laser_band = 0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
+enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2 };
 
+/* Of one source: the laser, near pixels, all pixels. */
 typedef struct heights {
   int64_t *first; /* cells + 1 */
   float *values;  /* by cell, ascending */
-  const struct heights *close; /* those of near pixels alone */
+  int enough;     /* of a cell, to ask no other source */
+  double most_band; /* about the height expected */
+  const struct heights *next; /* the source to ask then; NULL: none */
 } heights;
+
+/* What gives heights. */
+typedef struct source {
+  const pags_sights *sights; /* NULL: the laser */
+  const pags_laser *laser;
+  double reach; /* of pixels, metres */
+} source;
 
 void pags_ground_destroy(pags_ground *ground) {
   free(ground->z);
@@ -47,6 +59,8 @@ static int level_point(const pags_sight *s, int x, int y, double reach, double p
   }
   for (int k = 0; k < 3; ++k)
     n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
+  if (s->plane && s->plane[at] > 0)
+    pags_sight_point(s, x, y, (double)s->plane[at], p);
   return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
@@ -56,9 +70,10 @@ static int compare_floats(const void *a, const void *b) {
 }
 
 /* Twice over all pixels: first counting, then putting. */
-static void visit_pixels(const pags_ground *g, const pags_sights *sights, double reach, int64_t *count, float *values) {
-  for (int64_t i = 0; i < sights->count; ++i) {
-    const pags_sight *s = &sights->list[i];
+static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
+  for (int64_t i = 0; i < from->sights->count; ++i) {
+    const pags_sight *s = &from->sights->list[i];
+    double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
     for (int y = 0; y + 1 < s->camera.height; ++y)
       for (int x = 0; x + 1 < s->camera.width; ++x) {
         double p[3];
@@ -71,12 +86,30 @@ static void visit_pixels(const pags_ground *g, const pags_sights *sights, double
   }
 }
 
-static pags_result gather_heights(const pags_ground *g, const pags_sights *sights, double reach, heights *out) {
+static void visit_points(const pags_ground *g, const pags_laser *laser, int64_t *count, float *values) {
+  for (int64_t i = 0; i < laser->count; ++i) {
+    const float *p = laser->points + 3 * i;
+    int64_t at = cell_of(g, (double)p[0], (double)p[1]);
+    if (at >= 0 && values)
+      values[count[at]++] = p[2];
+    else if (at >= 0)
+      ++count[at + 1];
+  }
+}
+
+static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
+  if (from->sights)
+    visit_pixels(g, from, count, values);
+  else
+    visit_points(g, from->laser, count, values);
+}
+
+static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
   int64_t cells = (int64_t)g->nx * g->ny;
   int64_t *next = calloc((size_t)cells + 1, sizeof *next);
   out->first = calloc((size_t)cells + 2, sizeof *out->first);
   if (next && out->first) {
-    visit_pixels(g, sights, reach, out->first, NULL);
+    visit(g, from, out->first, NULL);
     for (int64_t i = 0; i < cells; ++i)
       out->first[i + 1] += out->first[i];
     memcpy(next, out->first, (size_t)cells * sizeof *next);
@@ -86,26 +119,28 @@ static pags_result gather_heights(const pags_ground *g, const pags_sights *sight
     free(next);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   }
-  visit_pixels(g, sights, reach, next, out->values);
+  visit(g, from, next, out->values);
   free(next);
   for (int64_t i = 0; i < cells; ++i)
     qsort(out->values + out->first[i], (size_t)(out->first[i + 1] - out->first[i]), sizeof *out->values, compare_floats);
   return PAGS_OK;
 }
 
-/* The median of a cell's heights within `band` of `expected`, of near pixels where there are enough; returns how many there are. */
+/* The median of a cell's heights within `band` of `expected`, of the first source that has enough; returns how many there are. */
 static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
-  int64_t close = h->close ? median_near(h->close, at, expected, band, median) : 0;
-  if (close >= ENOUGH_HEIGHTS)
-    return close;
-  int64_t begin = h->first[at], end = h->first[at + 1];
-  while (begin < end && (double)h->values[begin] < expected - band)
-    ++begin;
-  while (end > begin && (double)h->values[end - 1] > expected + band)
-    --end;
-  if (end > begin)
-    *median = 0.5 * ((double)h->values[begin + (end - begin - 1) / 2] + (double)h->values[begin + (end - begin) / 2]);
-  return end - begin;
+  for (;; h = h->next) {
+    int64_t begin = h->first[at], end = h->first[at + 1];
+    double reach = fmin(band, h->most_band);
+    while (begin < end && (double)h->values[begin] < expected - reach)
+      ++begin;
+    while (end > begin && (double)h->values[end - 1] > expected + reach)
+      --end;
+    if (end - begin < h->enough && h->next)
+      continue;
+    if (end > begin)
+      *median = 0.5 * ((double)h->values[begin + (end - begin - 1) / 2] + (double)h->values[begin + (end - begin) / 2]);
+    return end - begin;
+  }
 }
 
 static int compare_doubles(const void *a, const void *b) {
@@ -142,7 +177,7 @@ static int64_t plant(pags_ground *g, const heights *h, const double *path, int64
     for (int dy = -15; dy <= 15; ++dy)
       for (int dx = -15; dx <= 15; ++dx) {
         int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
-        double z;
+        double z = 0;
         if (at < 0 || g->known[at] ||
             median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
           continue;
@@ -172,7 +207,7 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
   for (int64_t head = 0; head < count; ++head)
     for (int d = 0; d < 4; ++d) {
       int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
-      double expected, z;
+      double expected, z = 0;
       if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
         continue;
       around(g, x, y, &expected);
@@ -184,86 +219,51 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
     }
 }
 
-/* Cells within `reach` of the path become ground: at first as high as the nearest that is. */
-static void fill(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
-  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
-  int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
-  for (int64_t i = 0; i < path_count; ++i) {
-    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5), y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
-    for (int64_t j = -radius; j <= radius; ++j)
-      for (int64_t k = -radius; k <= radius; ++k)
-        if (k * k + j * j <= radius * radius && x + k >= 0 && y + j >= 0 && x + k < g->nx && y + j < g->ny &&
-            !g->known[(y + j) * g->nx + x + k])
-          g->known[(y + j) * g->nx + x + k] = 3; /* wanted */
-  }
-  for (int64_t i = 0; i < cells; ++i)
-    if (g->known[i] == 1)
-      queue[count++] = i;
-  for (int64_t head = 0; head < count; ++head)
-    for (int d = 0; d < 4; ++d) {
-      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
-      if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x] != 3)
-        continue;
-      g->known[y * g->nx + x] = 2;
-      g->z[y * g->nx + x] = g->z[queue[head]];
-      queue[count++] = y * g->nx + x;
-    }
-  for (int64_t i = 0; i < cells; ++i)
-    if (g->known[i] == 3)
-      g->known[i] = 0; /* out of reach of any ground */
-}
-
-/* Minimises sum of w (z - measured)^2 + sum over neighbours of (z - z')^2 by successive over-relaxation; w grows with how many heights a
- * cell has and is 0 where it has none. */
-static pags_result relax(pags_ground *g, const heights *h) {
-  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
-  int64_t cells = (int64_t)g->nx * g->ny;
-  float *measured = malloc(((size_t)cells + 1) * sizeof *measured);
-  if (!measured)
+/* Weights of cells for smoothing: how many heights they have, those of the laser for more. */
+static pags_result weigh(const pags_ground *g, const heights *laser, const heights *all, float **out) {
+  int64_t cells = (int64_t)g->nx * g->ny, laser_count = laser->first[cells];
+  float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
+  if (!weights)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
-  memcpy(measured, g->z, (size_t)cells * sizeof *measured);
-  for (int sweep = 0; sweep < SWEEPS; ++sweep)
-    for (int64_t i = 0; i < cells; ++i) {
-      if (!g->known[i])
-        continue;
-      double w = g->known[i] == 1 ? 0.5 * fmin((double)(h->first[i + 1] - h->first[i]), 24) : 0;
-      double sum = w * (double)measured[i];
-      for (int d = 0; d < 4; ++d) {
-        int64_t x = i % g->nx + dx[d], y = i / g->nx + dy[d];
-        if (x >= 0 && y >= 0 && x < g->nx && y < g->ny && g->known[y * g->nx + x]) {
-          sum += (double)g->z[y * g->nx + x];
-          ++w;
-        }
-      }
-      if (w > 0)
-        g->z[i] += (float)(1.6 * (sum / w - (double)g->z[i]));
-    }
-  free(measured);
+  for (int64_t i = 0; i < cells; ++i) {
+    int by_laser = laser->first[i + 1] - laser->first[i] >= laser->enough;
+    double count = (double)(all->first[i + 1] - all->first[i]);
+    weights[i] = by_laser ? 12 : (float)(fmin(count, 24) * (laser_count ? 0.1 : 0.5));
+  }
   return PAGS_OK;
 }
 
-static pags_result find(const pags_sights *sights, const double *path, int64_t path_count, double reach, heights *h,
-                        heights *close, pags_ground *g) {
+static pags_result find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count, double reach,
+                        heights sources[3], pags_ground *g) {
+  const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
+  static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
   int64_t cells = (int64_t)g->nx * g->ny;
-  PAGS_TRY(gather_heights(g, sights, farthest, h));
-  PAGS_TRY(gather_heights(g, sights, nearer, close));
-  h->close = close;
-  double height = camera_height(g, h, path, path_count);
+  for (int i = 0; i < 3; ++i) {
+    PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
+    sources[i].enough = enough[i];
+    sources[i].next = i < 2 ? &sources[i + 1] : NULL;
+    sources[i].most_band = i > 0 && laser->count ? laser_band : HUGE_VAL;
+  }
+  double height = camera_height(g, &sources[2], path, path_count);
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
   if (!queue)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
-  int64_t planted = isnan(height) ? 0 : plant(g, h, path, path_count, height, queue);
-  grow(g, h, queue, planted);
-  fill(g, path, path_count, reach, queue);
+  int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
+  grow(g, sources, queue, planted);
   free(queue);
   if (!planted) {
     pags_ground_destroy(g);
     return PAGS_OK;
   }
-  return relax(g, h);
+  float *weights;
+  PAGS_TRY(weigh(g, &sources[0], &sources[2], &weights));
+  pags_result result = pags_ground_fill(g, weights, path, path_count, reach);
+  free(weights);
+  return result;
 }
 
-pags_result pags_ground_find(const pags_sights *sights, const double *path, int64_t path_count, double reach, pags_ground *out) {
+pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+                             double reach, pags_ground *out) {
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   *out = (pags_ground){.step = cell};
   for (int64_t i = 0; i < path_count; ++i)
@@ -283,13 +283,13 @@ pags_result pags_ground_find(const pags_sights *sights, const double *path, int6
   out->y0 = lo[1];
   out->z = calloc((size_t)(nx * ny), sizeof *out->z);
   out->known = calloc((size_t)(nx * ny), 1);
-  heights h = {0}, close = {0};
-  pags_result result = out->z && out->known ? find(sights, path, path_count, reach, &h, &close, out)
+  heights sources[3] = {{0}};
+  pags_result result = out->z && out->known ? find(sights, laser, path, path_count, reach, sources, out)
                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
-  free(h.first);
-  free(h.values);
-  free(close.first);
-  free(close.values);
+  for (int i = 0; i < 3; ++i) {
+    free(sources[i].first);
+    free(sources[i].values);
+  }
   if (result != PAGS_OK)
     pags_ground_destroy(out);
   return result;

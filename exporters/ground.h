@@ -2,6 +2,7 @@
 #ifndef PAGS_EXPORTERS_GROUND_H
 #define PAGS_EXPORTERS_GROUND_H
 
+#include "laser.h"
 #include "shell.h"
 #include "sight.h"
 
@@ -16,8 +17,12 @@ typedef struct pags_ground {
   uint8_t *known; /* 0: no ground here; 1: measured; 2: filled in */
 } pags_ground;
 
-/* From what the views (in the scene's frame) see; `path` are 3 doubles a camera. nx is 0 where no ground was found. */
-pags_result pags_ground_find(const pags_sights *sights, const double *path, int64_t path_count, double reach, pags_ground *out);
+/* From what the views (in the scene's frame) see and the laser measured; `path` are 3 doubles a camera. nx is 0 where no ground was
+ * found. */
+pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+                             double reach, pags_ground *out);
+/* Ground everywhere within `reach` of the path, what is there smoothed; cells that are known count by their weights. */
+pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count, double reach);
 void pags_ground_destroy(pags_ground *ground);
 
 /* Height at x, y; 0 where there is no ground. */

@@ -197,7 +197,7 @@ static pags_result look(const pags_workshop *w, int64_t object, closeness care, 
     if (count <= care.views || seen * care.views / count >= taken) {
       ++taken;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
-      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v));
+      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
       pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
       pags_sight_hide(sight, &w->whole.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)

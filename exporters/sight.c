@@ -14,9 +14,12 @@ enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: noth
  * 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
 static const float jump = 0.05f;
 
+static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
+
 void pags_sights_destroy(pags_sights *sights) {
   for (int64_t i = 0; i < sights->count; ++i) {
     free(sights->list[i].depth);
+    free(sights->list[i].plane);
     free(sights->list[i].cover);
     free(sights->list[i].rgb);
     free(sights->list[i].labels);
@@ -41,6 +44,63 @@ static void read_pixels(const pags_picture *picture, pags_sight *sight) {
                                                                               : PAGS_SIGHT_UNKNOWN;
       for (int c = 0; c < 3; ++c)
         sight->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
+    }
+}
+
+/* The thinnest axis of a Gaussian and its plane's reach; 0 where it isn't flat. */
+static int plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
+  const pags_gaussians *g = part->gaussians;
+  double scale[3], q[4], length = 0, axis[3], mean[3];
+  int thin = 0, wide = 0;
+  for (int k = 0; k < 3; ++k) {
+    scale[k] = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
+    mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[row];
+    thin = scale[k] < scale[thin] ? k : thin;
+    wide = scale[k] > scale[wide] ? k : wide;
+  }
+  for (int k = 0; k < 4; ++k) {
+    q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[row];
+    length += q[k] * q[k];
+  }
+  int other = thin == wide ? thin : 3 - thin - wide;
+  if (!(length > 0) || scale[thin] > flatness * scale[other])
+    return 0;
+  for (int k = 0; k < 4; ++k)
+    q[k] /= sqrt(length);
+  const double columns[3][3] = {{1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
+                                {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
+                                {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
+  memcpy(axis, columns[thin], sizeof axis);
+  for (int k = 0; k < 3; ++k) {
+    const double *m = part->world_from_model + 4 * k;
+    middle[k] = m[0] * mean[0] + m[1] * mean[1] + m[2] * mean[2] + m[3];
+    normal[k] = m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2];
+  }
+  *reach = 4 * scale[wide];
+  return 1;
+}
+
+/* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in front of the plane
+ * that they are in. */
+static void find_planes(const pags_picture *picture, const pags_part *part, pags_sight *sight) {
+  const double *m = sight->camera.world_from_camera;
+  for (int y = 0; y < picture->height; ++y)
+    for (int x = 0; x < picture->width; ++x) {
+      int64_t to = (int64_t)y * picture->width + x, row = picture->id[(int64_t)y * picture->stride + x];
+      double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
+      sight->plane[to] = 0;
+      if (!(sight->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
+        continue;
+      pags_sight_point(sight, x, y, 1, along);
+      for (int k = 0; k < 3; ++k) {
+        along[k] -= m[4 * k + 3];
+        above += normal[k] * (middle[k] - m[4 * k + 3]);
+        slant += normal[k] * along[k];
+      }
+      for (int k = 0; k < 3; ++k)
+        off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
+      if (above / slant > 0 && off < reach * reach)
+        sight->plane[to] = (float)(above / slant);
     }
 }
 
@@ -105,24 +165,28 @@ static pags_result reserve(pags_sights *sights) {
 }
 
 pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
-                            const pags_camera *camera, const pags_frame_options *options, int64_t view) {
+                            const pags_camera *camera, const pags_frame_options *options, int64_t view, int planes) {
   pags_picture picture;
   size_t pixels = (size_t)camera->width * (size_t)camera->height;
   PAGS_TRY(reserve(sights));
   PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
   pags_sight *sight = &sights->list[sights->count++];
   *sight = (pags_sight){.camera = *camera,
+                        .blur = sqrt((double)options->low_pass),
                         .view = view,
                         .depth = malloc(pixels * sizeof(float)),
+                        .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
                         .cover = malloc(pixels),
                         .rgb = malloc(3 * pixels)};
   float *scratch = malloc(pixels * sizeof *scratch);
-  if (!sight->depth || !sight->cover || !sight->rgb || !scratch) {
+  if (!sight->depth || !sight->cover || (planes && !sight->plane) || !sight->rgb || !scratch) {
     free(scratch);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", camera->width, camera->height);
   }
   pags_rigid_inverse(camera->world_from_camera, sight->camera_from_model);
   read_pixels(&picture, sight);
+  if (planes)
+    find_planes(&picture, &parts[0], sight);
   drop_edges(sight, scratch);
   free(scratch);
   return make_cells(sight);

@@ -16,10 +16,13 @@ extern "C" {
 enum { PAGS_SIGHT_CELL = 8, PAGS_SIGHT_WIDEST = 480 }; /* pixels: of a cell's side, of a view of the background */
 
 typedef struct pags_sight {
+  double blur;                 /* pixels by which drawing widens each Gaussian: the low-pass's sigma */
   pags_camera camera;          /* of the part of the picture; its world is the model's frame */
   double camera_from_model[12];
   int64_t view;                /* of the scene */
   float *depth;                /* camera z in metres, or as above */
+  float *plane;                /* camera z where the ray meets the plane of the flat Gaussian that most of the pixel is of; 0: of none. NULL:
+                                  not asked for */
   uint8_t *cover;              /* alpha, 0..255 */
   uint8_t *labels;             /* what its users make of them, one a pixel; NULL: none */
   uint8_t *rgb;                /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
@@ -34,9 +37,9 @@ typedef struct pags_sights {
 
 void pags_sights_destroy(pags_sights *sights); /* frees and zeroes */
 
-/* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen. */
+/* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen; `planes` of the only part. */
 pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
-                            const pags_camera *camera, const pags_frame_options *options, int64_t view);
+                            const pags_camera *camera, const pags_frame_options *options, int64_t view, int planes);
 
 /* Brings `lo` and `hi` up to date after a change of depths. */
 void pags_sight_bound(pags_sight *sight);

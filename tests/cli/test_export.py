@@ -115,7 +115,6 @@ class Proxies(Case):
         self.assertLessEqual(sum(f["triangles"] for f in chunks), 500)
         self.assertEqual(glb.json["asset"]["extras"]["origin"], scenes.ORIGIN)
 
-    @unittest.expectedFailure  # grazing rays lift it: docs/export.md
     def test_ground_is_level(self):
         glb, _, _ = self.export("proxy.glb", *QUICK, "--only", "car_1")
         nodes = glb.nodes()

@@ -320,7 +320,7 @@ static void add_views(pags_scene *scene, int count) {
   }
 }
 
-static void add_object(pags_scene *scene, const char *id, int64_t model, double size, int64_t knots) {
+static void add_object(pags_scene *scene, const char *id, int64_t model, double size, double left, int64_t knots) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   pags_scene_object *o = &scene->objects[scene->object_count++];
   *o = (pags_scene_object){.model = model, .critical = 1, .rigid = 1};
@@ -334,6 +334,7 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
   o->record.knots = calloc((size_t)knots, sizeof *o->record.knots);
   for (int64_t i = 0; i < knots; ++i) {
     memcpy(o->record.knots[i].world_from_object, identity, sizeof identity);
+    o->record.knots[i].world_from_object[7] = left;
     o->record.knots[i].time = 0.1 * (double)i;
   }
 }
@@ -350,13 +351,13 @@ static pags_scene made_scene(void) {
     scene.models[i].file = NULL;
   }
   assert_int_equal(pags_gaussians_create(&scene.models[0].gaussians, 0, 0), PAGS_OK);
-  fill_ball(&scene.models[1].gaussians, 5000, 0.6, 0); /* clear of the ground: low and level would be a shadow */
+  fill_ball(&scene.models[1].gaussians, 7000, 0.7, 0); /* clear of the ground: low and level would be a shadow */
   fill_ball(&scene.models[2].gaussians, 3, 0.8, 0);
   fill_ball(&scene.models[3].gaussians, 400, 0.8, 1);
-  add_object(&scene, "ball", 1, 1.6, 3);
-  add_object(&scene, "three", 2, 1.2, 1);
-  add_object(&scene, "flat", 3, 2.1, 1);
-  add_object(&scene, "like", 2, 1.6, 1);
+  add_object(&scene, "ball", 1, 1.7, 0, 3);
+  add_object(&scene, "three", 2, 1.2, 2, 1);
+  add_object(&scene, "flat", 3, 2.1, -2, 1);
+  add_object(&scene, "like", 2, 1.7, 4, 1);
   add_views(&scene, 16);
   return scene;
 }
