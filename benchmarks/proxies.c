@@ -18,35 +18,14 @@
 #include <string.h>
 
 #include <base/file.h>
-#include <exporters/compare.h>
 #include <exporters/solid.h>
-#include <pags/image.h>
-#include <pags/scene.h>
-#include <synth/stage.h>
-#include <synth/street_labels.h>
 
-#include "glb.h"
 #include "laser_ground.h"
+#include "proxies.h"
 
-enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
-static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
-static const double mean_bound = 0.1, iou_bound = 0.9, ground_bound = 0.05, ground_reach = 10;
+static const double ground_bound = 0.05, ground_reach = 10; /* metres */
 
-/* ---- The truth. ---- */
-
-typedef struct bench {
-  pags_scene scene;
-  pags_glb file;
-  pags_street_options options;
-  pags_street street;
-  pags_stage *stage;
-  double stage_time;
-  pags_json_writer json;
-  int failures;
-  int pictures; /* 1: the truth is in pictures */
-} bench;
-
-static pags_result set_time(bench *self, double time) {
+pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {
   if (time == self->stage_time)
     return PAGS_OK;
   self->stage_time = time;
@@ -55,408 +34,15 @@ static pags_result set_time(bench *self, double time) {
   return count > 0 ? pags_stage_commit(self->stage, first, count) : PAGS_OK;
 }
 
-static void apply(const double m[12], const double p[3], double out[3]) {
-  for (int k = 0; k < 3; ++k)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
-}
-
-/* The actor's meshes in its box's own frame, as it is at the stage's time. */
-static pags_result true_shell(const bench *self, int actor, pags_shell *out) {
-  static const float grey[3] = {0.5f, 0.5f, 0.5f};
-  double world_from_box[12], box_from_world[12];
-  pags_actor_pose(&self->street.actors[actor], self->stage_time, world_from_box);
-  pags_rigid_inverse(world_from_box, box_from_world);
-  *out = (pags_shell){0};
-  for (int i = 0; i < self->street.placement_count; ++i) {
-    const pags_stage_placement *placed = &self->street.placements[i];
-    if (placed->actor != actor)
-      continue;
-    const pags_mesh *mesh = &self->street.meshes[placed->mesh];
-    double pose[12];
-    uint32_t first = (uint32_t)out->vertex_count;
-    for (int k = 0; k < 12; ++k)
-      pose[k] = (double)placed->pose[k];
-    for (int64_t v = 0; v < mesh->vertex_count; ++v) {
-      const float *p = mesh->vertices[v].position;
-      const double local[3] = {(double)p[0], (double)p[1], (double)p[2]};
-      double world[3], box[3];
-      apply(pose, local, world);
-      apply(box_from_world, world, box);
-      const float q[3] = {(float)box[0], (float)box[1], (float)box[2]};
-      pags_shell_vertex(out, q, grey, 0);
-    }
-    for (int64_t f = 0; f < mesh->face_count; ++f) {
-      const uint32_t *c = mesh->faces + 4 * f;
-      pags_shell_triangle(out, first + c[0], first + c[1], first + c[2]);
-      pags_shell_triangle(out, first + c[0], first + c[2], first + c[3]);
-    }
-  }
-  return pags_shell_check(out);
-}
-
-/* ---- One vehicle. ---- */
-
-typedef struct vehicle {
-  const pags_object *record;
-  int actor;
-  double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
-  pags_shell truth, proxy;
-  pags_solid *truth_solid, *proxy_solid, *cloud_solid;
-  float *cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
-  int64_t cloud_count, cloud_capacity;
-  int64_t pixels;                  /* of the lattice that see it */
-  int64_t both, either;            /* silhouettes of truth and proxy, each alone */
-  int64_t seen_both, seen_either;  /* where nothing of the street hides them */
-  float *met;                      /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
-  int64_t met_count, met_capacity;
-} vehicle;
-
-static pags_result keep_point(float **points, int64_t *count, int64_t *capacity, const double p[3]) {
-  if (*count == *capacity) {
-    int64_t wider = 2 * *capacity + 4096;
-    float *grown = realloc(*points, (size_t)wider * 3 * sizeof *grown);
-    if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)wider);
-    *points = grown;
-    *capacity = wider;
-  }
-  for (int k = 0; k < 3; ++k)
-    (*points)[3 * *count + k] = (float)p[k];
-  ++*count;
-  return PAGS_OK;
-}
-
-/* Where the vehicle is when a view is taken. */
-typedef struct frames {
-  double truth_from_world[12], proxy_from_world[12];
-} frames;
-
-static void bring(const double m[12], const double origin[3], const double direction[3], double from[3], double along[3]) {
-  apply(m, origin, from);
-  for (int k = 0; k < 3; ++k)
-    along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
-}
-
-/* One ray: what the street shows there, and what truth and proxy by themselves would. */
-static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3], double distance,
-                            int met, int is_it) {
-  double from[3], along[3], p[3], truth = -1;
-  if (v->truth_solid) {
-    bring(f->truth_from_world, origin, direction, from, along);
-    truth = pags_solid_ray(v->truth_solid, from, along, NULL);
-  }
-  bring(f->proxy_from_world, origin, direction, from, along);
-  double proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
-  v->both += truth > 0 && proxy > 0;
-  v->either += truth > 0 || proxy > 0;
-  int shows = proxy > 0 && (is_it || !met || proxy < distance);
-  v->seen_both += is_it && shows;
-  v->seen_either += is_it || shows;
-  if (!is_it)
-    return PAGS_OK;
-  ++v->pixels;
-  if (!v->truth_solid && proxy > 0) {
-    for (int k = 0; k < 3; ++k)
-      p[k] = from[k] + proxy * along[k];
-    PAGS_TRY(keep_point(&v->met, &v->met_count, &v->met_capacity, p));
-  }
-  for (int k = 0; k < 3; ++k)
-    p[k] = from[k] + distance * along[k];
-  return keep_point(&v->cloud, &v->cloud_count, &v->cloud_capacity, p);
-}
-
-typedef struct truth_pictures {
-  pags_image depth, ids;
-} truth_pictures;
-
-static pags_result load_pictures(const bench *self, const pags_scene_view *view, truth_pictures *out) {
-  char path[1024];
-  const char *name = pags_path_name(view->name);
-  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
-  *out = (truth_pictures){0};
-  snprintf(path, sizeof path, "%s/truth/depth/%.*s.exr", self->scene.dataset, stem, name);
-  PAGS_TRY(pags_image_load(path, PAGS_F32, 1, &out->depth));
-  snprintf(path, sizeof path, "%s/truth/ids/%.*s.png", self->scene.dataset, stem, name);
-  return pags_image_load(path, PAGS_U16, 1, &out->ids);
-}
-
-/* Number at the end of an id: that of the data set's list. */
-static int number_of(const char *id) {
-  const char *digits = strrchr(id, '_');
-  return digits ? atoi(digits + 1) : -1;
-}
-
-/* Every pixel of where the box may be; distances are camera z, as the directions' z is 1. */
-static pags_result take_pictures(const bench *self, vehicle *v, const pags_scene_view *view, const frames *f,
-                                 const pags_camera *crop) {
-  truth_pictures p;
-  const pags_camera *camera = &view->camera;
-  const double *m = camera->world_from_camera;
-  const double origin[3] = {m[3], m[7], m[11]};
-  pags_result result = load_pictures(self, view, &p);
-  int x0 = (int)floor(camera->cx - crop->cx + 0.5), y0 = (int)floor(camera->cy - crop->cy + 0.5);
-  for (int y = 0; y < crop->height && result == PAGS_OK; ++y)
-    for (int x = 0; x < crop->width && result == PAGS_OK; ++x) {
-      size_t at = (size_t)(y0 + y) * (size_t)p.ids.width + (size_t)(x0 + x);
-      double depth = (double)((const float *)p.depth.data)[at], direction[3];
-      const double d[3] = {(x + 0.5 - crop->cx) / crop->fx, (y + 0.5 - crop->cy) / crop->fy, 1};
-      for (int k = 0; k < 3; ++k)
-        direction[k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
-      int is_it = ((const uint16_t *)p.ids.data)[at] == number_of(v->record->id) + 1;
-      result = take_ray(v, f, origin, direction, depth, depth > 0, is_it);
-    }
-  pags_image_destroy(&p.depth);
-  pags_image_destroy(&p.ids);
-  return result;
-}
-
-/* A lattice over where the box may be in the picture. */
-static pags_result take_view(bench *self, vehicle *v, const pags_scene_view *view) {
-  const pags_camera *camera = &view->camera;
-  double world_from_box[12], lo[3], hi[3];
-  pags_camera own = *camera, crop;
-  frames f = {0};
-  if (!self->pictures) {
-    PAGS_TRY(set_time(self, camera->time));
-    pags_actor_pose(&self->street.actors[v->actor], camera->time, world_from_box);
-    pags_rigid_inverse(world_from_box, f.truth_from_world);
-  }
-  if (!pags_object_pose(v->record, camera->time, world_from_box)) {
-    if (v->record->moving)
-      return PAGS_OK;
-    memcpy(world_from_box, v->record->knots[v->record->knot_count / 2].world_from_object, sizeof world_from_box);
-  }
-  pags_rigid_inverse(world_from_box, f.proxy_from_world);
-  pags_rigid_multiply(f.proxy_from_world, camera->world_from_camera, own.world_from_camera);
-  for (int k = 0; k < 3; ++k) {
-    hi[k] = 0.55 * v->record->size[k] + 0.15;
-    lo[k] = -hi[k];
-  }
-  if (!pags_camera_crop(&own, lo, hi, 0.2, &crop) || crop.width < 6 || crop.height < 6)
-    return PAGS_OK;
-  if (self->pictures)
-    return take_pictures(self, v, view, &f, &crop);
-  const double *m = camera->world_from_camera;
-  const double origin[3] = {m[3], m[7], m[11]};
-  int nx = crop.width < LATTICE ? crop.width : LATTICE, ny = crop.height < LATTICE ? crop.height : LATTICE;
-  for (int i = 0; i < nx * ny; i += PAGS_PACKET) {
-    pags_rays rays = {.active = 0};
-    pags_touch touches[PAGS_PACKET];
-    double directions[PAGS_PACKET][3];
-    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r) {
-      int x = (2 * ((i + r) % nx) + 1) * crop.width / (2 * nx), y = (2 * ((i + r) / nx) + 1) * crop.height / (2 * ny);
-      const double d[3] = {(x + 0.5 - crop.cx) / crop.fx, (y + 0.5 - crop.cy) / crop.fy, 1};
-      rays.active |= 1u << r;
-      for (int k = 0; k < 3; ++k) {
-        directions[r][k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
-        rays.origin[r][k] = (float)origin[k];
-        rays.direction[r][k] = (float)directions[r][k];
-      }
-    }
-    unsigned met = pags_stage_trace(self->stage, &rays, touches);
-    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r)
-      PAGS_TRY(take_ray(v, &f, origin, directions[r], (double)touches[r].distance, met >> r & 1,
-                        met >> r & 1 && self->street.placements[touches[r].placement].actor == v->actor));
-  }
-  return PAGS_OK;
-}
-
-static int compare_points(const void *left, const void *right) {
-  const float *a = left, *b = right;
-  for (int k = 0; k < 3; ++k) {
-    double x = floor((double)a[k] / cloud_cell), y = floor((double)b[k] / cloud_cell);
-    if (x != y)
-      return x < y ? -1 : 1;
-  }
-  return 0;
-}
-
-/* One point a cell, so that near views don't count for more. */
-static void thin(vehicle *v) {
-  int64_t kept = 0;
-  qsort(v->cloud, (size_t)v->cloud_count, 3 * sizeof(float), compare_points);
-  for (int64_t i = 0; i < v->cloud_count; ++i)
-    if (!kept || compare_points(v->cloud + 3 * (kept - 1), v->cloud + 3 * i) != 0)
-      memmove(v->cloud + 3 * kept++, v->cloud + 3 * i, 3 * sizeof(float));
-  v->cloud_count = kept;
-}
-
-static double triangle_area(const pags_shell *s, int64_t triangle) {
-  const float *c[3];
-  double u[3], w[3], n[3];
-  for (int i = 0; i < 3; ++i)
-    c[i] = s->positions + 3 * (int64_t)s->triangles[3 * triangle + i];
-  for (int k = 0; k < 3; ++k) {
-    u[k] = (double)c[1][k] - (double)c[0][k];
-    w[k] = (double)c[2][k] - (double)c[0][k];
-  }
-  for (int k = 0; k < 3; ++k)
-    n[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
-  return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
-/* Place `n` of a sequence that fills a triangle evenly (the golden ratio's plastic cousin; Roberts 2018). */
-static void place_in(const pags_shell *s, int64_t triangle, int64_t n, double out[3]) {
-  double a = fmod(0.5 + 0.7548776662466927 * (double)n, 1), b = fmod(0.5 + 0.5698402909980532 * (double)n, 1);
-  if (a + b > 1) {
-    a = 1 - a;
-    b = 1 - b;
-  }
-  const uint32_t *t = s->triangles + 3 * triangle;
-  for (int k = 0; k < 3; ++k) {
-    double p = (double)s->positions[3 * (int64_t)t[0] + k];
-    out[k] = p + a * ((double)s->positions[3 * (int64_t)t[1] + k] - p) + b * ((double)s->positions[3 * (int64_t)t[2] + k] - p);
-  }
-}
-
-typedef struct spread {
-  double *seen, *rest; /* distances to the true surface */
-  int64_t seen_count, rest_count;
-} spread;
-
-/* Even over the proxy's area. */
-static void measure_proxy(const vehicle *v, spread *out) {
-  if (!v->truth_solid) {
-    int64_t step = v->met_count / PROXY_SAMPLES + 1;
-    for (int64_t i = 0; i < v->met_count; i += step) {
-      const double p[3] = {(double)v->met[3 * i], (double)v->met[3 * i + 1], (double)v->met[3 * i + 2]};
-      out->seen[out->seen_count++] = pags_solid_distance(v->cloud_solid, p, NULL);
-    }
-    return;
-  }
-  double area = pags_shell_area(&v->proxy), owed = 0;
-  int64_t n = 0;
-  for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
-    for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
-      double p[3], q[3], foot[3], back[12];
-      place_in(&v->proxy, t, n, p);
-      apply(v->truth_from_proxy, p, q);
-      double distance = pags_solid_nearest(v->truth_solid, q, foot);
-      pags_rigid_inverse(v->truth_from_proxy, back);
-      apply(back, foot, q);
-      if (pags_solid_distance(v->cloud_solid, q, NULL) <= near_observed)
-        out->seen[out->seen_count++] = distance;
-      else
-        out->rest[out->rest_count++] = distance;
-    }
-}
-
-static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+void pags_proxy_bench_put(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
   const double values[3] = {d->mean, d->p95, d->max};
   pags_json_put_numbers(w, key, values, 3);
-}
-
-static pags_result tell(bench *self, vehicle *v, spread *to) {
-  double *from = malloc(((size_t)v->cloud_count + 1) * sizeof *from);
-  pags_shell_topology topology;
-  if (!from)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud_count);
-  for (int64_t i = 0; i < v->cloud_count; ++i) {
-    const double p[3] = {(double)v->cloud[3 * i], (double)v->cloud[3 * i + 1], (double)v->cloud[3 * i + 2]};
-    from[i] = pags_solid_distance(v->proxy_solid, p, NULL);
-  }
-  pags_proxy_distance back = pags_distance_summary(from, v->cloud_count), seen = pags_distance_summary(to->seen, to->seen_count),
-                      rest = pags_distance_summary(to->rest, to->rest_count);
-  free(from);
-  PAGS_TRY(pags_shell_inspect(&v->proxy, &topology));
-  double alone = (double)v->both / (double)v->either, shown = (double)v->seen_both / (double)v->seen_either;
-  double share = (double)to->seen_count / (double)(to->seen_count + to->rest_count);
-  int good = back.mean <= mean_bound && seen.mean <= mean_bound && shown >= iou_bound && topology.closed;
-  self->failures += !good;
-  printf("%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
-         "near observed %2.0f %%, IoU alone %.3f, shown %.3f, %s%s\n",
-         v->record->id, (long long)v->pixels, back.mean, back.p95, back.max, seen.mean, seen.p95, seen.max, rest.mean, rest.p95,
-         rest.max, 100 * share, alone, shown, topology.closed ? "closed" : "OPEN", good ? "" : "  <<<");
-  pags_json_writer *w = &self->json;
-  pags_json_begin_object(w, NULL);
-  pags_json_put_string(w, "object", v->record->id);
-  pags_json_put_integer(w, "pixels", v->pixels);
-  put_distance(w, "truth_to_proxy", &back);
-  put_distance(w, "proxy_to_truth", &seen);
-  put_distance(w, "proxy_to_truth_unobserved", &rest);
-  pags_json_put_number(w, "near_observed", share);
-  pags_json_put_number(w, "iou_alone", alone);
-  pags_json_put_number(w, "iou_shown", shown);
-  pags_json_put_bool(w, "closed", topology.closed);
-  pags_json_put_bool(w, "good", good);
-  pags_json_end_object(w);
-  return PAGS_OK;
-}
-
-static pags_result measure(bench *self, vehicle *v) {
-  for (int64_t i = 0; i < self->scene.view_count; ++i)
-    if (!self->scene.views[i].test)
-      PAGS_TRY(take_view(self, v, &self->scene.views[i]));
-  if (!v->cloud_count) {
-    printf("%-16s is seen by no training camera\n", v->record->id);
-    return PAGS_OK;
-  }
-  thin(v);
-  PAGS_TRY(pags_solid_of_points(v->cloud, v->cloud_count, &v->cloud_solid));
-  spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)), .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
-  pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  if (result == PAGS_OK) {
-    measure_proxy(v, &to);
-    result = tell(self, v, &to);
-  }
-  free(to.seen);
-  free(to.rest);
-  return result;
-}
-
-/* Ids end with the number of the street's list. */
-static int actor_of(const bench *self, const char *id) {
-  for (int i = 0; i < self->street.actor_count; ++i)
-    if (self->street.actors[i].number == number_of(id))
-      return i;
-  return -1;
-}
-
-/* At the middle of the track, where the stage is set to. */
-static pags_result relate(bench *self, vehicle *v) {
-  double truth[12], truth_from_world[12], proxy[12];
-  const pags_knot *knot = &v->record->knots[v->record->knot_count / 2];
-  PAGS_TRY(set_time(self, knot->time));
-  pags_actor_pose(&self->street.actors[v->actor], knot->time, truth);
-  if (!pags_object_pose(v->record, knot->time, proxy))
-    memcpy(proxy, knot->world_from_object, sizeof proxy);
-  pags_rigid_inverse(truth, truth_from_world);
-  pags_rigid_multiply(truth_from_world, proxy, v->truth_from_proxy);
-  return PAGS_OK;
-}
-
-static pags_result measure_node(bench *self, const pags_json_value *node, const char *track) {
-  vehicle v = {.actor = actor_of(self, track)};
-  for (int64_t i = 0; i < self->scene.object_count; ++i)
-    if (!strcmp(self->scene.objects[i].record.id, track))
-      v.record = &self->scene.objects[i].record;
-  if (!v.record || (v.actor < 0 && !self->pictures) || v.record->category != PAGS_CATEGORY_VEHICLE)
-    return PAGS_OK;
-  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &v.proxy);
-  if (result == PAGS_OK && !self->pictures)
-    result = relate(self, &v);
-  if (result == PAGS_OK && !self->pictures)
-    result = true_shell(self, v.actor, &v.truth);
-  if (result == PAGS_OK && !self->pictures)
-    result = pags_solid_of_shell(&v.truth, &v.truth_solid);
-  if (result == PAGS_OK)
-    result = pags_solid_of_shell(&v.proxy, &v.proxy_solid);
-  if (result == PAGS_OK)
-    result = measure(self, &v);
-  pags_solid_destroy(v.truth_solid);
-  pags_solid_destroy(v.proxy_solid);
-  pags_solid_destroy(v.cloud_solid);
-  pags_shell_destroy(&v.truth);
-  pags_shell_destroy(&v.proxy);
-  free(v.cloud);
-  free(v.met);
-  return result;
 }
 
 /* ---- The ground. ---- */
 
 /* Height of the street below x, y (world), where that is no furniture, tree or actor; 0: none. */
-static int true_height(const bench *self, double x, double y, double *z) {
+static int true_height(const pags_proxy_bench *self, double x, double y, double *z) {
   pags_rays rays = {.active = 1, .origin = {{(float)x, (float)y, 2.0f}}, .direction = {{0, 0, -1}}};
   pags_touch touches[PAGS_PACKET];
   if (!(pags_stage_trace(self->stage, &rays, touches) & 1) || self->street.placements[touches[0].placement].actor >= 0)
@@ -465,7 +51,7 @@ static int true_height(const bench *self, double x, double y, double *z) {
   return *z < 0.3 && (double)fabsf(touches[0].flat[2]) > 0.99;
 }
 
-static int near_path(const bench *self, double x, double y) {
+static int near_path(const pags_proxy_bench *self, double x, double y) {
   for (int64_t i = 0; i < self->scene.view_count; ++i) {
     const double *m = self->scene.views[i].camera.world_from_camera;
     if (!self->scene.views[i].test && hypot(m[3] - x, m[7] - y) < ground_reach)
@@ -474,7 +60,7 @@ static int near_path(const bench *self, double x, double y) {
   return 0;
 }
 
-static pags_result measure_ground(bench *self, const pags_json_value *node) {
+static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value *node) {
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
@@ -514,8 +100,8 @@ static pags_result measure_ground(bench *self, const pags_json_value *node) {
            (long long)count, far.mean, far.p95, far.max, ground_reach, near.mean, near.p95, near.max, (long long)holes,
            good ? "" : "  <<<");
     pags_json_begin_object(&self->json, "ground");
-    put_distance(&self->json, "error", &far);
-    put_distance(&self->json, "error_near_path", &near);
+    pags_proxy_bench_put(&self->json, "error", &far);
+    pags_proxy_bench_put(&self->json, "error_near_path", &near);
     pags_json_put_integer(&self->json, "holes", holes);
     pags_json_end_object(&self->json);
   }
@@ -526,7 +112,7 @@ static pags_result measure_ground(bench *self, const pags_json_value *node) {
   return result;
 }
 
-static pags_result measure_laser(bench *self, const pags_json_value *node) {
+static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *node) {
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   pags_laser_ground found;
@@ -542,7 +128,7 @@ static pags_result measure_laser(bench *self, const pags_json_value *node) {
            (long long)found.points, (long long)found.sweeps, found.error.mean, found.error.p95, found.error.max,
            (long long)found.missed, good ? "" : "  <<<");
     pags_json_begin_object(&self->json, "laser_ground");
-    put_distance(&self->json, "error", &found.error);
+    pags_proxy_bench_put(&self->json, "error", &found.error);
     pags_json_put_integer(&self->json, "points", found.points);
     pags_json_put_integer(&self->json, "missed", found.missed);
     pags_json_end_object(&self->json);
@@ -554,7 +140,7 @@ static pags_result measure_laser(bench *self, const pags_json_value *node) {
 
 /* ---- */
 
-static pags_result run(bench *self) {
+static pags_result run(pags_proxy_bench *self) {
   const pags_json_value *nodes = pags_glb_member(self->file.root, "nodes");
   int found;
   PAGS_TRY(pags_street_read_truth(self->scene.dataset ? self->scene.dataset : ".", &self->options, &found));
@@ -569,12 +155,12 @@ static pags_result run(bench *self) {
   PAGS_TRY(pags_stage_create(self->street.meshes, self->street.mesh_count, self->street.placements,
                              self->street.placement_count, &self->stage));
   self->stage_time = (double)NAN;
-  PAGS_TRY(set_time(self, 0));
+  PAGS_TRY(pags_proxy_bench_time(self, 0));
   pags_json_begin_array(&self->json, "objects");
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
     const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
     if (has_truth && track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh"))
-      PAGS_TRY(measure_node(self, node, track->text));
+      PAGS_TRY(pags_proxy_bench_vehicle(self, node, track->text));
   }
   pags_json_end_array(&self->json);
   for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
@@ -590,7 +176,7 @@ static pags_result run(bench *self) {
 }
 
 int main(int argc, char **argv) {
-  bench self = {0};
+  pags_proxy_bench self = {0};
   if (argc < 3 || argc > 4) {
     fprintf(stderr, "bench_proxies SCENE FILE.glb [TRUTH.json]\n");
     return 2;

@@ -1,0 +1,31 @@
+/* What bench_proxies is in the middle of. */
+#ifndef PAGS_BENCHMARKS_PROXIES_H
+#define PAGS_BENCHMARKS_PROXIES_H
+
+#include <exporters/compare.h>
+#include <pags/scene.h>
+#include <synth/stage.h>
+#include <synth/street_labels.h>
+
+#include "glb.h"
+
+typedef struct pags_proxy_bench {
+  pags_scene scene;
+  pags_glb file;
+  pags_street_options options;
+  pags_street street;
+  pags_stage *stage;
+  double stage_time;
+  pags_json_writer json;
+  int failures;
+  int pictures; /* 1: the truth is in pictures */
+} pags_proxy_bench;
+
+/* Moves the street's actors to where they are then. */
+pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time);
+/* Mean, 95th percentile, largest. */
+void pags_proxy_bench_put(pags_json_writer *w, const char *key, const pags_proxy_distance *d);
+/* Measures the node of a labelled object, if it is a vehicle. */
+pags_result pags_proxy_bench_vehicle(pags_proxy_bench *self, const pags_json_value *node, const char *track);
+
+#endif
