@@ -42,7 +42,7 @@ check: setup
 fuzz:
 	cmake --preset fuzz
 	cmake --build --preset fuzz --parallel $(JOBS) --target fuzz_targets
-	python3 scripts/fuzz.py build-fuzz --minutes $(MINUTES) --long-minutes $(LONG_MINUTES) --json build-fuzz/fuzz.json $(TARGETS)
+	python3 scripts/fuzz.py --minutes $(MINUTES) --long-minutes $(LONG_MINUTES) --json build-fuzz/fuzz.json build-fuzz $(TARGETS)
 
 fuzz-long:
 	$(MAKE) fuzz MINUTES=5 LONG_MINUTES=30

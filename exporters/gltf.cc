@@ -4,8 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <functional>
+#include <memory>
 #include <sstream>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -22,8 +23,8 @@ struct pags_gltf {
 
 namespace {
 
-/* Runs what may throw; -1 and the failure remembered when it does. */
-int guarded(pags_gltf *gltf, const std::function<int()> &what) {
+/* Runs what may throw; -1 and the failure remembered when it does. Of any type: making a std::function could throw before the try. */
+template <typename Work> int guarded(pags_gltf *gltf, const Work &what) {
   if (gltf->failed)
     return -1;
   try {
@@ -63,9 +64,8 @@ tinygltf::Value parse(const char *text) {
   pags_json *json = nullptr;
   if (pags_json_parse_text("extras", text, std::strlen(text), &json) != PAGS_OK)
     throw std::runtime_error("json");
-  tinygltf::Value value = convert(pags_json_root(json));
-  pags_json_destroy(json);
-  return value;
+  const std::unique_ptr<pags_json, void (*)(pags_json *)> owner(json, pags_json_destroy);
+  return convert(pags_json_root(json));
 }
 
 /* Appends to the buffer, aligned to 4; returns the view. */

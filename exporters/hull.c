@@ -8,7 +8,7 @@
 #include "shell.h"
 
 /* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their hull has at
- * most 2 count - 4 triangles. Returns how many; each once, in ascending order. */
+ * most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
 static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
@@ -17,7 +17,9 @@ static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
   }
   uint8_t *taken = calloc((size_t)s->vertex_count + 1, 1);
   int64_t found = 0;
-  for (int64_t d = 0; taken && d < count; ++d) {
+  if (!taken)
+    return -1;
+  for (int64_t d = 0; d < count; ++d) {
     double z = 1 - (2 * (double)d + 1) / (double)count, r = sqrt(1 - z * z), angle = 2.39996322972865332 * (double)d;
     const double direction[3] = {r * cos(angle) / (hi[0] - lo[0] + 1e-9), r * sin(angle) / (hi[1] - lo[1] + 1e-9),
                                  z / (hi[2] - lo[2] + 1e-9)};
@@ -33,7 +35,7 @@ static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
     }
     taken[at] = 1;
   }
-  for (int64_t i = 0; taken && i < s->vertex_count; ++i)
+  for (int64_t i = 0; i < s->vertex_count; ++i)
     if (taken[i])
       chosen[found++] = i;
   free(taken);
@@ -99,8 +101,11 @@ pags_result pags_shell_hull(const pags_shell *from, int64_t budget, pags_shell *
     for (int64_t i = 0; i < 3 * count; ++i)
       points[i] = (double)from->positions[3 * chosen[i / 3] + i % 3];
     memset(place, 0xff, (size_t)most * sizeof *place);
-    result = count < 4 ? pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)count)
-                       : run_qhull(from, chosen, count, points, place, out);
+    if (count < 0)
+      result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
+    else
+      result = count < 4 ? pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)count)
+                         : run_qhull(from, chosen, count, points, place, out);
   }
   free(chosen);
   free(points);

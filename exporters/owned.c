@@ -37,19 +37,20 @@ pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, 
   return pags_splats_bake(parts, count, sh_degree, out);
 }
 
-int pags_owned_degree(pags_composition *composition, int most) {
+pags_result pags_owned_degree(pags_composition *composition, int most, int *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   int degree = 0;
+  *out = 0;
   for (int64_t object = -1; object < scene->object_count && degree < most; ++object) {
     const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     const pags_part *parts;
     int count;
-    if (pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count) != PAGS_OK)
-      return degree;
+    PAGS_TRY(pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count));
     for (int i = 0; i < count; ++i)
       degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
   }
-  return degree < most ? degree : most;
+  *out = degree < most ? degree : most;
+  return PAGS_OK;
 }
 
 pags_result pags_owned_track_make(const pags_composition *composition, int64_t object, double time_zero, pags_owned_track *out) {

@@ -14,7 +14,7 @@ extern "C" {
 pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree, pags_gaussians *out);
 
 /* The highest degree of any of the scene's Gaussians at most `most`. */
-int pags_owned_degree(pags_composition *composition, int most);
+pags_result pags_owned_degree(pags_composition *composition, int most, int *out);
 
 /* An object's poses relative to the origin at its labelled times, in seconds after `time_zero`; parked ones have one, of their
  * middle label. */

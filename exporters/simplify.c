@@ -20,7 +20,11 @@ static pags_result collapse(const pags_shell *from, int64_t target, pags_shell *
   view.triangle_count = (int64_t)(count / 3);
   pags_result result = pags_shell_copy(&view, out);
   free(triangles);
-  return result == PAGS_OK ? pags_shell_compact(out) : result;
+  if (result == PAGS_OK)
+    result = pags_shell_compact(out);
+  if (result != PAGS_OK)
+    pags_shell_destroy(out);
+  return result;
 }
 
 pags_result pags_shell_simplify(const pags_shell *from, int64_t budget, pags_shell *out) {

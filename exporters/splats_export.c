@@ -146,9 +146,10 @@ static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *compos
 static pags_result save_tracks(const char *path, pags_composition *composition, const pags_splat_options *options, int64_t *count) {
   static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
   const pags_scene *scene = pags_composition_scene(composition);
-  int degree = pags_owned_degree(composition, options->sh_degree);
+  int degree;
   double time_zero = scene->time_begin;
   pags_gltf *gltf;
+  PAGS_TRY(pags_owned_degree(composition, options->sh_degree, &degree));
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);

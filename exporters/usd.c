@@ -313,7 +313,8 @@ static pags_result write_stage(usd_export *self, const char *path) {
   for (int64_t i = 0; i < scene->object_count; ++i)
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
   self->rate = scene->fps > 0 ? scene->fps : 24;
-  self->degree = pags_owned_degree(self->composition, self->splats->sh_degree) > 0 ? PADDED_DEGREE : 0;
+  PAGS_TRY(pags_owned_degree(self->composition, self->splats->sh_degree, &self->degree));
+  self->degree = self->degree > 0 ? PADDED_DEGREE : 0;
   pags_usd_begin(&self->usd, path);
   pags_result result = put_stage(self);
   if (result != PAGS_OK)

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs the fuzz targets of a build with PAGS_FUZZ (docs/fuzzing.md) and prints a table of what was done.
 
-usage: fuzz.py BUILD [--minutes M] [--long-minutes M] [--corpus FOLDER] [--json FILE] [TARGET...]
+usage: fuzz.py [--minutes M] [--long-minutes M] [--corpus FOLDER] [--json FILE] BUILD [TARGET...]
 
 Each target gets M minutes of CPU time (default 1; --long-minutes for spz, spz_content, ply, checkpoint and tfrecord), its seeds,
 its dictionary and its corpus of earlier runs, which grows in FOLDER/TARGET (default BUILD/corpus). Inputs that fail are kept in FOLDER/TARGET-findings.

@@ -14,6 +14,9 @@ void memory_guard_begin(size_t limit, int64_t fail_at);
 /* Stops counting. */
 void memory_guard_end(void);
 
+/* For other allocators' fronts: counts a request and says whether it goes on. */
+int memory_guard_allows(size_t size);
+
 /* Of the last watch. */
 int64_t memory_guard_count(void); /* allocations asked for */
 int64_t memory_guard_live(void);  /* blocks made since the begin less those freed, whatever their age */

@@ -81,6 +81,8 @@ static pags_result inflate_all(z_stream *z, const char *where, const char *what,
     *size = capacity - z->avail_out;
     if (state == Z_STREAM_END)
       return PAGS_OK;
+    if (state == Z_MEM_ERROR)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
     if (state != Z_OK && state != Z_BUF_ERROR)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z->msg ? z->msg : "zlib error");
     if (z->avail_out)

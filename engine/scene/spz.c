@@ -162,6 +162,8 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
     uInt got = step - stream->avail_out;
     out += got;
     size -= got;
+    if (code == Z_MEM_ERROR)
+      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to inflate it", path);
     if (size && (code != Z_OK || got == 0))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
                        path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
@@ -258,7 +260,9 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
       return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)capacity);
     got = ZSTD_decompress(plain, (size_t)capacity, bytes, (size_t)packed);
   } while (ZSTD_getErrorCode(got) == ZSTD_error_dstSize_tooSmall && capacity < size);
-  if (ZSTD_isError(got))
+  if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation)
+    result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to decompress it", path);
+  else if (ZSTD_isError(got))
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
                        (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));
   else if (got != size)

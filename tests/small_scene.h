@@ -1,0 +1,10 @@
+/* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, everything a scene.json can say. */
+#ifndef PAGS_TESTS_SMALL_SCENE_H
+#define PAGS_TESTS_SMALL_SCENE_H
+
+#include <pags/scene.h>
+
+/* Aborts when memory is out. */
+void small_scene_make(pags_scene *scene);
+
+#endif
