@@ -21,6 +21,8 @@ pags_result pags_oiio_module(const pags_oiio **out) {
 #include <dlfcn.h>
 #include <limits.h>
 #include <pthread.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #define MODULE_NAME "pags_oiio.so"
@@ -30,9 +32,32 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const pags_oiio *table;
 static char reason[512];
 
+/* Whether loading it ends well, tried in a child: a hundred libraries are loaded, and where address space is short (ulimit -v) some of
+ * their initialisers end the process. */
+static int survives(const char *path) {
+  struct rlimit limit;
+  if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)
+    return 1;
+  const pid_t child = fork();
+  if (child == 0) {
+    close(STDERR_FILENO); /* what C++ has to say of it */
+    void *const module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    void *const symbol = module ? dlsym(module, PAGS_OIIO_SYMBOL) : NULL;
+    pags_oiio_table_fn *function = NULL;
+    memcpy(&function, &symbol, sizeof function);
+    _exit(module && function && !function());
+  }
+  int status = 1;
+  return child > 0 && waitpid(child, &status, 0) == child && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
 static void open_module(const char *path) {
   if (access(path, F_OK) != 0)
     return;
+  if (!survives(path)) {
+    snprintf(reason, sizeof reason, "there is no memory for OpenImageIO within ulimit -v");
+    return;
+  }
   void *module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
   if (!module) {
     const char *text = dlerror();
@@ -44,7 +69,9 @@ static void open_module(const char *path) {
   pags_oiio_table_fn *function = NULL;
   memcpy(&function, &symbol, sizeof function);
   const pags_oiio *found = function ? function() : NULL;
-  if (found && found->version == PAGS_OIIO_VERSION)
+  if (function && !found)
+    snprintf(reason, sizeof reason, "there is no memory for OpenImageIO");
+  else if (found && found->version == PAGS_OIIO_VERSION)
     table = found; /* never closed: OpenImageIO keeps static objects whose destructors run at exit */
   else
     snprintf(reason, sizeof reason, "%s belongs to another version of PAGS", path);
@@ -74,6 +101,8 @@ pags_result pags_oiio_module(const pags_oiio **out) {
   *out = table;
   if (table)
     return PAGS_OK;
+  if (strncmp(reason, "there is no memory", 18) == 0)
+    return pags_fail(PAGS_ERROR_MEMORY, "pictures can't be read or written: %s", reason);
   return pags_fail(PAGS_ERROR_UNSUPPORTED,
                    "pictures can't be read or written: %s; expected %s beside the program or in ../lib/pags, and "
                    "OpenImageIO (Debian: libopenimageio2.4) installed",

@@ -4,9 +4,12 @@
 
 #include "image/oiio.h"
 
+#include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
+#include <cerrno>
 #include <cstdio>
+#include <cstring>
 #include <exception>
 #include <memory>
 #include <new>
@@ -102,6 +105,20 @@ void close_reader(void *handle) {
   });
 }
 
+// The file that `bytes` are. OpenImageIO's own writers don't look whether the disk took what they gave it.
+pags_result write_bytes(const char *path, const std::vector<unsigned char> &bytes, pags_oiio_message *message) {
+  std::FILE *file = std::fopen(path, "wb");
+  bool good = file && std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size() && std::fflush(file) == 0;
+  int error = errno;
+  if (file && std::fclose(file) != 0 && good) {
+    error = errno;
+    good = false;
+  }
+  if (!good)
+    set_message(message, std::strerror(error));
+  return good ? PAGS_OK : PAGS_ERROR_IO;
+}
+
 pags_result write_picture(const char *path, const char *format, const pags_oiio_picture *picture,
                           pags_oiio_message *message) {
   return guarded(message, [&] {
@@ -126,11 +143,17 @@ pags_result write_picture(const char *path, const char *format, const pags_oiio_
       spec.attribute("CompressionQuality", 95);
       spec.attribute("jpeg:subsampling", "4:4:4");
     }
+    std::vector<unsigned char> bytes;
+    OIIO::Filesystem::IOVecOutput memory(bytes);
+    if (!output->supports("ioproxy") || !output->set_ioproxy(&memory)) {
+      set_message(message, "this OpenImageIO can't write it to memory");
+      return PAGS_ERROR_UNSUPPORTED;
+    }
     if (!output->open(path, spec) || !output->write_image(spec.format, picture->data) || !output->close()) {
       set_message(message, output->geterror());
       return PAGS_ERROR_IO;
     }
-    return PAGS_OK;
+    return write_bytes(path, bytes, message);
   });
 }
 

@@ -276,10 +276,9 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {
-  const ply_property *properties = table->properties + element->first_property;
   for (int i = 0; i < element->property_count; ++i)
-    if (strcmp(properties[i].name, property) == 0)
-      return &properties[i];
+    if (strcmp(table->properties[element->first_property + i].name, property) == 0)
+      return &table->properties[element->first_property + i];
   return NULL;
 }
 

@@ -525,6 +525,8 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
     }
     if (memcmp(tag, "MODL", 4) == 0 && size == sizeof model) {
       memcpy(&model, payload, sizeof model);
+      if (model.count < 0 || model.count > INT32_MAX || model.sh_degree < 0 || model.sh_degree > 3)
+        return out_of_range(r, "MODL");
       out->gaussians += model.count;
       out->sh_degree = (int)model.sh_degree;
     }

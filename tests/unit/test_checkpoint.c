@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include <zlib.h>
 
 #include "base/file.h"
 #include "base/rng.h"
@@ -150,6 +151,28 @@ static void impossible_lengths_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
+/* Counts under a sound CRC that can't be, which a mere look at the file would add up. */
+static void impossible_counts_are_refused(void **unused) {
+  (void)unused;
+  pags_train_state a;
+  pags_checkpoint_facts facts;
+  uint8_t *bytes;
+  size_t size, at = 0;
+  make(&a);
+  assert_int_equal(pags_checkpoint_save(path, &a, 1), PAGS_OK);
+  pags_state_destroy(&a);
+  assert_int_equal(pags_file_read(path, &bytes, &size), PAGS_OK);
+  while (memcmp(bytes + at, "MODL", 4) != 0)
+    at++;
+  bytes[at + 12 + 8 + 7] = 0x40; /* the second number is the count */
+  const size_t section = 12 + bytes[at + 4];
+  const uint32_t crc = (uint32_t)crc32(0, bytes + at, (uInt)section);
+  memcpy(bytes + at + section, &crc, sizeof crc);
+  assert_int_equal(pags_file_write(path, bytes, size), PAGS_OK);
+  assert_int_equal(pags_checkpoint_inspect(path, &facts), PAGS_ERROR_FORMAT);
+  free(bytes);
+}
+
 static int make_path(void **unused) {
   (void)unused;
   snprintf(path, sizeof path, "/tmp/pags_checkpoint_%ld", (long)getpid());
@@ -167,6 +190,7 @@ int main(void) {
       cmocka_unit_test(damage_is_found),
       cmocka_unit_test(impossible_steps_are_refused),
       cmocka_unit_test(impossible_lengths_are_refused),
+      cmocka_unit_test(impossible_counts_are_refused),
   };
   return cmocka_run_group_tests(tests, make_path, remove_path);
 }
