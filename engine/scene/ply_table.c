@@ -144,10 +144,10 @@ static pags_result parse_header(ply_table *t, size_t length) {
   t->header[length] = 0;
   bool has_format = false;
   int line = 1;
+  if (memchr(t->header, 0, length))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: the header holds a zero byte", t->path);
   for (char *at = strchr(t->header, '\n') + 1; strncmp(at, "end_header", 10) != 0;) {
-    char *end = strchr(at, '\n');
-    if (!end)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: the header holds a zero byte", t->path, line + 1);
+    char *end = strchr(at, '\n'); /* there is the one behind end_header at least */
     *end = 0;
     if (end > at && end[-1] == '\r')
       end[-1] = 0;
