@@ -369,7 +369,7 @@ class Memory(Faults):
 
     def test_train(self):
         out = self.path("scene")
-        self.check("train", self.data, "-o", out, "-n", "6", "-j", "2", "-q", "--random-points", "200000", "--overwrite", "--split-every", "0")
+        self.check("train", self.data, "-o", out, "-n", "2", "-j", "2", "-q", "--random-points", "30000", "--overwrite", "--split-every", "0")
 
     def test_render(self):
         scene = self.write("scene.ply", many_splats(60000))
