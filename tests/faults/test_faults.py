@@ -24,6 +24,7 @@ from test_import import make_tree  # noqa: E402
 MOMENTS = int(os.environ.get("PAGS_FAULTS", "3"))
 SMALL = ["--random-points", "500", "--max-gaussians", "1500", "--checkpoint-every", "20", "--preview-every", "40", "--log-every", "10"]
 ITERATIONS = 150
+LIMITS = max(6, min(MOMENTS, 60))  # of memory between too little and enough
 SANITIZED = os.environ.get("PAGS_SANITIZED", "") not in ("", "OFF")
 
 
@@ -357,7 +358,7 @@ class Memory(Faults):
             self.assertLess(enough, 16384, done.stderr)
             enough *= 1.5
         said = 0
-        for share in [0.3 + 0.7 * i / 12 for i in range(12)]:
+        for share in [0.4 + 0.6 * i / LIMITS for i in range(LIMITS)]:
             done = self.limited(share * enough, *arguments)
             if done.returncode == 127 and "shared libraries" in done.stderr:  # the loader, before the program begins
                 continue
@@ -369,7 +370,7 @@ class Memory(Faults):
 
     def test_train(self):
         out = self.path("scene")
-        self.check("train", self.data, "-o", out, "-n", "2", "-j", "2", "-q", "--random-points", "30000", "--overwrite", "--split-every", "0")
+        self.check("train", self.data, "-o", out, "-n", "2", "-j", "2", "-q", "--random-points", "10000", "--overwrite", "--split-every", "0")
 
     def test_render(self):
         scene = self.write("scene.ply", many_splats(60000))
