@@ -1,47 +1,45 @@
 /* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the rectangle of pixel
  * centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024, Hanson et al. 2025). */
 
+typedef struct quadratic {
+  vf p, h, w, slope; /* of pags_splat */
+} quadratic;
+
+static inline quadratic quadratic_of(const pags_splat *s) {
+  return (quadratic){v_set(s->p), v_set(s->h), v_set(s->w), v_set(s->slope)};
+}
+
 /* Smallest u^2 + v^2 over [x0, x1] x [y0, y1], all relative to the mean. A convex quadratic with its minimum at the origin
  * has its minimum over a rectangle on an edge that faces the origin, or at the origin. */
-static inline vf quadratic_min(const pags_splat *s, vf x0, vf x1, vf y0, vf y1) {
-  const vf zero = v_zero(), p = v_set(s->p), h = v_set(s->h), w = v_set(s->w);
+static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
+  const vf zero = v_zero();
   const vf x = v_clamp(zero, x0, x1), y = v_clamp(zero, y0, y1); /* nearest to the origin */
-  const vf on_x = v_clamp(v_mul(v_set(s->slope), x), y0, y1);    /* best y on the edge at x */
-  const vf on_y = v_clamp(v_mul(h, y), x0, x1);                  /* best x on the edge at y */
-  const vf u1 = v_mul(p, v_fnma(h, on_x, x)), v1 = v_mul(w, on_x);
-  const vf u2 = v_mul(p, v_fnma(h, y, on_y)), v2 = v_mul(w, y);
+  const vf on_x = v_clamp(v_mul(q.slope, x), y0, y1);            /* best y on the edge at x */
+  const vf on_y = v_clamp(v_mul(q.h, y), x0, x1);                /* best x on the edge at y */
+  const vf u1 = v_mul(q.p, v_fnma(q.h, on_x, x)), v1 = v_mul(q.w, on_x);
+  const vf u2 = v_mul(q.p, v_fnma(q.h, y, on_y)), v2 = v_mul(q.w, y);
   return v_min(v_fma(u1, u1, v_mul(v1, v1)), v_fma(u2, u2, v_mul(v2, v2)));
 }
 
 static inline float cut_off(const pags_splat *s) { return s->log2_opacity + (PAGS_LOG2_255 + PAGS_CUT_SLACK); }
 
-static inline int tile_clamp(float t, int tiles) { return t < 0.0f ? 0 : t > (float)tiles ? tiles : (int)t; }
-
-typedef struct tile_box { /* the tiles that the splat's bounding box meets, numbered row by row from 0 */
-  int x0, y0, nx, ny;
-} tile_box;
-
-static inline tile_box tile_box_of(const pags_splat *s, int tiles_x, int tiles_y) {
-  const float inv = 1.0f / (float)PAGS_TILE;
-  const int x0 = tile_clamp((s->x - s->extent_x) * inv, tiles_x), x1 = tile_clamp((s->x + s->extent_x) * inv + 1.0f, tiles_x);
-  const int y0 = tile_clamp((s->y - s->extent_y) * inv, tiles_y), y1 = tile_clamp((s->y + s->extent_y) * inv + 1.0f, tiles_y);
-  return (tile_box){x0, y0, x1 - x0, y1 - y0};
+/* Truth lane by lane of whether the tile at (column, row) of the picture is touched; mean and cut-off may differ from lane to lane. */
+static inline vm tile_touched(vm lanes, quadratic q, vf cut, vf mean_x, vf mean_y, vf column, vf row) {
+  const vf tile = v_set((float)PAGS_TILE), half = v_set(0.5f), side = v_set((float)(PAGS_TILE - 1));
+  const vf x0 = v_sub(v_fma(column, tile, half), mean_x), y0 = v_sub(v_fma(row, tile, half), mean_y);
+  return v_ge_and(lanes, cut, quadratic_min(q, x0, v_add(x0, side), y0, v_add(y0, side)));
 }
 
 /* Bit k < lanes: the tile at (column, row) of the box in lane k is touched. */
-static inline unsigned box_touched(const pags_splat *s, tile_box box, int lanes, vf column, vf row) {
-  const vf tile = v_set((float)PAGS_TILE), half = v_set(0.5f), side = v_set((float)(PAGS_TILE - 1));
-  const vf x0 = v_sub(v_fma(v_add(column, v_set((float)box.x0)), tile, half), v_set(s->x));
-  const vf y0 = v_sub(v_fma(v_add(row, v_set((float)box.y0)), tile, half), v_set(s->y));
-  return m_bits(v_ge_and(m_first(lanes), v_set(cut_off(s)), quadratic_min(s, x0, v_add(x0, side), y0, v_add(y0, side))));
+static inline unsigned box_touched(const pags_splat *s, const pags_tile_box *box, int lanes, vf column, vf row) {
+  return m_bits(tile_touched(m_first(lanes), quadratic_of(s), v_set(cut_off(s)), v_set(s->x), v_set(s->y),
+                             v_add(column, v_set((float)box->x0)), v_add(row, v_set((float)box->y0))));
 }
 
 /* All of a box of at most 64 tiles. */
-static inline uint64_t small_box_touched(const pags_splat *s, tile_box box) {
-  const int tiles = box.nx * box.ny;
-  if (tiles == 1)
-    return 1;
-  const vf nx = v_set((float)box.nx), inv_nx = v_set(1.0f / (float)box.nx), half = v_set(0.5f);
+static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_box *box) {
+  const int tiles = box->nx * box->ny;
+  const vf nx = v_set((float)box->nx), inv_nx = v_set(1.0f / (float)box->nx), half = v_set(0.5f);
   uint64_t touched = 0;
   for (int first = 0; first < tiles; first += V_LANES) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps l / nx off whole numbers */
     const vf l = v_add(v_iota(), v_set((float)first));
@@ -50,6 +48,104 @@ static inline uint64_t small_box_touched(const pags_splat *s, tile_box box) {
   }
   return touched;
 }
+
+/* ---- Boxes: sixteen splats at once ---- */
+
+/* A lane is a splat here. Boxes of more tiles than this are finished one by one, their tiles in lanes: half of a street's splats meet
+ * one or two tiles, one in six more than this. */
+enum { LANE_TILES = 4 };
+
+typedef struct box_lanes {
+  float x[V_LANES], y[V_LANES], p[V_LANES], h[V_LANES], w[V_LANES], slope[V_LANES], cut[V_LANES];
+  float extent_x[V_LANES], extent_y[V_LANES];
+} box_lanes;
+
+static inline void box_lanes_put(box_lanes *l, int k, const pags_splat *s) {
+  l->x[k] = s->x, l->y[k] = s->y;
+  l->p[k] = s->p, l->h[k] = s->h, l->w[k] = s->w, l->slope[k] = s->slope;
+  l->cut[k] = cut_off(s);
+  l->extent_x[k] = s->extent_x, l->extent_y[k] = s->extent_y;
+}
+
+/* t cut to [0, tiles] and to whole numbers. */
+static inline vf tile_floor(vf t, int tiles) {
+  const vf cut = v_clamp(t, v_zero(), v_set((float)tiles)), nearest = i_to_v(v_to_i(cut));
+  return v_sub(nearest, v_maskz(v_gt(nearest, cut), v_set(1.0f)));
+}
+
+/* Bit k of a lane: tile k of its box is touched, for boxes of 2..LANE_TILES tiles; 1 for boxes of one, 0 for larger ones. */
+static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) {
+  const quadratic q = {v_load(l->p), v_load(l->h), v_load(l->w), v_load(l->slope)};
+  const vf x = v_load(l->x), y = v_load(l->y), cut = v_load(l->cut), one = v_set(1.0f);
+  const vm few = v_le(tiles, v_set((float)LANE_TILES));
+  vi touched = i_select(v_le(tiles, one), i_set(1), i_set(0));
+  if (m_bits(m_and(few, v_gt(tiles, one))) == 0)
+    return touched;
+  vf column = v_zero(), row = v_zero();
+  for (int k = 0; k < LANE_TILES; k++) {
+    const vm there = m_and(few, v_gt(tiles, v_set((float)k)));
+    const vm is = tile_touched(there, q, cut, x, y, v_add(column, x0), v_add(row, y0));
+    touched = i_select(is, i_or(touched, i_set(1 << k)), touched);
+    column = v_add(column, one);
+    const vm next_row = v_ge(column, nx);
+    column = v_select(next_row, v_zero(), column);
+    row = v_add(row, v_maskz(next_row, one));
+  }
+  return touched;
+}
+
+static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box *box) {
+  uint32_t tiles = 0;
+  for (int y = 0; y < box->ny; y++)
+    for (int x = 0; x < box->nx; x += V_LANES)
+      tiles += (uint32_t)__builtin_popcount(box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y)));
+  return tiles;
+}
+
+static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members, int count, int tiles_x, int tiles_y,
+                                    pags_splat *splats, pags_tile_box *boxes) {
+  const vf inv = v_set(1.0f / (float)PAGS_TILE), one = v_set(1.0f);
+  const vf x = v_load(l->x), y = v_load(l->y), extent_x = v_load(l->extent_x), extent_y = v_load(l->extent_y);
+  const vf x0 = tile_floor(v_mul(v_sub(x, extent_x), inv), tiles_x), x1 = tile_floor(v_fma(v_add(x, extent_x), inv, one), tiles_x);
+  const vf y0 = tile_floor(v_mul(v_sub(y, extent_y), inv), tiles_y), y1 = tile_floor(v_fma(v_add(y, extent_y), inv, one), tiles_y);
+  const vf nx = v_sub(x1, x0), ny = v_sub(y1, y0), tiles = v_mul(nx, ny);
+  int32_t column[V_LANES], row[V_LANES], across[V_LANES], down[V_LANES], touched[V_LANES];
+  i_store(column, v_to_i(x0));
+  i_store(row, v_to_i(y0));
+  i_store(across, v_to_i(nx));
+  i_store(down, v_to_i(ny));
+  i_store(touched, few_touched(l, x0, y0, nx, tiles));
+  for (int k = 0; k < count; k++) {
+    pags_splat *const s = splats + members[k];
+    pags_tile_box *const box = boxes + members[k];
+    *box = (pags_tile_box){(uint64_t)touched[k], (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k], (uint16_t)down[k]};
+    const int64_t area = (int64_t)across[k] * down[k];
+    if (area <= 0)
+      *box = (pags_tile_box){0, 0, 0, 0, 0};
+    else if (area > LANE_TILES && area <= 64)
+      box->touched = small_box_touched(s, box);
+    s->tiles = area > 64 ? large_box_tiles(s, box) : (uint32_t)__builtin_popcountll(box->touched);
+  }
+}
+
+static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y, pags_tile_box *boxes) {
+  uint16_t members[256 + 1]; /* those drawn */
+  int drawn = 0;
+  for (int k = 0; k < count; k++) {
+    members[drawn] = (uint16_t)k;
+    drawn += keys[k] != UINT32_MAX;
+  }
+  box_lanes lanes;
+  memset(&lanes, 0, sizeof lanes);
+  for (int first = 0; first < drawn; first += V_LANES) {
+    const int n = drawn - first < V_LANES ? drawn - first : V_LANES;
+    for (int k = 0; k < n; k++)
+      box_lanes_put(&lanes, k, splats + members[first + k]);
+    box_lanes_finish(&lanes, members + first, n, tiles_x, tiles_y, splats, boxes);
+  }
+}
+
+/* ---- Lists ---- */
 
 /* Where pairs are counted or written. */
 typedef struct bin_sink {
@@ -75,79 +171,57 @@ V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
   sink->rank++;
 }
 
-V_INLINE void bin_small(bin_sink *sink, tile_box box, uint64_t touched, bool fill) {
-  int64_t row_tile = (int64_t)box.y0 * sink->tiles_x + box.x0;
-  const uint64_t row_bits = box.nx < 64 ? (UINT64_C(1) << box.nx) - 1 : ~UINT64_C(0);
-  for (int y = 0; y < box.ny; y++, row_tile += sink->tiles_x) {
+V_INLINE void bin_small(bin_sink *sink, const pags_tile_box *box, bool fill) {
+  int64_t row_tile = (int64_t)box->y0 * sink->tiles_x + box->x0;
+  const uint64_t row_bits = box->nx < 64 ? (UINT64_C(1) << box->nx) - 1 : ~UINT64_C(0);
+  for (uint64_t touched = box->touched; touched; row_tile += sink->tiles_x) {
     for (uint64_t bits = touched & row_bits; bits; bits &= bits - 1)
       bin_tile(sink, row_tile + __builtin_ctzll(bits), fill);
-    touched = box.nx < 64 ? touched >> box.nx : 0;
+    touched = box->nx < 64 ? touched >> box->nx : 0;
   }
 }
 
-V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, tile_box box, bool fill) {
-  for (int y = 0; y < box.ny; y++)
-    for (int x = 0; x < box.nx; x += V_LANES) {
-      const vf column = v_add(v_iota(), v_set((float)x));
-      unsigned bits = box_touched(s, box, box.nx - x, column, v_set((float)y));
+V_INLINE void bin_large(bin_sink *sink, const pags_splat *s, const pags_tile_box *box, bool fill) {
+  for (int y = 0; y < box->ny; y++)
+    for (int x = 0; x < box->nx; x += V_LANES) {
+      unsigned bits = box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y));
       for (; bits; bits &= bits - 1)
-        bin_tile(sink, (int64_t)(box.y0 + y) * sink->tiles_x + box.x0 + x + __builtin_ctz(bits), fill);
+        bin_tile(sink, (int64_t)(box->y0 + y) * sink->tiles_x + box->x0 + x + __builtin_ctz(bits), fill);
     }
 }
 
-enum { BIN_AHEAD = 12 }; /* splats are met in depth order, which is no order in memory */
-
-V_INLINE int64_t bin_count_with(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                                const float *limits, uint64_t *touched, uint32_t *counts, int64_t *hidden) {
-  int64_t binned = 0, left_out = 0;
-  for (int64_t i = 0; i < count; i++) {
-    pags_splat *const s = splats + order[i];
-    if (i + BIN_AHEAD < count)
-      __builtin_prefetch(splats + order[i + BIN_AHEAD], 1);
-    const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .counts = counts, .limits = limits, .z = s->z};
-    touched[i] = 0;
-    if (box.nx > 0 && box.ny > 0 && (int64_t)box.nx * box.ny <= 64)
-      bin_small(&sink, box, touched[i] = small_box_touched(s, box), false);
-    else if (box.nx > 0 && box.ny > 0)
-      bin_large(&sink, s, box, false);
-    s->tiles = sink.rank;
+/* The splats in the order of `drawn`, which is about that of memory. */
+V_INLINE int64_t bin_all(const pags_bin *in, bin_sink sink, bool fill, bool limited) {
+  int64_t binned = 0;
+  for (int64_t i = 0; i < in->count; i++) {
+    const uint32_t splat = in->drawn[i];
+    const pags_tile_box *const box = in->boxes + splat;
+    sink.splat = splat;
+    sink.rank = 0;
+    if (limited)
+      sink.z = in->splats[splat].z;
+    else
+      sink.limits = NULL;
+    if (box->nx * box->ny <= 64)
+      bin_small(&sink, box, fill);
+    else
+      bin_large(&sink, in->splats + splat, box, fill);
     binned += sink.rank > 0;
-    left_out += sink.hidden;
   }
-  if (hidden)
-    *hidden = left_out;
+  if (in->hidden && !fill)
+    *in->hidden = sink.hidden;
   return binned;
 }
 
-static int64_t bin_count(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const float *limits,
-                         uint64_t *touched, uint32_t *counts, int64_t *hidden) {
-  if (limits)
-    return bin_count_with(splats, order, count, tiles_x, tiles_y, limits, touched, counts, hidden);
-  return bin_count_with(splats, order, count, tiles_x, tiles_y, NULL, touched, counts, hidden);
+static int64_t bin_count(const pags_bin *in, uint32_t *counts) {
+  const bin_sink sink = {.tiles_x = in->tiles_x, .counts = counts, .limits = in->limits};
+  return in->limits ? bin_all(in, sink, false, true) : bin_all(in, sink, false, false);
 }
 
-V_INLINE void bin_fill_with(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                            const float *limits, const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
-  for (int64_t i = 0; i < count; i++) {
-    const pags_splat *const s = splats + order[i];
-    if (i + BIN_AHEAD < count)
-      __builtin_prefetch(splats + order[i + BIN_AHEAD]);
-    if (s->tiles == 0)
-      continue;
-    const tile_box box = tile_box_of(s, tiles_x, tiles_y);
-    bin_sink sink = {.tiles_x = tiles_x, .splat = order[i], .offsets = offsets, .entries = entries, .limits = limits, .z = s->z};
-    if ((int64_t)box.nx * box.ny <= 64)
-      bin_small(&sink, box, touched[i], true);
-    else
-      bin_large(&sink, s, box, true);
-  }
-}
-
-static void bin_fill(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y, const float *limits,
-                     const uint64_t *touched, int64_t *offsets, pags_entry *entries) {
-  if (limits)
-    bin_fill_with(splats, order, count, tiles_x, tiles_y, limits, touched, offsets, entries);
+static void bin_fill(const pags_bin *in, int64_t *offsets, pags_entry *entries) {
+  const bin_sink sink = {.tiles_x = in->tiles_x, .offsets = offsets, .entries = entries, .limits = in->limits};
+  if (in->limits)
+    bin_all(in, sink, true, true);
   else
-    bin_fill_with(splats, order, count, tiles_x, tiles_y, NULL, touched, offsets, entries);
+    bin_all(in, sink, true, false);
 }

@@ -28,6 +28,7 @@ const pags_kernels pags_kernels_scalar = {
 #endif
     .project = project,
     .shade = shade,
+    .tile_boxes = tile_boxes,
     .bin_count = bin_count,
     .bin_fill = bin_fill,
     .raster = raster,

@@ -39,9 +39,16 @@ typedef struct pags_splat {
   float slope;         /* B / A: the other regression line, for the tile test */
   float extent_x, extent_y; /* half size of the box in which alpha >= 1/255, px */
   int32_t id;
-  uint32_t tiles;      /* tiles it falls into; set by binning */
+  uint32_t tiles;      /* tiles it touches; set by tile_boxes */
   uint32_t clamped;    /* bit c: channel c was clamped at 0 */
 } pags_splat;
+
+/* The tiles that a splat's bounding box meets, from (x0, y0), nx by ny. Bit k: tile k of the box, row by row, is touched, where the box
+ * has at most 64; larger ones are tested again. */
+typedef struct pags_tile_box {
+  uint64_t touched;
+  uint16_t x0, y0, nx, ny;
+} pags_tile_box;
 
 /* The 4x4-pixel blocks of the picture, [x0, x1) x [y0, y1), outside of which a splat can't change a pixel. Empty: it changes none. */
 typedef struct pags_reach {
@@ -67,10 +74,21 @@ enum { /* its layout: sums over the pair's pixels; s = dL/d(exponent, base 2) */
   PAGS_SLOT_ABS_X, PAGS_SLOT_ABS_Y
 };
 
-/* One entry of a tile's list: which splat, and which of that splat's tiles this is (row by row, from 0). */
+/* One entry of a tile's list: which splat, and which of that splat's tiles this is (row by row, from 0,
+ * those left out not counted). */
 typedef struct pags_entry {
   uint32_t splat, rank;
 } pags_entry;
+
+typedef struct pags_bin {
+  const pags_splat *splats;
+  const pags_tile_box *boxes; /* per splat */
+  const uint32_t *drawn;      /* count of them */
+  int64_t count;
+  int tiles_x;
+  const float *limits; /* per tile: pairs with a larger z are left out; NULL: none */
+  int64_t *hidden;     /* out, of bin_count: how many; may be NULL */
+} pags_bin;
 
 /* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none). A tile that is not
  * finished leaves what it is resumed from: colour without background, transmittance with the sign set where the pixel has stopped,
@@ -198,14 +216,12 @@ typedef struct pags_kernels {
   void (*shade)(const pags_projection *view, const float *data, int64_t stride, const float *dc, int count,
                 const uint32_t *keys, pags_splat *splats);
 
-  /* Sets .tiles of the `count` splats named by `order` and adds to counts[tile] for each tile touched. touched[i] is left for
-   * bin_fill: bit k = tile k of the i-th splat's bounding box, if that has at most 64 tiles. Pairs with z > limits[tile] are left
-   * out and counted in *hidden; both may be NULL. Returns how many splats touch a tile at all. */
-  int64_t (*bin_count)(pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                       const float *limits, uint64_t *touched, uint32_t *counts, int64_t *hidden);
+  /* The tiles of the rows whose key is not UINT32_MAX, in a picture of tiles_x by tiles_y, and their .tiles; count <= 256. */
+  void (*tile_boxes)(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y, pags_tile_box *boxes);
+  /* Adds to counts[tile] for each tile that a splat touches. Returns how many splats have a pair. */
+  int64_t (*bin_count)(const pags_bin *in, uint32_t *counts);
   /* Writes each pair to entries[offsets[tile]++]. */
-  void (*bin_fill)(const pags_splat *splats, const uint32_t *order, int64_t count, int tiles_x, int tiles_y,
-                   const float *limits, const uint64_t *touched, int64_t *offsets, pags_entry *entries);
+  void (*bin_fill)(const pags_bin *in, int64_t *offsets, pags_entry *entries);
 
   /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);

@@ -108,7 +108,7 @@ static inline void chunk_masks(const pags_splat *chunk, int count, int x0, int y
   for (int i = 0; i < count; i++) {
     const pags_splat *const s = chunk + i;
     const vf x = v_sub(left, v_set(s->x)), y = v_sub(top, v_set(s->y));
-    const vf q = quadratic_min(s, x, v_add(x, side), y, v_add(y, side));
+    const vf q = quadratic_min(quadratic_of(s), x, v_add(x, side), y, v_add(y, side));
     masks[i] = (uint16_t)(m_bits(v_ge(v_set(cut_off(s)), q)) & active);
   }
 }

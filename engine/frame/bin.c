@@ -1,52 +1,107 @@
-/* Lists, for each tile, of the splats that can change it, front to back.
+/* Lists, for each tile, of the splats that can change it, in the order of the list of what is drawn, which is about that of memory:
+ * neighbours fall into the same tiles, so that few lines of few lists are written at a time. sort.c then puts each list in order.
  *
- * The depth order is cut into fixed blocks. Each block counts its pairs per tile; sums over (tile, block) give every block its own
+ * What is drawn is cut into fixed blocks. Each block counts its pairs per tile; sums over (tile, block) give every block its own
  * place in each tile's list; then each block writes its pairs there. Stable, and no atomics. */
 #include <string.h>
 
 #include "stages.h"
 
-enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024 };
+enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024, LISTED = 1 << 14 };
+
+typedef struct list_context {
+  pags_frame *frame;
+  int64_t *place; /* per block of dense indices: how many are drawn, then where they go */
+} list_context;
+
+static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
+  const list_context *const c = context;
+  const uint32_t *const keys = c->frame->keys;
+  (void)worker;
+  int64_t drawn = 0;
+  for (int64_t i = begin; i < end; i++)
+    drawn += keys[i] != UINT32_MAX;
+  c->place[begin / LISTED] = drawn;
+}
+
+static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
+  const list_context *const c = context;
+  const uint32_t *const keys = c->frame->keys;
+  uint32_t *out = c->frame->drawn + c->place[begin / LISTED];
+  (void)worker;
+  for (int64_t first = begin; first < end; first += PAGS_LANES) { /* dense_count is a multiple of 16 */
+    uint32_t some[PAGS_LANES];
+    int n = 0;
+    for (int k = 0; k < PAGS_LANES; k++) { /* no branch: which are drawn can't be foreseen */
+      some[n] = (uint32_t)(first + k);
+      n += keys[first + k] != UINT32_MAX;
+    }
+    memcpy(out, some, (size_t)n * sizeof *out);
+    out += n;
+  }
+}
+
+pags_result pags_stage_list(pags_frame *frame) {
+  const int64_t blocks = (frame->dense_count + LISTED - 1) / LISTED;
+  list_context c = {.frame = frame, .place = pags_frame_alloc(frame, blocks, sizeof *c.place, "drawn counts")};
+  if (!c.place)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_for(frame, frame->dense_count, LISTED, count_drawn, &c));
+  frame->drawn_count = 0;
+  for (int64_t b = 0; b < blocks; b++) {
+    const int64_t n = c.place[b];
+    c.place[b] = frame->drawn_count;
+    frame->drawn_count += n;
+  }
+  frame->stats.shaded = frame->drawn_count;
+  frame->drawn = pags_frame_alloc(frame, frame->drawn_count, sizeof *frame->drawn, "list of what is drawn");
+  return frame->drawn ? pags_frame_for(frame, frame->dense_count, LISTED, list_drawn, &c) : PAGS_ERROR_MEMORY;
+}
 
 typedef struct bin_context {
   pags_frame *frame;
   int64_t tiles, grain;
   uint32_t *counts; /* tiles per block */
   int64_t *offsets; /* tiles per block */
-  uint64_t *touched; /* per drawn splat */
   int64_t binned[MOST_BLOCKS], hidden[MOST_BLOCKS];
 } bin_context;
 
+static pags_bin bin_input(const pags_frame *f, int64_t begin, int64_t end) {
+  return (pags_bin){f->splats, f->boxes, f->drawn + begin, end - begin, f->tiles_x, f->tile_limits, NULL};
+}
+
 static void count_block(void *context, int64_t begin, int64_t end, int worker) {
   bin_context *const c = context;
-  pags_frame *const f = c->frame;
+  const int64_t block = begin / c->grain;
   (void)worker;
-  uint32_t *const counts = c->counts + begin / c->grain * c->tiles;
+  uint32_t *const counts = c->counts + block * c->tiles;
   memset(counts, 0, (size_t)c->tiles * sizeof *counts);
-  c->binned[begin / c->grain] =
-      f->kernels->bin_count(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, f->tile_limits, c->touched + begin,
-                            counts, &c->hidden[begin / c->grain]);
+  pags_bin in = bin_input(c->frame, begin, end);
+  in.hidden = &c->hidden[block];
+  c->binned[block] = c->frame->kernels->bin_count(&in, counts);
 }
 
 static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
-  bin_context *const c = context;
-  pags_frame *const f = c->frame;
+  const bin_context *const c = context;
   (void)worker;
-  f->kernels->bin_fill(f->splats, f->order + begin, end - begin, f->tiles_x, f->tiles_y, f->tile_limits, c->touched + begin,
-                       c->offsets + begin / c->grain * c->tiles, f->entries);
+  const pags_bin in = bin_input(c->frame, begin, end);
+  c->frame->kernels->bin_fill(&in, c->offsets + begin / c->grain * c->tiles, c->frame->entries);
 }
 
+/* Row after row of the tables, which is how they lie. */
 static int64_t place_blocks(bin_context *c, int64_t blocks) {
-  int64_t place = 0;
-  for (int64_t tile = 0; tile < c->tiles; tile++) {
-    c->frame->tile_start[tile] = place;
-    for (int64_t b = 0; b < blocks; b++) {
-      c->offsets[b * c->tiles + tile] = place;
-      place += c->counts[b * c->tiles + tile];
-    }
-  }
-  c->frame->tile_start[c->tiles] = place;
-  return place;
+  int64_t *const start = c->frame->tile_start;
+  memset(start, 0, (size_t)(c->tiles + 1) * sizeof *start);
+  for (int64_t b = 0; b < blocks; b++)
+    for (int64_t tile = 0; tile < c->tiles; tile++)
+      start[tile + 1] += c->counts[b * c->tiles + tile];
+  for (int64_t tile = 0; tile < c->tiles; tile++)
+    start[tile + 1] += start[tile];
+  for (int64_t b = 0; b < blocks; b++)
+    for (int64_t tile = 0; tile < c->tiles; tile++)
+      c->offsets[b * c->tiles + tile] =
+          b == 0 ? start[tile] : c->offsets[(b - 1) * c->tiles + tile] + c->counts[(b - 1) * c->tiles + tile];
+  return start[c->tiles];
 }
 
 /* Where each splat's gradient slots begin; in dense order, so that a cluster's slots lie together. */
@@ -72,8 +127,7 @@ pags_result pags_stage_bin(pags_frame *frame) {
   c.counts = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.counts, "tile counts");
   c.offsets = pags_frame_alloc(frame, blocks * c.tiles, sizeof *c.offsets, "tile offsets");
   frame->tile_start = pags_frame_alloc(frame, c.tiles + 1, sizeof *frame->tile_start, "tile lists");
-  c.touched = pags_frame_alloc(frame, frame->drawn_count, sizeof *c.touched, "touched tiles");
-  if (!c.counts || !c.offsets || !c.touched || !frame->tile_start)
+  if (!c.counts || !c.offsets || !frame->tile_start)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
   const int64_t pairs = place_blocks(&c, blocks);

@@ -163,15 +163,16 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   const double t2 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
   const double t3 = pags_frame_clock_ms();
-  PAGS_TRY(pags_stage_sort(frame));
-  const double t4 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
+  const double t4 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_raster(frame));
   const double t6 = pags_frame_clock_ms();
   pags_frame_stats *const s = &frame->stats;
-  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_sort = t4 - t3;
-  s->ms_bin = t5 - t4, s->ms_raster = t6 - t5;
+  s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
+  s->ms_sort = t5 - t4, s->ms_raster = t6 - t5;
   s->slabs = 1;
   return PAGS_OK;
 }

@@ -38,6 +38,7 @@ static void load(const paper *p, int64_t i, int worker) {
   if (p->touch)
     p->touch(p->user, c->part, c->cluster, worker);
   pags_frame_project_cluster(p->frame, c, p->reaches + c->base);
+  pags_frame_box_members(p->frame, c->base, c->count);
   p->loaded[i] = 1;
 }
 
@@ -162,9 +163,10 @@ static pags_result allocate(paper *p) {
   p->limits = pags_frame_alloc(f, tiles, sizeof *p->limits, "tile depths");
   f->splats = pags_frame_alloc(f, dense, sizeof *f->splats, "projected Gaussians");
   f->keys = pags_frame_alloc(f, dense, sizeof *f->keys, "depth keys");
+  f->boxes = pags_frame_alloc(f, dense, sizeof *f->boxes, "tiles of Gaussians");
   f->hard = pags_frame_alloc(f, f->plane_size, sizeof *f->hard, "occluders' depth");
   if (!p->loaded || !p->hidden || !p->dropped || !p->occluders || !p->all_keys || !p->reaches || !p->limits || !f->splats ||
-      !f->keys || !f->hard)
+      !f->keys || !f->boxes || !f->hard)
     return PAGS_ERROR_MEMORY;
   return make_pyramid(p);
 }
@@ -173,7 +175,7 @@ static pags_result draw_occluders(paper *p) {
   pags_frame *const f = p->frame;
   const pags_frame_stats before = f->stats;
   PAGS_TRY(pags_frame_for(f, f->cluster_count, 8, find_occluders, p));
-  PAGS_TRY(pags_stage_sort(f));
+  PAGS_TRY(pags_stage_list(f));
   PAGS_TRY(pags_stage_bin(f));
   PAGS_TRY(pags_frame_for(f, (int64_t)f->tiles_x * f->tiles_y, 1, draw_depth, p));
   for (int l = 1; l < p->levels; l++)
@@ -204,14 +206,15 @@ pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void 
   const double t2 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
   const double t3 = pags_frame_clock_ms();
-  PAGS_TRY(pags_stage_sort(frame));
-  const double t4 = pags_frame_clock_ms();
   frame->tile_limits = p.limits;
+  PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
+  const double t4 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_raster(frame));
   pags_frame_stats *const s = &frame->stats;
-  s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_sort = t4 - t3, s->ms_bin = t5 - t4;
+  s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3, s->ms_sort = t5 - t4;
   s->ms_raster = pags_frame_clock_ms() - t5;
   s->slabs = 1;
   return PAGS_OK;

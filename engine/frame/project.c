@@ -39,17 +39,25 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
     keys[k] = UINT32_MAX;
 }
 
+void pags_frame_box_members(const pags_frame *frame, int64_t first, int count) {
+  frame->kernels->tile_boxes(frame->splats + first, frame->keys + first, count, frame->tiles_x, frame->tiles_y,
+                             frame->boxes + first);
+}
+
 static void project_block(void *context, int64_t begin, int64_t end, int worker) {
   const pags_frame *const frame = context;
   (void)worker;
-  for (int64_t i = begin; i < end; i++)
+  for (int64_t i = begin; i < end; i++) {
     pags_frame_project_cluster(frame, frame->clusters + i, NULL);
+    pags_frame_box_members(frame, frame->clusters[i].base, frame->clusters[i].count);
+  }
 }
 
 pags_result pags_stage_project(pags_frame *frame) {
   frame->splats = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->splats, "projected Gaussians");
   frame->keys = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->keys, "depth keys");
-  if (!frame->splats || !frame->keys)
+  frame->boxes = pags_frame_alloc(frame, frame->dense_count, sizeof *frame->boxes, "tiles of Gaussians");
+  if (!frame->splats || !frame->keys || !frame->boxes)
     return PAGS_ERROR_MEMORY;
   return pags_frame_for(frame, frame->cluster_count, 8, project_block, frame);
 }

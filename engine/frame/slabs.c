@@ -30,17 +30,18 @@ enum { GROUP = 16, MOST_GROUPS = 256 / GROUP };
 typedef struct active_cluster {
   int64_t view;      /* index in the frame's clusters */
   bool fresh;        /* not projected yet */
-  uint16_t shaded;   /* bit g: group g has its colours */
-  uint16_t ready[MOST_GROUPS]; /* per group: members to be drawn now */
+  uint16_t shaded;   /* bit g: group g has its colours and tiles */
+  uint16_t waiting[MOST_GROUPS]; /* per group: members neither drawn nor hidden so far */
+  uint16_t ready[MOST_GROUPS];   /* per group: members to be drawn now */
   int32_t ready_count, waiting_count, hidden_count, shaded_count;
-  int64_t place;     /* of its first one in the list of keys */
+  int64_t place;     /* of its first one in the list of what is drawn */
 } active_cluster;
 
 typedef struct slabs {
   pags_frame *frame;
   pags_touch_fn *touch;
   void *user;
-  depth_key *order, *spare; /* clusters by the bound of their keys */
+  depth_key *order;         /* clusters by the bound of their keys */
   int64_t next;             /* in that order */
   uint64_t *taken;          /* bit by bit, per cluster: taken into this slab */
   int64_t dense_next;       /* where the next cluster's members go */
@@ -48,8 +49,6 @@ typedef struct slabs {
   int64_t active_count;
   pags_reach *reaches;      /* per dense index */
   uint32_t limit;           /* keys below are drawn in this slab */
-  depth_key *keys, *keys_spare;
-  int64_t key_count;
 } slabs;
 
 /* Whether the reach holds a block that can still change. */
@@ -76,12 +75,13 @@ static uint32_t bits_of(float z) {
 static pags_result order_clusters(slabs *s) {
   pags_frame *const f = s->frame;
   s->order = pags_frame_alloc(f, f->cluster_count, sizeof *s->order, "cluster order");
-  s->spare = pags_frame_alloc(f, f->cluster_count, sizeof *s->spare, "cluster order");
-  if (!s->order || !s->spare)
+  depth_key *const spare = pags_frame_alloc(f, f->cluster_count, sizeof *spare, "cluster order");
+  if (!s->order || !spare)
     return PAGS_ERROR_MEMORY;
   for (int64_t i = 0; i < f->cluster_count; i++)
     s->order[i] = (depth_key){bits_of(f->bounds[i].near), (uint32_t)i};
-  return pags_frame_radix_sort(f, &s->order, &s->spare, f->cluster_count);
+  s->order = pags_frame_sort_keys(s->order, spare, f->cluster_count);
+  return PAGS_OK;
 }
 
 static pags_result begin(slabs *s) {
@@ -97,7 +97,8 @@ static pags_result begin(slabs *s) {
   s->reaches = pags_frame_alloc(f, f->dense_count, sizeof *s->reaches, "reaches");
   f->splats = pags_frame_alloc(f, f->dense_count, sizeof *f->splats, "projected Gaussians");
   f->keys = pags_frame_alloc(f, f->dense_count, sizeof *f->keys, "depth keys");
-  return s->active && s->reaches && f->splats && f->keys ? PAGS_OK : PAGS_ERROR_MEMORY;
+  f->boxes = pags_frame_alloc(f, f->dense_count, sizeof *f->boxes, "tiles of Gaussians");
+  return s->active && s->reaches && f->splats && f->keys && f->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
 }
 
 /* Those marked become active in the order in which they lie in memory, which is how they will be read; so do their members in the dense
@@ -141,12 +142,11 @@ static void choose_members(const slabs *s, active_cluster *a) {
   uint32_t *const keys = f->keys + c->base;
   a->ready_count = a->waiting_count = a->hidden_count = 0;
   for (int first = 0; first < c->count; first += GROUP) {
-    const int end = first + GROUP < c->count ? first + GROUP : c->count;
-    unsigned ready = 0;
-    for (int k = first; k < end; k++) {
-      if (keys[k] == UINT32_MAX)
-        continue;
+    unsigned ready = 0, later = 0;
+    for (unsigned waiting = a->waiting[first / GROUP]; waiting; waiting &= waiting - 1) {
+      const int k = first + __builtin_ctz(waiting);
       if (keys[k] >= s->limit) {
+        later |= 1u << (k - first);
         a->waiting_count++;
       } else if (is_open(f->full, s->reaches[c->base + k])) {
         ready |= 1u << (k - first);
@@ -157,7 +157,18 @@ static void choose_members(const slabs *s, active_cluster *a) {
       }
     }
     a->ready[first / GROUP] = (uint16_t)ready;
+    a->waiting[first / GROUP] = (uint16_t)later;
   }
+}
+
+static void project_fresh(const slabs *s, active_cluster *a) {
+  const pags_frame *const f = s->frame;
+  const view_cluster *const c = f->clusters + a->view;
+  pags_frame_project_cluster(f, c, s->reaches + c->base);
+  for (int k = 0; k < c->count; k++)
+    if (f->keys[c->base + k] != UINT32_MAX)
+      a->waiting[k / GROUP] = (uint16_t)(a->waiting[k / GROUP] | 1u << k % GROUP);
+  a->fresh = false;
 }
 
 static void project_active(void *context, int64_t begin, int64_t end, int worker) {
@@ -169,13 +180,12 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
     if (a->fresh && s->touch)
       s->touch(s->user, c->part, c->cluster, worker);
     if (a->fresh)
-      pags_frame_project_cluster(f, c, s->reaches + c->base);
-    a->fresh = false;
+      project_fresh(s, a);
     choose_members(s, a);
   }
 }
 
-/* Colours of the groups that have a member to be drawn, once. Vectors make the others of a group cost nothing. */
+/* Colours and tiles of the groups that have a member to be drawn, once. Vectors make the others of a group cost nothing. */
 static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -193,23 +203,19 @@ static void shade_groups(const slabs *s, active_cluster *a) {
     const uint32_t *const keys = f->keys + c->base + first;
     f->kernels->shade(&view, rows + first, stride,
                       part->dc ? part->dc + c->first + first : NULL, count, keys, f->splats + c->base + first);
+    pags_frame_box_members(f, c->base + first, count);
     a->shaded = (uint16_t)(a->shaded | 1u << group);
     for (int k = 0; k < count; k++)
       a->shaded_count += keys[k] != UINT32_MAX;
   }
 }
 
-/* Puts the members to be drawn into the list and forgets them. */
-static void hand_over(const slabs *s, active_cluster *a) {
-  const pags_frame *const f = s->frame;
+static void list_ready(const pags_frame *f, const active_cluster *a) {
   const view_cluster *const c = f->clusters + a->view;
-  depth_key *out = s->keys + a->place;
+  uint32_t *out = f->drawn + a->place;
   for (int first = 0; first < c->count; first += GROUP)
-    for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1) {
-      const int64_t dense = c->base + first + __builtin_ctz(ready);
-      *out++ = (depth_key){f->keys[dense], (uint32_t)dense};
-      f->keys[dense] = UINT32_MAX;
-    }
+    for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1)
+      *out++ = (uint32_t)(c->base + first + __builtin_ctz(ready));
 }
 
 static void shade_active(void *context, int64_t begin, int64_t end, int worker) {
@@ -218,7 +224,7 @@ static void shade_active(void *context, int64_t begin, int64_t end, int worker) 
   for (int64_t i = begin; i < end; i++)
     if (s->active[i].ready_count) {
       shade_groups(s, s->active + i);
-      hand_over(s, s->active + i);
+      list_ready(s->frame, s->active + i);
     }
 }
 
@@ -238,34 +244,20 @@ static pags_result select_and_shade(slabs *s) {
   pags_frame *const f = s->frame;
   const double t0 = pags_frame_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, project_active, s));
-  s->key_count = 0;
+  f->drawn_count = 0;
   for (int64_t i = 0; i < s->active_count; i++) {
-    s->active[i].place = s->key_count;
-    s->key_count += s->active[i].ready_count;
+    s->active[i].place = f->drawn_count;
+    f->drawn_count += s->active[i].ready_count;
     f->stats.hidden += s->active[i].hidden_count;
   }
-  s->keys = pags_frame_alloc(f, s->key_count, sizeof *s->keys, "depth keys");
-  s->keys_spare = pags_frame_alloc(f, s->key_count, sizeof *s->keys_spare, "depth keys");
-  if (!s->keys || !s->keys_spare)
+  f->drawn = pags_frame_alloc(f, f->drawn_count, sizeof *f->drawn, "list of what is drawn");
+  if (!f->drawn)
     return PAGS_ERROR_MEMORY;
   const double t1 = pags_frame_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
   retire(s);
   f->stats.ms_project += t1 - t0;
   f->stats.ms_shade += pags_frame_clock_ms() - t1;
-  return PAGS_OK;
-}
-
-static pags_result sort_keys(slabs *s) {
-  pags_frame *const f = s->frame;
-  PAGS_TRY(pags_frame_radix_sort(f, &s->keys, &s->keys_spare, s->key_count));
-  pags_frame_order_ties(f, s->keys, s->key_count);
-  f->order = pags_frame_alloc(f, s->key_count, sizeof *f->order, "depth order");
-  if (!f->order)
-    return PAGS_ERROR_MEMORY;
-  for (int64_t i = 0; i < s->key_count; i++)
-    f->order[i] = s->keys[i].index;
-  f->drawn_count = s->key_count;
   return PAGS_OK;
 }
 
@@ -277,15 +269,15 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
   stats->ms_occlude += pags_frame_clock_ms() - t0;
   PAGS_TRY(select_and_shade(s));
   const double t1 = pags_frame_clock_ms();
-  PAGS_TRY(sort_keys(s));
-  const double t2 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_bin(f));
+  const double t2 = pags_frame_clock_ms();
+  PAGS_TRY(pags_stage_sort(f));
   const double t3 = pags_frame_clock_ms();
   PAGS_TRY(pags_stage_raster(f));
   const double t4 = pags_frame_clock_ms();
   if (!f->last_slab)
     pags_frame_fullness_update(f);
-  stats->ms_sort += t2 - t1, stats->ms_bin += t3 - t2, stats->ms_raster += t4 - t3;
+  stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
   stats->ms_occlude += pags_frame_clock_ms() - t4;
   stats->slabs++;
   return PAGS_OK;

@@ -1,76 +1,79 @@
-/* One depth sort a frame: front to back by (bits of z, id).
+/* Front to back, tile by tile: each tile's list is sorted by (bits of z, id) by whoever gets it, in its own cache. No order of all
+ * Gaussians is ever made: lists come from memory's order (bin.c), in which neighbours fall into the same tiles.
  *
- * z > 0, so its bits order as an unsigned number does. A stable radix sort of 11 bits a pass over fixed blocks of keys: the same
- * order however blocks are scheduled. Passes whose digit is the same for all keys are skipped. */
+ * z > 0, so its bits order as an unsigned number does. */
 #include <string.h>
 
 #include "stages.h"
 
-enum { DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 3, BLOCK = 1 << 15 };
+enum { FEW = 24, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
+
+static void insertion_sort(depth_key *keys, int64_t count) {
+  for (int64_t i = 1; i < count; i++) {
+    const depth_key moving = keys[i];
+    int64_t k = i;
+    for (; k > 0 && keys[k - 1].key > moving.key; k--)
+      keys[k] = keys[k - 1];
+    keys[k] = moving;
+  }
+}
+
+/* All digits' histograms in one go, then turned into the places where each value's keys begin. */
+static void digit_places(const depth_key *keys, int64_t count, uint32_t least, int width, int passes,
+                         int64_t place[MOST_PASSES][1 << MOST_DIGIT_BITS]) {
+  const uint32_t mask = (1u << width) - 1;
+  for (int pass = 0; pass < passes; pass++)
+    memset(place[pass], 0, sizeof(int64_t) << width);
+  for (int64_t i = 0; i < count; i++)
+    for (int pass = 0; pass < passes; pass++)
+      place[pass][(keys[i].key - least) >> pass * width & mask]++;
+  for (int pass = 0; pass < passes; pass++) {
+    int64_t before = 0;
+    for (uint32_t d = 0; d <= mask; d++) {
+      const int64_t n = place[pass][d];
+      place[pass][d] = before;
+      before += n;
+    }
+  }
+}
+
+/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths. */
+depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count) {
+  if (count <= FEW) {
+    insertion_sort(keys, count);
+    return keys;
+  }
+  uint32_t least = UINT32_MAX, most = 0;
+  for (int64_t i = 0; i < count; i++) {
+    least = keys[i].key < least ? keys[i].key : least;
+    most = keys[i].key > most ? keys[i].key : most;
+  }
+  if (least == most)
+    return keys;
+  const int bits = 32 - __builtin_clz(most - least);
+  const int passes = (bits + MOST_DIGIT_BITS - 1) / MOST_DIGIT_BITS, width = (bits + passes - 1) / passes;
+  int64_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
+  digit_places(keys, count, least, width, passes, place);
+  for (int pass = 0; pass < passes; pass++) {
+    int64_t *const next = place[pass];
+    for (int64_t i = 0; i < count; i++)
+      spare[next[(keys[i].key - least) >> pass * width & ((1u << width) - 1)]++] = keys[i];
+    depth_key *const swap = keys;
+    keys = spare;
+    spare = swap;
+  }
+  return keys;
+}
 
 typedef struct sort_context {
   pags_frame *frame;
-  depth_key *from, *to;
-  int64_t count;
-  int64_t *block_count;        /* drawn per block of dense indices */
-  uint32_t (*histogram)[DIGITS]; /* per block of keys */
-  int shift;
+  depth_key *scratch; /* two stretches per worker or, where that is less, per tile */
+  int64_t stretch;    /* 0: per tile */
 } sort_context;
-
-static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
-  sort_context *const c = context;
-  (void)worker;
-  int64_t drawn = 0;
-  for (int64_t i = begin; i < end; i++)
-    drawn += c->frame->keys[i] != UINT32_MAX;
-  c->block_count[begin / BLOCK] = drawn;
-}
-
-static void gather_drawn(void *context, int64_t begin, int64_t end, int worker) {
-  sort_context *const c = context;
-  (void)worker;
-  depth_key *out = c->from + c->block_count[begin / BLOCK];
-  for (int64_t i = begin; i < end; i++)
-    if (c->frame->keys[i] != UINT32_MAX)
-      *out++ = (depth_key){c->frame->keys[i], (uint32_t)i};
-}
-
-static void count_digits(void *context, int64_t begin, int64_t end, int worker) {
-  sort_context *const c = context;
-  (void)worker;
-  uint32_t *const histogram = c->histogram[begin / BLOCK];
-  memset(histogram, 0, DIGITS * sizeof *histogram);
-  for (int64_t i = begin; i < end; i++)
-    histogram[c->from[i].key >> c->shift & (DIGITS - 1)]++;
-}
-
-static void scatter_digits(void *context, int64_t begin, int64_t end, int worker) {
-  sort_context *const c = context;
-  (void)worker;
-  uint32_t *const next = c->histogram[begin / BLOCK];
-  for (int64_t i = begin; i < end; i++)
-    c->to[next[c->from[i].key >> c->shift & (DIGITS - 1)]++] = c->from[i];
-}
-
-/* Turns counts into the places where each block's share of each digit begins. False if one digit holds everything. */
-static bool digit_places(sort_context *c, int64_t blocks) {
-  uint32_t place = 0;
-  bool several = false;
-  for (int d = 0; d < DIGITS; d++) {
-    const uint32_t before = place;
-    for (int64_t b = 0; b < blocks; b++) {
-      const uint32_t n = c->histogram[b][d];
-      c->histogram[b][d] = place;
-      place += n;
-    }
-    several |= place != before && (int64_t)(place - before) != c->count;
-  }
-  return several;
-}
 
 /* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. Shell sort: runs are short, and
  * a long one (a wall of equal depths) still costs n^1.3. */
-void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t count) {
+static void order_ties(const pags_frame *frame, const pags_entry *entries, depth_key *keys, int64_t count) {
   for (int64_t begin = 0; begin < count;) {
     int64_t end = begin + 1;
     while (end < count && keys[end].key == keys[begin].key)
@@ -83,9 +86,9 @@ void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t cou
     for (; n > 1 && gap > 0; gap /= 3)
       for (int64_t i = gap; i < n; i++) {
         const depth_key moving = run[i];
-        const int32_t id = frame->splats[moving.index].id;
+        const int32_t id = frame->splats[entries[moving.index].splat].id;
         int64_t k = i;
-        for (; k >= gap && frame->splats[run[k - gap].index].id > id; k -= gap)
+        for (; k >= gap && frame->splats[entries[run[k - gap].index].splat].id > id; k -= gap)
           run[k] = run[k - gap];
         run[k] = moving;
       }
@@ -93,55 +96,42 @@ void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t cou
   }
 }
 
-static pags_result radix_sort(sort_context *c) {
-  const int64_t blocks = (c->count + BLOCK - 1) / BLOCK;
-  c->histogram = pags_frame_alloc(c->frame, blocks, sizeof *c->histogram, "sort histograms");
-  if (!c->histogram)
-    return PAGS_ERROR_MEMORY;
-  for (int pass = 0; pass < PASSES; pass++) {
-    c->shift = pass * DIGIT_BITS;
-    PAGS_TRY(pags_frame_for(c->frame, c->count, BLOCK, count_digits, c));
-    if (!digit_places(c, blocks))
-      continue;
-    PAGS_TRY(pags_frame_for(c->frame, c->count, BLOCK, scatter_digits, c));
-    depth_key *const swap = c->from;
-    c->from = c->to;
-    c->to = swap;
+static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
+  bool sorted = true;
+  for (int64_t i = 0; i < count; i++) {
+    keys[i] = (depth_key){f->keys[entries[i].splat], (uint32_t)i};
+    sorted &= i == 0 || keys[i - 1].key < keys[i].key;
   }
-  return PAGS_OK;
+  if (sorted)
+    return;
+  depth_key *const order = pags_frame_sort_keys(keys, spare, count);
+  if (!f->ids_ascend || f->full) /* slabs put splats into memory as they meet them */
+    order_ties(f, entries, order, count);
+  pags_entry *const copy = (pags_entry *)(void *)(order == keys ? spare : keys);
+  memcpy(copy, entries, (size_t)count * sizeof *copy);
+  for (int64_t i = 0; i < count; i++)
+    entries[i] = copy[order[i].index];
 }
 
-pags_result pags_frame_radix_sort(pags_frame *frame, depth_key **keys, depth_key **spare, int64_t count) {
-  sort_context c = {.frame = frame, .from = *keys, .to = *spare, .count = count};
-  PAGS_TRY(radix_sort(&c));
-  *keys = c.from;
-  *spare = c.to;
-  return PAGS_OK;
+static void sort_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const sort_context *const c = context;
+  const pags_frame *const f = c->frame;
+  for (int64_t tile = begin; tile < end; tile++) {
+    const int64_t start = f->tile_start[tile], count = f->tile_start[tile + 1] - start;
+    depth_key *const keys = c->scratch + 2 * (c->stretch ? worker * c->stretch : start);
+    sort_list(f, f->entries + start, count, keys, keys + (c->stretch ? c->stretch : count));
+  }
 }
 
 pags_result pags_stage_sort(pags_frame *frame) {
-  const int64_t dense_blocks = (frame->dense_count + BLOCK - 1) / BLOCK;
-  sort_context c = {.frame = frame};
-  c.block_count = pags_frame_alloc(frame, dense_blocks, sizeof *c.block_count, "drawn counts");
-  if (!c.block_count)
-    return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_for(frame, frame->dense_count, BLOCK, count_drawn, &c));
-  for (int64_t b = 0; b < dense_blocks; b++) {
-    const int64_t n = c.block_count[b];
-    c.block_count[b] = c.count;
-    c.count += n;
+  const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y, pairs = frame->tile_start[tiles];
+  const int workers = pags_tasks_workers(frame->tasks);
+  int64_t longest = 0;
+  for (int64_t tile = 0; tile < tiles; tile++) {
+    const int64_t count = frame->tile_start[tile + 1] - frame->tile_start[tile];
+    longest = count > longest ? count : longest;
   }
-  frame->drawn_count = frame->stats.shaded = c.count;
-  c.from = pags_frame_alloc(frame, c.count, sizeof *c.from, "depth keys");
-  c.to = pags_frame_alloc(frame, c.count, sizeof *c.to, "depth keys");
-  frame->order = pags_frame_alloc(frame, c.count, sizeof *frame->order, "depth order");
-  if (!c.from || !c.to || !frame->order)
-    return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_for(frame, frame->dense_count, BLOCK, gather_drawn, &c));
-  PAGS_TRY(radix_sort(&c));
-  if (!frame->ids_ascend)
-    pags_frame_order_ties(frame, c.from, c.count);
-  for (int64_t i = 0; i < c.count; i++)
-    frame->order[i] = c.from[i].index;
-  return PAGS_OK;
+  sort_context c = {.frame = frame, .stretch = workers * longest < pairs ? longest : 0};
+  c.scratch = pags_frame_alloc(frame, 2 * (c.stretch ? workers * c.stretch : pairs), sizeof *c.scratch, "lists to sort");
+  return c.scratch ? pags_frame_for(frame, tiles, 1, sort_tiles, &c) : PAGS_ERROR_MEMORY;
 }

@@ -55,13 +55,14 @@ struct pags_frame {
   cluster_bound *bounds; /* per cluster, only of frames drawn slab by slab */
   int64_t cluster_count, dense_count;
   pags_splat *splats;  /* dense_count */
-  uint32_t *keys;      /* dense_count; UINT32_MAX = nothing to draw */
-  uint32_t *order;     /* drawn_count dense indices, front to back */
+  uint32_t *keys;      /* dense_count: bits of z, by which lists are sorted; UINT32_MAX = nothing to draw */
+  pags_tile_box *boxes; /* dense_count; of what is drawn */
+  uint32_t *drawn;     /* drawn_count dense indices, about as they lie in memory */
   int64_t drawn_count;
 
   int tiles_x, tiles_y;
   int64_t *tile_start; /* tiles + 1 */
-  pags_entry *entries; /* tile after tile, front to back */
+  pags_entry *entries; /* tile after tile; front to back once sorted */
   uint16_t *block_masks; /* per entry */
   fullness *full;        /* NULL: one slab */
   bool last_slab;
@@ -84,10 +85,11 @@ static inline float *frame_plane(const pags_frame *frame, int plane) { return fr
 /* In the order in which frame.c runs them; each returns PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY. */
 pags_result pags_stage_cull(pags_frame *frame, bool bounded);                     /* -> clusters, bounds */
 pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);
-pags_result pags_stage_project(pags_frame *frame);                                /* -> splats (no colour), keys */
+pags_result pags_stage_project(pags_frame *frame);                                /* -> splats (no colour), keys, boxes */
 pags_result pags_stage_shade(pags_frame *frame);                                  /* -> colours */
-pags_result pags_stage_sort(pags_frame *frame);                                   /* -> order */
-pags_result pags_stage_bin(pags_frame *frame);                                    /* -> tile lists */
+pags_result pags_stage_list(pags_frame *frame);                                   /* -> drawn */
+pags_result pags_stage_bin(pags_frame *frame);                                    /* -> tile lists, in the order of `drawn` */
+pags_result pags_stage_sort(pags_frame *frame);                                   /* -> tile lists, front to back */
 pags_result pags_stage_raster(pags_frame *frame);                                 /* -> planes */
 
 /* Nothing is full; what the last raster stage left. */
@@ -110,10 +112,10 @@ static inline bool frame_is_critical(const pags_part *part, int64_t row) {
 void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *cluster, pags_reach *reaches);
 /* The projection that a cluster is shaded by: of a lower degree where the options say so. */
 pags_projection pags_frame_shading(const pags_frame *frame, const view_cluster *cluster);
-/* Sorts by key, stable; *keys and *spare may be swapped. */
-pags_result pags_frame_radix_sort(pags_frame *frame, depth_key **keys, depth_key **spare, int64_t count);
-/* Puts splats of equal depth into the order of their ids. */
-void pags_frame_order_ties(const pags_frame *frame, depth_key *keys, int64_t count);
+/* Finds the tiles of projected members [first, first + count) of the dense arrays, at most 256. */
+void pags_frame_box_members(const pags_frame *frame, int64_t first, int count);
+/* Sorts by key, stable; returns whichever of `keys` and `spare` holds the result. */
+depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count);
 
 /* Of the sky (sky.c): directions, before anything is drawn; a tile that has just been blended over zeros; the way back, which adds to the
  * gradient's texels. */

@@ -1,4 +1,4 @@
-/* Binning: the lists are well formed, the same on every ISA, hold every tile and 4x4 block with a pixel that the
+/* Tiles of splats and lists of tiles: the lists are well formed, the same on every ISA, hold every tile and 4x4 block with a pixel that the
  * splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's own operations,
  * fused and not. */
 #include "check.h"
@@ -11,8 +11,9 @@ typedef struct bins {
   int tiles_x, tiles_y;
   int64_t count, splat_count, total;
   pags_splat *splats;
+  uint32_t *keys; /* UINT32_MAX: not drawn */
   uint32_t *order, *counts;
-  uint64_t *touched;
+  pags_tile_box *boxes;
   int64_t *start; /* per tile and one more */
   pags_entry *entries;
 } bins;
@@ -29,8 +30,30 @@ static bins make_bins(int64_t splat_count, int tiles_x, int tiles_y) {
   b.order = CHECK_NEW(uint32_t, b.count);
   memcpy(b.order, all, (size_t)b.count * sizeof *all);
   check_freeze(b.order);
+  b.keys = CHECK_NEW(uint32_t, splat_count);
+  for (int64_t i = 0; i < splat_count; i++)
+    b.keys[i] = UINT32_MAX;
+  for (int64_t i = 0; i < b.count; i++)
+    b.keys[b.order[i]] = 1;
+  check_freeze(b.keys);
   b.splats = CHECK_NEW(pags_splat, splat_count);
   return b;
+}
+
+/* Leaves alone what isn't drawn. */
+static void find_boxes(const pags_kernels *k, bins *b) {
+  b->boxes = CHECK_NEW(pags_tile_box, b->splat_count);
+  memset(b->boxes, 0xA5, (size_t)b->splat_count * sizeof *b->boxes);
+  for (int64_t first = 0; first < b->splat_count; first += 256) {
+    const int count = b->splat_count - first < 256 ? (int)(b->splat_count - first) : 256;
+    k->tile_boxes(b->splats + first, b->keys + first, count, b->tiles_x, b->tiles_y, b->boxes + first);
+  }
+  pags_tile_box untouched;
+  memset(&untouched, 0xA5, sizeof untouched);
+  for (int64_t i = 0; i < b->splat_count; i++)
+    CHECK(b->keys[i] != UINT32_MAX || memcmp(b->boxes + i, &untouched, sizeof untouched) == 0);
+  check_freeze(b->boxes);
+  check_freeze(b->splats);
 }
 
 static bins bin(const pags_kernels *k, const bins *in) {
@@ -40,8 +63,9 @@ static bins bin(const pags_kernels *k, const bins *in) {
   memcpy(b.splats, in->splats, (size_t)b.splat_count * sizeof *b.splats);
   b.counts = CHECK_NEW(uint32_t, tiles);
   memset(b.counts, 0, (size_t)tiles * sizeof *b.counts);
-  b.touched = CHECK_NEW(uint64_t, b.count);
-  k->bin_count(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, b.counts, NULL);
+  find_boxes(k, &b);
+  const pags_bin list = {b.splats, b.boxes, b.order, b.count, b.tiles_x, NULL, NULL};
+  k->bin_count(&list, b.counts);
   b.start = CHECK_NEW(int64_t, tiles + 1);
   b.start[0] = 0;
   for (int64_t t = 0; t < tiles; t++)
@@ -50,9 +74,7 @@ static bins bin(const pags_kernels *k, const bins *in) {
   b.entries = CHECK_NEW(pags_entry, b.total);
   int64_t *const offsets = CHECK_NEW(int64_t, tiles);
   memcpy(offsets, b.start, (size_t)tiles * sizeof *offsets);
-  check_freeze(b.splats);
-  check_freeze(b.touched);
-  k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, offsets, b.entries);
+  k->bin_fill(&list, offsets, b.entries);
   for (int64_t t = 0; t < tiles; t++)
     CHECK(offsets[t] == b.start[t + 1]);
   return b;
@@ -93,7 +115,7 @@ static void compare(const bins *got, const bins *want) {
     return;
   }
   CHECK(memcmp(got->counts, want->counts, (size_t)tiles * sizeof *got->counts) == 0);
-  CHECK(memcmp(got->touched, want->touched, (size_t)got->count * sizeof *got->touched) == 0);
+  CHECK(memcmp(got->boxes, want->boxes, (size_t)got->splat_count * sizeof *got->boxes) == 0);
   CHECK(got->total == want->total &&
         memcmp(got->entries, want->entries, (size_t)got->total * sizeof *got->entries) == 0);
 }
@@ -200,7 +222,8 @@ static void test_needles(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.01f, 0.2f, 1e4f, 0.004f, 1.0f, false}, 200, 0.03, 0.015);
 }
 
-/* Boxes of every shape about the 64 tiles up to which `touched` serves: n x 1, 1 x n, 2 x n / 2, ... */
+/* Boxes of every shape about the 4 tiles up to which sixteen splats are tested at once, and the 64 up to which `touched` serves: n x 1,
+ * 1 x n, 2 x n / 2, ... */
 static void test_shapes(const pags_kernels *k) {
   for (int tall = 0; tall < 2; tall++)
     for (int across = 1; across <= 9; across += across < 3 ? 1 : 3) {
@@ -221,6 +244,43 @@ static void test_shapes(const pags_kernels *k) {
       }
       check_release();
     }
+}
+
+/* Limits leave out pairs with a larger z, and count them. */
+static void test_limits(const pags_kernels *k) {
+  const splat_mix mix = {-10, -10, 154, 122, 0.3f, 40, 10, 0.004f, 1.0f, true};
+  bins in = make_bins(400, 9, 7);
+  for (int i = 0; i < 400; i++)
+    in.splats[i] = splat_random(&mix);
+  const bins all = bin(k, &in);
+  float limits[9 * 7];
+  for (int t = 0; t < 9 * 7; t++)
+    limits[t] = t % 4 == 0 ? -1.0f : t % 4 == 1 ? INFINITY : in.splats[check_below(400)].z;
+  uint32_t counts[9 * 7] = {0};
+  int64_t hidden = -1, offsets[9 * 7], binned = 0;
+  const pags_bin list = {all.splats, all.boxes, all.order, all.count, all.tiles_x, limits, &hidden};
+  const int64_t said = k->bin_count(&list, counts);
+  pags_entry *const entries = CHECK_NEW(pags_entry, all.total);
+  memcpy(offsets, all.start, sizeof offsets);
+  k->bin_fill(&list, offsets, entries);
+  bool *const seen = CHECK_NEW(bool, all.splat_count);
+  memset(seen, 0, (size_t)all.splat_count);
+  int64_t left = 0;
+  for (int t = 0; t < 9 * 7; t++) {
+    int64_t place = all.start[t];
+    for (int64_t i = all.start[t]; i < all.start[t + 1]; i++) {
+      const uint32_t splat = all.entries[i].splat;
+      if (all.splats[splat].z > limits[t]) {
+        left++;
+        continue;
+      }
+      CHECK(entries[place++].splat == splat);
+      binned += !seen[splat];
+      seen[splat] = true;
+    }
+    CHECK(offsets[t] == place && counts[t] == place - all.start[t]);
+  }
+  CHECK(left > 0 && hidden == left && said == binned);
 }
 
 static void test_counts(const pags_kernels *k) {
@@ -244,21 +304,25 @@ static void test_bench(const pags_kernels *k) {
     in.splats[i] = splat_random(&mix);
   const bins b = bin(k, &in);
   int64_t *const offsets = CHECK_NEW(int64_t, 40 * 30);
-  uint64_t *const touched = CHECK_NEW(uint64_t, b.count);
+  pags_tile_box *const boxes = CHECK_NEW(pags_tile_box, b.splat_count);
+  const pags_bin list = {b.splats, b.boxes, b.order, b.count, b.tiles_x, NULL, NULL};
   CHECK(b.total > b.count);
+  CHECK_BENCH("tile_boxes", b.count, "splat")
+  for (int first = 0; first < 4096; first += 256)
+    k->tile_boxes(in.splats + first, in.keys + first, 256, b.tiles_x, b.tiles_y, boxes + first);
   CHECK_BENCH("bin_count", b.count, "splat")
-  k->bin_count(in.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, touched, b.counts, NULL);
+  k->bin_count(&list, b.counts);
   CHECK_BENCH("bin_fill", b.total, "pair") {
     memcpy(offsets, b.start, 40 * 30 * sizeof *offsets);
-    k->bin_fill(b.splats, b.order, b.count, b.tiles_x, b.tiles_y, NULL, b.touched, offsets, b.entries);
+    k->bin_fill(&list, offsets, b.entries);
   }
 }
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"bin small", test_small},     {"bin large", test_large},   {"bin awkward", test_awkward},
-      {"bin needles", test_needles}, {"bin shapes", test_shapes}, {"bin counts", test_counts},
-      {"bin bench", test_bench},
+      {"bin needles", test_needles}, {"bin shapes", test_shapes}, {"bin limits", test_limits},
+      {"bin counts", test_counts},   {"bin bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }
