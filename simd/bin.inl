@@ -51,9 +51,8 @@ static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_bo
 
 /* ---- Boxes: sixteen splats at once ---- */
 
-/* A lane is a splat here. Boxes of more tiles than this are finished one by one, their tiles in lanes: half of a street's splats meet
- * one or two tiles, one in six more than this. */
-enum { LANE_TILES = 4 };
+/* A lane is a splat here. Boxes of more tiles than this are finished one by one, their tiles in lanes. */
+enum { LANE_TILES = 9 };
 
 typedef struct box_lanes {
   float x[V_LANES], y[V_LANES], p[V_LANES], h[V_LANES], w[V_LANES], slope[V_LANES], cut[V_LANES];
@@ -79,11 +78,11 @@ static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) 
   const vf x = v_load(l->x), y = v_load(l->y), cut = v_load(l->cut), one = v_set(1.0f);
   const vm few = v_le(tiles, v_set((float)LANE_TILES));
   vi touched = i_select(v_le(tiles, one), i_set(1), i_set(0));
-  if (m_bits(m_and(few, v_gt(tiles, one))) == 0)
-    return touched;
   vf column = v_zero(), row = v_zero();
   for (int k = 0; k < LANE_TILES; k++) {
-    const vm there = m_and(few, v_gt(tiles, v_set((float)k)));
+    const vm there = m_and(few, v_gt(tiles, v_set((float)(k > 0 ? k : 1))));
+    if (m_bits(there) == 0)
+      break;
     const vm is = tile_touched(there, q, cut, x, y, v_add(column, x0), v_add(row, y0));
     touched = i_select(is, i_or(touched, i_set(1 << k)), touched);
     column = v_add(column, one);
@@ -171,13 +170,14 @@ V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
   sink->rank++;
 }
 
+/* One loop over the touched tiles whatever their rows: how often a loop runs can't be foreseen, and each one's end costs as much as
+ * several pairs. Tile k is in row k / nx; + 0.5 keeps that off whole numbers. */
 V_INLINE void bin_small(bin_sink *sink, const pags_tile_box *box, bool fill) {
-  int64_t row_tile = (int64_t)box->y0 * sink->tiles_x + box->x0;
-  const uint64_t row_bits = box->nx < 64 ? (UINT64_C(1) << box->nx) - 1 : ~UINT64_C(0);
-  for (uint64_t touched = box->touched; touched; row_tile += sink->tiles_x) {
-    for (uint64_t bits = touched & row_bits; bits; bits &= bits - 1)
-      bin_tile(sink, row_tile + __builtin_ctzll(bits), fill);
-    touched = box->nx < 64 ? touched >> box->nx : 0;
+  const int64_t first = (int64_t)box->y0 * sink->tiles_x + box->x0;
+  const float inv_nx = 1.0f / (float)box->nx;
+  for (uint64_t touched = box->touched; touched; touched &= touched - 1) {
+    const int k = __builtin_ctzll(touched), row = (int)(((float)k + 0.5f) * inv_nx);
+    bin_tile(sink, first + k + row * (sink->tiles_x - box->nx), fill);
   }
 }
 

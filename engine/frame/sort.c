@@ -6,7 +6,7 @@
 
 #include "stages.h"
 
-enum { FEW = 24, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
+enum { FEW = 32, SOME = 256, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
 
 static void insertion_sort(depth_key *keys, int64_t count) {
   for (int64_t i = 1; i < count; i++) {
@@ -20,17 +20,17 @@ static void insertion_sort(depth_key *keys, int64_t count) {
 
 /* All digits' histograms in one go, then turned into the places where each value's keys begin. */
 static void digit_places(const depth_key *keys, int64_t count, uint32_t least, int width, int passes,
-                         int64_t place[MOST_PASSES][1 << MOST_DIGIT_BITS]) {
+                         uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS]) {
   const uint32_t mask = (1u << width) - 1;
   for (int pass = 0; pass < passes; pass++)
-    memset(place[pass], 0, sizeof(int64_t) << width);
+    memset(place[pass], 0, sizeof(uint32_t) << width);
   for (int64_t i = 0; i < count; i++)
     for (int pass = 0; pass < passes; pass++)
       place[pass][(keys[i].key - least) >> pass * width & mask]++;
   for (int pass = 0; pass < passes; pass++) {
-    int64_t before = 0;
+    uint32_t before = 0;
     for (uint32_t d = 0; d <= mask; d++) {
-      const int64_t n = place[pass][d];
+      const uint32_t n = place[pass][d];
       place[pass][d] = before;
       before += n;
     }
@@ -51,11 +51,12 @@ depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count
   if (least == most)
     return keys;
   const int bits = 32 - __builtin_clz(most - least);
-  const int passes = (bits + MOST_DIGIT_BITS - 1) / MOST_DIGIT_BITS, width = (bits + passes - 1) / passes;
-  int64_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
+  const int most_bits = count <= SOME ? MOST_DIGIT_BITS - 1 : MOST_DIGIT_BITS; /* histograms cost, too */
+  const int passes = (bits + most_bits - 1) / most_bits, width = (bits + passes - 1) / passes;
+  uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
   digit_places(keys, count, least, width, passes, place);
   for (int pass = 0; pass < passes; pass++) {
-    int64_t *const next = place[pass];
+    uint32_t *const next = place[pass];
     for (int64_t i = 0; i < count; i++)
       spare[next[(keys[i].key - least) >> pass * width & ((1u << width) - 1)]++] = keys[i];
     depth_key *const swap = keys;
@@ -71,29 +72,30 @@ typedef struct sort_context {
   int64_t stretch;    /* 0: per tile */
 } sort_context;
 
-/* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. Shell sort: runs are short, and
- * a long one (a wall of equal depths) still costs n^1.3. */
+/* Shell sort by id: runs of equal depth are short, and a long one (a wall) still costs n^1.3. */
+static void order_run(const pags_frame *frame, const pags_entry *entries, depth_key *run, int64_t count) {
+  int64_t gap = 1;
+  while (gap < count / 9)
+    gap = 3 * gap + 1;
+  for (; gap > 0; gap /= 3)
+    for (int64_t i = gap; i < count; i++) {
+      const depth_key moving = run[i];
+      const int32_t id = frame->splats[entries[moving.index].splat].id;
+      int64_t k = i;
+      for (; k >= gap && frame->splats[entries[run[k - gap].index].splat].id > id; k -= gap)
+        run[k] = run[k - gap];
+      run[k] = moving;
+    }
+}
+
+/* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. */
 static void order_ties(const pags_frame *frame, const pags_entry *entries, depth_key *keys, int64_t count) {
-  for (int64_t begin = 0; begin < count;) {
-    int64_t end = begin + 1;
-    while (end < count && keys[end].key == keys[begin].key)
-      end++;
-    const int64_t n = end - begin;
-    depth_key *const run = keys + begin;
-    int64_t gap = 1;
-    while (gap < n / 9)
-      gap = 3 * gap + 1;
-    for (; n > 1 && gap > 0; gap /= 3)
-      for (int64_t i = gap; i < n; i++) {
-        const depth_key moving = run[i];
-        const int32_t id = frame->splats[entries[moving.index].splat].id;
-        int64_t k = i;
-        for (; k >= gap && frame->splats[entries[run[k - gap].index].splat].id > id; k -= gap)
-          run[k] = run[k - gap];
-        run[k] = moving;
-      }
-    begin = end;
-  }
+  for (int64_t begin = 0, end = 1; end <= count; end++)
+    if (end == count || keys[end].key != keys[begin].key) {
+      if (end - begin > 1)
+        order_run(frame, entries, keys + begin, end - begin);
+      begin = end;
+    }
 }
 
 static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {

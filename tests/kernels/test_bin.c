@@ -222,7 +222,7 @@ static void test_needles(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.01f, 0.2f, 1e4f, 0.004f, 1.0f, false}, 200, 0.03, 0.015);
 }
 
-/* Boxes of every shape about the 4 tiles up to which sixteen splats are tested at once, and the 64 up to which `touched` serves: n x 1,
+/* Boxes of every shape about the 9 tiles up to which sixteen splats are tested at once, and the 64 up to which `touched` serves: n x 1,
  * 1 x n, 2 x n / 2, ... */
 static void test_shapes(const pags_kernels *k) {
   for (int tall = 0; tall < 2; tall++)
