@@ -12,7 +12,7 @@ typedef struct stage_row {
   double ms, units, bytes; /* of one frame */
 } stage_row;
 
-enum { SPLAT = 64, ENTRY = 8, MASK = 2, SLOT = 48, KEY = 4, ROW = 8 };
+enum { SPLAT = 64, ENTRY = 8, MASK = 2, SLOT = 48, KEY = 4, ROW = 8, BOX = 16, INDEX = 4 };
 
 /* Six of forward, two of backward. */
 static int fill_rows(const pags_frame_stats *s, int degree, double clusters, double pixels, stage_row *rows) {
@@ -20,11 +20,13 @@ static int fill_rows(const pags_frame_stats *s, int degree, double clusters, dou
   const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree);
   int n = 0;
   rows[n++] = (stage_row){"cull", "cluster", s->ms_cull, clusters, clusters * 29};
-  rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded, loaded * (geometry + KEY) + drawn * SPLAT};
+  rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded, loaded * (geometry + KEY) + drawn * (SPLAT + BOX)};
   rows[n++] = (stage_row){"shade", "Gaussian drawn", s->ms_shade, drawn, loaded * KEY + drawn * (colour + 12 + 16)};
-  /* Two passes to gather, then three of: count digits (read), scatter (read and write). */
-  rows[n++] = (stage_row){"sort", "Gaussian drawn", s->ms_sort, drawn, loaded * 2 * KEY + drawn * (ROW + 3 * 3 * ROW + ROW + 4)};
-  rows[n++] = (stage_row){"bin", "pair of tile", s->ms_bin, pairs, drawn * (2 * SPLAT + 2 * 8 + 2 * 4) + pairs * (ENTRY + 4)};
+  /* Keys read twice to list what is drawn; the list written, then read twice with the boxes; entries written. */
+  rows[n++] = (stage_row){"bin", "pair of tile", s->ms_bin, pairs,
+                          loaded * 2 * KEY + drawn * (3 * INDEX + 2 * BOX) + pairs * (ENTRY + 4)};
+  /* Keys gathered; their digits counted (read); scattered three times (read and written); entries read, copied and put in order. */
+  rows[n++] = (stage_row){"sort", "pair of tile", s->ms_sort, pairs, pairs * (KEY + ROW + ROW + 3 * 2 * ROW + ROW + 4 * ENTRY)};
   rows[n++] = (stage_row){"raster", "pixel pair evaluated", s->ms_raster, (double)s->pairs_evaluated,
                           pairs * (ENTRY + SPLAT) + pixels * 16};
   rows[n++] = (stage_row){"raster backward", "pixel pair evaluated", s->ms_raster_backward, (double)s->pairs_evaluated,

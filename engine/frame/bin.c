@@ -11,8 +11,24 @@ enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024, LISTED = 1 << 14 };
 
 typedef struct list_context {
   pags_frame *frame;
-  int64_t *place; /* per block of dense indices: how many are drawn, then where they go */
+  int64_t *place; /* per block of dense indices: how many, then where they begin */
 } list_context;
+
+/* Counts block by block, then turns counts into places. */
+static pags_result count_dense(list_context *c, pags_block_fn *count, int64_t *sum) {
+  const int64_t dense = c->frame->dense_count, blocks = (dense + LISTED - 1) / LISTED;
+  c->place = pags_frame_alloc(c->frame, blocks, sizeof *c->place, "counts of members");
+  if (!c->place)
+    return PAGS_ERROR_MEMORY;
+  PAGS_TRY(pags_frame_for(c->frame, dense, LISTED, count, c));
+  *sum = 0;
+  for (int64_t b = 0; b < blocks; b++) {
+    const int64_t n = c->place[b];
+    c->place[b] = *sum;
+    *sum += n;
+  }
+  return PAGS_OK;
+}
 
 static void count_drawn(void *context, int64_t begin, int64_t end, int worker) {
   const list_context *const c = context;
@@ -42,17 +58,8 @@ static void list_drawn(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 pags_result pags_stage_list(pags_frame *frame) {
-  const int64_t blocks = (frame->dense_count + LISTED - 1) / LISTED;
-  list_context c = {.frame = frame, .place = pags_frame_alloc(frame, blocks, sizeof *c.place, "drawn counts")};
-  if (!c.place)
-    return PAGS_ERROR_MEMORY;
-  PAGS_TRY(pags_frame_for(frame, frame->dense_count, LISTED, count_drawn, &c));
-  frame->drawn_count = 0;
-  for (int64_t b = 0; b < blocks; b++) {
-    const int64_t n = c.place[b];
-    c.place[b] = frame->drawn_count;
-    frame->drawn_count += n;
-  }
+  list_context c = {.frame = frame};
+  PAGS_TRY(count_dense(&c, count_drawn, &frame->drawn_count));
   frame->stats.shaded = frame->drawn_count;
   frame->drawn = pags_frame_alloc(frame, frame->drawn_count, sizeof *frame->drawn, "list of what is drawn");
   return frame->drawn ? pags_frame_for(frame, frame->dense_count, LISTED, list_drawn, &c) : PAGS_ERROR_MEMORY;
@@ -104,19 +111,35 @@ static int64_t place_blocks(bin_context *c, int64_t blocks) {
   return start[c->tiles];
 }
 
+static int64_t slots_of(const pags_frame *f, int64_t i) { return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0; }
+
+static void count_slots(void *context, int64_t begin, int64_t end, int worker) {
+  const list_context *const c = context;
+  (void)worker;
+  int64_t slots = 0;
+  for (int64_t i = begin; i < end; i++)
+    slots += slots_of(c->frame, i);
+  c->place[begin / LISTED] = slots;
+}
+
+static void fill_slots(void *context, int64_t begin, int64_t end, int worker) {
+  const list_context *const c = context;
+  (void)worker;
+  int64_t place = c->place[begin / LISTED];
+  for (int64_t i = begin; i < end; i++) {
+    c->frame->slot_start[i] = place;
+    place += slots_of(c->frame, i);
+  }
+}
+
 /* Where each splat's gradient slots begin; in dense order, so that a cluster's slots lie together. */
 static pags_result place_slots(pags_frame *frame) {
+  list_context c = {.frame = frame};
   frame->slot_start = pags_frame_alloc(frame, frame->dense_count + 1, sizeof *frame->slot_start, "slot places");
   if (!frame->slot_start)
     return PAGS_ERROR_MEMORY;
-  int64_t place = 0;
-  for (int64_t i = 0; i < frame->dense_count; i++) {
-    frame->slot_start[i] = place;
-    if (frame->keys[i] != UINT32_MAX)
-      place += frame->splats[i].tiles;
-  }
-  frame->slot_start[frame->dense_count] = place;
-  return PAGS_OK;
+  PAGS_TRY(count_dense(&c, count_slots, frame->slot_start + frame->dense_count));
+  return pags_frame_for(frame, frame->dense_count, LISTED, fill_slots, &c);
 }
 
 pags_result pags_stage_bin(pags_frame *frame) {

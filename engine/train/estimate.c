@@ -14,7 +14,7 @@ static const double growth = 8.0;
 static const double pixel_growth = 2.0;
 
 /* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room
- * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key and order 32, at 12 tiles per
+ * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key, tiles and places 32, at 12 tiles per
  * Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12,
  * loss 80, photo 3. */
 uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height) {
