@@ -1,5 +1,5 @@
 /* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of labelled boxes, that
- * can be reached from below the cameras without a step of more than 12 cm. */
+ * can be reached from about the cameras without a step of more than 12 cm. */
 #include "laser_ground.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include <pags/dataset.h>
 
 enum { SIDE = 100, WINDOW = 3 }; /* cells; what neighbours are: laser rings lie apart */
-static const double cell = 0.5, level = 0.12, step = 0.12, box_margin = 0.2; /* metres */
+static const double cell = 0.5, level = 0.12, step = 0.12, box_margin = 0.2, seeds = 10; /* metres */
 
 typedef struct patch {
   double lo, hi, sum;
@@ -63,21 +63,21 @@ static int compare_doubles(const void *a, const void *b) {
   return x < y ? -1 : x > y;
 }
 
-/* From level cells within 5 m, as high as most of these. */
+/* From level cells within 10 m, as high as their lower quartile: the recording car's own roof lies above. */
 static void grow(patch *patches) {
   static double heights[SIDE * SIDE];
   static int queue[SIDE * SIDE];
   int count = 0, head = 0;
   for (int i = 0; i < SIDE * SIDE; ++i)
-    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < 5)
+    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds)
       heights[count++] = patches[i].sum / (double)patches[i].count;
   if (!count)
     return;
   qsort(heights, (size_t)count, sizeof *heights, compare_doubles);
-  double below = heights[count / 2];
+  double below = heights[count / 4];
   count = 0;
   for (int i = 0; i < SIDE * SIDE; ++i)
-    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < 5 &&
+    if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds &&
         fabs(patches[i].sum / (double)patches[i].count - below) < 0.2) {
       patches[i].ground = 1;
       queue[count++] = i;
