@@ -38,15 +38,17 @@ void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *firs
 }
 
 static void name_plane(int plane, char text[48]) {
-  static const char *const names[PAGS_SH] = {"mean x",       "mean y",       "mean z",       "ln sigma 1",   "ln sigma 2",   "ln sigma 3",
-                                             "quaternion w", "quaternion x", "quaternion y", "quaternion z", "opacity logit"};
+  static const char *const names[PAGS_SH] = {"mean x",       "mean y",       "mean z",       "ln sigma 1",
+                                             "ln sigma 2",   "ln sigma 3",   "quaternion w", "quaternion x",
+                                             "quaternion y", "quaternion z", "opacity logit"};
   static const char *const channels[3] = {"red", "green", "blue"};
   if (plane < PAGS_SH)
     snprintf(text, 48, "%s", names[plane]);
   else if (plane < PAGS_MAX_PLANES)
     snprintf(text, 48, "colour term %d of %s", (plane - PAGS_SH) / 3, channels[(plane - PAGS_SH) % 3]);
   else
-    snprintf(text, 48, "Fourier term %d of %s", 1 + (plane - PAGS_MAX_PLANES) / 3, channels[(plane - PAGS_MAX_PLANES) % 3]);
+    snprintf(text, 48, "Fourier term %d of %s", 1 + (plane - PAGS_MAX_PLANES) / 3,
+             channels[(plane - PAGS_MAX_PLANES) % 3]);
 }
 
 void pags_guard_describe(const pags_guard *guard, const char *name, char text[PAGS_GUARD_TEXT]) {
@@ -58,16 +60,20 @@ void pags_guard_describe(const pags_guard *guard, const char *name, char text[PA
     name_plane(o->plane, plane);
   switch ((pags_offence)o->kind) {
     case PAGS_OFFENCE_GRADIENT:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by %s of row %lld of %s at step %lld", plane, (long long)o->row, model, (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by %s of row %lld of %s at step %lld", plane, (long long)o->row,
+               model, (long long)o->step);
       break;
     case PAGS_OFFENCE_PARAMETER:
-      snprintf(text, PAGS_GUARD_TEXT, "%s of row %lld of %s at step %lld", plane, (long long)o->row, model, (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "%s of row %lld of %s at step %lld", plane, (long long)o->row, model,
+               (long long)o->step);
       break;
     case PAGS_OFFENCE_POSE:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its knot %lld at step %lld", model, (long long)o->row, (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its knot %lld at step %lld", model,
+               (long long)o->row, (long long)o->step);
       break;
     case PAGS_OFFENCE_EXPOSURE:
-      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row, (long long)o->step);
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row,
+               (long long)o->step);
       break;
   }
 }

@@ -40,8 +40,9 @@ void hard_put(hard_scene *scene, int64_t row, double x, double y, double z, doub
 frame_result hard_run(hard_scene *scene, const double *weights);
 
 typedef struct hard_error {
-  double colour;     /* largest of the picture's channels and transmittance, where float can't decide otherwise */
-  double gradient;   /* largest over rows and groups of parameters: |difference| / max(|exact|, 1 % of the group's root mean square) */
+  double colour; /* largest of the picture's channels and transmittance, where float can't decide otherwise */
+  double
+      gradient; /* largest over rows and groups of parameters: |difference| / max(|exact|, 1 % of the group's root mean square) */
   double left_out;   /* share of pixels where float may decide otherwise */
   int64_t drawn;     /* rows, by the oracle */
   int64_t disagreed; /* rows that only one of the two draws */
@@ -68,7 +69,7 @@ typedef struct hard_data_options {
   double offset[3]; /* added to all coordinates, metres */
   int views;        /* 0: HARD_VIEWS */
   hard_points points;
-  int level;       /* photographs of one 16-bit level instead of pictures; -1: pictures */
+  int level; /* photographs of one 16-bit level instead of pictures; -1: pictures */
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
@@ -86,8 +87,8 @@ pags_dataset *hard_data(const char *name, const hard_data_options *options);
 /* Few Gaussians, full size from the first step, densification, no reset. */
 pags_train_config hard_config(int64_t steps);
 /* A run into hard_path(name). `start`, when not NULL, takes the place of what the run would start from (degree config->sh_degree). */
-pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config, const pags_gaussians *start,
-                     int threads, pags_train_options options, pags_train_result *result);
+pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
+                     const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result);
 /* The same with two threads, which must succeed and leave a finite scene. */
 pags_train_result hard_train(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                              const pags_gaussians *start);

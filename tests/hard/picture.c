@@ -96,7 +96,8 @@ static const struct group {
 } groups[] = {{PAGS_MEAN, PAGS_SCALE}, {PAGS_SCALE, PAGS_ROTATION}, {PAGS_ROTATION, PAGS_OPACITY},
               {PAGS_OPACITY, PAGS_SH}, {PAGS_SH, PAGS_SH + 3},      {PAGS_SH + 3, PAGS_MAX_PLANES}};
 
-static double row_length(const struct group *group, const double *exact, const float *drawn, int64_t count, int64_t row) {
+static double row_length(const struct group *group, const double *exact, const float *drawn, int64_t count,
+                         int64_t row) {
   double square = 0;
   for (int p = group->first; p < group->last; p++) {
     const double value = exact[p * count + row] - (drawn ? (double)drawn[p * count + row] : 0);
@@ -105,7 +106,8 @@ static double row_length(const struct group *group, const double *exact, const f
   return sqrt(square);
 }
 
-static double group_size(const struct group *group, const reference_part_gradient *exact, const reference_splat *splats) {
+static double group_size(const struct group *group, const reference_part_gradient *exact,
+                         const reference_splat *splats) {
   double square = 0;
   int64_t rows = 0;
   for (int64_t i = 0; i < exact->count; i++) {
@@ -163,7 +165,8 @@ hard_error hard_compare(hard_scene *scene) {
     error.disagreed += drawn.parts[0].drawn[i] && !picture.splats[i].drawn;
   }
   for (int64_t k = 0; k < picture.contribution_count; k++)
-    error.disagreed += !drawn.parts[0].drawn[picture.contributions[k].gaussian] && !is_in_band(&picture, picture.contributions[k].pixel);
+    error.disagreed += !drawn.parts[0].drawn[picture.contributions[k].gaussian] &&
+                       !is_in_band(&picture, picture.contributions[k].pixel);
   frame_result_destroy(&drawn);
   reference_gradient_destroy(&exact, 1);
   reference_picture_destroy(&picture);
@@ -174,8 +177,8 @@ hard_error hard_compare(hard_scene *scene) {
 
 hard_error hard_expect(const char *what, hard_scene *scene, double colour, double gradient) {
   const hard_error e = hard_compare(scene);
-  print_message("  %-40s colour %.1e, gradient %.1e; %d rows drawn, %.1f %% of pixels left out\n", what, e.colour, e.gradient,
-                (int)e.drawn, 100 * e.left_out);
+  print_message("  %-40s colour %.1e, gradient %.1e; %d rows drawn, %.1f %% of pixels left out\n", what, e.colour,
+                e.gradient, (int)e.drawn, 100 * e.left_out);
   assert_int_equal(e.disagreed, 0);
   assert_true(e.colour <= colour);
   assert_true(e.gradient <= gradient);

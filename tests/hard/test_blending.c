@@ -32,7 +32,13 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
 
 /* Over the middle pixel of 16 x 16, from 1 m on; `spacing` metres apart. Red, on black. */
 static void pile_up(pile *p, float logit, double spacing) {
-  const pags_camera camera = {.width = 16, .height = 16, .fx = 16, .fy = 16, .cx = 8.5, .cy = 8.5, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_camera camera = {.width = 16,
+                              .height = 16,
+                              .fx = 16,
+                              .fy = 16,
+                              .cx = 8.5,
+                              .cy = 8.5,
+                              .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   pags_frame_options options = pags_frame_options_default();
   int64_t bad = -1;
   *p = (pile){.tasks = pags_tasks_create(2)};
@@ -49,7 +55,8 @@ static void pile_up(pile *p, float logit, double spacing) {
   assert_int_equal(pags_clusters_create(&p->clusters, MILLION, 64), PAGS_OK);
   pags_clusters_update(&p->clusters, &p->g, 0, p->clusters.count);
   assert_int_equal(pags_frame_create(p->tasks, &p->frame), PAGS_OK);
-  const pags_part part = {.gaussians = &p->g, .clusters = &p->clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_part part = {
+      .gaussians = &p->g, .clusters = &p->clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   options.keep_for_backward = 1;
   assert_int_equal(pags_frame_render(p->frame, &part, 1, &camera, &options, NULL, NULL, &p->picture), PAGS_OK);
   assert_int_equal(pags_frame_stats_get(p->frame)->pairs_binned, MILLION);
@@ -85,8 +92,10 @@ static void check_pile(const char *what, float logit, double spacing) {
     t *= 1 - o;
   }
   const int64_t at = 8 * p.picture.stride + 8;
-  const double red = fabs((double)p.picture.rgb[0][at] - (1 - t)), left = fabs((double)p.picture.transmittance[at] / t - 1);
-  print_message("  %-40s %lld blended; colour %.1e, T %.1e and gradient %.1e relative\n", what, (long long)n, red, left, worst);
+  const double red = fabs((double)p.picture.rgb[0][at] - (1 - t)),
+               left = fabs((double)p.picture.transmittance[at] / t - 1);
+  print_message("  %-40s %lld blended; colour %.1e, T %.1e and gradient %.1e relative\n", what, (long long)n, red, left,
+                worst);
   assert_true(red < 1e-5 && left < 1e-3 && worst < 1e-3);
   for (int64_t i = n + 1; i < MILLION; i++) /* one more or less may be drawn where T comes to 1e-4 */
     assert_true(p.by_dc[i] == 0);
@@ -110,7 +119,8 @@ static void deep_stacks(void **state) {
     char what[48];
     hard_scene s = hard_scene_create(30 + (uint64_t)k, ROWS);
     for (int i = 0; i < ROWS; i++)
-      hard_put(&s, i, 0.02 * reference_normal(&s.random), 0.02 * reference_normal(&s.random), 1 + 0.01 * i, 0.2, logits[k]);
+      hard_put(&s, i, 0.02 * reference_normal(&s.random), 0.02 * reference_normal(&s.random), 1 + 0.01 * i, 0.2,
+               logits[k]);
     snprintf(what, sizeof what, "stacks of logit %g", logits[k]);
     hard_expect(what, &s, 2e-5, 2e-3);
     hard_scene_destroy(&s);
@@ -173,7 +183,8 @@ static void exposures(void **state) {
   for (int k = 0; k < HARD_PIXELS; k++) {
     assert_true(shown.rgb[k] == 0);
     worst = fmax(worst, fabs((double)shown.rgb[HARD_PIXELS + k] / (65535 * (double)plain.rgb[HARD_PIXELS + k]) - 1));
-    worst = fmax(worst, fabs((double)shown.rgb[2 * HARD_PIXELS + k] / (65535 + (double)plain.rgb[2 * HARD_PIXELS + k]) - 1));
+    worst = fmax(worst,
+                 fabs((double)shown.rgb[2 * HARD_PIXELS + k] / (65535 + (double)plain.rgb[2 * HARD_PIXELS + k]) - 1));
   }
   print_message("  exposures of 0 and 65535                 %.1e relative\n", worst);
   assert_true(worst < 1e-6);
@@ -186,7 +197,13 @@ static void exposures(void **state) {
 /* #11: rows that cover all of 1024 tiles, more than 2^31 pairs: 32 GiB of lists. In a child that may have 1 GiB. */
 static int overflow_in_child(void) {
   enum { ROWS = 2100000 };
-  const pags_camera camera = {.width = 512, .height = 512, .fx = 512, .fy = 512, .cx = 256, .cy = 256, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_camera camera = {.width = 512,
+                              .height = 512,
+                              .fx = 512,
+                              .fy = 512,
+                              .cx = 256,
+                              .cy = 256,
+                              .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   pags_frame_options options = pags_frame_options_default();
   pags_tasks *tasks = pags_tasks_create(2);
   pags_gaussians g;
@@ -203,7 +220,8 @@ static int overflow_in_child(void) {
     pags_plane(&g, PAGS_ROTATION)[i] = 1.0f;
   }
   pags_clusters_update(&clusters, &g, 0, clusters.count);
-  const pags_part part = {.gaussians = &g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_part part = {
+      .gaussians = &g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   const pags_result result = pags_frame_render(frame, &part, 1, &camera, &options, NULL, NULL, &picture);
   if (result != PAGS_ERROR_MEMORY || !strstr(pags_error_message(), "2150400000"))
     return 3;
@@ -228,10 +246,13 @@ static void more_pairs_than_32_bits(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_million_in_one_pixel), cmocka_unit_test(deep_stacks), cmocka_unit_test(dropped),
-      cmocka_unit_test(bad_colours),            cmocka_unit_test(exposures),
+    cmocka_unit_test(a_million_in_one_pixel),
+    cmocka_unit_test(deep_stacks),
+    cmocka_unit_test(dropped),
+    cmocka_unit_test(bad_colours),
+    cmocka_unit_test(exposures),
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-      cmocka_unit_test(more_pairs_than_32_bits),
+    cmocka_unit_test(more_pairs_than_32_bits),
 #endif
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

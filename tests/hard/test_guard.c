@@ -29,7 +29,8 @@ static void begin(pags_train_model *m) {
 }
 
 /* Takes step `step` of cluster 0 with gradients of 1e-3; `plane` of `row` gets `value`, in the gradients or in the parameters. */
-static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient, pags_offender *first) {
+static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient,
+                pags_offender *first) {
   enum { ALL = PLANES + PAGS_FOURIER_PLANES };
   float *gradient = reference_alloc(ALL * 64 + 16, sizeof(float));
   float *const aligned = gradient + (16 - ((uintptr_t)gradient / 4) % 16) % 16;
@@ -38,7 +39,8 @@ static int take(pags_train_model *m, int64_t step, int row, int plane, float val
   if (row >= 0 && in_gradient)
     aligned[plane * 64 + row] = value;
   else if (row >= 0)
-    *(plane < PLANES ? &pags_plane(&m->gaussians, plane)[row] : &m->gaussians.fourier[(plane - PLANES) * m->gaussians.stride + row]) = value;
+    *(plane < PLANES ? &pags_plane(&m->gaussians, plane)[row]
+                     : &m->gaussians.fourier[(plane - PLANES) * m->gaussians.stride + row]) = value;
   pags_adam_begin(&m->adam, step);
   const int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, 0, aligned, 64, PLANES, first);
   free(gradient);
@@ -79,7 +81,8 @@ static void a_bad_row_stays_and_others_move(void **state) {
         for (int i = 0; i < 64; i++)
           assert_row(i == row ? &before : &good, &bad, i, in_gradient || i != row ? -1 : plane, 1);
         assert_row(&before, &good, (row + 1) % 64, -1, 0);
-        assert_true(!in_gradient || (isfinite(bad.clusters.lo[0][0]) && isfinite(bad.clusters.hi[2][0]) && bad.clusters.hi[2][0] < 1e30f));
+        assert_true(!in_gradient || (isfinite(bad.clusters.lo[0][0]) && isfinite(bad.clusters.hi[2][0]) &&
+                                     bad.clusters.hi[2][0] < 1e30f));
         pags_model_destroy(&before), pags_model_destroy(&good), pags_model_destroy(&bad);
       }
 }
@@ -160,7 +163,8 @@ static void the_count_is_the_run_s(void **state) {
   spoil(&g);
   assert_int_equal(hard_try(dataset, "one", &config, &g, 1, options, &one), PAGS_OK);
   assert_int_equal(hard_try(dataset, "five", &config, &g, 5, options, &five), PAGS_OK);
-  print_message("  %s: %d updates left out, first %s\n", "three spoiled rows, 60 steps", (int)one.bad_rows, one.first_bad_row);
+  print_message("  %s: %d updates left out, first %s\n", "three spoiled rows, 60 steps", (int)one.bad_rows,
+                one.first_bad_row);
   assert_true(one.bad_rows > 60 && one.bad_rows <= 180);
   assert_int_equal(one.bad_rows, five.bad_rows);
   assert_string_equal(one.first_bad_row, five.first_bad_row);
@@ -196,7 +200,8 @@ static void nothing_spreads(void **state) {
     pags_plane(&g, PAGS_OPACITY)[row] = -20.0f;
   assert_int_equal(hard_try(dataset, "without", &config, &g, 2, options, &without), PAGS_OK);
   pags_gaussians_destroy(&g);
-  print_message("  %.2f dB with three spoiled rows (%d updates left out), %.2f dB without them\n", with.psnr, (int)with.bad_rows, without.psnr);
+  print_message("  %.2f dB with three spoiled rows (%d updates left out), %.2f dB without them\n", with.psnr,
+                (int)with.bad_rows, without.psnr);
   assert_true(with.bad_rows > 0 && with.bad_rows < 60 && without.bad_rows == 0);
   assert_true(fabs(with.psnr - without.psnr) < 1);
   hard_check_scene("with");
@@ -237,7 +242,8 @@ static void a_blinding_row(void **state) {
   pags_plane(&g, PAGS_SH)[3] = 1e20f;
   pags_plane(&g, PAGS_SH + 1)[40] = 2e38f;
   assert_int_equal(hard_try(dataset, "blinding", &config, &g, 2, pags_train_options_default(), &result), PAGS_OK);
-  print_message("  colours of 1e20: %d updates left out, loss %.3g, %.1f dB\n", (int)result.bad_rows, result.loss, result.psnr);
+  print_message("  colours of 1e20: %d updates left out, loss %.3g, %.1f dB\n", (int)result.bad_rows, result.loss,
+                result.psnr);
   assert_true(isfinite(result.loss) && isfinite(result.psnr) && result.bad_rows == 0);
   hard_check_scene("blinding");
   pags_gaussians_destroy(&g);
@@ -245,8 +251,12 @@ static void a_blinding_row(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_bad_row_stays_and_others_move), cmocka_unit_test(a_bad_row_moves_no_pose), cmocka_unit_test(the_count_is_the_run_s),
-      cmocka_unit_test(nothing_spreads),                 cmocka_unit_test(too_much_fails),          cmocka_unit_test(a_blinding_row),
+      cmocka_unit_test(a_bad_row_stays_and_others_move),
+      cmocka_unit_test(a_bad_row_moves_no_pose),
+      cmocka_unit_test(the_count_is_the_run_s),
+      cmocka_unit_test(nothing_spreads),
+      cmocka_unit_test(too_much_fails),
+      cmocka_unit_test(a_blinding_row),
   };
   return cmocka_run_group_tests(tests, make_data, remove_data);
 }

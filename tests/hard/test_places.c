@@ -28,7 +28,8 @@ static double *random_weights(hard_scene *s) {
 static void at_the_camera(void **state) {
   (void)state;
   enum { ROWS = 40, AT = 8 };
-  static const double offset[AT][3] = {{0, 0, 0}, {1, 0, 0}, {0, -1, 0}, {1e-20, 0, 1e-20}, {0, 0, -1e-30}, {0, 0, 1e-38}, {0, 0, 2e-6}, {1e-7, 0, 1e-5}};
+  static const double offset[AT][3] = {{0, 0, 0},      {1, 0, 0},     {0, -1, 0},   {1e-20, 0, 1e-20},
+                                       {0, 0, -1e-30}, {0, 0, 1e-38}, {0, 0, 2e-6}, {1e-7, 0, 1e-5}};
   hard_scene s = hard_scene_create(11, ROWS);
   s.options.near_plane = 1e-6f;
   for (int i = 0; i < AT; i++)
@@ -74,7 +75,8 @@ static void inside_of_an_object(void **state) {
       square += p[k] * p[k];
     }
     const double distance = 0.5 * pow((i + 1.0) / ROWS, 2) / sqrt(square);
-    hard_put(&s, i, distance * p[0], distance * p[1], distance * p[2], exp(reference_uniform(&s.random, log(0.003), log(1.5))), -2);
+    hard_put(&s, i, distance * p[0], distance * p[1], distance * p[2],
+             exp(reference_uniform(&s.random, log(0.003), log(1.5))), -2);
     *hard_at(&s, PAGS_SCALE + i % 3, i) -= 2;
   }
   const hard_error e = hard_expect("the camera inside of an object", &s, 1e-5, 1e-3);
@@ -104,7 +106,8 @@ static void small_scenes(void **state) {
       assert_int_equal(e.disagreed, 0);
       assert_true(e.colour < 1e-5 && e.gradient < 1e-3);
       if (k == 0 && j == 0)
-        print_message("  %-40s colour %.1e, gradient %.1e\n", "a scene of millimetres, near 1 mm", e.colour, e.gradient);
+        print_message("  %-40s colour %.1e, gradient %.1e\n", "a scene of millimetres, near 1 mm", e.colour,
+                      e.gradient);
       hard_scene_destroy(&s);
     }
 }
@@ -131,7 +134,8 @@ static void far_from_the_origin(void **state) {
       gradient = fmax(gradient, fabs((double)here.parts[0].planes[k] - (double)there.parts[0].planes[k]));
       largest = fmax(largest, fabs((double)here.parts[0].planes[k]));
     }
-    print_message("  %.1e m from the origin                colour %.1e, gradient %.1e of the largest\n", far[n], colour, gradient / largest);
+    print_message("  %.1e m from the origin                colour %.1e, gradient %.1e of the largest\n", far[n], colour,
+                  gradient / largest);
     assert_true(colour <= 1e-3 && gradient <= 1e-3 * largest);
     frame_result_destroy(&there);
   }
@@ -193,8 +197,10 @@ static void long_needles(void **state) {
   hard_scene s = hard_scene_create(22, ROWS);
   s.camera.width = 16384, s.camera.height = 16, s.camera.fx = s.camera.fy = 8192, s.camera.cx = 8192, s.camera.cy = 8;
   for (int i = 0; i < ROWS; i++) {
-    const double z = 1 + i * 0.01, length = 300 * pow(20, i / (ROWS - 1.0)) * z / 8192, angle = 1e-3 * reference_normal(&s.random);
-    hard_put(&s, i, z * reference_uniform(&s.random, -0.5, 0.5), z * reference_uniform(&s.random, -8, 8) / 8192, z, 1e-6, -1);
+    const double z = 1 + i * 0.01, length = 300 * pow(20, i / (ROWS - 1.0)) * z / 8192,
+                 angle = 1e-3 * reference_normal(&s.random);
+    hard_put(&s, i, z * reference_uniform(&s.random, -0.5, 0.5), z * reference_uniform(&s.random, -8, 8) / 8192, z,
+             1e-6, -1);
     *hard_at(&s, PAGS_SCALE, i) = log(length);
     *hard_at(&s, PAGS_ROTATION, i) = cos(angle / 2), *hard_at(&s, PAGS_ROTATION + 3, i) = sin(angle / 2);
   }
@@ -221,7 +227,9 @@ static void odd_pictures(void **state) {
     double focal;
     int64_t rows;
     double colour, gradient;
-  } sizes[] = {{"1 x 1", 1, 1, 1, 30, 1e-5, 1e-3}, {"16384 x 16", 16384, 16, 8192, 500, 1e-2, 0.1}, {"16 x 16384", 16, 16384, 8192, 500, 1e-2, 0.1}};
+  } sizes[] = {{"1 x 1", 1, 1, 1, 30, 1e-5, 1e-3},
+               {"16384 x 16", 16384, 16, 8192, 500, 1e-2, 0.1},
+               {"16 x 16384", 16, 16384, 8192, 500, 1e-2, 0.1}};
   for (int k = 0; k < 3; k++) {
     hard_scene s = hard_scene_create(17 + (uint64_t)k, sizes[k].rows);
     resize(&s, sizes[k].width, sizes[k].height, sizes[k].focal);
@@ -250,9 +258,10 @@ static void nothing_in_view(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(at_the_camera),        cmocka_unit_test(beside_the_picture), cmocka_unit_test(inside_of_an_object),
-      cmocka_unit_test(small_scenes),         cmocka_unit_test(far_from_the_origin), cmocka_unit_test(small_steps_far_away),
-      cmocka_unit_test(odd_pictures),         cmocka_unit_test(nothing_in_view), cmocka_unit_test(far_rows), cmocka_unit_test(long_needles),
+      cmocka_unit_test(at_the_camera), cmocka_unit_test(beside_the_picture),  cmocka_unit_test(inside_of_an_object),
+      cmocka_unit_test(small_scenes),  cmocka_unit_test(far_from_the_origin), cmocka_unit_test(small_steps_far_away),
+      cmocka_unit_test(odd_pictures),  cmocka_unit_test(nothing_in_view),     cmocka_unit_test(far_rows),
+      cmocka_unit_test(long_needles),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

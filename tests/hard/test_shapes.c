@@ -131,7 +131,8 @@ static void pictures_and_gradients(int antialiased) {
     for (int i = 0; i < HARD_ROWS; i++) {
       double row[PAGS_SH];
       const spot at = {&s.random, *hard_at(&s, PAGS_MEAN + 2, i) / HARD_FOCAL, i};
-      hard_put(&s, i, *hard_at(&s, PAGS_MEAN, i), *hard_at(&s, PAGS_MEAN + 1, i), *hard_at(&s, PAGS_MEAN + 2, i), 3 * at.pixel, 0);
+      hard_put(&s, i, *hard_at(&s, PAGS_MEAN, i), *hard_at(&s, PAGS_MEAN + 1, i), *hard_at(&s, PAGS_MEAN + 2, i),
+               3 * at.pixel, 0);
       for (int p = 0; p < PAGS_SH; p++)
         row[p] = *hard_at(&s, p, i);
       shapes[k].write(&at, row);
@@ -180,8 +181,8 @@ static void two_hundred_steps(void **state) {
     }
     snprintf(name, sizeof name, "shape%d", k);
     const pags_train_result result = hard_train(dataset, name, &config, &truth);
-    print_message("  %-40s %.1f dB after %d steps (%.1f dB without), %d rows skipped, %d Gaussians\n", shapes[k].name, result.psnr,
-                  HARD_STEPS, start, (int)result.bad_rows, (int)result.gaussians);
+    print_message("  %-40s %.1f dB after %d steps (%.1f dB without), %d rows skipped, %d Gaussians\n", shapes[k].name,
+                  result.psnr, HARD_STEPS, start, (int)result.bad_rows, (int)result.gaussians);
     assert_int_equal(result.bad_rows, 0);
     assert_true(result.psnr > start - shapes[k].lost);
     pags_gaussians_destroy(&truth);

@@ -19,7 +19,11 @@ static const double long_time = 1e6; /* s */
 static void drive(pags_knot *knots, int count, double begin, double end) {
   for (int k = 0; k < count; k++) {
     const double u = count > 1 ? k / (count - 1.0) : 0, angle = 1.5707963267948966 * u;
-    knots[k] = (pags_knot){.frame = k, .trained = 1, .time = begin + u * (end - begin), .world_from_object = {cos(angle), -sin(angle), 0, 1000 * u, sin(angle), cos(angle), 0, 0, 0, 0, 1, 0}};
+    knots[k] = (pags_knot){
+        .frame = k,
+        .trained = 1,
+        .time = begin + u * (end - begin),
+        .world_from_object = {cos(angle), -sin(angle), 0, 1000 * u, sin(angle), cos(angle), 0, 0, 0, 0, 1, 0}};
   }
 }
 
@@ -54,13 +58,15 @@ static void tracks(void **state) {
 static void colours_over_time(void **state) {
   (void)state;
   double basis[5];
-  assert_true(pags_fourier_phase(3, 3, 3) == 0 && pags_fourier_phase(3, 3, 1e300) == 0 && pags_fourier_phase(3, 3, -5) == 0);
+  assert_true(pags_fourier_phase(3, 3, 3) == 0 && pags_fourier_phase(3, 3, 1e300) == 0 &&
+              pags_fourier_phase(3, 3, -5) == 0);
   assert_true(pags_fourier_phase(1.7e9, 1.7e9 + long_time, 1.7e9 + 0.25 * long_time) == 0.25);
   assert_true(pags_fourier_phase(0, long_time, 1e300) == 1 && pags_fourier_phase(0, long_time, -1e300) == 0);
   pags_fourier_basis(pags_fourier_phase(3, 3, 3), basis);
   assert_true(basis[0] == 1 && basis[1] == 0 && basis[2] == 1 && basis[3] == 0 && basis[4] == 1);
   pags_fourier_basis(pags_fourier_phase(0, long_time, 0.25 * long_time), basis);
-  assert_true(fabs(basis[1] - 1) < 1e-12 && fabs(basis[2]) < 1e-12 && fabs(basis[3]) < 1e-12 && fabs(basis[4] + 1) < 1e-12);
+  assert_true(fabs(basis[1] - 1) < 1e-12 && fabs(basis[2]) < 1e-12 && fabs(basis[3]) < 1e-12 &&
+              fabs(basis[4] + 1) < 1e-12);
 }
 
 /* Gains of 0 and 65535 at the two ends, interpolated; all views at one instant; a time that isn't known. */
@@ -94,7 +100,10 @@ static int make_street(void **state) {
   options.lidar_points = 2000;
   options.shifts = 0;
   tasks = pags_tasks_create(2);
-  return tasks && hard_begin(state) == 0 && pags_synth_street(hard_path("street"), &options, tasks, NULL, NULL) == PAGS_OK ? 0 : -1;
+  return tasks && hard_begin(state) == 0 &&
+                 pags_synth_street(hard_path("street"), &options, tasks, NULL, NULL) == PAGS_OK
+             ? 0
+             : -1;
 }
 
 static int remove_street(void **state) {
@@ -115,7 +124,8 @@ static void train(const char *what, const char *name, const pags_dataset_options
   config.max_gaussians = 2000;
   const pags_train_result r = hard_train(dataset, name, &config, NULL);
   assert_int_equal(pags_scene_load(hard_path(name), &scene), PAGS_OK);
-  print_message("  %-40s %.1f dB, %d Gaussians, %d models, %d rows skipped\n", what, r.psnr, (int)r.gaussians, (int)scene.model_count, (int)r.bad_rows);
+  print_message("  %-40s %.1f dB, %d Gaussians, %d models, %d rows skipped\n", what, r.psnr, (int)r.gaussians,
+                (int)scene.model_count, (int)r.bad_rows);
   assert_int_equal(r.bad_rows, 0);
   assert_true(r.psnr > 12);
   assert_true(scene.time_end - scene.time_begin == range);
@@ -143,8 +153,11 @@ static void a_street_of_a_million_seconds(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(tracks),    cmocka_unit_test(colours_over_time),       cmocka_unit_test(exposures),
-      cmocka_unit_test(a_street_of_one_instant), cmocka_unit_test(a_street_of_a_million_seconds),
+      cmocka_unit_test(tracks),
+      cmocka_unit_test(colours_over_time),
+      cmocka_unit_test(exposures),
+      cmocka_unit_test(a_street_of_one_instant),
+      cmocka_unit_test(a_street_of_a_million_seconds),
   };
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }

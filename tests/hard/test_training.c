@@ -16,7 +16,8 @@ static int64_t absurd_steps(void) {
 }
 
 /* Trains on a data set of its own and closes it. */
-static pags_train_result train_on(const char *what, const char *name, const hard_data_options *data, const pags_train_config *config) {
+static pags_train_result train_on(const char *what, const char *name, const hard_data_options *data,
+                                  const pags_train_config *config) {
   char run[64];
   pags_dataset *dataset = hard_data(name, data);
   snprintf(run, sizeof run, "%s_run", name);
@@ -106,7 +107,8 @@ static void black_points(void **state) {
   for (int white = 0; white < 2; white++) {
     memset(rgb, white ? 255 : 0, sizeof rgb);
     const hard_data_options data = {.level = -1, .points = {HARD_TRUTH, xyz, rgb}};
-    const pags_train_result r = train_on(white ? "white points" : "black points", white ? "white" : "black", &data, &config);
+    const pags_train_result r =
+        train_on(white ? "white points" : "black points", white ? "white" : "black", &data, &config);
     assert_true(r.psnr > plain_psnr - 3);
   }
 }
@@ -246,8 +248,8 @@ static void absurd_rates(void **state) {
       config.densify_until = 0;
     snprintf(name, sizeof name, "absurd%d", (int)k);
     const pags_result code = hard_try(dataset, name, &config, NULL, 2, pags_train_options_default(), &r);
-    print_message("  %-40s %s after %d steps: loss %.3g, %d rows skipped, %d Gaussians\n", c->name, pags_result_name(code),
-                  (int)r.iterations, r.loss, (int)r.bad_rows, (int)r.gaussians);
+    print_message("  %-40s %s after %d steps: loss %.3g, %d rows skipped, %d Gaussians\n", c->name,
+                  pags_result_name(code), (int)r.iterations, r.loss, (int)r.bad_rows, (int)r.gaussians);
     if (code == PAGS_OK) {
       assert_true(isfinite(r.loss) && r.gaussians <= 300);
       hard_check_scene(name);
@@ -287,11 +289,14 @@ static void pictures_of_no_colours(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(an_easy_start),       cmocka_unit_test(duplicate_points),   cmocka_unit_test(points_on_cameras),
-      cmocka_unit_test(few_points),          cmocka_unit_test(black_points),       cmocka_unit_test(any_extent),
-      cmocka_unit_test(mcmc_of_any_extent),  cmocka_unit_test(far_from_the_origin), cmocka_unit_test(everything_pruned),
-      cmocka_unit_test(resets),              cmocka_unit_test(flat_photographs),   cmocka_unit_test(one_view),
-      cmocka_unit_test(absurd_rates),        cmocka_unit_test(rates_out_of_range), cmocka_unit_test(pictures_of_no_colours),
+      cmocka_unit_test(an_easy_start),          cmocka_unit_test(duplicate_points),
+      cmocka_unit_test(points_on_cameras),      cmocka_unit_test(few_points),
+      cmocka_unit_test(black_points),           cmocka_unit_test(any_extent),
+      cmocka_unit_test(mcmc_of_any_extent),     cmocka_unit_test(far_from_the_origin),
+      cmocka_unit_test(everything_pruned),      cmocka_unit_test(resets),
+      cmocka_unit_test(flat_photographs),       cmocka_unit_test(one_view),
+      cmocka_unit_test(absurd_rates),           cmocka_unit_test(rates_out_of_range),
+      cmocka_unit_test(pictures_of_no_colours),
   };
   return cmocka_run_group_tests(tests, hard_begin, hard_end);
 }

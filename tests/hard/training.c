@@ -108,7 +108,8 @@ static void save_views(const pags_gaussians *truth, const char *name, const hard
   check(pags_clusters_create(&clusters, truth->count, 64));
   pags_clusters_update(&clusters, truth, 0, clusters.count);
   check(pags_frame_create(tasks, &frame));
-  const pags_part part = {.gaussians = truth, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_part part = {
+      .gaussians = truth, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   for (int v = 0; v < views; v++) {
     char file[NAME], view[24];
     const pags_camera camera = camera_of(v, views);
@@ -130,8 +131,11 @@ static void save_transforms(const char *name, const hard_data_options *o, int vi
   join(file, name, "transforms.json");
   FILE *f = fopen(hard_path(file), "w");
   assert_non_null(f);
-  fprintf(f, "{\"w\": %d, \"h\": %d, \"fl_x\": %g, \"fl_y\": %g, \"cx\": %g, \"cy\": %g, \"ply_file_path\": \"points.ply\", \"frames\": [",
-          HARD_VIEW_WIDTH, HARD_VIEW_HEIGHT, HARD_VIEW_FOCAL, HARD_VIEW_FOCAL, HARD_VIEW_WIDTH / 2.0, HARD_VIEW_HEIGHT / 2.0);
+  fprintf(f,
+          "{\"w\": %d, \"h\": %d, \"fl_x\": %g, \"fl_y\": %g, \"cx\": %g, \"cy\": %g, \"ply_file_path\": "
+          "\"points.ply\", \"frames\": [",
+          HARD_VIEW_WIDTH, HARD_VIEW_HEIGHT, HARD_VIEW_FOCAL, HARD_VIEW_FOCAL, HARD_VIEW_WIDTH / 2.0,
+          HARD_VIEW_HEIGHT / 2.0);
   for (int v = 0; v < views; v++) {
     const pags_camera c = camera_of(v, views);
     fprintf(f, "%s{\"file_path\": \"view%d.png\", \"transform_matrix\": [", v ? ", " : "", v);
@@ -150,8 +154,10 @@ static void save_points(const char *name, const hard_data_options *o, const hard
   join(file, name, "points.ply");
   FILE *f = fopen(hard_path(file), "w");
   assert_non_null(f);
-  fprintf(f, "ply\nformat ascii 1.0\nelement vertex %lld\nproperty double x\nproperty double y\nproperty double z\n"
-             "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n", (long long)points->count);
+  fprintf(f,
+          "ply\nformat ascii 1.0\nelement vertex %lld\nproperty double x\nproperty double y\nproperty double z\n"
+          "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n",
+          (long long)points->count);
   for (int64_t i = 0; i < points->count; i++) {
     for (int k = 0; k < 3; k++)
       fprintf(f, "%.17g ", scale * (double)points->xyz[3 * i + k] + o->offset[k]);
@@ -225,8 +231,8 @@ static void save_start(const pags_dataset *dataset, const char *name, const pags
   pags_state_destroy(&state);
 }
 
-pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config, const pags_gaussians *start,
-                     int threads, pags_train_options options, pags_train_result *result) {
+pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
+                     const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result) {
   options.dataset = dataset;
   options.output = hard_path(name);
   options.tasks = pags_tasks_create(threads);
