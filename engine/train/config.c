@@ -331,7 +331,7 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
 static void resolve_preset(pags_train_config *c) {
   int lean = c->preset == PAGS_PRESET_LEAN;
   if (c->densify_until < 0)
-    c->densify_until = c->preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
+    c->densify_until = c->preset == PAGS_PRESET_SHORT ? 25000 : 15000;
   if (c->hybrid == PAGS_HYBRID_OF_PRESET)
     c->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
   if (c->critical_weight < 0)

@@ -48,9 +48,9 @@ static void lean_begins_earlier_and_asks_less(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_LEAN, 30000, 10);
   assert_int_equal(s.prunes, 5);
-  assert_int_equal(s.densify_until, 12000);
+  assert_int_equal(s.densify_until, 15000);
   for (int i = 0; i < 5; i++) {
-    assert_int_equal(s.prune_step[i], 4000 * (i + 1));
+    assert_int_equal(s.prune_step[i], 5000 * (i + 1));
     assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
   }
   assert_true(s.config.critical_weight == 3.0 && s.config.hybrid == PAGS_HYBRID_PRODUCT);

@@ -26,7 +26,7 @@ typedef enum pags_strategy {
 /* When the Gaussians with the lowest scores are removed (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for its time */
+  PAGS_PRESET_LEAN,  /* after 5000, 10 000, 15 000, 20 000 and 25 000 of 30 000 steps: what was measured to lose least for its time */
   PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
   PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
 } pags_preset;
