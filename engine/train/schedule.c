@@ -31,7 +31,7 @@ static const struct {
 _Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
 
 static void set_prunes(pags_schedule *s) {
-  int preset = s->config.preset;
+  size_t preset = (size_t)s->config.preset;
   for (int i = 0; i < plans[preset].prunes; i++) {
     int64_t step = llround((plans[preset].first + prune_every * i) * (double)s->length / plans[preset].of);
     int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
