@@ -59,12 +59,8 @@ static pags_result gather_background(const pags_workshop *w, pags_gaussians *out
   pags_result result = pags_gaussians_create_like(&loose, count, g);
   if (result == PAGS_OK) {
     pags_gaussians_gather(g, index, count, &loose);
-    result = pags_gaussians_morton_order(&loose, index);
+    result = pags_gaussians_sorted_copy(out, &loose);
   }
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(out, count, g);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(&loose, index, count, out);
   pags_gaussians_destroy(&loose);
   free(index);
   return result;

@@ -90,19 +90,6 @@ static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_ga
   return result;
 }
 
-static pags_result copy_model(const pags_gaussians *from, pags_gaussians *out) {
-  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
-  if (!index)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)from->count);
-  pags_result result = pags_gaussians_morton_order(from, index);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(out, from->count, from);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(from, index, from->count, out);
-  free(index);
-  return result;
-}
-
 static double mean_s_sem(const pags_gaussians *g) {
   double sum = 0;
   for (int64_t i = 0; g->s_sem && i < g->count; ++i)
@@ -249,7 +236,7 @@ static pags_result look_and_fuse(const pags_workshop *w, int64_t object, closene
   double pose[12], model_pose[12], reach[3];
   memcpy(model_pose, identity, sizeof model_pose);
   if (o->model >= 0) {
-    PAGS_TRY(copy_model(&w->scene->models[o->model].gaussians, &shape->gaussians));
+    PAGS_TRY(pags_gaussians_sorted_copy(&shape->gaussians, &w->scene->models[o->model].gaussians));
   } else if (w->scene->model_count > 0) {
     parked_pose(w, &o->record, pose);
     PAGS_TRY(gather_parked(w, object, &shape->gaussians));

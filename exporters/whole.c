@@ -35,19 +35,6 @@ typedef struct layout {
   pags_part *parts;
 } layout;
 
-static pags_result order_model(const pags_gaussians *from, pags_gaussians *out) {
-  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
-  if (!index)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)from->count);
-  pags_result result = pags_gaussians_morton_order(from, index);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(out, from->count, from);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(from, index, from->count, out);
-  free(index);
-  return result;
-}
-
 static pags_result lay_out(const pags_scene *scene, layout *out) {
   size_t count = (size_t)scene->model_count;
   out->models = calloc(count + 1, sizeof *out->models);
@@ -57,7 +44,7 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld models", (long long)scene->model_count);
   for (; out->count < scene->model_count; ++out->count) {
     int64_t i = out->count;
-    PAGS_TRY(order_model(&scene->models[i].gaussians, &out->models[i]));
+    PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
     PAGS_TRY(pags_clusters_create(&out->clusters[i], out->models[i].count, CLUSTER));
     pags_clusters_update(&out->clusters[i], &out->models[i], 0, out->clusters[i].count);
   }

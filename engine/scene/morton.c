@@ -97,3 +97,17 @@ pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index)
   free(block);
   return PAGS_OK;
 }
+
+pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians *from) {
+  *out = (pags_gaussians){0};
+  int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
+  if (!index)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to sort %lld Gaussians", (long long)from->count);
+  pags_result result = pags_gaussians_morton_order(from, index);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create_like(out, from->count, from);
+  if (result == PAGS_OK)
+    pags_gaussians_gather(from, index, from->count, out);
+  free(index);
+  return result;
+}

@@ -264,23 +264,10 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
   return pags_file_writer_commit(&file);
 }
 
-static pags_result sort_rows(const pags_gaussians *gaussians, pags_gaussians *sorted) {
-  int64_t *const order = malloc((size_t)(gaussians->count + 1) * sizeof *order);
-  if (!order)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory to sort %lld Gaussians", (long long)gaussians->count);
-  pags_result result = pags_gaussians_morton_order(gaussians, order);
-  if (result == PAGS_OK)
-    result = pags_gaussians_create_like(sorted, gaussians->count, gaussians);
-  if (result == PAGS_OK)
-    pags_gaussians_gather(gaussians, order, gaussians->count, sorted);
-  free(order);
-  return result;
-}
-
 pags_result pags_packed_export(const char *path, const pags_gaussians *gaussians, const pags_packed *head) {
   pags_gaussians sorted;
   pags_packed packed;
-  PAGS_TRY(sort_rows(gaussians, &sorted));
+  PAGS_TRY(pags_gaussians_sorted_copy(&sorted, gaussians));
   pags_result result = pags_packed_create(&sorted, &packed);
   pags_gaussians_destroy(&sorted);
   PAGS_TRY(result);

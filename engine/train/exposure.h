@@ -35,7 +35,8 @@ pags_result pags_exposure_apply(const double value[6], const pags_picture *pictu
 pags_result pags_exposure_backward(const double value[6], const pags_picture *picture, pags_tasks *tasks,
                                    float *const gradient[3], double out[6]);
 
-/* Adam for one view and its camera, then the means over the training views put back. */
+/* Adam for one view and its camera, then the means over the training views put back. Returns 0 where the gradient
+ * isn't finite, which moves nothing. */
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],
                            const pags_schedule *schedule, int64_t step);
 

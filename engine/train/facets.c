@@ -19,7 +19,7 @@ static const double farthest = 0.3;    /* and across, metres */
 static const double nearest = 0.03;    /* what lies nearer than this is left alone: the planes are no better known */
 
 static uint64_t key_of(const int64_t cell[3], int level) {
-  uint64_t key = (uint64_t)level + 1; /* 0 is no key */
+  uint64_t key = (uint64_t)level;
   for (int k = 0; k < 3; k++)
     key = key << CELL_BITS | ((uint64_t)(cell[k] + (1 << (CELL_BITS - 1))) & ((1u << CELL_BITS) - 1));
   return key;

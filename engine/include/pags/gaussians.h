@@ -83,6 +83,8 @@ PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);
 /* The order of the Gaussians along a Morton curve of 21 bits an axis over their bounding box: index[i] is the row that
  * comes i-th; ties by row. Rows with a non-finite mean come last. `index` has g->count entries. */
 PAGS_API pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index);
+/* A copy, all planes of it, in that order; on failure `out` is empty. `out` is not `from`. */
+PAGS_API pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians *from);
 
 /* Counts rows that can't be drawn: a non-finite value or an all-zero quaternion. `index`, when not NULL, receives the
  * rows that can, in order (room for g->count). Returns the number of bad rows. */
