@@ -222,7 +222,17 @@ static file_bytes spz_header(const spz_parts *parts, int last) {
   return out;
 }
 
-file_bytes gzip_bytes(const file_bytes *plain) {
+void bytes_stored(file_bytes *b, const void *data, size_t size) {
+  for (size_t at = 0; at < size || at == 0;) {
+    const size_t block = size - at < 65535 ? size - at : 65535;
+    bytes_u8(b, at + block == size);
+    bytes_u32(b, (uint32_t)block | (uint32_t)(~block & 65535) << 16);
+    bytes_put(b, (const uint8_t *)data + at, block);
+    at += block ? block : 1;
+  }
+}
+
+static file_bytes gzip_bytes(const file_bytes *plain) {
   file_bytes out = {0};
   z_stream stream = {0};
   uint8_t block[4096];
@@ -261,12 +271,17 @@ static file_bytes pack_v4(const spz_parts *parts) {
   return out;
 }
 
-file_bytes pack_spz(const spz_parts *parts) {
-  if (parts->version == 4)
-    return pack_v4(parts);
+file_bytes spz_plain(const spz_parts *parts) {
   file_bytes plain = spz_header(parts, 0);
   for (int s = 0; s < 6; ++s)
     bytes_put(&plain, parts->stream[s].data, parts->stream[s].size);
+  return plain;
+}
+
+file_bytes pack_spz(const spz_parts *parts) {
+  if (parts->version == 4)
+    return pack_v4(parts);
+  file_bytes plain = spz_plain(parts);
   file_bytes out = gzip_bytes(&plain);
   bytes_free(&plain);
   return out;

@@ -17,6 +17,8 @@ void bytes_u32(file_bytes *bytes, uint32_t value);
 void bytes_u64(file_bytes *bytes, uint64_t value);
 void bytes_f32(file_bytes *bytes, float value);
 void bytes_free(file_bytes *bytes);
+/* As blocks of a deflate stream that stores them. */
+void bytes_stored(file_bytes *bytes, const void *data, size_t size);
 
 /* Random parameters of plausible size: means within 4 m, sigmas about 1 cm. */
 void sample_gaussians(pags_gaussians *g, int64_t count, int sh_degree, uint64_t seed);
@@ -38,8 +40,8 @@ typedef struct spz_parts {
   file_bytes stream[6]; /* positions, opacities, colours, scales, rotations, SH */
 } spz_parts;
 spz_parts make_spz_parts(int version, uint32_t count, int sh_degree, uint64_t seed);
-file_bytes pack_spz(const spz_parts *parts); /* gzip for versions 2 and 3, zstd for 4 */
+file_bytes pack_spz(const spz_parts *parts);  /* gzip for versions 2 and 3, zstd for 4 */
+file_bytes spz_plain(const spz_parts *parts); /* what gzip packs */
 void free_spz_parts(spz_parts *parts);
-file_bytes gzip_bytes(const file_bytes *plain);
 
 #endif

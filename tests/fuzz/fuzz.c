@@ -49,6 +49,14 @@ void fuzz_seed_bytes(file_bytes bytes) {
   bytes_free(&bytes);
 }
 
+void fuzz_seed_saved(pags_result saved, const char *path) {
+  uint8_t *bytes;
+  size_t size;
+  FUZZ_CHECK(saved == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
+  fuzz_seed(bytes, size);
+  free(bytes);
+}
+
 static uint8_t *find_cut(uint8_t *at, size_t size) {
   const size_t length = sizeof FUZZ_CUT - 1;
   for (; size >= length; ++at, --size)
@@ -319,7 +327,7 @@ static void mutate(dice *d, input *in) {
     return;
   }
   const size_t reach = draw(d, 2) && in->size > 400 ? 400 : in->size; /* half of the times where headers are */
-  switch (draw(d, 10)) {
+  switch (target->nested && draw(d, 8) ? draw(d, 3) : draw(d, 10)) {
     case 0: in->bytes[draw(d, reach)] ^= (uint8_t)(1u << draw(d, 8)); break;
     case 1: in->bytes[draw(d, reach)] = (uint8_t)draw(d, 256); break;
     case 2: put_number(d, in); break;

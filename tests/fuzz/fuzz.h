@@ -22,6 +22,7 @@ typedef struct fuzz_target {
   const char *const *words; /* of the format, NULL last; NULL: none */
   /* Bytes that may be live at once: memory + times * size. 0: 1 MiB, 64 */
   size_t memory, times;
+  int nested; /* parts begin with their lengths: the smoke run's mutations keep the size, seven of eight */
   int smoke; /* inputs of the smoke run; 0: 10000 */
 } fuzz_target;
 
@@ -33,6 +34,8 @@ void fuzz_seed(const void *bytes, size_t size);
 void fuzz_seed_text(const char *text);
 /* Takes over a maker's bytes. */
 void fuzz_seed_bytes(file_bytes bytes);
+/* A file that `saved` says was written. */
+void fuzz_seed_saved(pags_result saved, const char *path);
 
 /* Parts of one input are parted by this line; `parts` receives each as a block of its own with a zero byte after its end, as
  * pags_file_read would leave it. Missing ones are NULL. fuzz_parts_free frees them. */

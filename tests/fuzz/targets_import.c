@@ -1,10 +1,14 @@
-/* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames and range images. */
+/* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames, range images and whole segments. */
 #include "fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <zlib.h>
+
+#include <pags/dataset.h>
+#include <pags/image.h>
+#include <pags/import.h>
 
 #include "base/bytes.h"
 #include "base/file.h"
@@ -14,6 +18,7 @@
 #include "import/waymo_message.h"
 #include "import/waymo_tracks.h"
 #include "raw_waymo.h"
+#include "shared_data.h"
 
 /* ---- KITTI's texts, parted by cuts ---- */
 
@@ -209,35 +214,35 @@ static int run_tfrecord(const uint8_t *data, size_t size) {
   return result == PAGS_OK;
 }
 
-static uint32_t masked_crc(const uint8_t *bytes, size_t size) {
-  const uint32_t crc = pags_crc32c(bytes, size);
-  return (crc >> 15 | crc << 17) + 0xa282ead8u;
-}
-
 static size_t mend_tfrecord(uint8_t *data, size_t size, size_t capacity) {
   (void)capacity;
   for (size_t at = 0; size - at >= RECORD_HEADER;) {
     const uint64_t length = pags_load_u64(data + at);
-    pags_store_u32(data + at + 8, masked_crc(data + at, 8));
+    pags_store_u32(data + at + 8, raw_masked_crc(data + at, 8));
     if (size - at < RECORD_HEADER + RECORD_FOOTER || length > size - at - RECORD_HEADER - RECORD_FOOTER)
       break;
-    pags_store_u32(data + at + RECORD_HEADER + length, masked_crc(data + at + RECORD_HEADER, (size_t)length));
+    pags_store_u32(data + at + RECORD_HEADER + length, raw_masked_crc(data + at + RECORD_HEADER, (size_t)length));
     at += RECORD_HEADER + (size_t)length + RECORD_FOOTER;
   }
   return size;
 }
 
+static void put_record(file_bytes *out, const void *data, size_t size) {
+  bytes_u64(out, size);
+  bytes_u32(out, 0);
+  bytes_put(out, data, size);
+  bytes_u32(out, 0);
+  mend_tfrecord(out->data, out->size, out->size);
+}
+
 static void seed_tfrecord(void) {
   static const size_t lengths[] = {5, 0, 300, 17};
   file_bytes out = {0};
-  for (int i = 0; i < 4; ++i) {
-    bytes_u64(&out, lengths[i]);
-    bytes_u32(&out, 0);
-    for (size_t k = 0; k < lengths[i]; ++k)
-      bytes_u8(&out, (unsigned)(k * 7));
-    bytes_u32(&out, 0);
-  }
-  mend_tfrecord(out.data, out.size, out.size);
+  uint8_t data[300];
+  for (size_t k = 0; k < sizeof data; ++k)
+    data[k] = (uint8_t)(k * 7);
+  for (int i = 0; i < 4; ++i)
+    put_record(&out, data, lengths[i]);
   fuzz_seed_bytes(out);
 }
 
@@ -282,6 +287,8 @@ static int run_frame(const uint8_t *data, size_t size) {
   return result == PAGS_OK;
 }
 
+enum { WIDTH = 24, HEIGHT = 16 };
+
 static const double still[12] = {1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, 3};
 
 static float three_metres(void *user, const double origin[3], const double direction[3], int which) {
@@ -310,71 +317,104 @@ static void add_label(raw_waymo *memory, Pags__Waymo__Frame *f, int i) {
   f->laser_labels[f->n_laser_labels++] = l;
 }
 
-static void add_camera(raw_waymo *memory, Pags__Waymo__Frame *f) {
+static void add_camera(raw_waymo *memory, Pags__Waymo__Frame *f, int name) {
   static double intrinsic[9] = {20, 20, 12, 8, -0.1, 0.01, 0.001, 0.001, 0};
   Pags__Waymo__CameraCalibration *const c = raw_waymo_alloc(memory, 1, sizeof *c);
   Pags__Waymo__CameraImage *const m = raw_waymo_alloc(memory, 1, sizeof *m);
+  Pags__Waymo__Velocity *const v = raw_waymo_alloc(memory, 1, sizeof *v);
   pags__waymo__camera_calibration__init(c);
   pags__waymo__camera_image__init(m);
-  c->has_name = c->has_width = c->has_height = m->has_name = m->has_image = 1;
-  c->name = m->name = 1;
-  c->width = 24;
-  c->height = 16;
+  pags__waymo__velocity__init(v);
+  c->has_name = c->has_width = c->has_height = c->has_rolling_shutter_direction = m->has_name = m->has_image = 1;
+  m->has_pose_timestamp = m->has_shutter = m->has_camera_trigger_time = m->has_camera_readout_done_time = 1;
+  v->has_v_x = v->has_w_z = 1;
+  c->name = m->name = name;
+  c->width = WIDTH;
+  c->height = HEIGHT;
+  c->rolling_shutter_direction = 2;
   c->n_intrinsic = 9;
   c->intrinsic = intrinsic;
   c->extrinsic = raw_transform(memory, still);
   m->image = (ProtobufCBinaryData){.len = 4, .data = (uint8_t *)raw_waymo_text(memory, "\xff\xd8\xff\xd9")};
   m->pose = raw_transform(memory, still);
-  f->context->camera_calibrations = raw_waymo_alloc(memory, 1, sizeof c);
-  f->images = raw_waymo_alloc(memory, 1, sizeof m);
+  m->pose_timestamp = 10;
+  m->camera_trigger_time = 9.99;
+  m->camera_readout_done_time = 10.02;
+  m->velocity = v;
+  v->v_x = 3;
   f->context->camera_calibrations[f->context->n_camera_calibrations++] = c;
   f->images[f->n_images++] = m;
 }
 
-static void seed_frame(void) {
+static Pags__Waymo__Frame *small_frame(raw_waymo *memory, int turning) {
   static const double beams[3] = {-0.2, -0.1, 0};
-  raw_waymo memory = {0};
-  size_t size;
-  for (int turning = 0; turning < 2; ++turning) {
-    raw_laser laser = {.name = 1, .rows = 3, .columns = 5, .inclinations = turning ? beams : NULL, .low = -0.2, .high = 0.1,
-                       .range = three_metres, .pose = turning ? stand : NULL};
-    memcpy(laser.vehicle_from_laser, still, sizeof still);
-    Pags__Waymo__Frame *const f = raw_waymo_alloc(&memory, 1, sizeof *f);
-    pags__waymo__frame__init(f);
-    f->context = raw_waymo_alloc(&memory, 1, sizeof *f->context);
-    pags__waymo__context__init(f->context);
-    f->context->name = raw_waymo_text(&memory, "small");
-    f->has_timestamp_micros = 1;
-    f->timestamp_micros = 10000000;
-    f->pose = raw_transform(&memory, still);
-    f->context->laser_calibrations = raw_waymo_alloc(&memory, 1, sizeof *f->context->laser_calibrations);
-    f->lasers = raw_waymo_alloc(&memory, 1, sizeof *f->lasers);
-    f->laser_labels = raw_waymo_alloc(&memory, 2, sizeof *f->laser_labels);
-    add_camera(&memory, f);
-    add_label(&memory, f, 0);
-    add_label(&memory, f, 1);
-    raw_laser_add(&memory, f, &laser);
-    const uint8_t *const bytes = raw_frame_pack(&memory, f, &size);
-    fuzz_seed(bytes, size);
+  raw_laser laser = {.name = 1, .rows = 3, .columns = 5, .inclinations = turning ? beams : NULL, .low = -0.2, .high = 0.1,
+                     .range = three_metres, .pose = turning ? stand : NULL};
+  memcpy(laser.vehicle_from_laser, still, sizeof still);
+  Pags__Waymo__Frame *const f = raw_waymo_alloc(memory, 1, sizeof *f);
+  pags__waymo__frame__init(f);
+  f->context = raw_waymo_alloc(memory, 1, sizeof *f->context);
+  pags__waymo__context__init(f->context);
+  f->context->name = raw_waymo_text(memory, "small");
+  f->has_timestamp_micros = 1;
+  f->timestamp_micros = 10000000;
+  f->pose = raw_transform(memory, still);
+  f->context->camera_calibrations = raw_waymo_alloc(memory, 2, sizeof *f->context->camera_calibrations);
+  f->context->laser_calibrations = raw_waymo_alloc(memory, 1, sizeof *f->context->laser_calibrations);
+  f->images = raw_waymo_alloc(memory, 2, sizeof *f->images);
+  f->lasers = raw_waymo_alloc(memory, 1, sizeof *f->lasers);
+  f->laser_labels = raw_waymo_alloc(memory, 2, sizeof *f->laser_labels);
+  for (int i = 0; i < 2; ++i) {
+    add_camera(memory, f, i + 1);
+    add_label(memory, f, i);
   }
+  raw_laser_add(memory, f, &laser);
+  return f;
+}
+
+static void seed_message(raw_waymo *memory, const Pags__Waymo__Frame *f) {
+  size_t size;
+  const uint8_t *const bytes = raw_frame_pack(memory, f, &size);
+  fuzz_seed(bytes, size);
+}
+
+/* The shared test data's frame without its pictures, which are nearly all of it. */
+static void seed_real_frame(raw_waymo *memory) {
+  char path[512];
+  pags_tfrecord *reader;
+  pags_tfrecord_item item;
+  pags_waymo_frame *f;
+  if (!pags_shared_data("waymo/pvps_data_one_frame.tfrecord", path, sizeof path))
+    return;
+  FUZZ_CHECK(pags_tfrecord_open(path, &reader) == PAGS_OK && pags_tfrecord_next(reader, &item) == PAGS_OK &&
+             pags_waymo_unpack_frame(item.data, item.size, path, &f) == PAGS_OK);
+  for (size_t i = 0; i < f->n_images; ++i) {
+    f->images[i]->image.len = 4;
+    if (f->images[i]->camera_segmentation_label)
+      f->images[i]->camera_segmentation_label->panoptic_label.len = 4;
+  }
+  seed_message(memory, f);
+  pags_waymo_free_frame(f);
+  pags_tfrecord_close(reader);
+}
+
+static void seed_frame(void) {
+  raw_waymo memory = {0};
+  for (int turning = 0; turning < 2; ++turning)
+    seed_message(&memory, small_frame(&memory, turning));
+  seed_real_frame(&memory);
   raw_waymo_free(&memory);
 }
 
 /* protobuf-c works within a budget of 64 MiB; range images are inflated, up to 64 MiB each and one at a time. */
 static const fuzz_target frame = {
-    .name = "waymo_frame", .seeds = seed_frame, .run = run_frame, .memory = 260u << 20, .times = 1032, .smoke = 5000};
+    .name = "waymo_frame", .seeds = seed_frame, .run = run_frame, .memory = 260u << 20, .times = 1032, .nested = 1, .smoke = 5000};
 
 /* A range image's content, in a zlib stream that stores it. */
 static int run_matrix(const uint8_t *data, size_t size) {
   file_bytes stream = {0};
   bytes_put(&stream, "\x78\x01", 2);
-  for (size_t at = 0; at < size || at == 0;) {
-    const size_t block = size - at < 65535 ? size - at : 65535;
-    bytes_u8(&stream, at + block == size);
-    bytes_u32(&stream, (uint32_t)block | (uint32_t)(~block & 65535) << 16);
-    bytes_put(&stream, data + at, block);
-    at += block ? block : 1;
-  }
+  bytes_stored(&stream, data, size);
   const uint32_t sum = (uint32_t)adler32(1, data, (uInt)size);
   for (int i = 3; i >= 0; --i)
     bytes_u8(&stream, sum >> (8 * i) & 255);
@@ -406,4 +446,70 @@ static void seed_matrix(void) {
 static const fuzz_target matrix = {
     .name = "waymo_matrix", .seeds = seed_matrix, .run = run_matrix, .memory = 66u << 20, .times = 64, .smoke = 5000};
 
-const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix, NULL};
+/* ---- A segment of one frame, imported ---- */
+
+static pags_tasks *tasks;
+
+static int run_segment(const uint8_t *data, size_t size) {
+  char folder[1024];
+  file_bytes file = {0};
+  put_record(&file, data, size);
+  const char *const path = fuzz_file("segment.tfrecord", file.data, file.size);
+  bytes_free(&file);
+  pags_import_options options = pags_import_options_default();
+  options.cameras = "0,1";
+  snprintf(folder, sizeof folder, "%.900s/out", fuzz_folder());
+  pags_result result = pags_import_waymo(path, folder, &options, tasks, NULL, NULL);
+  if (result != PAGS_OK) {
+    fuzz_refused(result, strstr(pags_error_message(), "out/") ? "out/" : "segment.tfrecord");
+  } else {
+    pags_dataset *dataset;
+    const pags_dataset_options reading = pags_dataset_options_default();
+    if (pags_dataset_open(folder, &reading, &dataset) == PAGS_OK)
+      pags_dataset_close(dataset);
+  }
+  FUZZ_CHECK(pags_remove_tree(folder) == PAGS_OK);
+  return result == PAGS_OK;
+}
+
+static ProtobufCBinaryData picture(raw_waymo *memory, const char *name, pags_sample sample, int channels) {
+  pags_image image;
+  uint8_t *bytes;
+  size_t size;
+  const char *const path = fuzz_file(name, "", 0);
+  FUZZ_CHECK(pags_image_create(&image, WIDTH, HEIGHT, channels, sample) == PAGS_OK);
+  for (size_t i = 0; sample == PAGS_U16 && i < (size_t)WIDTH * HEIGHT; ++i)
+    ((uint16_t *)image.data)[i] = (uint16_t)(1000 * (i % 29) + i % 3);
+  FUZZ_CHECK(pags_image_save(path, &image) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
+  pags_image_destroy(&image);
+  const ProtobufCBinaryData out = {.len = size, .data = raw_waymo_alloc(memory, size, 1)};
+  memcpy(out.data, bytes, size);
+  free(bytes);
+  return out;
+}
+
+static void add_pictures(raw_waymo *memory, Pags__Waymo__CameraImage *m) {
+  Pags__Waymo__CameraSegmentationLabel *const label = raw_waymo_alloc(memory, 1, sizeof *label);
+  pags__waymo__camera_segmentation_label__init(label);
+  label->has_panoptic_label_divisor = label->has_panoptic_label = 1;
+  label->panoptic_label_divisor = 1000;
+  label->panoptic_label = picture(memory, "a.png", PAGS_U16, 1);
+  m->image = picture(memory, "a.jpg", PAGS_U8, 3);
+  m->camera_segmentation_label = label;
+}
+
+static void seed_segment(void) {
+  raw_waymo memory = {0};
+  Pags__Waymo__Frame *const f = small_frame(&memory, 1);
+  for (size_t i = 0; i < f->n_images; ++i)
+    add_pictures(&memory, f->images[i]);
+  seed_message(&memory, f);
+  raw_waymo_free(&memory);
+  tasks = pags_tasks_create(1);
+  FUZZ_CHECK(tasks);
+}
+
+static const fuzz_target segment = {
+    .name = "waymo_segment", .seeds = seed_segment, .run = run_segment, .memory = 260u << 20, .times = 1032, .nested = 1, .smoke = 3000};
+
+const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix, &segment, NULL};

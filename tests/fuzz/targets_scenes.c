@@ -15,16 +15,10 @@
 
 static void seed_scene(void) {
   pags_scene scene;
-  uint8_t *bytes;
-  size_t size;
+  const char *const path = fuzz_file("scene.json", "", 0);
   small_scene_make(&scene);
-  FUZZ_CHECK(pags_scene_save(fuzz_folder(), &scene) == PAGS_OK);
+  fuzz_seed_saved(pags_scene_save(fuzz_folder(), &scene), path);
   pags_scene_destroy(&scene);
-  char path[1024];
-  snprintf(path, sizeof path, "%.900s/scene.json", fuzz_folder());
-  FUZZ_CHECK(pags_file_read(path, &bytes, &size) == PAGS_OK);
-  fuzz_seed(bytes, size);
-  free(bytes);
 }
 
 static int run_scene(const uint8_t *data, size_t size) {

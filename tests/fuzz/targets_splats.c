@@ -62,11 +62,7 @@ static void seed_ply(void) {
   FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK && pags_gaussians_add_object_id(&g) == PAGS_OK &&
              pags_gaussians_add_fourier(&g) == PAGS_OK);
   const char *const path = fuzz_file("all.ply", "", 0);
-  uint8_t *bytes;
-  size_t size;
-  FUZZ_CHECK(pags_ply_save(path, &g) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
-  fuzz_seed(bytes, size);
-  free(bytes);
+  fuzz_seed_saved(pags_ply_save(path, &g), path);
   pags_gaussians_destroy(&g);
 }
 
@@ -82,20 +78,6 @@ static void seed_compressed(void) {
 }
 
 static const fuzz_target compressed = {.name = "compressed_ply", .seeds = seed_compressed, .run = run_ply, .words = ply_words};
-
-/* ---- .splat ---- */
-
-static int run_splat(const uint8_t *data, size_t size) {
-  pags_gaussians g;
-  return accept(pags_splat_decode("a.splat", data, size, &g), &g, "a.splat");
-}
-
-static void seed_splat(void) {
-  fuzz_seed_bytes(make_splat(1, 1));
-  fuzz_seed_bytes(make_splat(30, 1));
-}
-
-static const fuzz_target splat = {.name = "splat", .seeds = seed_splat, .run = run_splat};
 
 /* ---- SPZ: whole files, and what is inside of the gzip stream, which its checksum would hide ---- */
 
@@ -122,13 +104,7 @@ static const fuzz_target spz = {.name = "spz", .seeds = seed_spz, .run = run_spz
 static int run_spz_content(const uint8_t *data, size_t size) {
   file_bytes file = {0};
   bytes_put(&file, "\x1f\x8b\x08\0\0\0\0\0\0\xff", 10);
-  for (size_t at = 0; at < size || at == 0;) {
-    const size_t block = size - at < 65535 ? size - at : 65535;
-    bytes_u8(&file, at + block == size);
-    bytes_u32(&file, (uint32_t)block | (uint32_t)(~block & 65535) << 16);
-    bytes_put(&file, data + at, block);
-    at += block ? block : 1;
-  }
+  bytes_stored(&file, data, size);
   bytes_u32(&file, (uint32_t)crc32(0, data, (uInt)size));
   bytes_u32(&file, (uint32_t)size);
   const int accepted = run_spz(file.data, file.size);
@@ -140,14 +116,7 @@ static void seed_spz_content(void) {
   for (int version = 2; version <= 3; ++version)
     for (int degree = 0; degree <= 4; ++degree) {
       spz_parts parts = make_spz_parts(version, 6, degree, 1);
-      file_bytes plain = {0};
-      bytes_text(&plain, "NGSP");
-      bytes_u32(&plain, (uint32_t)parts.version);
-      bytes_u32(&plain, 6);
-      bytes_u32(&plain, (uint32_t)parts.sh_degree | 12 << 8);
-      for (int s = 0; s < 6; ++s)
-        bytes_put(&plain, parts.stream[s].data, parts.stream[s].size);
-      fuzz_seed_bytes(plain);
+      fuzz_seed_bytes(spz_plain(&parts));
       free_spz_parts(&parts);
     }
 }
@@ -179,19 +148,34 @@ static void seed_packed(void) {
   for (int degree = 0; degree <= 3; degree += 3) {
     pags_gaussians g;
     pags_packed head = {.background = {0.5f, 0, 1}};
-    uint8_t *bytes;
-    size_t size;
     sample_gaussians(&g, degree ? 70 : 3, degree, 2);
     FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK);
     const char *const path = fuzz_file("seed.pagsz", "", 0);
-    FUZZ_CHECK(pags_packed_export(path, &g, &head) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
-    fuzz_seed(bytes, size);
-    free(bytes);
+    fuzz_seed_saved(pags_packed_export(path, &g, &head), path);
     pags_gaussians_destroy(&g);
   }
 }
 
 static const fuzz_target packed = {.name = "packed", .seeds = seed_packed, .run = run_packed};
+
+/* ---- .splat, by the way that a user's files take: PLY and packed ones are told apart by their first bytes ---- */
+
+static int run_splat(const uint8_t *data, size_t size) {
+  pags_gaussians g;
+  return accept(pags_splat_load(fuzz_file("a.splat", data, size), &g, NULL, NULL), &g, "a.splat");
+}
+
+static void seed_splat(void) {
+  pags_gaussians g;
+  fuzz_seed_bytes(make_splat(1, 1));
+  fuzz_seed_bytes(make_splat(30, 1));
+  sample_gaussians(&g, 2, 0, 1);
+  fuzz_seed_bytes(make_ply(&g));
+  pags_gaussians_destroy(&g);
+  seed_packed();
+}
+
+static const fuzz_target splat = {.name = "splat", .seeds = seed_splat, .run = run_splat};
 
 /* ---- sky.npy ---- */
 
@@ -211,15 +195,11 @@ static int run_sky(const uint8_t *data, size_t size) {
 
 static void seed_sky(void) {
   pags_sky sky;
-  uint8_t *bytes;
-  size_t size;
   FUZZ_CHECK(pags_sky_create(&sky, 3) == PAGS_OK);
   for (int i = 0; i < 18 * 9; ++i)
     sky.texels[i] = (float)i / 100.0f;
   const char *const path = fuzz_file("seed.npy", "", 0);
-  FUZZ_CHECK(pags_sky_save(path, &sky) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
-  fuzz_seed(bytes, size);
-  free(bytes);
+  fuzz_seed_saved(pags_sky_save(path, &sky), path);
   pags_sky_destroy(&sky);
 }
 

@@ -62,8 +62,6 @@ static void seed_checkpoint(void) {
     config.sh_degree = full;
     config.cluster_size = 16;
     const pags_schedule schedule = pags_schedule_make(&config, 2.5, VIEWS);
-    uint8_t *bytes;
-    size_t size;
     FUZZ_CHECK(pags_state_create(&state, &schedule, 100, 3) == PAGS_OK);
     add_model(&state, -1, full ? 5 : 1, 0);
     FUZZ_CHECK(pags_tracks_create(&state.tracks, &set) == PAGS_OK);
@@ -73,9 +71,7 @@ static void seed_checkpoint(void) {
     }
     pags_state_set_step(&state, 50);
     const char *const path = fuzz_file("seed.run", "", 0);
-    FUZZ_CHECK(pags_checkpoint_save(path, &state, 77) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
-    fuzz_seed(bytes, size);
-    free(bytes);
+    fuzz_seed_saved(pags_checkpoint_save(path, &state, 77), path);
     pags_state_destroy(&state);
   }
 }
