@@ -22,6 +22,17 @@ static inline int scratch_remove(void) {
   return pags_remove_tree(scratch_folder) == PAGS_OK ? 0 : -1;
 }
 
+/* The same for a group of cmocka's tests. */
+static inline int scratch_setup(void **state) {
+  (void)state;
+  return scratch_make();
+}
+
+static inline int scratch_teardown(void **state) {
+  (void)state;
+  return scratch_remove();
+}
+
 /* The path of `name` in the folder; good until the fourth call from now. */
 static inline const char *scratch(const char *name) {
   static char paths[4][SCRATCH_PATH + 128];

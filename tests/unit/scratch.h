@@ -35,6 +35,21 @@ static inline void scratch_end(scratch *s) {
   scratch_ok(pags_remove_tree(s->folder));
 }
 
+/* A test whose state is the folder. */
+#define scratch_test(f) cmocka_unit_test_setup_teardown(f, scratch_setup, scratch_teardown)
+
+static inline int scratch_setup(void **state) {
+  static scratch s;
+  scratch_begin(&s);
+  *state = &s;
+  return 0;
+}
+
+static inline int scratch_teardown(void **state) {
+  scratch_end(*state);
+  return 0;
+}
+
 static inline const char *scratch_path(scratch *s, const char *name) {
   snprintf(s->path, sizeof s->path, "%s/%s", s->folder, name);
   return s->path;

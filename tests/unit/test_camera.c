@@ -185,16 +185,6 @@ static void the_fox_camera_reads(void **state) {
   pags_path_destroy(&fox);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_quarter_turn_about_z), cmocka_unit_test(quaternions_come_back),
@@ -203,5 +193,5 @@ int main(void) {
       cmocka_unit_test(paths_survive_files),    cmocka_unit_test(bad_files_are_explained),
       cmocka_unit_test(the_fox_camera_reads),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

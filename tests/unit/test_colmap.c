@@ -413,27 +413,15 @@ static void test_fox_poses_agree(void **state) {
   pags_dataset_close(colmap);
 }
 
-static int begin(void **state) {
-  static scratch s;
-  scratch_begin(&s);
-  *state = &s;
-  return 0;
-}
-
-static int end(void **state) {
-  scratch_end(*state);
-  return 0;
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test_setup_teardown(test_text, begin, end),
-      cmocka_unit_test_setup_teardown(test_places, begin, end),
-      cmocka_unit_test_setup_teardown(test_camera_models, begin, end),
-      cmocka_unit_test_setup_teardown(test_bad_text, begin, end),
-      cmocka_unit_test_setup_teardown(test_binary, begin, end),
-      cmocka_unit_test_setup_teardown(test_damaged_binary, begin, end),
-      cmocka_unit_test_setup_teardown(test_fox_forms_agree, begin, end),
+      scratch_test(test_text),
+      scratch_test(test_places),
+      scratch_test(test_camera_models),
+      scratch_test(test_bad_text),
+      scratch_test(test_binary),
+      scratch_test(test_damaged_binary),
+      scratch_test(test_fox_forms_agree),
       cmocka_unit_test(test_fox_poses_agree),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

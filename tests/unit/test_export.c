@@ -437,16 +437,6 @@ static void test_empty_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-static int set_up(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int tear_down(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_box),
@@ -463,5 +453,5 @@ int main(void) {
       cmocka_unit_test(test_same_bytes),
       cmocka_unit_test(test_empty_scene),
   };
-  return cmocka_run_group_tests(tests, set_up, tear_down);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -138,16 +138,6 @@ static void paths_come_apart_and_together(void **state) {
   assert_false(pags_path_is_inside(""));
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_file_comes_back),
@@ -158,5 +148,5 @@ int main(void) {
       cmocka_unit_test(a_file_in_the_way_is_named),
       cmocka_unit_test(paths_come_apart_and_together),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

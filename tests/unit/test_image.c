@@ -316,32 +316,20 @@ static void test_threads(void **state) {
   pags_tasks_destroy(tasks);
 }
 
-static int begin(void **state) {
-  static scratch s;
-  scratch_begin(&s);
-  *state = &s;
-  return 0;
-}
-
-static int end(void **state) {
-  scratch_end(*state);
-  return 0;
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_create_checks_its_arguments),
-      cmocka_unit_test_setup_teardown(test_threads, begin, end), /* first: see race_block */
-      cmocka_unit_test_setup_teardown(test_png_round_trip, begin, end),
-      cmocka_unit_test_setup_teardown(test_channels_are_converted, begin, end),
-      cmocka_unit_test_setup_teardown(test_float_is_rounded_and_clamped, begin, end),
-      cmocka_unit_test_setup_teardown(test_exr_keeps_floats, begin, end),
-      cmocka_unit_test_setup_teardown(test_jpeg, begin, end),
-      cmocka_unit_test_setup_teardown(test_bad_files, begin, end),
-      cmocka_unit_test_setup_teardown(test_cut_off_files, begin, end),
-      cmocka_unit_test_setup_teardown(test_saving_fails_cleanly, begin, end),
-      cmocka_unit_test_setup_teardown(test_saving_clears_up, begin, end),
-      cmocka_unit_test_setup_teardown(test_saving_is_deterministic, begin, end),
+      scratch_test(test_threads), /* first: see race_block */
+      scratch_test(test_png_round_trip),
+      scratch_test(test_channels_are_converted),
+      scratch_test(test_float_is_rounded_and_clamped),
+      scratch_test(test_exr_keeps_floats),
+      scratch_test(test_jpeg),
+      scratch_test(test_bad_files),
+      scratch_test(test_cut_off_files),
+      scratch_test(test_saving_fails_cleanly),
+      scratch_test(test_saving_clears_up),
+      scratch_test(test_saving_is_deterministic),
       cmocka_unit_test(test_shrink_mean),
       cmocka_unit_test(test_shrink_mask),
   };

@@ -210,16 +210,6 @@ static void files_are_named(void **state) {
   assert_int_equal(pags_json_parse_file(scratch("none.json"), &json), PAGS_ERROR_IO);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(values_know_type_and_line),
@@ -234,5 +224,5 @@ int main(void) {
       cmocka_unit_test(the_locale_changes_nothing),
       cmocka_unit_test(files_are_named),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -311,16 +311,6 @@ static void a_scrambled_file_keeps_its_bits(void **state) {
   pags_gaussians_destroy(&again);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_degree_round_trips_to_the_byte),
@@ -338,5 +328,5 @@ int main(void) {
       cmocka_unit_test(inrias_file_round_trips),
       cmocka_unit_test(a_scrambled_file_keeps_its_bits),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -189,25 +189,13 @@ static void test_subject(void **state) {
   assert_false(pags_camera_sees(&cameras[0], behind, 1));
 }
 
-static int begin(void **state) {
-  static scratch s;
-  scratch_begin(&s);
-  *state = &s;
-  return 0;
-}
-
-static int end(void **state) {
-  scratch_end(*state);
-  return 0;
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test_setup_teardown(test_plane_is_found, begin, end),
-      cmocka_unit_test_setup_teardown(test_colours, begin, end),
-      cmocka_unit_test_setup_teardown(test_same_for_any_threads, begin, end),
-      cmocka_unit_test_setup_teardown(test_masked_pixels_give_none, begin, end),
-      cmocka_unit_test_setup_teardown(test_nothing_to_match, begin, end),
+      scratch_test(test_plane_is_found),
+      scratch_test(test_colours),
+      scratch_test(test_same_for_any_threads),
+      scratch_test(test_masked_pixels_give_none),
+      scratch_test(test_nothing_to_match),
       cmocka_unit_test(test_subject),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -347,16 +347,6 @@ static void other_paths_are_explained(void **state) {
   pags_scene_destroy(&scene);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_scene_comes_back),          cmocka_unit_test(saving_is_the_same_to_the_byte),
@@ -366,5 +356,5 @@ int main(void) {
       cmocka_unit_test(file_names_are_made_safe),    cmocka_unit_test(bad_objects_are_explained),
       cmocka_unit_test(damaged_scenes_are_survived),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -143,16 +143,6 @@ static void directions_meet_their_texels(void **state) {
   pags_sky_destroy(&sky);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(every_half_comes_back),
@@ -161,5 +151,5 @@ int main(void) {
       cmocka_unit_test(bad_files_are_explained),
       cmocka_unit_test(directions_meet_their_texels),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -157,16 +157,6 @@ static void luma_seal_reads(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(a_splat_row_decodes),
@@ -176,5 +166,5 @@ int main(void) {
       cmocka_unit_test(bad_compressed_files_are_explained),
       cmocka_unit_test(luma_seal_reads),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

@@ -284,16 +284,6 @@ static void both_bikers_agree(void **state) {
   pags_gaussians_destroy(&b);
 }
 
-static int setup(void **state) {
-  (void)state;
-  return scratch_make();
-}
-
-static int teardown(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(kinds_and_flags_are_told),   cmocka_unit_test(known_bytes_decode),
@@ -302,5 +292,5 @@ int main(void) {
       cmocka_unit_test(bombs_are_refused),          cmocka_unit_test(extension_records_are_skipped),
       cmocka_unit_test(an_empty_file_reads),        cmocka_unit_test(both_bikers_agree),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, scratch_setup, scratch_teardown);
 }

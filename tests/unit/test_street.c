@@ -50,11 +50,6 @@ static int make_sets(void **state) {
   return 0;
 }
 
-static int remove_sets(void **state) {
-  (void)state;
-  return scratch_remove();
-}
-
 /* The path of a file of a set; good until the fourth call from now. */
 static const char *file_of(const char *set, const char *format, ...) {
   char relative[64], name[96];
@@ -514,5 +509,5 @@ int main(void) {
                                      cmocka_unit_test(test_lidar), cmocka_unit_test(test_nearest_surfaces),
                                      cmocka_unit_test(test_masks_and_boxes), cmocka_unit_test(test_noise),
                                      cmocka_unit_test(test_reads_back), cmocka_unit_test(test_refusals)};
-  return cmocka_run_group_tests(tests, make_sets, remove_sets);
+  return cmocka_run_group_tests(tests, make_sets, scratch_teardown);
 }

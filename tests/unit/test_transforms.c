@@ -370,31 +370,19 @@ static void test_fox_full(void **state) {
   open_fails(path, &options, PAGS_ERROR_FORMAT, "0001.jpg has 540 x 960 pixels, expected 1080 x 1920");
 }
 
-static int begin(void **state) {
-  static scratch s;
-  scratch_begin(&s);
-  *state = &s;
-  return 0;
-}
-
-static int end(void **state) {
-  scratch_end(*state);
-  return 0;
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test_setup_teardown(test_order_axes_and_split, begin, end),
-      cmocka_unit_test_setup_teardown(test_intrinsics, begin, end),
-      cmocka_unit_test_setup_teardown(test_downscale, begin, end),
-      cmocka_unit_test_setup_teardown(test_masks_and_points, begin, end),
-      cmocka_unit_test_setup_teardown(test_binary_points, begin, end),
-      cmocka_unit_test_setup_teardown(test_large_coordinates, begin, end),
-      cmocka_unit_test_setup_teardown(test_bad_files, begin, end),
-      cmocka_unit_test_setup_teardown(test_bad_frames, begin, end),
-      cmocka_unit_test_setup_teardown(test_bad_poses, begin, end),
-      cmocka_unit_test_setup_teardown(test_missing, begin, end),
-      cmocka_unit_test_setup_teardown(test_random_points, begin, end),
+      scratch_test(test_order_axes_and_split),
+      scratch_test(test_intrinsics),
+      scratch_test(test_downscale),
+      scratch_test(test_masks_and_points),
+      scratch_test(test_binary_points),
+      scratch_test(test_large_coordinates),
+      scratch_test(test_bad_files),
+      scratch_test(test_bad_frames),
+      scratch_test(test_bad_poses),
+      scratch_test(test_missing),
+      scratch_test(test_random_points),
       cmocka_unit_test(test_fox),
       cmocka_unit_test(test_fox_missing),
       cmocka_unit_test(test_fox_full),
