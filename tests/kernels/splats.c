@@ -3,6 +3,10 @@
 #include <math.h>
 #include <string.h>
 
+const splat_mix splats_translucent = {20, 36, 60, 76, 0.3f, 12, 8, 0.004f, 0.08f, false};
+const splat_mix splats_opaque = {20, 36, 60, 76, 0.3f, 20, 30, 0.1f, 1.0f, false};
+const splat_mix splats_awkward = {28, 44, 52, 68, 0.3f, 20, 30, 0.004f, 1.0f, true};
+
 pags_splat splat_make(double x, double y, double a, double b, double c, double alpha) {
   const double k = 0.5 * log2(exp(1.0)), d = a * c - b * b, reach = (log2(alpha) + log2(255.0)) / k;
   pags_splat s = {.x = (float)x, .y = (float)y};

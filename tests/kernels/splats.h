@@ -12,6 +12,9 @@ typedef struct splat_mix {
   bool awkward; /* one in four is made by splat_awkward() */
 } splat_mix;
 
+/* About the tile of pixels 32..47, 48..63: none to fill it, soon full, and both with a border and awkward ones. */
+extern const splat_mix splats_translucent, splats_opaque, splats_awkward;
+
 /* alpha > 0 at the mean, covariance [a b; b c] in px^2. Depth, colour and id are random. */
 pags_splat splat_make(double x, double y, double a, double b, double c, double alpha);
 pags_splat splat_random(const splat_mix *mix);

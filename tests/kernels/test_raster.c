@@ -46,10 +46,6 @@ static scene make_scene(int64_t count, const splat_mix *mix, bool border) {
   return s;
 }
 
-static const splat_mix translucent = {20, 36, 60, 76, 0.3f, 12, 8, 0.004f, 0.08f, false};
-static const splat_mix opaque = {20, 36, 60, 76, 0.3f, 20, 30, 0.1f, 1.0f, false};
-static const splat_mix awkward = {28, 44, 52, 68, 0.3f, 20, 30, 0.004f, 1.0f, true};
-
 static picture blend(const pags_kernels *k, const scene *s, int degree, bool extra, bool counted) {
   picture p = {.masks = CHECK_NEW(uint16_t, s->count), .pairs = {0, 0}};
   for (int c = 0; c < 3; c++)
@@ -129,7 +125,7 @@ static void compare(const picture *got, const picture *want, int64_t count) {
 }
 
 static void test_scalar(const pags_kernels *k) {
-  const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+  const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int choice = 0; choice < 8; choice++) {
       const scene s = make_scene(counts[n], mixes[check_below(3)], check_below(2));
@@ -216,7 +212,7 @@ static void check_plainly(const pags_kernels *k, const scene *s, int degree) {
 }
 
 static void test_plainly(const pags_kernels *k) {
-  const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+  const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int choice = 0; choice < 6; choice++) {
       const scene s = make_scene(counts[n], mixes[choice / 2], check_below(2));
@@ -243,7 +239,7 @@ static void check_same_picture(const picture *a, const picture *b, const scene *
 /* Extra channels and counting. */
 static void test_variants(const pags_kernels *k) {
   for (int round = 0; round < 12; round++) {
-    const scene s = make_scene(300, round % 2 ? &opaque : &awkward, round & 2);
+    const scene s = make_scene(300, round % 2 ? &splats_opaque : &splats_awkward, round & 2);
     const int degree = round & 4 ? 3 : 5;
     const picture plain = blend(k, &s, degree, false, false);
     for (int choice = 1; choice < 4; choice++) {
@@ -258,7 +254,7 @@ static void test_variants(const pags_kernels *k) {
 /* Splats that reach no pixel, put in between: they move every other one to another place in another chunk. */
 static void test_strangers(const pags_kernels *k) {
   for (int round = 0; round < 12; round++) {
-    const scene s = make_scene(150 + check_below(200), round % 2 ? &opaque : &translucent, round & 2);
+    const scene s = make_scene(150 + check_below(200), round % 2 ? &splats_opaque : &splats_translucent, round & 2);
     scene longer = {.splats = CHECK_NEW(pags_splat, s.count + 1),
                     .entries = CHECK_NEW(pags_entry, 4 * s.count),
                     .x0 = s.x0,
@@ -283,7 +279,7 @@ static void test_strangers(const pags_kernels *k) {
 /* A pixel's own list: only those splats that are above the cut-off there. */
 static void test_own_list(const pags_kernels *k) {
   for (int round = 0; round < 4; round++) {
-    const scene s = make_scene(400, round % 2 ? &opaque : &awkward, false);
+    const scene s = make_scene(400, round % 2 ? &splats_opaque : &splats_awkward, false);
     const picture whole = blend(k, &s, 5, true, false);
     for (int i = 0; i < 16; i++) {
       const int x = check_below(16), y = check_below(16), at = y * STRIDE + x;
@@ -335,7 +331,7 @@ static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, f
 static void test_resume(const pags_kernels *k) {
   int full = 0;
   for (int run = 0; run < 60; run++) {
-    const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+    const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
     const scene s = make_scene(1 + check_below(600), mixes[run % 3], run % 2);
     const int degree = run % 4 < 2 ? 5 : 3;
     const picture whole = blend(k, &s, degree, true, false);

@@ -2,82 +2,14 @@
  * to front and keeps, beside each sum, how large the terms were that it came from: rounding may cost a share of
  * those. */
 #include "check.h"
-#include "splats.h"
+#include "tile.h"
 
 #include <math.h>
 #include <string.h>
 
-enum { STRIDE = 18, PLANE = 15 * STRIDE + 16 };
-
-static const float background[3] = {0.25f, 0.5f, 0.125f};
-
 typedef struct choice {
   bool transmittance, depth, absolute;
 } choice;
-
-typedef struct tile {
-  pags_splat *splats;
-  pags_entry *entries;
-  int64_t count, *slot_start, slot_count;
-  int x0, y0, width, height;
-  float *gradient[5]; /* rgb, transmittance, depth sum */
-  float *plane[5];    /* as forward left them */
-  float *depth;
-  int32_t *id;
-  uint16_t *masks;
-} tile;
-
-static tile make_tile(int64_t count, const splat_mix *mix, bool border) {
-  tile t = {.splats = CHECK_NEW(pags_splat, count), .entries = CHECK_NEW(pags_entry, count), .count = count};
-  t.slot_start = CHECK_NEW(int64_t, count);
-  t.x0 = 32, t.y0 = 48, t.width = border ? 32 + 1 + check_below(15) : 100,
-  t.height = border ? 48 + 1 + check_below(15) : 70;
-  for (int64_t i = 0; i < count; i++) {
-    t.splats[i] = splat_random(mix);
-    t.entries[count - 1 - i] = (pags_entry){(uint32_t)i, (uint32_t)check_below(3)};
-    t.slot_start[i] = t.slot_count; /* slots of other tiles lie in between */
-    t.slot_count += (int64_t)t.entries[count - 1 - i].rank + 1 + check_below(2);
-  }
-  for (int j = 0; j < 5; j++) {
-    t.gradient[j] = CHECK_NEW(float, PLANE);
-    for (int i = 0; i < PLANE; i++) /* outside of the picture: NaN, which must not come in */
-      t.gradient[j][i] =
-          i % STRIDE < 16 && t.x0 + i % STRIDE < t.width && t.y0 + i / STRIDE < t.height ? check_normal() : NAN;
-    check_freeze(t.gradient[j]);
-  }
-  check_freeze(t.splats);
-  check_freeze(t.entries);
-  check_freeze(t.slot_start);
-  return t;
-}
-
-static void forward(const pags_kernels *k, tile *t) {
-  for (int j = 0; j < 5; j++)
-    t->plane[j] = CHECK_NEW(float, PLANE);
-  t->masks = CHECK_NEW(uint16_t, t->count);
-  t->depth = CHECK_NEW(float, PLANE);
-  t->id = CHECK_NEW(int32_t, PLANE);
-  const pags_raster_in in = {.splats = t->splats,
-                             .entries = t->entries,
-                             .count = t->count,
-                             .x0 = t->x0,
-                             .y0 = t->y0,
-                             .width = t->width,
-                             .height = t->height,
-                             .exp_degree = 5,
-                             .block_masks = t->masks};
-  pags_raster_out out = {.rgb = {t->plane[0], t->plane[1], t->plane[2]},
-                         .transmittance = t->plane[3],
-                         .depth = t->depth,
-                         .depth_sum = t->plane[4],
-                         .id = t->id,
-                         .stride = STRIDE};
-  memcpy(out.background, background, sizeof background);
-  k->raster(&in, &out);
-  for (int j = 0; j < 5; j++)
-    check_freeze(t->plane[j]);
-  check_freeze(t->masks);
-}
 
 static pags_raster_back arguments(const tile *t, choice c, float *slots) {
   pags_raster_back in = {.splats = t->splats,
@@ -90,13 +22,13 @@ static pags_raster_back arguments(const tile *t, choice c, float *slots) {
                          .y0 = t->y0,
                          .width = t->width,
                          .height = t->height,
-                         .stride = STRIDE,
+                         .stride = TILE_STRIDE,
                          .transmittance = t->plane[3],
                          .absolute = c.absolute};
   for (int j = 0; j < 3; j++) {
     in.rgb[j] = t->plane[j];
     in.rgb_gradient[j] = t->gradient[j];
-    in.background[j] = background[j];
+    in.background[j] = tile_background[j];
   }
   if (c.transmittance)
     in.transmittance_gradient = t->gradient[3];
@@ -116,23 +48,14 @@ static float *backward(const pags_kernels *k, const tile *t, choice c) {
 
 /* ---- The plain loop ---- */
 
-typedef struct sums {
-  double value[PAGS_SLOT_FLOATS], size[PAGS_SLOT_FLOATS];
-} sums;
-
 typedef struct step { /* of a pixel through one splat */
   int64_t entry;
   double alpha, t; /* transmittance in front */
   bool capped;
 } step;
 
-static void add(sums *s, int field, double term, double size) {
-  s->value[field] += term;
-  s->size[field] += size;
-}
-
 /* `total`: what a float sum of all terms of dL/dC . C is rounded to. */
-static void add_step(sums *s, const tile *t, choice c, const pags_splat *g, const step *at, int i, double behind,
+static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g, const step *at, int i, double behind,
                      double total, float px, float py) {
   const double dx = (double)px - (double)g->x, dy = (double)py - (double)g->y, w = at->alpha * at->t;
   const double u = (double)g->p * (dx - (double)g->h * dy), v = (double)g->w * dy;
@@ -142,7 +65,7 @@ static void add_step(sums *s, const tile *t, choice c, const pags_splat *g, cons
     const double gradient = (double)t->gradient[j == 3 ? 4 : j][i];
     shine += gradient * colour[j];
     shine_size += fabs(gradient * colour[j]);
-    add(s, PAGS_SLOT_R + j, w * gradient, fabs(w * gradient));
+    tile_add(s, PAGS_SLOT_R + j, w * gradient, fabs(w * gradient));
   }
   if (at->capped)
     return;
@@ -150,11 +73,11 @@ static void add_step(sums *s, const tile *t, choice c, const pags_splat *g, cons
   const double size = at->alpha * (at->t * shine_size + (fabs(behind) + 0.01 * total) / (1.0 - at->alpha));
   const double moment[6] = {1.0, u, v, u * u, u * v, v * v};
   for (int m = 0; m < 6; m++)
-    add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
+    tile_add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
   if (c.absolute || c.depth) {
     const double along_y = (double)g->w * v * ds - (double)g->p * (double)g->h * u * ds;
-    add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
-    add(s, PAGS_SLOT_ABS_Y, fabs(along_y), size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
+    tile_add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
+    tile_add(s, PAGS_SLOT_ABS_Y, fabs(along_y), size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
   }
 }
 
@@ -175,18 +98,18 @@ static int walk(const tile *t, float px, float py, bool fused, step *steps, doub
   return n;
 }
 
-static sums *backward_plainly(const tile *t, choice c, bool fused) {
-  sums *const all = CHECK_NEW(sums, t->count);
+static tile_sums *backward_plainly(const tile *t, choice c, bool fused) {
+  tile_sums *const all = CHECK_NEW(tile_sums, t->count);
   step *const steps = CHECK_NEW(step, t->count);
   memset(all, 0, (size_t)t->count * sizeof *all);
-  for (int i = 0; i < PLANE; i++) {
-    const float px = (float)(t->x0 + i % STRIDE) + 0.5f, py = (float)(t->y0 + i / STRIDE) + 0.5f;
-    if (i % STRIDE >= 16 || px > (float)t->width || py > (float)t->height)
+  for (int i = 0; i < TILE_PLANE; i++) {
+    float px, py;
+    if (!tile_pixel(t, i, &px, &py))
       continue;
     double left, behind = 0.0;
     int n = walk(t, px, py, fused, steps, &left);
     for (int j = 0; j < 3; j++)
-      behind += (double)t->gradient[j][i] * (double)background[j] * left;
+      behind += (double)t->gradient[j][i] * (double)tile_background[j] * left;
     if (c.transmittance)
       behind += (double)t->gradient[3][i] * left;
     double total = 0.0;
@@ -207,58 +130,28 @@ static sums *backward_plainly(const tile *t, choice c, bool fused) {
   return all;
 }
 
-/* One value in two hundred may have lost a term at the cut-off or the stop. */
-static void check_plainly(const tile *t, choice c, const float *slots, const sums *want) {
-  int64_t off = 0;
-  for (int64_t e = 0; e < t->count; e++) {
-    const float *const slot = slots + (t->slot_start[t->entries[e].splat] + t->entries[e].rank) * PAGS_SLOT_FLOATS;
-    for (int f = 0; f < PAGS_SLOT_FLOATS; f++) {
-      const double error = fabs((double)slot[f] - want[e].value[f]);
-      if (!(error <= 5e-5 * want[e].size[f] + 1e-9))
-        if (++off * 200 > t->count * PAGS_SLOT_FLOATS)
-          CHECK_FAIL("entry %lld, sum %d: %.9g, should be %.9g (terms of %.3g); choice %d%d%d", (long long)e, f,
-                     (double)slot[f], want[e].value[f], want[e].size[f], c.transmittance, c.depth, c.absolute);
-    }
-  }
-}
-
-static const splat_mix translucent = {20, 36, 60, 76, 0.3f, 12, 8, 0.004f, 0.08f, false};
-static const splat_mix opaque = {20, 36, 60, 76, 0.3f, 20, 30, 0.1f, 1.0f, false};
-static const splat_mix awkward = {28, 44, 52, 68, 0.3f, 20, 30, 0.004f, 1.0f, true};
-
 static void test_plainly(const pags_kernels *k) {
   static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 500};
-  const splat_mix *const mixes[] = {&translucent, &opaque, &awkward};
+  const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
     for (int which = 0; which < 8; which++) {
       const choice c = {which & 1, which & 2, which & 4};
-      tile t = make_tile(counts[n], mixes[check_below(3)], check_below(2));
-      forward(k, &t);
+      tile t = tile_make(counts[n], mixes[check_below(3)], check_below(2));
+      tile_draw(k, &t);
       const float *const slots = backward(k, &t, c);
-      const sums *const want = backward_plainly(&t, c, splat_fused(k));
-      check_plainly(&t, c, slots, want);
+      const tile_sums *const want = backward_plainly(&t, c, splat_fused(k));
+      tile_check(&t, slots, PAGS_SLOT_FLOATS, want, which);
       check_release();
     }
-}
-
-/* Slots of other pairs stay as they were: 0xA5 all over. */
-static void check_others(const tile *t, const float *slots) {
-  bool *const mine = CHECK_NEW(bool, t->slot_count);
-  memset(mine, 0, (size_t)t->slot_count);
-  for (int64_t e = 0; e < t->count; e++)
-    mine[t->slot_start[t->entries[e].splat] + t->entries[e].rank] = true;
-  for (int64_t s = 0; s < t->slot_count; s++)
-    for (size_t b = 0; b < PAGS_SLOT_FLOATS * sizeof *slots && !mine[s]; b++)
-      CHECK(((const unsigned char *)(slots + s * PAGS_SLOT_FLOATS))[b] == 0xA5);
 }
 
 static void test_scalar(const pags_kernels *k) {
   for (int round = 0; round < 16; round++) {
     const choice c = {round & 1, round & 2, round & 4};
-    tile t = make_tile(300, round & 8 ? &awkward : &opaque, round & 1);
-    forward(k, &t);
+    tile t = tile_make(300, round & 8 ? &splats_awkward : &splats_opaque, round & 1);
+    tile_draw(k, &t);
     const float *const got = backward(k, &t, c), *const want = backward(&pags_kernels_scalar, &t, c);
-    check_others(&t, got);
+    tile_check_others(&t, got, PAGS_SLOT_FLOATS);
     if (CHECK_EXACT) /* else only the plain loop knows how much rounding may cost */
       CHECK_SAME("slots", got, want, t.slot_count * PAGS_SLOT_FLOATS);
     check_release();
@@ -267,16 +160,13 @@ static void test_scalar(const pags_kernels *k) {
 
 static void test_bench(const pags_kernels *k) {
   static const splat_mix usual = {24, 40, 56, 72, 1.0f, 10, 4, 0.02f, 0.5f, false};
-  tile t = make_tile(256, &usual, false);
-  forward(k, &t);
-  int64_t lanes = 0;
-  for (int64_t e = 0; e < t.count; e++)
-    lanes += 16 * __builtin_popcount(t.masks[e]);
+  tile t = tile_make(256, &usual, false);
+  tile_draw(k, &t);
   float *const slots = CHECK_NEW(float, t.slot_count *PAGS_SLOT_FLOATS);
   static const choice choices[] = {{false, false, false}, {true, true, true}};
   for (int i = 0; i < 2; i++) {
     const pags_raster_back in = arguments(&t, choices[i], slots);
-    CHECK_BENCH(i ? "raster_backward, all" : "raster_backward, colour", lanes, "lane") k->raster_backward(&in);
+    CHECK_BENCH(i ? "raster_backward, all" : "raster_backward, colour", tile_lanes(&t), "lane") k->raster_backward(&in);
   }
 }
 
