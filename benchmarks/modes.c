@@ -34,10 +34,16 @@ pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options)
   return PAGS_OK;
 }
 
-int64_t pags_bench_spread(int64_t i, int64_t kept, int64_t count) {
-  const double at = (double)i + fmod((double)i * 0.61803398874989485, 1.0);
-  const int64_t index = (int64_t)(at * (double)count / (double)kept);
-  return kept >= count ? i : index < count ? index : count - 1;
+void pags_bench_thin(pags_path *path, int64_t most) {
+  const int64_t count = path->count;
+  if (most >= count)
+    return;
+  for (int64_t i = 0; i < most; i++) {
+    const double at = (double)i + fmod((double)i * 0.61803398874989485, 1.0);
+    const int64_t index = (int64_t)(at * (double)count / (double)most);
+    path->cameras[i] = path->cameras[index < count ? index : count - 1];
+  }
+  path->count = most;
 }
 
 int pags_bench_next_word(const char **list, char *word, size_t size) {

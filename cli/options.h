@@ -73,6 +73,9 @@ typedef struct pags_option {
   { long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text }
 #define PAGS_VALUE(long_name, letter, kind, where, least, most, meta, units, standard, text) \
   { long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text }
+/* -o, which must be given. */
+#define PAGS_OUTPUT(where, meta, text) \
+  { "output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text }
 #define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {

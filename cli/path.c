@@ -298,6 +298,16 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   return camera;
 }
 
+pags_result pags_path_views(const pags_scene *scene, pags_path *out) {
+  *out = (pags_path){.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *out->cameras)};
+  if (!out->cameras)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (!scene->views[i].test)
+      out->cameras[out->count++] = scene->views[i].camera;
+  return PAGS_OK;
+}
+
 pags_result pags_path_ego(const pags_scene *scene, int64_t frames, pags_path *out) {
   size_t views = (size_t)scene->view_count;
   const pags_camera **knots = calloc(views + 1, sizeof *knots);

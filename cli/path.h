@@ -10,6 +10,9 @@
  * cover. Without: around the median of the Gaussians. Of a drive: from above, around its middle. 30 frames a second. */
 pags_result pags_path_orbit(const pags_scene *scene, int64_t frames, pags_path *out);
 
+/* The training views themselves, maybe none. */
+pags_result pags_path_views(const pags_scene *scene, pags_path *out);
+
 /* `frames` cameras on a smooth curve through the training views in their order, at even speed. An error when the scene
  * has fewer than 2. */
 pags_result pags_path_ego(const pags_scene *scene, int64_t frames, pags_path *out);

@@ -1,5 +1,6 @@
 /* The progress line. */
 #include "progress.h"
+#include "interrupt.h"
 
 #include <stdarg.h>
 #include <time.h>
@@ -57,6 +58,26 @@ void pags_progress_say(pags_progress *progress, const char *format, ...) {
   va_start(list, format);
   print_line(progress, true, format, list);
   va_end(list);
+}
+
+int pags_progress_watch(void *user, double fraction, const char *what) {
+  pags_progress *progress = user;
+  const double now = pags_seconds();
+  if (progress->begun == 0 || fraction < progress->fraction) {
+    progress->begun = now;
+    progress->from = fraction;
+  }
+  progress->fraction = fraction;
+  if (pags_progress_due(progress)) {
+    const double done = fraction - progress->from, seconds = now - progress->begun;
+    char left[32];
+    if (done > 0 && seconds > 1)
+      pags_progress_show(progress, "%s: %.0f %%, %s left", what, 100 * fraction,
+                         pags_format_duration(seconds * (1 - fraction) / done, left, sizeof left));
+    else
+      pags_progress_show(progress, "%s: %.0f %%", what, 100 * fraction);
+  }
+  return !pags_interrupted();
 }
 
 void pags_progress_end(pags_progress *progress) {

@@ -31,13 +31,7 @@ static const pags_option scene_options[] = {
     {0}};
 
 static const pags_option train_options[] = {
-    {.name = "output",
-     .short_name = 'o',
-     .required = true,
-     .type = PAGS_OPTION_STRING,
-     .offset = AT(output),
-     .metavar = "SCENE",
-     .help = "folder to train into; written afresh"},
+    PAGS_OUTPUT(AT(output), "SCENE", "folder to train into; written afresh"),
     PAGS_VALUE("iterations", 'n', INT64, AT(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL, "how long to train"),
     PAGS_VALUE("snapshot-every", 0, INT64, AT(snapshot_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
                "measure held-out PSNR every so many steps; its time is not counted"),
@@ -87,12 +81,7 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
   if (arguments->camera) {
     PAGS_TRY(pags_path_load(arguments->camera, &path));
   } else if (scene->view_count > 0) {
-    path.cameras = malloc((size_t)scene->view_count * sizeof *path.cameras);
-    if (!path.cameras)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
-    for (int64_t i = 0; i < scene->view_count; i++)
-      if (!scene->views[i].test)
-        path.cameras[path.count++] = scene->views[i].camera;
+    PAGS_TRY(pags_path_views(scene, &path));
   } else {
     PAGS_TRY(pags_path_orbit(scene, arguments->views, &path));
   }

@@ -106,27 +106,10 @@ static pags_camera at_size(const pags_camera *camera, const size_row *size) {
   return out;
 }
 
-static void thin(pags_path *path, int64_t wanted) {
-  const int64_t kept = path->count < wanted ? path->count : wanted;
-  for (int64_t i = 0; i < kept; i++)
-    path->cameras[i] = path->cameras[pags_bench_spread(i, kept, path->count)];
-  path->count = kept;
-}
-
-static pags_result path_of_views(const pags_scene *scene, pags_path *path) {
-  path->cameras = malloc((size_t)(scene->view_count + 1) * sizeof *path->cameras);
-  if (!path->cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
-  for (int64_t i = 0; i < scene->view_count; i++)
-    if (!scene->views[i].test)
-      path->cameras[path->count++] = scene->views[i].camera;
-  return PAGS_OK;
-}
-
 static pags_result find_path(const render_bench_arguments *a, const pags_scene *scene, pags_path *path) {
   const char *kind = a->path ? a->path : scene->view_count > 0 ? "views" : "orbit";
   if (!strcmp(kind, "views"))
-    PAGS_TRY(path_of_views(scene, path));
+    PAGS_TRY(pags_path_views(scene, path));
   else if (!strcmp(kind, "orbit"))
     PAGS_TRY(pags_path_orbit(scene, a->frames, path));
   else if (strcmp(kind, "ego"))
@@ -135,19 +118,12 @@ static pags_result find_path(const render_bench_arguments *a, const pags_scene *
     PAGS_TRY(pags_path_drive(scene, a->frames, 0, path));
   else
     PAGS_TRY(pags_path_ego(scene, a->frames, path));
-  thin(path, a->frames);
+  pags_bench_thin(path, a->frames);
   return path->count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
 
 static void compose(void *user, double time, const pags_part **parts, int *count) {
   pags_compose(user, time, parts, count);
-}
-
-static int show_progress(void *user, double fraction, const char *what) {
-  pags_progress *progress = user;
-  if (pags_progress_due(progress))
-    pags_progress_show(progress, "%s: %.0f %%", what, 100 * fraction);
-  return !pags_interrupted();
 }
 
 /* Mean depth complexity of the cameras. */
@@ -173,7 +149,7 @@ static pags_result keep_deadline(render_bench *self, int index, const pags_camer
     int count;
     pags_picture picture;
     pags_budget_facts facts;
-    if (!show_progress(&self->progress, (double)i / (double)self->path.count, "within the time"))
+    if (!pags_progress_watch(&self->progress, (double)i / (double)self->path.count, "within the time"))
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_compose(self->composition, cameras[i].time, &parts, &count);
     PAGS_TRY(pags_deadline_draw(deadline, parts, count, cameras + i, &self->modes.modes[0].options, &picture, &facts));
@@ -196,7 +172,7 @@ static pags_result measure_size(render_bench *self, int index) {
                                     .modes = self->modes.modes,
                                     .mode_count = self->modes.count,
                                     .repetitions = self->arguments->repetitions,
-                                    .progress = show_progress,
+                                    .progress = pags_progress_watch,
                                     .progress_user = &self->progress};
   pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
   if (result == PAGS_OK)

@@ -4,6 +4,7 @@
  * for each number: as parts that share one set of rows (memory of one copy, whatever the number: time alone is measured), and as a real
  * packed file with every row in it, mapped. */
 #include "interrupt.h"
+#include "path.h"
 #include "session.h"
 #include "verbs.h"
 
@@ -67,8 +68,7 @@ typedef struct scale_bench {
   pags_clusters clusters;
   pags_frame_options options;
   pags_sky sky;
-  pags_camera *cameras;
-  int64_t camera_count;
+  pags_path path;
   double spacing;
   pags_bench_mode_list modes;
   double steps[MOST_STEPS]; /* millions */
@@ -95,21 +95,9 @@ static pags_result out_of_memory(const scale_bench *self) {
 
 static pags_result find_cameras(scale_bench *self, const pags_scene *scene) {
   const scale_arguments *a = self->arguments;
-  pags_path path = {0};
-  if (a->camera)
-    PAGS_TRY(pags_path_load(a->camera, &path));
-  else
-    path.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *path.cameras);
-  if (!path.cameras)
-    return out_of_memory(self);
-  for (int64_t i = 0; !a->camera && i < scene->view_count; i++)
-    if (!scene->views[i].test)
-      path.cameras[path.count++] = scene->views[i].camera;
-  self->cameras = path.cameras;
-  self->camera_count = path.count < a->frames ? path.count : a->frames;
-  for (int64_t i = 0; i < self->camera_count; i++)
-    path.cameras[i] = path.cameras[pags_bench_spread(i, self->camera_count, path.count)];
-  return path.count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
+  PAGS_TRY(a->camera ? pags_path_load(a->camera, &self->path) : pags_path_views(scene, &self->path));
+  pags_bench_thin(&self->path, a->frames);
+  return self->path.count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
 
 static pags_result sort_rows(scale_bench *self, const pags_gaussians *from) {
@@ -186,13 +174,6 @@ static void compose(void *user, double time, const pags_part **parts, int *count
   *count = s->count;
 }
 
-static int show_progress(void *user, double fraction, const char *what) {
-  pags_progress *progress = user;
-  if (pags_progress_due(progress))
-    pags_progress_show(progress, "%s: %.0f %%", what, 100 * fraction);
-  return !pags_interrupted();
-}
-
 /* Resident now, without what is mapped from files and what is mapped: bytes; 0 where the system doesn't tell. */
 static int64_t resident_bytes(void) {
   FILE *file = fopen("/proc/self/statm", "r");
@@ -209,12 +190,12 @@ static pags_result measure(scale_bench *self, stage *s, int form, double million
   const pags_bench_frames frames = {.tasks = self->arguments->session.tasks,
                                     .compose = compose,
                                     .user = s,
-                                    .cameras = self->cameras,
-                                    .camera_count = self->camera_count,
+                                    .cameras = self->path.cameras,
+                                    .camera_count = self->path.count,
                                     .modes = self->modes.modes,
                                     .mode_count = self->modes.count,
                                     .repetitions = self->arguments->repetitions,
-                                    .progress = show_progress,
+                                    .progress = pags_progress_watch,
                                     .progress_user = &self->progress};
   pags_bench_mode_result results[PAGS_BENCH_MOST_MODES];
   int64_t frame_bytes = 0;
@@ -404,7 +385,7 @@ static void destroy(scale_bench *self) {
   pags_gaussians_destroy(&self->rows);
   pags_clusters_destroy(&self->clusters);
   pags_sky_destroy(&self->sky);
-  free(self->cameras);
+  pags_path_destroy(&self->path);
   free(self->table);
 }
 

@@ -67,27 +67,6 @@ static const pags_verb verb = {.name = "export",
                                .positionals = positionals,
                                .options = options};
 
-typedef struct watch {
-  pags_progress progress;
-  double begun;
-} watch;
-
-static int show(void *user, double fraction, const char *what) {
-  watch *self = user;
-  char left[32];
-  if (pags_interrupted())
-    return 0;
-  if (pags_progress_due(&self->progress)) {
-    double gone = pags_seconds() - self->begun;
-    if (fraction > 0.01)
-      pags_progress_show(&self->progress, "%s, %.0f %%, %s left", what, 100 * fraction,
-                         pags_format_duration(gone / fraction - gone, left, sizeof left));
-    else
-      pags_progress_show(&self->progress, "%s", what);
-  }
-  return 1;
-}
-
 static void say_proxy(const pags_session *session, const pags_proxy_facts *f) {
   pags_say(session, "%-28s %-5s %7lld triangles", f->name, pags_proxy_level_name(f->level), (long long)f->triangles);
   if (!isnan(f->to_gaussians.mean))
@@ -120,14 +99,15 @@ static pags_result write_json(const export_arguments *arguments, const char *fil
 }
 
 static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
-  watch self = {pags_progress_begin(arguments->session.people), pags_seconds()};
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
   pags_proxy_report report;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
   pags_interrupt_install(arguments->session.tasks);
   pags_result result =
-      pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks, show, &self, &report);
-  pags_progress_end(&self.progress);
+      pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks, pags_progress_watch, &progress, &report);
+  pags_progress_end(&progress);
   if (result != PAGS_OK)
     return result;
   int64_t triangles = 0;
@@ -135,7 +115,7 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
     say_proxy(&arguments->session, &report.proxies[i]);
     triangles += report.proxies[i].triangles;
   }
-  double seconds = pags_seconds() - self.begun;
+  double seconds = pags_seconds() - begun;
   pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
            (long long)triangles, seconds);
   result = write_json(arguments, path, &report, seconds);
@@ -159,12 +139,8 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
   return *chosen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
 }
 
-static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
-  int64_t count = 0;
+static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {
   pags_json_writer writer;
-  arguments->splat.time = scene->time_begin + arguments->time;
-  PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
-  pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "file", path);
@@ -173,24 +149,27 @@ static pags_result export_splats(export_arguments *arguments, pags_scene *scene,
   return pags_session_json(&arguments->session, &writer);
 }
 
-static pags_result export_usd(export_arguments *arguments, pags_scene *scene, const char *path) {
-  watch self = {pags_progress_begin(arguments->session.people), pags_seconds()};
+static pags_result export_splats(export_arguments *arguments, pags_scene *scene, const char *path) {
   int64_t count = 0;
-  pags_json_writer writer;
+  arguments->splat.time = scene->time_begin + arguments->time;
+  PAGS_TRY(pags_export_splats(scene, path, &arguments->splat, &count));
+  pags_say(&arguments->session, "%s: %lld Gaussians\n", path, (long long)count);
+  return write_count(arguments, path, count);
+}
+
+static pags_result export_usd(export_arguments *arguments, pags_scene *scene, const char *path) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  const double begun = pags_seconds();
+  int64_t count = 0;
   arguments->splat.time = scene->time_begin + arguments->time;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   pags_interrupt_install(arguments->session.tasks);
-  pags_result result =
-      pags_export_usd(scene, path, &arguments->proxy, &arguments->splat, arguments->session.tasks, show, &self, &count);
-  pags_progress_end(&self.progress);
+  const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat, arguments->session.tasks,
+                                             pags_progress_watch, &progress, &count);
+  pags_progress_end(&progress);
   PAGS_TRY(result);
-  pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - self.begun);
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "file", path);
-  pags_json_put_integer(&writer, "gaussians", count);
-  pags_json_end_object(&writer);
-  return pags_session_json(&arguments->session, &writer);
+  pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - begun);
+  return write_count(arguments, path, count);
 }
 
 static pags_result run(export_arguments *arguments, const char *from, const char *to) {

@@ -15,22 +15,12 @@ typedef struct import_arguments {
 #define AT(member) offsetof(import_arguments, member)
 
 static const pags_option options[] = {
-    {.name = "output",
-     .short_name = 'o',
-     .required = true,
-     .type = PAGS_OPTION_STRING,
-     .offset = AT(output),
-     .metavar = "DATASET",
-     .help = "folder to write the data set to"},
+    PAGS_OUTPUT(AT(output), "DATASET", "folder to write the data set to"),
     PAGS_TEXT("cameras", 0, AT(options.cameras), "N,N,...", "waymo 0,1,2; kitti 0,1",
               "cameras to import: waymo 0 front, 1 front left, 2 front right, 3 side left, 4 side right; kitti 0 "
               "image_02, 1 image_03"),
-    {.name = "frames",
-     .type = PAGS_OPTION_SPAN,
-     .offset = AT(options.frame_first),
-     .metavar = "A-B",
-     .fallback = "all",
-     .help = "frames to import, both included; A- to the end; they count from 0 in DATASET"},
+    PAGS_VALUE("frames", 0, SPAN, AT(options.frame_first), 0, 0, "A-B", NULL, "all",
+               "frames to import, both included; A- to the end; they count from 0 in DATASET"),
     PAGS_TEXT("sequence", 0, AT(options.sequence), "NAME", "the only one there is",
               "kitti: the sequence (0000), or of raw recordings the drive (0001)"),
     PAGS_FLAG("overwrite", 0, AT(options.overwrite), "remove another data set's files from the folder first"),
@@ -60,34 +50,6 @@ static const pags_verb verb = {.name = "import",
                                .positionals = positionals,
                                .options = options};
 
-/* ---- Progress ---- */
-
-typedef struct watch {
-  pags_progress *progress;
-  double begun, from; /* seconds and fraction at the first report of work: what was there already came at once */
-  bool started;
-} watch;
-
-static int show_progress(void *user, double fraction, const char *what) {
-  watch *w = user;
-  const double now = pags_seconds();
-  if (!w->started) {
-    w->started = true;
-    w->begun = now;
-    w->from = fraction;
-  }
-  if (pags_progress_due(w->progress)) {
-    const double done = fraction - w->from, seconds = now - w->begun;
-    char left[32];
-    if (done > 0 && seconds > 1)
-      pags_progress_show(w->progress, "%s: %.0f %%, %s left", what, 100 * fraction,
-                         pags_format_duration(seconds * (1 - fraction) / done, left, sizeof left));
-    else
-      pags_progress_show(w->progress, "%s: %.0f %%", what, 100 * fraction);
-  }
-  return !pags_interrupted();
-}
-
 static pags_result report(import_arguments *arguments, const struct kind *kind, double seconds) {
   pags_json_writer writer;
   char text[32];
@@ -104,11 +66,10 @@ static pags_result report(import_arguments *arguments, const struct kind *kind, 
 
 static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
-  watch w = {.progress = &progress};
   pags_interrupt_install(arguments->session.tasks);
   const double begun = pags_seconds();
   const pags_result result =
-      kind->import(source, arguments->output, &arguments->options, arguments->session.tasks, show_progress, &w);
+      kind->import(source, arguments->output, &arguments->options, arguments->session.tasks, pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result == PAGS_CANCELLED)
     return pags_fail(result, "interrupted; the same command goes on from here");

@@ -26,11 +26,8 @@ typedef struct info_arguments {
 #define AT(member) offsetof(info_arguments, member)
 
 static const pags_option options[] = {
-    {.name = "memory",
-     .type = PAGS_OPTION_FLAG,
-     .offset = AT(memory),
-     .help =
-         "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"},
+    PAGS_FLAG("memory", 0, AT(memory),
+              "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"),
     PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
     PAGS_TEXT("overlay", 0, AT(overlay), "FOLDER", NULL,
               "of driving sets: draw boxes (fronts crossed; parked ones dim) and LiDAR (red near, blue far) onto the "

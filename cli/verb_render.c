@@ -36,13 +36,7 @@ typedef struct render_arguments {
 #define AT(member) offsetof(render_arguments, member)
 
 static const pags_option options[] = {
-    {.name = "output",
-     .short_name = 'o',
-     .required = true,
-     .type = PAGS_OPTION_STRING,
-     .offset = AT(output),
-     .metavar = "FOLDER",
-     .help = "folder for the pictures, made if missing; files of the same name are replaced"},
+    PAGS_OUTPUT(AT(output), "FOLDER", "folder for the pictures, made if missing; files of the same name are replaced"),
 
     PAGS_GROUP("What to draw (one of --split, --path and --camera; default --path orbit)"),
     PAGS_CHOICE("split", AT(split), "train|test|all", "", "the scene's training views, its held-out views, or both"),

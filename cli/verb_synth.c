@@ -23,13 +23,7 @@ typedef struct synth_arguments {
 #define AT(member) offsetof(synth_arguments, member)
 
 static const pags_option options[] = {
-    {.name = "output",
-     .short_name = 'o',
-     .required = true,
-     .type = PAGS_OPTION_STRING,
-     .offset = AT(output),
-     .metavar = "FOLDER",
-     .help = "folder to write the data set, or the town's scene, to"},
+    PAGS_OUTPUT(AT(output), "FOLDER", "folder to write the data set, or the town's scene, to"),
     PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
     PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480, town 960", "of each picture"),
     PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270, town 540", "of each picture"),
@@ -171,19 +165,12 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-static int show_progress(void *user, double fraction, const char *what) {
-  pags_progress *progress = user;
-  if (pags_progress_due(progress))
-    pags_progress_show(progress, "%s: %.0f %%", what, 100 * fraction);
-  return !pags_interrupted();
-}
-
 static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_json_writer writer;
   pags_interrupt_install(arguments->session.tasks);
   const double begun = pags_seconds();
-  const pags_result result = kind->make(arguments, show_progress, &progress);
+  const pags_result result = kind->make(arguments, pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result != PAGS_OK)
     return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is not complete", arguments->output)

@@ -249,21 +249,17 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-typedef struct watcher {
-  pags_progress progress;
-} watcher;
-
 static int show_progress(void *user, const pags_train_progress *now) {
-  watcher *watch = user;
+  pags_progress *progress = user;
   char eta[32], size[24] = "", bad[48] = "";
-  if (!pags_progress_due(&watch->progress))
+  if (!pags_progress_due(progress))
     return 1;
   if (now->level > 1)
     snprintf(size, sizeof size, ", 1/%d size", now->level);
   if (now->bad_rows > 0)
     snprintf(bad, sizeof bad, ", %lld rows left out", (long long)now->bad_rows);
   pags_progress_show(
-      &watch->progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
+      progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
       (long long)now->step, (long long)now->iterations, size, now->it_per_second, (long long)now->gaussians, now->loss,
       now->psnr, bad, pags_format_duration(now->eta_seconds, eta, sizeof eta));
   return 1;
@@ -361,20 +357,19 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
 
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
   pags_dataset *dataset;
-  watcher watch;
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
   if (pags_dataset_view_count(dataset) > 0)
     describe_dataset(arguments, dataset);
-  watch.progress = pags_progress_begin(arguments->session.people);
+  pags_progress progress = pags_progress_begin(arguments->session.people);
   arguments->options.dataset = dataset;
   arguments->options.output = arguments->output;
   arguments->options.tasks = arguments->session.tasks;
   arguments->options.cancel = pags_interrupt_flag();
   arguments->options.progress = show_progress;
-  arguments->options.progress_user = &watch;
+  arguments->options.progress_user = &progress;
   pags_interrupt_install(NULL); /* the trainer polls the flag and comes to the end of its step */
   pags_result status = pags_train(&arguments->config, &arguments->options, result);
-  pags_progress_end(&watch.progress);
+  pags_progress_end(&progress);
   pags_dataset_close(dataset);
   return status;
 }
