@@ -19,7 +19,16 @@ typedef struct pags_bench_view {
   int camera_count;
   pags_frame_options options;
   int repetitions; /* frames per camera that times are taken over, >= 1 */
+  /* Of pags_bench_error alone. */
+  const char *name;      /* of the scene */
+  const pags_camera *all; /* all cameras of training, of the same size; all_count 0: `cameras` */
+  int64_t all_count;
+  const char *markdown;  /* file for the table; NULL: none */
+  pags_progress_fn *progress; /* may be NULL */
+  void *progress_user;
 } pags_bench_view;
+
+enum { PAGS_BENCH_ERROR_PARTS = 64 };
 
 /* Sums over the cameras of per-stage minima and of counts. */
 typedef struct pags_bench_frame {
@@ -39,7 +48,8 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
  * instruction set that runs here. */
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Speed against largest and mean error of exp degree, SH degree and antialiasing. The error is by the double-precision oracle. */
+/* Largest and mean error of each approximation of the engine, by the double-precision oracle or by the engine without it, and what it
+ * saves. At most PAGS_BENCH_ERROR_PARTS models. */
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
 /* Trains, with held-out PSNR against seconds of training every `snapshot_every` steps, and ends with the roofline of what was

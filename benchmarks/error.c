@@ -1,112 +1,201 @@
-/* pags bench error: speed against error of every knob that trades one for the other, by the double-precision oracle.
+/* pags bench error: what each approximation of the engine gets wrong, and what it saves.
  *
- * Two errors per row: to the oracle with the same options (what float arithmetic and the exp polynomial cost), and to the oracle with the
- * scene's own options (what the knob costs). In units of 1/255 of full scale, over all channels. */
-#include "bench.h"
+ * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation where the engine
+ * can do without it. Gains are of processor time, variants taking turns, medians of ratios of neighbours; beside them stand counts of
+ * work and bytes. */
+#include "error.h"
 
+#include <base/file.h>
+#include <kernels.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
-#include <tests/reference/reference.h>
+#include <time.h>
 
-typedef struct knob {
-  const char *name;
-  int exp_degree, sh_degree, antialiased; /* -1: the scene's own */
-} knob;
-
-static const knob knobs[] = {
-    {"as the scene is", -1, -1, -1}, {"exp degree 3", 3, -1, -1},  {"SH degree 2", -1, 2, -1},    {"SH degree 1", -1, 1, -1},
-    {"SH degree 0", -1, 0, -1},      {"antialiased", -1, -1, 1},   {"not antialiased", -1, -1, 0},
-    {"exp 3, SH 0", 3, 0, -1},
-};
-enum { KNOBS = sizeof knobs / sizeof *knobs };
-
-typedef struct error_sum {
-  double largest, absolute, square, samples;
-} error_sum;
-
-static pags_frame_options turn(const pags_frame_options *options, const knob *k) {
-  pags_frame_options o = *options;
-  o.exp_degree = k->exp_degree >= 0 ? k->exp_degree : o.exp_degree;
-  o.sh_degree = k->sh_degree >= 0 ? k->sh_degree : o.sh_degree;
-  o.antialiased = k->antialiased >= 0 ? k->antialiased : o.antialiased;
-  return o;
+error_row *error_table_add(error_table *table, const char *name, const char *exact, const char *unit) {
+  error_row *row = &table->rows[table->count < ERROR_MOST_ROWS ? table->count++ : ERROR_MOST_ROWS - 1];
+  *row = (error_row){.name = name, .exact = exact, .unit = unit, .psnr = NAN, .gain = NAN, .gain_of = ""};
+  return row;
 }
 
-static void compare(const pags_picture *picture, const reference_picture *truth, error_sum *sum) {
-  for (int c = 0; c < 3; c++)
-    for (int y = 0; y < truth->height; y++)
-      for (int x = 0; x < truth->width; x++) {
-        const double want = truth->rgb[((int64_t)c * truth->height + y) * truth->width + x];
-        const double off = fabs((double)picture->rgb[c][(int64_t)y * picture->stride + x] - want);
-        sum->largest = off > sum->largest ? off : sum->largest;
-        sum->absolute += off;
-        sum->square += off * off;
-        sum->samples += 1;
-      }
+void error_sum_add(error_sum *sum, double difference) {
+  const double off = fabs(difference);
+  sum->largest = off > sum->largest ? off : sum->largest;
+  sum->absolute += off;
+  sum->square += off * off;
+  sum->samples += 1;
 }
 
-static pags_result compare_views(const pags_bench_view *view, const pags_frame_options *drawn, const pags_frame_options *truth,
-                                 error_sum *sum) {
-  memset(sum, 0, sizeof *sum);
-  pags_frame *frame;
-  PAGS_TRY(pags_frame_create(view->tasks, &frame));
-  reference_part parts[64];
-  pags_result result = PAGS_OK;
-  for (int p = 0; p < view->part_count; p++)
-    parts[p] = reference_part_from(view->parts + p);
-  for (int c = 0; c < view->camera_count && result == PAGS_OK; c++) {
-    pags_picture picture;
-    result = pags_frame_render(frame, view->parts, view->part_count, view->cameras + c, drawn, NULL, NULL, &picture);
-    if (result != PAGS_OK)
-      break;
-    reference_picture want = reference_render(parts, view->part_count, view->cameras + c, truth);
-    compare(&picture, &want, sum);
-    reference_picture_destroy(&want);
+void error_sum_put(const error_sum *sum, double scale, error_row *row) {
+  row->largest = scale * sum->largest;
+  row->mean = sum->samples > 0 ? scale * sum->absolute / sum->samples : 0;
+  if (scale == 255.0)
+    row->psnr = sum->square > 0 ? -10 * log10(sum->square / sum->samples) : (double)INFINITY;
+}
+
+double *error_picture_copy(const pags_picture *picture) {
+  const int64_t size = (int64_t)picture->width * picture->height;
+  double *const out = malloc(3 * (size_t)size * sizeof *out);
+  for (int c = 0; out && c < 3; c++)
+    for (int y = 0; y < picture->height; y++)
+      for (int x = 0; x < picture->width; x++)
+        out[c * size + (int64_t)y * picture->width + x] = (double)picture->rgb[c][(int64_t)y * picture->stride + x];
+  return out;
+}
+
+void error_picture_compare(const double *a, const double *b, int64_t samples, error_sum *sum) {
+  for (int64_t i = 0; i < samples; i++)
+    error_sum_add(sum, a[i] - b[i]);
+}
+
+double error_clock_ms(void) {
+  struct timespec t;
+  clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
+}
+
+static int ascending(const void *a, const void *b) {
+  const double x = *(const double *)a, y = *(const double *)b;
+  return (x > y) - (x < y);
+}
+
+double error_median(double *values, int64_t count) {
+  qsort(values, (size_t)count, sizeof *values, ascending);
+  return count > 0 ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : (double)NAN;
+}
+
+pags_result error_go_on(const pags_bench_view *view, double fraction, const char *part) {
+  if (view->progress && !view->progress(view->progress_user, fraction, part))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  return PAGS_OK;
+}
+
+/* ---- What is told ---- */
+
+static void put_optional(pags_json_writer *json, const char *key, double value) {
+  if (isfinite(value))
+    pags_json_put_number(json, key, value);
+  else
+    pags_json_put_null(json, key); /* NaN: there is none; infinite: the same picture */
+}
+
+static void put_row(pags_json_writer *json, const error_row *row) {
+  pags_json_begin_object(json, NULL);
+  pags_json_put_string(json, "name", row->name);
+  pags_json_put_string(json, "against", row->exact);
+  pags_json_put_string(json, "unit", row->unit);
+  pags_json_put_number(json, "max", row->largest);
+  pags_json_put_number(json, "mean", row->mean);
+  put_optional(json, "psnr", row->psnr);
+  put_optional(json, "gain", row->gain);
+  pags_json_put_string(json, "gain_of", row->gain_of);
+  pags_json_begin_array(json, "counts");
+  for (int i = 0; i < ERROR_COUNTS && row->counts[i].what; i++) {
+    pags_json_begin_object(json, NULL);
+    pags_json_put_string(json, "what", row->counts[i].what);
+    pags_json_put_number(json, "exact", row->counts[i].exact);
+    pags_json_put_number(json, "used", row->counts[i].used);
+    pags_json_end_object(json);
   }
-  for (int p = 0; p < view->part_count; p++)
-    reference_part_destroy(parts + p);
-  pags_frame_destroy(frame);
-  return result;
+  pags_json_end_array(json);
+  pags_json_end_object(json);
 }
 
-static void put_error(pags_json_writer *json, const char *key, const error_sum *e) {
-  pags_json_begin_object(json, key);
-  pags_json_put_number(json, "max", e->largest);
-  pags_json_put_number(json, "mean", e->absolute / e->samples);
-  pags_json_put_number(json, "psnr", -10 * log10(fmax(e->square / e->samples, 1e-20)));
-  pags_json_end_object(json);
+/* 12345678 -> "12.3 M". */
+static int write_amount(char *out, size_t size, double value) {
+  const char *unit = "";
+  if (value >= 1e6)
+    value *= 1e-6, unit = " M";
+  else if (value >= 1e4)
+    value *= 1e-3, unit = " k";
+  return snprintf(out, size, "%.*f%s", value < 10 && value != floor(value) ? 2 : value < 100 && value != floor(value) ? 1 : 0, value, unit);
+}
+
+typedef struct row_text {
+  char largest[24], mean[24], psnr[24], gain[48], counts[160];
+} row_text;
+
+static row_text write_row(const error_row *row) {
+  row_text t = {"", "", "", "", ""};
+  snprintf(t.largest, sizeof t.largest, "%.2g", row->largest);
+  snprintf(t.mean, sizeof t.mean, "%.2g", row->mean);
+  if (!isnan(row->psnr))
+    snprintf(t.psnr, sizeof t.psnr, isinf(row->psnr) ? "equal" : "%.1f", row->psnr);
+  if (!isnan(row->gain))
+    snprintf(t.gain, sizeof t.gain, "%.*f, %s", row->gain < 10 ? 2 : 0, row->gain, row->gain_of);
+  int at = 0;
+  for (int i = 0; i < ERROR_COUNTS && row->counts[i].what; i++) {
+    char exact[24], used[24];
+    write_amount(exact, sizeof exact, row->counts[i].exact);
+    write_amount(used, sizeof used, row->counts[i].used);
+    at += snprintf(t.counts + at, sizeof t.counts - (size_t)at, "%s%s %s -> %s", i ? "; " : "", row->counts[i].what, exact, used);
+  }
+  return t;
+}
+
+static void write_head(const pags_bench_view *view, char *out, size_t size) {
+  char gaussians[24];
+  double all = 0;
+  for (int p = 0; p < view->part_count; p++)
+    all += (double)view->parts[p].gaussians->count;
+  write_amount(gaussians, sizeof gaussians, all);
+  const pags_kernels *kernels = pags_kernels_get(NULL);
+  snprintf(out, size, "%s: %s Gaussians, %d view%s of %dx%d, %s, %d thread%s", view->name, gaussians, view->camera_count,
+           view->camera_count == 1 ? "" : "s", view->cameras[0].width, view->cameras[0].height, kernels ? kernels->name : "",
+           pags_tasks_workers(view->tasks), pags_tasks_workers(view->tasks) == 1 ? "" : "s");
+}
+
+static void print_table(FILE *people, const char *head, const error_table *table) {
+  fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit", "largest", "mean",
+          "PSNR", "times as fast", "counts, exact -> used");
+  for (int i = 0; i < table->count; i++) {
+    const error_row *row = &table->rows[i];
+    const row_text t = write_row(row);
+    fprintf(people, "%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", row->name, row->exact, row->unit, t.largest, t.mean, t.psnr,
+            t.gain, t.counts);
+  }
+}
+
+static pags_result put_line(pags_file_writer *file, const char *line) { return pags_file_writer_put(file, line, strlen(line)); }
+
+static pags_result write_markdown(const char *path, const char *head, const error_table *table) {
+  pags_file_writer file;
+  char line[1024];
+  PAGS_TRY(pags_file_writer_begin(&file, path));
+  snprintf(line, sizeof line, "%s\n\n", head);
+  PAGS_TRY(put_line(&file, line));
+  PAGS_TRY(put_line(&file, "| approximation | against | unit | largest | mean | PSNR, dB | times as fast | counts, exact -> used |\n"
+                           "|---|---|---|---|---|---|---|---|\n"));
+  for (int i = 0; i < table->count; i++) {
+    const error_row *row = &table->rows[i];
+    const row_text t = write_row(row);
+    snprintf(line, sizeof line, "| %s | %s | %s | %s | %s | %s | %s | %s |\n", row->name, row->exact, row->unit, t.largest, t.mean,
+             t.psnr, t.gain, t.counts);
+    PAGS_TRY(put_line(&file, line));
+  }
+  return pags_file_writer_commit(&file);
 }
 
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
-  if (view->part_count > 64)
-    return pags_fail(PAGS_ERROR_LIMIT, "%d models; the error bench takes at most 64", view->part_count);
-  pags_json_begin_object(json, "error");
+  if (view->part_count > PAGS_BENCH_ERROR_PARTS)
+    return pags_fail(PAGS_ERROR_LIMIT, "%d models; the error bench takes at most %d", view->part_count, PAGS_BENCH_ERROR_PARTS);
+  error_table table = {.count = 0};
+  char head[512];
+  PAGS_TRY(error_rows_of_oracle(view, &table));
+  PAGS_TRY(error_rows_of_drawing(view, &table));
+  PAGS_TRY(error_rows_of_training(view, &table));
+  PAGS_TRY(error_go_on(view, 1, "done"));
+  write_head(view, head, sizeof head);
   if (people)
-    fprintf(people, "%-16s %9s | %-31s | %s\n%-16s %9s | %9s %10s %10s | %9s %10s %10s\n", "", "", "to the same options in double",
-            "to the scene as it is, in double", "knob", "ms", "max/255", "mean/255", "PSNR", "max/255", "mean/255", "PSNR");
-  for (int i = 0; i < KNOBS; i++) {
-    const pags_frame_options drawn = turn(&view->options, knobs + i);
-    if (i > 0 && memcmp(&drawn, &view->options, sizeof drawn) == 0)
-      continue; /* what the scene is already */
-    pags_bench_view turned = *view;
-    turned.options = drawn;
-    pags_bench_frame frame;
-    error_sum same, own;
-    PAGS_TRY(pags_bench_measure(&turned, 0, &frame));
-    PAGS_TRY(compare_views(view, &drawn, &drawn, &same));
-    PAGS_TRY(compare_views(view, &drawn, &view->options, &own));
-    const pags_frame_stats *const s = &frame.stats;
-    const double ms = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster;
-    pags_json_begin_object(json, knobs[i].name);
-    pags_json_put_number(json, "ms", ms);
-    put_error(json, "to_same_options", &same);
-    put_error(json, "to_scene", &own);
-    pags_json_end_object(json);
-    if (people)
-      fprintf(people, "%-16s %9.3f | %9.4f %10.6f %10.2f | %9.4f %10.6f %10.2f\n", knobs[i].name, ms, same.largest * 255,
-              same.absolute / same.samples * 255, -10 * log10(fmax(same.square / same.samples, 1e-20)), own.largest * 255,
-              own.absolute / own.samples * 255, -10 * log10(fmax(own.square / own.samples, 1e-20)));
-  }
-  pags_json_end_object(json);
-  return PAGS_OK;
+    print_table(people, head, &table);
+  pags_json_put_string(json, "scene", view->name);
+  pags_json_put_integer(json, "views", view->camera_count);
+  pags_json_put_integer(json, "width", view->cameras[0].width);
+  pags_json_put_integer(json, "height", view->cameras[0].height);
+  pags_json_put_integer(json, "threads", pags_tasks_workers(view->tasks));
+  pags_json_begin_array(json, "rows");
+  for (int i = 0; i < table.count; i++)
+    put_row(json, &table.rows[i]);
+  pags_json_end_array(json);
+  return view->markdown ? write_markdown(view->markdown, head, &table) : PAGS_OK;
 }

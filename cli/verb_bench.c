@@ -14,7 +14,7 @@
 typedef struct bench_arguments {
   pags_session session;
   const char *input;
-  const char *camera, *output, *colmap;
+  const char *camera, *output, *colmap, *markdown;
   int views, repetitions, split_every;
   double downscale;
   int64_t iterations, snapshot_every, max_gaussians;
@@ -27,6 +27,16 @@ static const pags_option scene_options[] = {
     PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
     PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "the best of so many counts"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+    PAGS_SESSION_OPTIONS(bench_arguments),
+    {0}};
+
+static const pags_option error_options[] = {
+    PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views, or an orbit", "measure from this camera"),
+    PAGS_VALUE("views", 'n', INT, AT(views), 1, 64, "N", "pictures", NULL, "how many views to take the mean over"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
+               "timed frames of each view and way to draw, which take turns"),
+    PAGS_VALUE("downscale", 0, DOUBLE, AT(downscale), 1, 64, "F", "times", NULL, "shrink the pictures"),
+    PAGS_TEXT("markdown", 0, AT(markdown), "FILE", NULL, "write the table as Markdown too"),
     PAGS_SESSION_OPTIONS(bench_arguments),
     {0}};
 
@@ -61,10 +71,16 @@ static const pags_verb roofline_verb =
                "The bare blending kernel's peak and the memory's read bandwidth, and what share of the "
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
-static const pags_verb error_verb =
-    SCENE_VERB("error",
-               "Time against error of exp degree, SH degree and antialiasing. Errors are by a renderer in "
-               "double precision, which is slow: pictures are small by default.");
+static const pags_verb error_verb = {
+    .name = "bench error",
+    .usage = "SCENE [options]",
+    .about =
+        "Each approximation of the engine: its largest and mean error against a renderer in double precision or against the engine "
+        "without it, how many times as fast it makes what it is in, and counts of work or bytes. Pictures, gradients, the optimiser "
+        "and scores. Times are the processor's; with --threads 1 none of it is waiting. The renderer in double precision is "
+        "slow: pictures are small by default.",
+    .positionals = scene_positionals,
+    .options = error_options};
 static const pags_verb train_verb = {
     .name = "bench train",
     .usage = "DATASET -o SCENE [options]",
@@ -74,9 +90,19 @@ static const pags_verb train_verb = {
     .positionals = train_positionals,
     .options = train_options};
 
-/* The cameras asked for, shrunk. The caller frees them. */
-static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, pags_camera **cameras,
-                                  int *count) {
+/* Cameras, shrunk: all there are, and some of these, evenly spread. */
+typedef struct camera_list {
+  pags_camera *all, *some;
+  int64_t all_count;
+  int count;
+} camera_list;
+
+static void destroy_cameras(camera_list *list) {
+  free(list->all);
+  free(list->some);
+}
+
+static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, camera_list *out) {
   pags_path path = {0};
   if (arguments->camera) {
     PAGS_TRY(pags_path_load(arguments->camera, &path));
@@ -85,32 +111,51 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
   } else {
     PAGS_TRY(pags_path_orbit(scene, arguments->views, &path));
   }
-  /* Evenly spread over what there is. */
   const int64_t wanted = path.count < arguments->views ? path.count : arguments->views;
+  for (int64_t i = 0; i < path.count; i++)
+    path.cameras[i] = pags_camera_downscale(&path.cameras[i], arguments->downscale);
+  *out = (camera_list){path.cameras, malloc((size_t)(wanted + 1) * sizeof *out->some), path.count, (int)wanted};
+  if (!out->some)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)wanted);
   for (int64_t i = 0; i < wanted; i++)
-    path.cameras[i] = pags_camera_downscale(&path.cameras[i * path.count / wanted], arguments->downscale);
-  *cameras = path.cameras;
-  *count = (int)wanted;
+    out->some[i] = path.cameras[i * path.count / wanted];
   return wanted > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", arguments->input);
 }
 
 typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
+static int show_progress(void *user, double fraction, const char *what) {
+  pags_progress *progress = user;
+  if (fraction >= 1)
+    pags_progress_end(progress);
+  else if (pags_progress_due(progress))
+    pags_progress_show(progress, "%s: %.0f %% of all", what, 100 * fraction);
+  return !pags_interrupted();
+}
+
 /* Everything as it is at the first camera's time: what is measured are frames of one scene. */
 static pags_result bench_scene(const bench_arguments *arguments, scene_bench *bench, pags_composition *composition,
-                               const pags_camera *cameras, int count) {
+                               const camera_list *cameras) {
   const pags_part *parts;
   pags_json_writer json;
+  pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_bench_view view = {.tasks = arguments->session.tasks,
-                          .cameras = cameras,
-                          .camera_count = count,
+                          .cameras = cameras->some,
+                          .camera_count = cameras->count,
                           .options = pags_composition_options(composition),
-                          .repetitions = arguments->repetitions};
-  pags_compose(composition, cameras[0].time, &parts, &view.part_count);
+                          .repetitions = arguments->repetitions,
+                          .name = pags_path_name(arguments->input),
+                          .all = cameras->all,
+                          .all_count = cameras->all_count,
+                          .markdown = arguments->markdown,
+                          .progress = show_progress,
+                          .progress_user = &progress};
+  pags_compose(composition, cameras->some[0].time, &parts, &view.part_count);
   view.parts = parts;
   pags_json_writer_init(&json, 2);
   pags_json_begin_object(&json, NULL);
   pags_result result = bench(&view, arguments->session.people, &json);
+  pags_progress_end(&progress);
   pags_json_end_object(&json);
   if (result == PAGS_OK)
     return pags_session_json(&arguments->session, &json);
@@ -121,17 +166,18 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
 static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) {
   pags_scene scene;
   pags_composition *composition = NULL;
-  pags_camera *cameras = NULL;
-  int count = 0;
+  camera_list cameras = {0};
+  if (arguments->markdown)
+    PAGS_TRY(pags_check_writable(arguments->markdown));
   PAGS_TRY(pags_scene_load(arguments->input, &scene));
-  pags_result result = choose_cameras(arguments, &scene, &cameras, &count);
+  pags_result result = choose_cameras(arguments, &scene, &cameras);
   if (result == PAGS_OK)
     result = pags_composition_create(&scene, &composition);
   else
     pags_scene_destroy(&scene);
   if (result == PAGS_OK)
-    result = bench_scene(arguments, bench, composition, cameras, count);
-  free(cameras);
+    result = bench_scene(arguments, bench, composition, &cameras);
+  destroy_cameras(&cameras);
   pags_composition_destroy(composition);
   return result;
 }
@@ -170,12 +216,13 @@ static const struct bench_entry {
   const pags_verb *verb;
   scene_bench *on_scene; /* NULL: training */
   double downscale;
+  int repetitions;
 } entries[] = {
-    {"stages", &stages_verb, pags_bench_stages, 1},
-    {"roofline", &roofline_verb, pags_bench_roofline, 1},
-    {"train", &train_verb, NULL, 1},
+    {"stages", &stages_verb, pags_bench_stages, 1, 10},
+    {"roofline", &roofline_verb, pags_bench_roofline, 1, 10},
+    {"train", &train_verb, NULL, 1, 10},
 #ifdef PAGS_WITH_REFERENCE
-    {"error", &error_verb, pags_bench_error, 4},
+    {"error", &error_verb, pags_bench_error, 4, 3},
 #endif
 };
 enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
@@ -195,7 +242,7 @@ static void print_help(void) {
 
 static int run_entry(const struct bench_entry *entry, int argc, char **argv) {
   bench_arguments arguments = {.views = 4,
-                               .repetitions = 10,
+                               .repetitions = entry->repetitions,
                                .split_every = 8,
                                .downscale = entry->downscale,
                                .iterations = 7000,

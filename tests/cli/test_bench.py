@@ -1,4 +1,4 @@
-"""pags bench render: its table, CSV, JSON and plot. No time is asserted."""
+"""pags bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No time is asserted."""
 
 import csv
 import json
@@ -6,7 +6,7 @@ import os
 import xml.dom.minidom
 
 import fixtures
-from fixtures import Case, ply_bytes, read, some_splats
+from fixtures import Case, ply_bytes, read, some_splats, splat
 
 
 CAMERA = {
@@ -83,10 +83,56 @@ class Bench(Case):
         self.assertEqual(len(read(self.path("s.csv")).decode().splitlines()), 9)
         self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
 
+    def errors(self, splats, *more):
+        """Rows of bench error by name."""
+        scene = self.write("a.ply", ply_bytes(splats))
+        camera = self.write("camera.json", json.dumps(CAMERA))
+        self.succeeds("bench", "error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more)
+        rows = json.loads(read(self.path("e.json")))["rows"]
+        self.assertEqual(len({row["name"] for row in rows}), len(rows))
+        return {row["name"]: row for row in rows}
+
+    def test_error(self):
+        rows = self.errors(some_splats(), "--markdown", self.path("e.md"))
+        for name, row in rows.items():
+            self.assertTrue(0 <= row["mean"] <= row["max"], name)
+            self.assertTrue(row["gain"] is None or row["gain"] > 0, name)
+        least, most = "float, all of the engine", "exp by 3rd degree"
+        self.assertTrue(0 < rows[least]["max"] < 0.02 and rows[least]["psnr"] > 100)
+        self.assertTrue(rows[least]["max"] < rows[most]["max"] < 0.1)
+        self.assertTrue(1e-8 < rows["exp by 5th degree"]["max"] < 3e-7)
+        self.assertTrue(5e-5 < rows["exp by 3rd degree (asked for)"]["max"] < 1e-4)
+        self.assertEqual((rows["early-z lossless"]["max"], rows["early-z lossless"]["psnr"]), (0, None))
+        self.assertTrue(rows["early-z bounded, 1/255"]["max"] <= 1.01)
+        self.assertTrue(0 < rows["packed form"]["max"] < 1)
+        for name in ["alpha cut at 1/255", "stop at T < 1e-4", "tiles by exact extent", "packed form"]:
+            count = rows[name]["counts"][0]
+            self.assertTrue(0 < count["used"] <= count["exact"], name)
+        # A pixel has few layers here, each of which loses less than 1/255 by the cut.
+        self.assertTrue(0 < rows["alpha cut at 1/255"]["max"] < 10)
+        self.assertTrue(0 < rows["affine image, slopes clamped"]["max"] < 5)
+        self.assertTrue(rows["gradient by means"]["max"] < 0.01)
+        self.assertTrue(rows["Adam, paid when seen"]["max"] < 1e-3 and rows["Adam in float"]["max"] < 1e-2)
+        self.assertNotIn("colour of degree 0", rows)  # which the splats are of
+        table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
+        self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
+
+    def test_error_sees_the_cap_and_the_clamp(self):
+        rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
+        self.assertTrue(2 < rows["alpha capped at 0.99"]["max"] < 3)  # 1 % of 0.9 * 255
+        # In the middle the affine image is nearly exact, with and without the clamp of slopes; a giant beside the picture needs it.
+        self.assertTrue(rows["affine image, slopes clamped"]["max"] < 5)
+        self.assertEqual(rows["affine image, slopes clamped"]["max"], rows["affine image, no clamp"]["max"])
+        beside = self.errors([splat(12, 0, -3, (0.9, 0.9, 0.9), sigma=1.5, opacity=4.0)])
+        self.assertTrue(beside["affine image, slopes clamped"]["mean"] < 0.5 * beside["affine image, no clamp"]["mean"])
+
     def test_wrong_usage(self):
         self.fails(self.render("--sizes", "64x"), "WIDTHxHEIGHT", code=2)
         self.fails(self.render("--repetitions", "0"), "repetitions", code=2)
         self.fails(self.render("--modes", "off,fast"), "got 'fast'")
+        scene = self.write("a.ply", ply_bytes(some_splats()))
+        self.fails(["bench", "error", scene, "--markdown", self.path("none/e.md")], "none/e.md")
+        self.fails(["bench", "error", scene, "--repetitions", 0], "repetitions", code=2)
 
 
 if __name__ == "__main__":

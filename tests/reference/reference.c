@@ -31,6 +31,12 @@ reference_part reference_part_from(const pags_part *from) {
     for (int64_t i = 0; i < g->count; i++)
       part.planes[plane * g->count + i] = (double)g->data[plane * g->stride + i];
   }
+  part.dc = from->dc ? reference_alloc(3 * g->count, sizeof(double)) : NULL;
+  for (int64_t k = 0; part.dc && k < 3 * g->count; k++)
+    part.dc[k] = (double)from->dc[k / g->count * g->stride + k % g->count];
+  part.factor = from->opacity_factor ? reference_alloc(g->count, sizeof(double)) : NULL;
+  for (int64_t i = 0; part.factor && i < g->count; i++)
+    part.factor[i] = (double)from->opacity_factor[i];
   part.id = from->id;
   part.first_id = from->first_id;
   memcpy(part.world_from_model, from->world_from_model, sizeof part.world_from_model);
@@ -49,7 +55,7 @@ void reference_part_destroy(reference_part *part) {
 reference_view reference_view_of(const reference_part *part, const pags_camera *camera,
                                  const pags_frame_options *options) {
   const double *c = camera->world_from_camera, *m = part->world_from_model;
-  reference_view view;
+  reference_view view = {.widened = REFERENCE_WIDENED};
   double offset[3]; /* model origin - camera, world axes */
   for (int k = 0; k < 3; k++)
     offset[k] = m[4 * k + 3] - (c[4 * k + 3] - options->origin[k]);
@@ -91,10 +97,10 @@ static void normalise_quaternion(const reference_part *part, int64_t i, referenc
   }
 }
 
-/* x/z clamped to [-c/f - 0.3 tan, (size - c)/f + 0.3 tan]; side is -1, 0 or 1. */
-static double clamp_slope(double slope, double size, double f, double c, int *side, double *margin) {
+/* x/z clamped to [-c/f - widened tan, (size - c)/f + widened tan]; side is -1, 0 or 1. */
+static double clamp_slope(double slope, double size, double f, double c, double widened, int *side, double *margin) {
   double tangent = 0.5 * size / f;
-  double lo = -c / f - 0.3 * tangent, hi = (size - c) / f + 0.3 * tangent;
+  double lo = -c / f - widened * tangent, hi = (size - c) / f + widened * tangent;
   *margin = fmin(*margin, fmin(fabs(slope - lo), fabs(slope - hi)) / tangent);
   *side = slope < lo ? -1 : slope > hi ? 1 : 0;
   return slope < lo ? lo : slope > hi ? hi : slope;
@@ -123,9 +129,9 @@ reference_projection reference_project(const reference_part *part, int64_t i, co
 
   splat->margin = INFINITY;
   p.slope[0] =
-      clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, &splat->clamped_axis[0], &splat->margin);
+      clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, view->widened, &splat->clamped_axis[0], &splat->margin);
   p.slope[1] =
-      clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, &splat->clamped_axis[1], &splat->margin);
+      clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, view->widened, &splat->clamped_axis[1], &splat->margin);
   double jacobian[6] = {camera->fx / xyz[2],
                         0,
                         -camera->fx * p.slope[0] / xyz[2],
@@ -441,6 +447,7 @@ reference_picture reference_render_within(reference_limits limits, const referen
   int64_t next = 0;
   for (int p = 0; p < part_count; p++) {
     reference_view view = reference_view_of(&parts[p], camera, options);
+    view.widened = limits.widened;
     for (int64_t i = 0; i < parts[p].count; i++)
       picture.splats[next++] = find_splat(&parts[p], i, &view, camera, options, limits.alpha_min);
   }

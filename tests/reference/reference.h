@@ -34,7 +34,7 @@ typedef struct reference_part {
 
 /* Allocates zeroed planes with an identity pose. */
 reference_part reference_part_create(int64_t count, int sh_degree);
-/* The same Gaussians, ids and pose as the engine's part, widened to double. */
+/* The same Gaussians, ids, pose, constant terms and factors as the engine's part, as they are now, widened to double. Not of a packed one. */
 reference_part reference_part_from(const pags_part *part);
 void reference_part_destroy(reference_part *part);
 
@@ -64,12 +64,13 @@ typedef struct reference_contribution {
   double transmittance; /* before this Gaussian */
 } reference_contribution;
 
-/* Where blending departs from the plain product of alphas. */
+/* Where blending departs from the plain product of alphas, and how far beyond the picture J is taken as it is: in tangents of half the
+ * field of view on every side. */
 typedef struct reference_limits {
-  double alpha_min, alpha_cap, stop;
+  double alpha_min, alpha_cap, stop, widened;
 } reference_limits;
-#define REFERENCE_LIMITS ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP})
-#define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0})
+#define REFERENCE_LIMITS ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED})
+#define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0, REFERENCE_WIDENED})
 
 typedef struct reference_picture {
   int width, height;
@@ -101,6 +102,11 @@ reference_picture reference_render_within(reference_limits limits, const referen
                                           const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
 
+/* The colours of the same Gaussians in the same order and within the same limits as `from`, a render of the same arguments, but by each
+ * one's largest value along a pixel's ray in place of its affine image (reference_rays.c). Three planes, freed by the caller. */
+double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,
+                              const reference_picture *from);
+
 /* Derivatives of a loss by the picture, planes of width * height without padding; NULL means zero. */
 typedef struct reference_picture_gradient {
   const double *rgb; /* three planes */
@@ -127,6 +133,7 @@ void reference_gradient_destroy(reference_part_gradient *gradients, int part_cou
 #define REFERENCE_ALPHA_MIN (1.0 / 255.0)
 #define REFERENCE_ALPHA_CAP 0.99
 #define REFERENCE_STOP 1e-4
+#define REFERENCE_WIDENED 0.3
 #define REFERENCE_COMPENSATION_FLOOR 2.5e-5 /* of the determinants' ratio */
 
 /* The frame of a part as seen from the camera. */
@@ -134,6 +141,7 @@ typedef struct reference_view {
   double rotation[9]; /* camera_from_model */
   double translation[3];
   double position[3]; /* of the camera in the model's frame */
+  double widened;     /* as of reference_limits; REFERENCE_WIDENED */
 } reference_view;
 
 reference_view reference_view_of(const reference_part *part, const pags_camera *camera,

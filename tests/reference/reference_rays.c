@@ -1,0 +1,162 @@
+/* What the affine projection stands for: each Gaussian's largest value along the ray through a pixel's centre, in double.
+ *
+ * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m) / 2); it is largest at
+ * t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times what doesn't depend on how far the ray passes. The
+ * low-pass is a widening of S by low_pass (z / f)^2 across the picture's axes, whose affine image is low_pass I. */
+#include "reference.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct ray_splat {
+  double s[6];    /* S: xx xy xz yy yz zz */
+  double q[6];    /* its inverse */
+  double qm[3], mqm;
+  double limit;   /* largest distance squared that is drawn */
+} ray_splat;
+
+static int find_inverse(ray_splat *r, const double m[3]) {
+  const double xx = r->s[0], xy = r->s[1], xz = r->s[2], yy = r->s[3], yz = r->s[4], zz = r->s[5];
+  const double a = yy * zz - yz * yz, b = xz * yz - xy * zz, c = xy * yz - xz * yy, det = xx * a + xy * b + xz * c;
+  if (!(det > 0) || !isfinite(det))
+    return 0;
+  const double q[6] = {a / det, b / det, c / det, (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det};
+  memcpy(r->q, q, sizeof q);
+  r->qm[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2];
+  r->qm[1] = q[1] * m[0] + q[3] * m[1] + q[4] * m[2];
+  r->qm[2] = q[2] * m[0] + q[4] * m[1] + q[5] * m[2];
+  r->mqm = m[0] * r->qm[0] + m[1] * r->qm[1] + m[2] * r->qm[2];
+  return 1;
+}
+
+static int find_ray_splat(const reference_part *part, int64_t i, const reference_view *view, const pags_camera *camera,
+                          double low_pass, double least, const reference_splat *splat, ray_splat *out) {
+  reference_splat spare = *splat;
+  const reference_projection p = reference_project(part, i, view, camera, &spare);
+  double axes[9] = {0};
+  for (int row = 0; row < 3; row++)
+    for (int column = 0; column < 3; column++)
+      for (int k = 0; k < 3; k++)
+        axes[3 * row + column] += view->rotation[3 * row + k] * p.rotation[3 * k + column] * p.sigma[column];
+  static const int rows[6] = {0, 0, 0, 1, 1, 2}, columns[6] = {0, 1, 2, 1, 2, 2};
+  for (int e = 0; e < 6; e++) {
+    out->s[e] = 0;
+    for (int k = 0; k < 3; k++)
+      out->s[e] += axes[3 * rows[e] + k] * axes[3 * columns[e] + k];
+  }
+  const double x = splat->camera[2] / camera->fx, y = splat->camera[2] / camera->fy;
+  out->s[0] += low_pass * x * x;
+  out->s[3] += low_pass * y * y;
+  out->limit = 2 * log(splat->opacity / least);
+  return find_inverse(out, splat->camera);
+}
+
+/* Pixels [first, end) of `size` along an axis that may see the Gaussian: slopes at which a plane through the eye touches the ellipsoid of that
+ * distance; all of them where it reaches the plane of the eye. */
+static void find_span(double mean, double z, double s_aa, double s_az, double s_zz, double limit, double f, double c, int size,
+                      int *first, int *end) {
+  const double a = z * z - limit * s_zz, b = mean * z - limit * s_az, d = b * b - a * (mean * mean - limit * s_aa);
+  *first = 0, *end = size;
+  if (a <= 0 || d < 0)
+    return;
+  const double lo = f * (b - sqrt(d)) / a + c, hi = f * (b + sqrt(d)) / a + c;
+  *first = (int)fmin(size, fmax(0, floor(lo - 1)));
+  *end = (int)fmin(size, fmax(0, ceil(hi + 1)));
+}
+
+static double ray_distance(const ray_splat *r, double x, double y) {
+  const double *q = r->q;
+  const double dqm = x * r->qm[0] + y * r->qm[1] + r->qm[2];
+  const double dqd = q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x + q[3] * y * y + 2 * q[4] * y + q[5];
+  return dqm > 0 ? r->mqm - dqm * dqm / dqd : INFINITY; /* nearest behind the eye: not seen */
+}
+
+typedef struct ray_picture {
+  double *rgb, *transmittance;
+  uint8_t *stopped;
+} ray_picture;
+
+static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel, ray_picture *out) {
+  const double alpha = fmin(from->limits.alpha_cap, splat->opacity * exp(-0.5 * distance));
+  const double before = out->transmittance[pixel], after = before * (1 - alpha);
+  if (alpha < from->limits.alpha_min)
+    return;
+  if (after < from->limits.stop) {
+    out->stopped[pixel] = 1;
+    return;
+  }
+  for (int c = 0; c < 3; c++)
+    out->rgb[c * (int64_t)from->width * from->height + pixel] += alpha * before * splat->colour[c];
+  out->transmittance[pixel] = after;
+}
+
+static void blend_splat(const reference_picture *from, const reference_splat *splat, const ray_splat *ray, const pags_camera *camera,
+                        ray_picture *out) {
+  const double *m = splat->camera, *s = ray->s;
+  int x0, x1, y0, y1;
+  find_span(m[0], m[2], s[0], s[2], s[5], ray->limit, camera->fx, camera->cx, from->width, &x0, &x1);
+  find_span(m[1], m[2], s[3], s[4], s[5], ray->limit, camera->fy, camera->cy, from->height, &y0, &y1);
+  for (int y = y0; y < y1; y++)
+    for (int x = x0; x < x1; x++) {
+      const int64_t pixel = (int64_t)y * from->width + x;
+      if (!out->stopped[pixel])
+        blend_ray(from, splat, ray_distance(ray, (x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy), pixel, out);
+    }
+}
+
+typedef struct order_entry {
+  double depth;
+  int32_t id;
+  int part;
+  int64_t row, splat;
+} order_entry;
+
+static int compare_order(const void *a, const void *b) {
+  const order_entry *p = a, *q = b;
+  if (p->depth != q->depth)
+    return p->depth < q->depth ? -1 : 1;
+  return (p->id > q->id) - (p->id < q->id);
+}
+
+static int64_t list_drawn(const reference_part *parts, int part_count, const reference_picture *from, order_entry *order) {
+  int64_t drawn = 0, at = 0;
+  for (int p = 0; p < part_count; p++)
+    for (int64_t i = 0; i < parts[p].count; i++, at++)
+      if (from->splats[at].drawn)
+        order[drawn++] = (order_entry){from->splats[at].camera[2], from->splats[at].id, p, i, at};
+  qsort(order, (size_t)drawn, sizeof *order, compare_order);
+  return drawn;
+}
+
+double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,
+                              const reference_picture *from) {
+  const int64_t pixels = (int64_t)from->width * from->height;
+  order_entry *order = reference_alloc(from->splat_count, sizeof *order);
+  reference_view *views = reference_alloc(part_count, sizeof *views);
+  ray_picture out = {reference_alloc(3 * pixels, sizeof(double)), reference_alloc(pixels, sizeof(double)),
+                     reference_alloc(pixels, 1)};
+  for (int64_t k = 0; k < pixels; k++)
+    out.transmittance[k] = 1;
+  for (int p = 0; p < part_count; p++)
+    views[p] = reference_view_of(&parts[p], camera, options);
+  const int64_t drawn = list_drawn(parts, part_count, from, order);
+  for (int64_t k = 0; k < drawn; k++) {
+    const order_entry *e = &order[k];
+    ray_splat ray;
+    if (find_ray_splat(&parts[e->part], e->row, &views[e->part], camera, (double)options->low_pass, from->limits.alpha_min,
+                       &from->splats[e->splat], &ray))
+      blend_splat(from, &from->splats[e->splat], &ray, camera, &out);
+  }
+  for (int64_t k = 0; k < pixels; k++) {
+    double behind[3], margin = INFINITY;
+    reference_behind(camera, options, k, behind, &margin);
+    for (int c = 0; c < 3; c++)
+      out.rgb[c * pixels + k] += out.transmittance[k] * behind[c];
+  }
+  free(order);
+  free(views);
+  free(out.transmittance);
+  free(out.stopped);
+  return out.rgb;
+}
