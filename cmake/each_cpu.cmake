@@ -1,5 +1,5 @@
 # pags_test_each_cpu(NAME TARGET ARGS...): runs a test once per set of kernels, as NAME@scalar, NAME@avx2, ... A set that this
-# machine lacks counts as skipped.
+# machine lacks counts as skipped. Where pags_only_cpus is set, those alone.
 function(pags_test_each_cpu name target)
   set(cpus scalar)
   if(PAGS_SIMD AND CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
@@ -8,6 +8,9 @@ function(pags_test_each_cpu name target)
     list(APPEND cpus neon)
   endif()
   foreach(cpu ${cpus})
+    if(pags_only_cpus AND NOT cpu IN_LIST pags_only_cpus)
+      continue()
+    endif()
     if(CMAKE_CROSSCOMPILING) # an emulator can't start a second program through the first
       add_test(NAME ${name}@${cpu} COMMAND ${target} ${ARGN})
       set_tests_properties(${name}@${cpu} PROPERTIES ENVIRONMENT "PAGS_CPU=${cpu}")

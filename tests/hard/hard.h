@@ -73,6 +73,10 @@ typedef struct hard_data_options {
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
+/* Whether HARD_SHORT is set, as it is where a program is run once more for each instruction set: then a case that takes long prints that it is
+ * left out (a case does so by itself). */
+int hard_leaves_out(void);
+
 /* Set-up and tear-down of a group of tests that use data sets: a scratch folder. */
 int hard_begin(void **state);
 int hard_end(void **state);

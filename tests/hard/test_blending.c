@@ -105,6 +105,8 @@ static void check_pile(const char *what, float logit, double spacing) {
 static void a_million_in_one_pixel(void **state) {
   (void)state;
   check_pile("a million of 0.005, one behind another", -5.2933048f, 1e-5);
+  if (hard_leaves_out())
+    return;
   check_pile("a million of 0.5, all at the same depth", 0.0f, 0);
   check_pile("a million of 1 - 1e-7", 16.1180956f, 1e-5);
 }
@@ -231,6 +233,8 @@ static int overflow_in_child(void) {
 
 static void more_pairs_than_32_bits(void **state) {
   (void)state;
+  if (hard_leaves_out()) /* counting 2^31 pairs takes minutes in plain C */
+    return;
   int status = 0;
   const pid_t child = fork();
   assert_true(child >= 0);

@@ -144,6 +144,8 @@ static void a_street_of_one_instant(void **state) {
 
 static void a_street_of_a_million_seconds(void **state) {
   (void)state;
+  if (hard_leaves_out())
+    return;
   pags_dataset_options reading = pags_dataset_options_default();
   static const char times[] = "{\"frames\": [0, 1e5, 2e5, 3e5, 4e5, 5e5, 6e5, 1e6]}";
   assert_int_equal(pags_file_write(hard_path("street/timestamps.json"), times, sizeof times - 1), PAGS_OK);
