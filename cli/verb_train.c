@@ -34,7 +34,7 @@ static const pags_option options[] = {
     PAGS_VALUE("schedule-iterations", 0, INT64, CONFIG(schedule_iterations), 0, PAGS_UNLIMITED, "N", "steps",
                "0: as --iterations", "stretch the schedule over so many; steps beyond run at its end rates"),
     PAGS_FLAG("resume", 0, RUN(resume),
-              "go on from SCENE's checkpoint, or start where there is none; --iterations may be larger than before"),
+              "go on from SCENE's checkpoint, or start where there is neither that nor a scene; --iterations may be larger than before"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that is not empty"),
     PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps; 0: only at the end",
                NULL, "write a checkpoint every N steps"),

@@ -12,6 +12,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/log.h"
 #include "base/text.h"
 #include "kernels.h"
 #include "scene/scene_json.h"
@@ -19,6 +20,29 @@
 #include "train/notes.h"
 
 static const char *const preview_prefix = "preview_";
+
+static pags_result has_scene(const pags_output *output, bool *out) {
+  char *path = pags_path_join(output->folder, "scene.json");
+  if (!path)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+  *out = pags_path_exists(path);
+  free(path);
+  return PAGS_OK;
+}
+
+/* Going on where there is no checkpoint is to begin, as a command line that is queued again does. But a scene comes after its run's
+ * checkpoint: one without is another's, or its checkpoint was taken away, and isn't to be lost to a run that begins. */
+static pags_result begin_instead(const pags_output *output) {
+  bool scene = false;
+  PAGS_TRY(has_scene(output, &scene));
+  if (scene)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags beside it; pass --overwrite to "
+                     "begin afresh, or another folder",
+                     output->folder);
+  pags_log(PAGS_LOG_INFO, "%s: no checkpoint to go on from: the run begins with step 1", output->folder);
+  return PAGS_OK;
+}
 
 pags_result pags_output_find(pags_output *output, const pags_train_options *options, int *found) {
   bool empty = true;
@@ -36,7 +60,7 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
                      options->output);
   output->made = !pags_dir_exists(options->output);
   *found = options->resume && pags_file_exists(output->checkpoint);
-  return PAGS_OK;
+  return options->resume && !*found ? begin_instead(output) : PAGS_OK;
 }
 
 static int is_ours(const char *name) {
@@ -82,6 +106,7 @@ static pags_result remove_scene(const pags_output *output) {
 static pags_result remove_earlier(const pags_output *output) {
   pags_dir_list list;
   PAGS_TRY(remove_scene(output));
+  PAGS_TRY(remove_file(output, "scene.json")); /* not left without its checkpoint, whenever this is ended */
   PAGS_TRY(pags_dir_list_read(output->folder, &list));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)

@@ -206,6 +206,20 @@ class Train(Case):
         self.write(os.path.join("scene", name), whole)
         self.train(out, "--resume", iterations=90)
 
+    def test_resume_without_a_checkpoint(self):
+        out, more = self.path("scene"), ["--iterations", 60, "--resume", *SMALL]
+        begun = self.succeeds("train", self.data, "-o", out, *more)  # there is nothing yet: it says that it begins
+        self.assertIn("no checkpoint to go on from: the run begins", begun.stdout)
+        os.remove(os.path.join(out, "checkpoint.pags"))
+        before = {name: read(os.path.join(out, name)) for name in files_below(out)}
+        self.fails(["train", self.data, "-o", out, *more, "-q"], out, "no checkpoint to go on from", "--overwrite")
+        self.assertEqual({name: read(os.path.join(out, name)) for name in files_below(out)}, before)
+        os.remove(os.path.join(out, "scene.json"))  # as a run that was killed before its first checkpoint leaves it
+        again = self.succeeds("train", self.data, "-o", out, *more)
+        self.assertIn("the run begins", again.stdout)
+        self.assertIn("checkpoint.pags", files_below(out))
+        self.assertNotIn("begins", self.succeeds("train", self.data, "-o", out, *more, "--iterations", 70).stdout)
+
     def test_overwrite_and_refusal(self):
         out = self.path("scene")
         self.train(out, iterations=30)

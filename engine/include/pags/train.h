@@ -213,7 +213,7 @@ typedef struct pags_train_options {
   int64_t checkpoint_every;  /* steps; 0: only when stopped or done. Default 1000 */
   int64_t log_every;         /* steps per line of log.jsonl; default 100 */
   int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
-  int resume;                /* 1: go on from the folder's checkpoint, or start where there is none */
+  int resume;                /* 1: go on from the folder's checkpoint, or start where there is neither that nor a scene */
   int overwrite;             /* 1: a non-empty folder is trained into afresh */
   double time_limit_seconds; /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
   int64_t bad_rows_most;     /* more such updates left out (pags_train_result.bad_rows) are PAGS_ERROR_LIMIT; default 1000 */
@@ -250,8 +250,8 @@ typedef struct pags_train_result {
  * preview PNGs. `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are
  * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates),
  * max_gaussians before a preset's last prune, and except after a time limit. A non-empty folder is refused, untouched,
- * without resume or overwrite. Stopping early is PAGS_OK with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was
- * called: then the last checkpoint stands and nothing is written. */
+ * without resume or overwrite; so is, without overwrite, one with a scene but no checkpoint. Stopping early is PAGS_OK with
+ * finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and nothing is written. */
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
