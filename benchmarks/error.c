@@ -115,10 +115,13 @@ typedef struct row_text {
   char largest[24], mean[24], psnr[24], gain[48], counts[160];
 } row_text;
 
+/* Two digits. */
+static void write_error(char *out, size_t size, double value) { snprintf(out, size, value < 99.5 ? "%.2g" : "%.0f", value); }
+
 static row_text write_row(const error_row *row) {
   row_text t = {"", "", "", "", ""};
-  snprintf(t.largest, sizeof t.largest, "%.2g", row->largest);
-  snprintf(t.mean, sizeof t.mean, "%.2g", row->mean);
+  write_error(t.largest, sizeof t.largest, row->largest);
+  write_error(t.mean, sizeof t.mean, row->mean);
   if (!isnan(row->psnr))
     snprintf(t.psnr, sizeof t.psnr, isinf(row->psnr) ? "equal" : "%.1f", row->psnr);
   if (!isnan(row->gain))
