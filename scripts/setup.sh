@@ -7,6 +7,8 @@ needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-d
 wanted="python3-venv gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
 # The fuzz targets (make fuzz); smoke runs do without.
 wanted="$wanted clang"
+# make valgrind.
+wanted="$wanted valgrind"
 # Other programs that read what pags export writes, for its tests; whoever has a node of his own keeps it.
 command -v npm >/dev/null || wanted="$wanted nodejs npm"
 

@@ -3,6 +3,8 @@
 import csv
 import json
 import os
+import subprocess
+import sys
 import xml.dom.minidom
 
 import fixtures
@@ -116,6 +118,11 @@ class Bench(Case):
         self.assertNotIn("colour of degree 0", rows)  # which the splats are of
         table = [line.split(" | ") for line in read(self.path("e.md")).decode().splitlines() if line.startswith("| ")]
         self.assertEqual([cells[0][2:] for cells in table[1:]], list(rows))
+        script = os.path.join(os.path.dirname(__file__), "../../scripts/error_page.py")
+        page = subprocess.run([sys.executable, script, *2 * [self.path("e.json")]], capture_output=True, text=True, check=True)
+        lines = [line.split(" | ") for line in page.stdout.splitlines() if line.startswith("| ")]
+        self.assertEqual([cells[0][2:] for cells in lines[1 : len(rows) + 1]], list(rows))
+        self.assertEqual(lines[1][3:4], [lines[1][4].removesuffix(" |")])
 
     def test_error_sees_the_cap_and_the_clamp(self):
         rows = self.errors([splat(0, 0, 0, (0.9, 0.9, 0.9), sigma=0.4, opacity=12.0)])
