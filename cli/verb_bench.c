@@ -124,12 +124,11 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
 
 typedef pags_result scene_bench(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-static int show_progress(void *user, double fraction, const char *what) {
-  pags_progress *progress = user;
-  if (fraction >= 1)
-    pags_progress_end(progress);
-  else if (pags_progress_due(progress))
-    pags_progress_show(progress, "%s: %.0f %% of all", what, 100 * fraction);
+/* Makes room for the table once all is done. */
+static int show_progress(void *progress, double fraction, const char *what) {
+  if (fraction < 1)
+    return pags_progress_watch(progress, fraction, what);
+  pags_progress_end(progress);
   return !pags_interrupted();
 }
 
