@@ -18,6 +18,22 @@ PLY_NAMES = (
 )
 
 
+# A camera at the origin that looks along z.
+FRONT = {
+    "width": 65,
+    "height": 49,
+    "fx": 60.0,
+    "fy": 60.0,
+    "cx": 32.5,
+    "cy": 24.5,
+    "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
+    "camera_from_world_translation": [0, 0, 0],
+}
+
+# Few Gaussians, so that trainings are short.
+SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
+
+
 def run(*arguments, timeout=300, **more):
     """Runs pags; the result has returncode, stdout and stderr as text."""
     return subprocess.run([PAGS, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, **more)
@@ -183,6 +199,13 @@ class Case(unittest.TestCase):
         self.addCleanup(holder.cleanup)
         self.folder = holder.name
 
+    @classmethod
+    def shared_folder(cls):
+        """A folder for all tests of the class, for setUpClass."""
+        holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
+        cls.addClassCleanup(holder.cleanup)
+        return holder.name
+
     def path(self, *names):
         return os.path.join(self.folder, *names)
 
@@ -205,6 +228,14 @@ class Case(unittest.TestCase):
         for word in words:
             self.assertIn(str(word), lines[0])
         return lines[0]
+
+
+class DataCase(Case):
+    """Tests that train on one small data set."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.data = make_dataset(os.path.join(cls.shared_folder(), "data"), views=9)
 
 
 def main():

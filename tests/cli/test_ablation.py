@@ -10,22 +10,13 @@ import time
 import xml.etree.ElementTree
 
 import fixtures
-from fixtures import Case, make_dataset, read
+from fixtures import DataCase, read
 
 # Few Gaussians, so that the runs are short.
 SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
 
 
-class Ablation(Case):
-    @classmethod
-    def setUpClass(cls):
-        cls.holder = fixtures.tempfile.TemporaryDirectory(prefix="pags-cli-data-")
-        cls.data = make_dataset(os.path.join(cls.holder.name, "data"), views=9)
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.holder.cleanup()
-
+class Ablation(DataCase):
     def command(self, rows, *more, iterations=40):
         return ["bench", "ablation", self.data, "-o", self.path("t"), "-n", iterations, "--rows", rows, "-j", 1, *more]
 

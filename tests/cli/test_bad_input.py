@@ -5,7 +5,7 @@ import os
 import struct
 
 import fixtures
-from fixtures import Case, files_below, make_dataset, ply_bytes, png_bytes, read, some_splats
+from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, png_bytes, read, some_splats
 
 
 class BadSplats(Case):
@@ -70,16 +70,7 @@ class BadScenes(Case):
 class BadCameras(Case):
     def test_cameras(self):
         scene = self.write("a.ply", ply_bytes(some_splats()))
-        good = {
-            "width": 64,
-            "height": 48,
-            "fx": 60,
-            "fy": 60,
-            "cx": 32,
-            "cy": 24,
-            "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
-            "camera_from_world_translation": [0, 0, 5],
-        }
+        good = {**FRONT, "camera_from_world_translation": [0, 0, 5]}
         bad = {
             "no_fx.json": {key: value for key, value in good.items() if key != "fx"},
             "width.json": {**good, "width": -3},

@@ -8,19 +8,9 @@ import sys
 import xml.dom.minidom
 
 import fixtures
-from fixtures import Case, ply_bytes, read, some_splats, splat
+from fixtures import FRONT, Case, ply_bytes, read, some_splats, splat
 
-
-CAMERA = {
-    "width": 65,
-    "height": 49,
-    "fx": 60.0,
-    "fy": 60.0,
-    "cx": 32.5,
-    "cy": 24.5,
-    "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
-    "camera_from_world_translation": [0, 0, 5],
-}
+CAMERA = {**FRONT, "camera_from_world_translation": [0, 0, 5]}
 
 
 class Bench(Case):

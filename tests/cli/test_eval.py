@@ -3,7 +3,6 @@
 import json
 import os
 import shutil
-import tempfile
 
 import fixtures
 
@@ -13,10 +12,9 @@ REGIONS = ["critical", "noncritical", "moving", "vehicles", "pedestrians", "cycl
 class Eval(fixtures.Case):
     @classmethod
     def setUpClass(cls):
-        holder = tempfile.TemporaryDirectory(prefix="pags-cli-")
-        cls.addClassCleanup(holder.cleanup)
-        cls.street = os.path.join(holder.name, "street")
-        cls.scene = os.path.join(holder.name, "scene")
+        folder = cls.shared_folder()
+        cls.street = os.path.join(folder, "street")
+        cls.scene = os.path.join(folder, "scene")
         made = fixtures.run(
             *["synth", "street", "-o", cls.street, "--size", "128x72", "--frames", "9", "--cameras", "1"],
             *["--samples", "2", "--objects", "3", "--lidar-points", "3000", "--pose-noise", "0.1", "--yaw-noise", "2"],

@@ -5,18 +5,7 @@ import os
 import struct
 
 import fixtures
-from fixtures import Case, files_below, make_dataset, ply_bytes, read, read_png, some_splats, splat
-
-FRONT = {
-    "width": 65,
-    "height": 49,
-    "fx": 60.0,
-    "fy": 60.0,
-    "cx": 32.5,
-    "cy": 24.5,
-    "camera_from_world_quaternion_wxyz": [1, 0, 0, 0],
-    "camera_from_world_translation": [0, 0, 0],
-}
+from fixtures import FRONT, Case, files_below, make_dataset, ply_bytes, read, read_png, some_splats, splat
 
 
 class Render(Case):

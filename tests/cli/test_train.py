@@ -10,25 +10,14 @@ import time
 import zlib
 
 import fixtures
-from fixtures import Case, files_below, make_dataset, read
-
-# Few Gaussians, so that the runs are short.
-SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
+from fixtures import SMALL, DataCase, files_below, make_dataset, read
 
 # What may differ between runs that must give the same bits.
 TIMED = {"report.json"}
 
 
-class Train(Case):
-    @classmethod
-    def setUpClass(cls):
-        cls.data_holder = fixtures.tempfile.TemporaryDirectory(prefix="pags-cli-data-")
-        cls.data = make_dataset(os.path.join(cls.data_holder.name, "data"), views=9)
-        cls.alone = None
-
-    @classmethod
-    def tearDownClass(cls):
-        cls.data_holder.cleanup()
+class Train(DataCase):
+    alone = None
 
     def train(self, out, *more, iterations=300):
         done = self.succeeds("train", self.data, "-o", out, "-n", iterations, "--json", "-", *SMALL, *more)

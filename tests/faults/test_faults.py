@@ -43,9 +43,7 @@ class Faults(Case):
 
     @classmethod
     def setUpClass(cls):
-        holder = fixtures.tempfile.TemporaryDirectory(prefix="pags-faults-")
-        cls.addClassCleanup(holder.cleanup)
-        cls.shared = holder.name
+        cls.shared = cls.shared_folder()
         cls.data = make_dataset(os.path.join(cls.shared, "data"), views=9)
 
     def train_command(self, out, *more, data=None):
