@@ -21,11 +21,24 @@ def root_of(context):
     return next((o for o in context.scene.objects if o.pags.kind == "ROOT"), None)
 
 
-def need_root(operator, context):
-    root = root_of(context)
-    if root is None:
-        operator.report({"ERROR"}, "there is no PAGS scene in this file: File > Import > PAGS scene")
-    return root
+class OnScene:
+    """What operators on the PAGS scene share: `work` does it and returns what to tell, or raises one of `errors`, which is reported."""
+
+    errors = (native.SceneError, OSError)
+
+    def execute(self, context):
+        root = root_of(context)
+        if root is None:
+            self.report({"ERROR"}, "there is no PAGS scene in this file: File > Import > PAGS scene")
+            return {"CANCELLED"}
+        try:
+            told = self.work(context, root)
+        except self.errors as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+        if told:
+            self.report({"INFO"}, told)
+        return {"FINISHED"}
 
 
 class Frame:
@@ -72,7 +85,7 @@ def set_frame(scene, frame):
 # ---- Photographs' cameras ----
 
 
-class PAGS_OT_jump(bpy.types.Operator):
+class PAGS_OT_jump(OnScene, bpy.types.Operator):
     """Go to a photograph of the recording: its time, its camera, and look through it"""
 
     bl_idname = "pags.jump"
@@ -84,32 +97,22 @@ class PAGS_OT_jump(bpy.types.Operator):
     )
     name: StringProperty(name="Photograph", description="File name; empty: the nearest in time", default="")
 
-    def execute(self, context):
-        root = need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
-        try:
-            frame = Frame(context, root)
-        except native.SceneError as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    def work(self, context, root):
+        frame = Frame(context, root)
         view = self.find(context, frame)
         if view is None:
-            self.report(
-                {"ERROR"}, f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs"
+            raise native.SceneError(
+                f"the scene has no photograph {self.name}" if self.name else "the scene has no photographs"
             )
-            return {"CANCELLED"}
         camera = self.camera_of(context, root, view)
         if camera is None:
-            self.report({"ERROR"}, "the scene was imported without its cameras")
-            return {"CANCELLED"}
+            raise native.SceneError("the scene was imported without its cameras")
         context.scene.camera = camera
         if "time" in view:
             set_frame(context.scene, frame.frame_of(view["time"]))
         if context.region_data is not None:
             context.region_data.view_perspective = "CAMERA"
-        self.report({"INFO"}, view["name"] + (" (held out)" if view["test"] else ""))
-        return {"FINISHED"}
+        return view["name"] + (" (held out)" if view["test"] else "")
 
     def find(self, context, frame):
         views = frame.scene.views
@@ -176,7 +179,7 @@ class PAGS_OT_size_of_camera(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class PAGS_OT_ego_path(bpy.types.Operator):
+class PAGS_OT_ego_path(OnScene, bpy.types.Operator):
     """Make a camera that drives as the recording car did, shifted to another lane or height"""
 
     bl_idname = "pags.ego_path"
@@ -193,14 +196,10 @@ class PAGS_OT_ego_path(bpy.types.Operator):
         name="Sensor", description="Whose lens and direction to take; -1: the first", default=-1, min=-1
     )
 
-    def execute(self, context):
-        root = need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
+    def work(self, context, root):
         source = self.source(context, root)
         if source is None:
-            self.report({"ERROR"}, "the scene was imported without its cameras, or nothing moved in it")
-            return {"CANCELLED"}
+            raise native.SceneError("the scene was imported without its cameras, or nothing moved in it")
         camera = source.copy()
         camera.data = source.data.copy()
         camera.name = "drive"
@@ -219,7 +218,6 @@ class PAGS_OT_ego_path(bpy.types.Operator):
         camera.pags.kind = "NONE"
         camera.location, camera.rotation_quaternion = source.location, source.rotation_quaternion
         context.scene.camera = camera
-        return {"FINISHED"}
 
     def source(self, context, root):
         cameras = [
@@ -273,7 +271,7 @@ def rotation(q):
     )
 
 
-class PAGS_OT_write_path(bpy.types.Operator, ExportHelper):
+class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
     """Write the scene's camera over the frame range as a path that "pags render --path" takes"""
 
     bl_idname = "export_scene.pags_path"
@@ -283,25 +281,20 @@ class PAGS_OT_write_path(bpy.types.Operator, ExportHelper):
     filter_glob: StringProperty(default="*.json", options={"HIDDEN"})
     single: BoolProperty(name="This frame alone", description="A camera file for pags render --camera", default=False)
 
-    def execute(self, context):
-        root = need_root(self, context)
+    errors = (native.SceneError, lens.LensError, OSError)
+
+    def work(self, context, root):
         scene = context.scene
-        if root is None or scene.camera is None:
-            self.report({"ERROR"}, "there is no camera in the scene")
-            return {"CANCELLED"}
-        try:
-            frames = self.frames(context, Frame(context, root))
-            with open(self.filepath, "w") as file:
-                json.dump(
-                    frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},
-                    file,
-                    indent=1,
-                )
-        except (native.SceneError, lens.LensError, OSError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"{len(frames)} cameras in {self.filepath}")
-        return {"FINISHED"}
+        if scene.camera is None:
+            raise native.SceneError("there is no camera in the scene")
+        frames = self.frames(context, Frame(context, root))
+        with open(self.filepath, "w") as file:
+            json.dump(
+                frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},
+                file,
+                indent=1,
+            )
+        return f"{len(frames)} cameras in {self.filepath}"
 
     def frames(self, context, frame):
         from .engine import picture_size
@@ -319,7 +312,7 @@ class PAGS_OT_write_path(bpy.types.Operator, ExportHelper):
         return out
 
 
-class PAGS_OT_read_path(bpy.types.Operator, ImportHelper):
+class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
     """Make an animated camera from a camera or path file"""
 
     bl_idname = "import_scene.pags_path"
@@ -338,19 +331,11 @@ class PAGS_OT_read_path(bpy.types.Operator, ImportHelper):
         default="TIMES",
     )
 
-    def execute(self, context):
-        root = need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
+    def work(self, context, root):
         try:
             self.read(context, Frame(context, root))
-        except (native.SceneError, OSError) as error:
-            self.report({"ERROR"}, str(error))
         except (ValueError, KeyError, TypeError, IndexError) as error:
-            self.report({"ERROR"}, f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})")
-        else:
-            return {"FINISHED"}
-        return {"CANCELLED"}
+            raise native.SceneError(f"{self.filepath}: not a camera or path file ({type(error).__name__}: {error})") from error
 
     def read(self, context, frame):
         with open(self.filepath) as file:

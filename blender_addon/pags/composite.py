@@ -44,13 +44,16 @@ def copy_settings(scene, second):
         setattr(second.pags, name, getattr(scene.pags, name))
 
 
-def road_height(entry, root):
+def eyes_of(entry):
+    """Where the recording's cameras were, relative to the scene's origin."""
+    poses = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)
+    return poses[:, :, 3] - np.array(entry.info["origin"])
+
+
+def road_height(entry):
     """Of the ground below the drive, relative to the scene's origin: the level at which most of the background near and below the cameras
     lies. (A low percentile lies under the road: ten centimetres at nine metres are half a metre along the ray.)"""
-    points = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3)
-    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(
-        entry.info["origin"]
-    )
+    points, eyes = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3), eyes_of(entry)
     if not len(eyes) or not len(points):
         return 0.0
     middle = np.median(eyes, axis=0)
@@ -67,11 +70,9 @@ def shadow_plane(scene, root, entry):
     known = next((o for o in scene.objects if o.get("pags_catcher") == "road"), None)
     if known is not None:
         return known
-    eyes = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)[:, :, 3] - np.array(
-        entry.info["origin"]
-    )
+    eyes = eyes_of(entry)
     low, high = (eyes.min(axis=0) - 40, eyes.max(axis=0) + 40) if len(eyes) else (np.full(3, -40), np.full(3, 40))
-    z = road_height(entry, root)
+    z = road_height(entry)
     mesh = bpy.data.meshes.new("road")
     mesh.from_pydata(
         [(low[0], low[1], z), (high[0], low[1], z), (high[0], high[1], z), (low[0], high[1], z)], [], [(0, 1, 2, 3)]
@@ -181,7 +182,7 @@ def build_nodes(scene, second, tolerance):
     return tree
 
 
-class PAGS_OT_composite(bpy.types.Operator):
+class PAGS_OT_composite(cameras.OnScene, bpy.types.Operator):
     """Set up F12 so that this file's meshes, rendered by Cycles or EEVEE, stand in the PAGS scene with their shadows on the road"""
 
     bl_idname = "pags.composite"
@@ -204,22 +205,13 @@ class PAGS_OT_composite(bpy.types.Operator):
         unit="LENGTH",
     )
 
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        scene = context.scene
-        if root is None:
-            return {"CANCELLED"}
-        if scene.camera is None:
-            self.report({"ERROR"}, "there is no camera in the scene")
-            return {"CANCELLED"}
-        try:
-            self.set_up(context, scene, root, native.load(cameras.absolute_path(root)))
-        except (native.SceneError, TypeError, AttributeError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        return {"FINISHED"}
+    errors = (native.SceneError, TypeError, AttributeError)
 
-    def set_up(self, context, scene, root, entry):
+    def work(self, context, root):
+        scene = context.scene
+        if scene.camera is None:
+            raise native.SceneError("there is no camera in the scene")
+        entry = native.load(cameras.absolute_path(root))
         if self.engine == "CYCLES":
             scene.render.engine = "CYCLES"
         else:

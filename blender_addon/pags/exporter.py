@@ -241,7 +241,7 @@ LEVELS = [
 ]
 
 
-class PAGS_OT_export(bpy.types.Operator, ExportHelper):
+class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
     """Export proxies or splats with the pags program, Blender's edits applied"""
 
     bl_idname = "export_scene.pags"
@@ -258,19 +258,13 @@ class PAGS_OT_export(bpy.types.Operator, ExportHelper):
         name="Apply edits", description="Objects moved, deleted or hidden and tracks changed in Blender", default=True
     )
 
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
-        try:
-            with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
-                source = Edited(context, root).collect().write(folder) if self.edits else absolute_path(root)
-                run_program(context, "export", source, self.filepath, *self.form())
-        except (native.SceneError, OSError, KeyError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"wrote {self.filepath}")
-        return {"FINISHED"}
+    errors = (native.SceneError, OSError, KeyError, ValueError)
+
+    def work(self, context, root):
+        with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
+            source = Edited(context, root).collect().write(folder) if self.edits else absolute_path(root)
+            run_program(context, "export", source, self.filepath, *self.form())
+        return f"wrote {self.filepath}"
 
     def form(self):
         """What the file name's ending leaves open."""
@@ -279,7 +273,7 @@ class PAGS_OT_export(bpy.types.Operator, ExportHelper):
         return ["--splats"] if self.content == "splats" else ["--proxy", self.content]
 
 
-class PAGS_OT_save_edited(bpy.types.Operator):
+class PAGS_OT_save_edited(cameras.OnScene, bpy.types.Operator):
     """Write the scene as Blender has it now into a new scene folder, which every pags command takes"""
 
     bl_idname = "pags.save_edited"
@@ -291,21 +285,15 @@ class PAGS_OT_save_edited(bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
+    errors = (native.SceneError, OSError, KeyError, ValueError)
+
+    def work(self, context, root):
         folder = bpy.path.abspath(self.directory)
-        try:
-            if os.path.exists(os.path.join(folder, "scene.json")):
-                raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
-            edited = Edited(context, root).collect()
-            edited.write(folder)
-        except (native.SceneError, OSError, KeyError, ValueError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out")
-        return {"FINISHED"}
+        if os.path.exists(os.path.join(folder, "scene.json")):
+            raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
+        edited = Edited(context, root).collect()
+        edited.write(folder)
+        return f"{folder}: {len(edited.moved)} objects moved, {len(edited.gone)} left out"
 
 
 def menu(self, context):

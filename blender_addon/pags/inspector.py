@@ -149,7 +149,7 @@ def forget():
     _compared = None
 
 
-class PAGS_OT_compare(bpy.types.Operator):
+class PAGS_OT_compare(cameras.OnScene, bpy.types.Operator):
     """Put the photograph at the current time and the engine's picture of it side by side, with their PSNR"""
 
     bl_idname = "pags.compare"
@@ -162,21 +162,16 @@ class PAGS_OT_compare(bpy.types.Operator):
         name="Exposure", description="Expose the picture as training found the photograph to be", default=True
     )
 
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
-        try:
-            frame = cameras.Frame(context, root)
-            finder = type("Finder", (), {"name": self.name, "step": 0})
-            view = cameras.PAGS_OT_jump.find(finder, context, frame)
-            if view is None:
-                raise native.SceneError("the scene has no photographs")
-            photograph = photographs.load(frame.entry, view)
-            picture = draw_view(frame.entry, view, context.scene.pags.threads)
-        except (native.SceneError, OSError, RuntimeError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
+    errors = (native.SceneError, OSError, RuntimeError)
+
+    def work(self, context, root):
+        frame = cameras.Frame(context, root)
+        finder = type("Finder", (), {"name": self.name, "step": 0})
+        view = cameras.PAGS_OT_jump.find(finder, context, frame)
+        if view is None:
+            raise native.SceneError("the scene has no photographs")
+        photograph = photographs.load(frame.entry, view)
+        picture = draw_view(frame.entry, view, context.scene.pags.threads)
         if self.use_exposure:
             picture = exposed(picture, view)
         value = psnr(picture, photograph)
@@ -184,8 +179,7 @@ class PAGS_OT_compare(bpy.types.Operator):
         _compared = (photograph, picture)
         wipe(context, context.scene.pags.wipe)
         context.scene.pags_compared = f"{view['name']}: PSNR {value:.2f} dB" + (" (held out)" if view["test"] else "")
-        self.report({"INFO"}, context.scene.pags_compared)
-        return {"FINISHED"}
+        return context.scene.pags_compared
 
 
 CLASSES = (PAGS_OT_pick, PAGS_OT_compare)

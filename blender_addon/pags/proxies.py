@@ -106,7 +106,7 @@ def keep(mesh, parent, matrix, collection):
     mesh.hide_set(True)
 
 
-class PAGS_OT_import_proxies(bpy.types.Operator):
+class PAGS_OT_import_proxies(cameras.OnScene, bpy.types.Operator):
     """Bring the exporter's proxies in as hidden meshes on their objects' tracks"""
 
     bl_idname = "pags.import_proxies"
@@ -121,20 +121,14 @@ class PAGS_OT_import_proxies(bpy.types.Operator):
     )
     level: EnumProperty(name="Proxies", description="What the program is to make", items=exporter.LEVELS)
 
-    def execute(self, context):
-        root = cameras.need_root(self, context)
-        if root is None:
-            return {"CANCELLED"}
-        try:
-            if self.filepath:
-                made = bring_in(context, root, bpy.path.abspath(self.filepath))
-            else:
-                made = make(context, root, self.level)
-        except (native.SceneError, OSError, RuntimeError) as error:
-            self.report({"ERROR"}, str(error))
-            return {"CANCELLED"}
-        self.report({"INFO"}, f"{len(made)} proxies")
-        return {"FINISHED"}
+    errors = (native.SceneError, OSError, RuntimeError)
+
+    def work(self, context, root):
+        if self.filepath:
+            made = bring_in(context, root, bpy.path.abspath(self.filepath))
+        else:
+            made = make(context, root, self.level)
+        return f"{len(made)} proxies"
 
 
 CLASSES = (PAGS_OT_import_proxies,)

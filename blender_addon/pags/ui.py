@@ -168,16 +168,9 @@ class PAGS_PT_settings(RenderPanel, bpy.types.Panel):
         layout.prop(context.scene.render, "film_transparent", text="Transparent sky")
 
 
-class PAGS_PT_passes(bpy.types.Panel):
+class PAGS_PT_passes(RenderPanel, bpy.types.Panel):
     bl_label = "Passes"
-    bl_space_type = "PROPERTIES"
-    bl_region_type = "WINDOW"
     bl_context = "view_layer"
-    COMPAT_ENGINES = {"PAGS"}
-
-    @classmethod
-    def poll(cls, context):
-        return context.engine == "PAGS"
 
     def draw(self, context):
         layout = self.layout

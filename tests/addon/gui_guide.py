@@ -208,7 +208,7 @@ def mesh_car():
     scene = bpy.context.scene
     root = next(o for o in scene.objects if o.pags.kind == "ROOT")
     ego = bpy.data.objects["ego"].matrix_world
-    road = root.matrix_world.translation.z + composite.road_height(native.load(STREET), root)
+    road = root.matrix_world.translation.z + composite.road_height(native.load(STREET))
     parts = []
     with in_view():
         build(parts)
