@@ -6,7 +6,9 @@
 #include <math.h>
 
 #include <pags/camera.h>
+#include <pags/dataset.h>
 
+#include "shared_data.h"
 #include "unit/scratch.h"
 
 enum { TREE_FRAMES = 5, TREE_CAMERAS = 2, TREE_WIDTH = 48, TREE_HEIGHT = 32 };
@@ -196,6 +198,47 @@ static inline void tree_write(scratch *s, const tree_kind *kind) {
   tree_text(s, "timestamps.json",
             "{\"frames\": [100, 100.5, 101, 101.5, 102],\n"
             "\"cameras\": {\"0\": [99.9, 100.4, 100.9, 101.4, 101.9], \"1\": [99.8, 100.3, 100.8, 101.3, null]}}");
+}
+
+/* A set of the kind; NULL: as dataset.json says. */
+static inline pags_dataset_options tree_options(const char *kind) {
+  pags_dataset_options options = pags_dataset_options_default();
+  options.kind = kind;
+  return options;
+}
+
+/* Whether it opens. */
+static inline pags_result tree_open(scratch *s, const pags_dataset_options *options) {
+  pags_dataset *dataset;
+  pags_result result = pags_dataset_open(s->folder, options, &dataset);
+  pags_dataset_close(dataset);
+  return result;
+}
+
+static inline bool tree_has_note(const pags_dataset *dataset, const char *part) {
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+    if (strstr(pags_dataset_note(dataset, i), part))
+      return true;
+  return false;
+}
+
+/* A grey picture of the tree's size. */
+static inline void tree_write_grey(scratch *s, const char *name, uint8_t (*paint)(int x, int y)) {
+  pags_image image;
+  scratch_ok(pags_image_create(&image, TREE_WIDTH, TREE_HEIGHT, 1, PAGS_U8));
+  for (int i = 0; i < TREE_WIDTH * TREE_HEIGHT; i++)
+    ((uint8_t *)image.data)[i] = paint(i % TREE_WIDTH, i / TREE_WIDTH);
+  scratch_image(s, name, &image);
+}
+
+/* PandaSet's scene 002, NULL where it isn't. */
+static inline pags_dataset *tree_pandaset(void) {
+  char path[1024];
+  pags_dataset *dataset;
+  if (!pags_shared_data("pandaset-002", path, sizeof path))
+    return NULL;
+  scratch_ok(pags_dataset_open(path, NULL, &dataset));
+  return dataset;
 }
 
 #endif

@@ -66,6 +66,15 @@ static inline void scratch_text(scratch *s, const char *name, const char *text) 
   scratch_write(s, name, text, strlen(text));
 }
 
+/* Saves and destroys the image. */
+static inline void scratch_image(scratch *s, const char *name, pags_image *image) {
+  char *folder = pags_path_folder(scratch_path(s, name));
+  scratch_ok(pags_make_dirs(folder));
+  free(folder);
+  scratch_ok(pags_image_save(scratch_path(s, name), image));
+  pags_image_destroy(image);
+}
+
 /* An RGB picture of 8 bits whose samples are paint(x, y, c). */
 static inline void scratch_picture(scratch *s, const char *name, int width, int height,
                                    uint8_t (*paint)(int x, int y, int c)) {
@@ -76,11 +85,7 @@ static inline void scratch_picture(scratch *s, const char *name, int width, int 
     for (int x = 0; x < width; x++)
       for (int c = 0; c < 3; c++)
         *out++ = paint(x, y, c);
-  char *folder = pags_path_folder(scratch_path(s, name));
-  scratch_ok(pags_make_dirs(folder));
-  free(folder);
-  scratch_ok(pags_image_save(scratch_path(s, name), &image));
-  pags_image_destroy(&image);
+  scratch_image(s, name, &image);
 }
 
 /* Fails unless `result` is `code` and the message has `part` in it and is one line. */

@@ -61,18 +61,6 @@ static uint8_t white_both(int x, int y) {
   return white_right(x, y) | white_top(x, y);
 }
 
-static void write_grey(scratch *s, const char *name, uint8_t (*paint)(int x, int y)) {
-  pags_image image;
-  scratch_ok(pags_image_create(&image, TREE_WIDTH, TREE_HEIGHT, 1, PAGS_U8));
-  for (int i = 0; i < TREE_WIDTH * TREE_HEIGHT; i++)
-    ((uint8_t *)image.data)[i] = paint(i % TREE_WIDTH, i / TREE_WIDTH);
-  char *folder = pags_path_folder(scratch_path(s, name));
-  scratch_ok(pags_make_dirs(folder));
-  free(folder);
-  scratch_ok(pags_image_save(scratch_path(s, name), &image));
-  pags_image_destroy(&image);
-}
-
 /* Where view 4 (frame 2, camera 0), which has both boxes, shows critical pixels: bits of the regions. */
 static void critical_plane(const pags_dataset *dataset, int64_t view, uint8_t *plane, int width, int height) {
   pags_tasks *tasks = pags_tasks_create(1);
@@ -111,12 +99,12 @@ static void check_case(const critical_case *c) {
   tree_write_cameras(&s, &tree_kinds[1]);
   tree_write_boxes(&s, &tree_kinds[1]);
   if (strchr(c->files, 'c'))
-    write_grey(&s, "semantic/002_0.png", classes);
+    tree_write_grey(&s, "semantic/002_0.png", classes);
   if (strchr(c->files, 'd'))
-    write_grey(&s, "dynamic_masks/all/002_0.png", white_both);
+    tree_write_grey(&s, "dynamic_masks/all/002_0.png", white_both);
   if (strchr(c->files, 'p')) {
-    write_grey(&s, "dynamic_masks/vehicle/002_0.png", white_right);
-    write_grey(&s, "dynamic_masks/human/002_0.png", white_top);
+    tree_write_grey(&s, "dynamic_masks/vehicle/002_0.png", white_right);
+    tree_write_grey(&s, "dynamic_masks/human/002_0.png", white_top);
   }
   options.kind = "pandaset";
   options.critical = c->list;
@@ -130,10 +118,7 @@ static void check_case(const critical_case *c) {
     if (found[i] != ((regions & c->regions) != 0))
       fail_msg("critical '%s' with '%s': %d at %d %d", c->list ? c->list : "-", c->files, found[i], x, y);
   }
-  bool noted = false;
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    noted = noted || strstr(pags_dataset_note(dataset, i), c->note);
-  if (!noted)
+  if (!tree_has_note(dataset, c->note))
     fail_msg("critical '%s' with '%s': no note '%s'", c->list ? c->list : "-", c->files, c->note);
   pags_dataset_close(dataset);
   scratch_end(&s);
@@ -169,7 +154,7 @@ static void other_sets_are_read(void **state) {
   scratch_begin(&s);
   tree_write_cameras(&s, &tree_kinds[1]);
   tree_write_boxes(&s, &tree_kinds[1]);
-  write_grey(&s, "semantic/002_0.png", classes);
+  tree_write_grey(&s, "semantic/002_0.png", classes);
   tree_text(&s, "dataset.json", "{\"kind\": \"pandaset\", \"labels\": \"kitti-360 ids\"}");
   options.critical = "Pedestrian";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
@@ -219,8 +204,8 @@ static void boxes_know_more_words(void **state) {
       memcpy(text + i, "\"Bot\"", 5);
   tree_bytes(&s, "instances/instances_info.json", text, size);
   free(text);
-  write_grey(&s, "semantic/002_0.png", classes);
-  write_grey(&s, "dynamic_masks/all/002_0.png", white_both);
+  tree_write_grey(&s, "semantic/002_0.png", classes);
+  tree_write_grey(&s, "dynamic_masks/all/002_0.png", white_both);
   options.kind = "pandaset";
   options.critical = "bot";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));

@@ -5,12 +5,6 @@
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 
-static pags_dataset_options with_kind(const char *kind) {
-  pags_dataset_options options = pags_dataset_options_default();
-  options.kind = kind;
-  return options;
-}
-
 static void expect_matrix(const double *found, const double *expected) {
   for (int i = 0; i < 12; i++)
     if (!(fabs(found[i] - expected[i]) < 1e-9))
@@ -86,7 +80,7 @@ static void every_kind_reads_the_same(void **state) {
   (void)state;
   for (int i = 0; i < TREE_KINDS; i++)
     for (int described = 0; described < 2; described++) {
-      pags_dataset_options options = with_kind(described ? NULL : tree_kinds[i].name);
+      pags_dataset_options options = tree_options(described ? NULL : tree_kinds[i].name);
       pags_dataset *dataset;
       char text[64];
       scratch s;
@@ -134,7 +128,7 @@ static void stated_keys_win(void **state) {
     tree_write_matrix(&s, name, pose);
   }
   for (int i = 0; i < 4; i++) {
-    pags_dataset_options options = with_kind(i == 3 ? "nuplan" : NULL); /* overrides the file's kind, not its keys */
+    pags_dataset_options options = tree_options(i == 3 ? "nuplan" : NULL); /* overrides the file's kind, not its keys */
     pags_dataset *dataset;
     char text[1024];
     snprintf(text, sizeof text, "%s%s", kinds[i % 3], stated);
@@ -149,16 +143,9 @@ static void stated_keys_win(void **state) {
   scratch_end(&s);
 }
 
-static pags_result open_in(scratch *s, const pags_dataset_options *options) {
-  pags_dataset *dataset;
-  pags_result result = pags_dataset_open(s->folder, options, &dataset);
-  pags_dataset_close(dataset);
-  return result;
-}
-
 static void options_choose(void **state) {
   (void)state;
-  pags_dataset_options options = with_kind("kitti");
+  pags_dataset_options options = tree_options("kitti");
   pags_dataset *dataset;
   scratch s;
   scratch_begin(&s);
@@ -177,7 +164,7 @@ static void options_choose(void **state) {
     assert_true(pags_dataset_object(dataset, 0)->knots[i].trained == (i != 1));
   }
   pags_dataset_close(dataset);
-  options = with_kind("kitti");
+  options = tree_options("kitti");
   options.split_every = 0;
   options.holdout_camera = "0";
   scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
@@ -192,24 +179,24 @@ static void options_choose(void **state) {
   assert_true(count == 0 && random == 0);
   pags_dataset_close(dataset);
   options.cameras = "0,2";
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_ARGUMENT, "camera 2 is asked for");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "camera 2 is asked for");
   options.cameras = "0,";
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_ARGUMENT, "cameras '0,'");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "cameras '0,'");
   options.cameras = "1";
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_ARGUMENT, "held-out camera '0'");
-  options = with_kind("kitti");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "held-out camera '0'");
+  options = tree_options("kitti");
   options.frame_first = 7;
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_FORMAT, "found none");
-  options = with_kind("lyft");
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_ARGUMENT, "kind 'lyft' is not known; expected waymo");
-  options = with_kind(NULL);
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_FORMAT, "pass --kind");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_FORMAT, "found none");
+  options = tree_options("lyft");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_ARGUMENT, "kind 'lyft' is not known; expected waymo");
+  options = tree_options(NULL);
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_FORMAT, "pass --kind");
   scratch_end(&s);
 }
 
 static void without_times_and_boxes(void **state) {
   (void)state;
-  pags_dataset_options options = with_kind(NULL);
+  pags_dataset_options options = tree_options(NULL);
   pags_dataset *dataset;
   scratch s;
   scratch_begin(&s);
@@ -270,7 +257,7 @@ static void bad_files_are_explained(void **state) {
       {"dataset.json", "{\"labels\": \"ade20k\"}", "expected 'labels'"},
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-    pags_dataset_options options = with_kind(strstr(cases[i].text ? cases[i].text : "", "lyft") ? NULL : "kitti");
+    pags_dataset_options options = tree_options(strstr(cases[i].text ? cases[i].text : "", "lyft") ? NULL : "kitti");
     scratch s;
     scratch_begin(&s);
     tree_write(&s, &tree_kinds[2]);
@@ -280,7 +267,7 @@ static void bad_files_are_explained(void **state) {
       tree_text(&s, cases[i].file, cases[i].text);
     else
       scratch_ok(pags_remove_tree(scratch_path(&s, cases[i].file)));
-    pags_result result = open_in(&s, &options);
+    pags_result result = tree_open(&s, &options);
     if (result != PAGS_ERROR_FORMAT && result != PAGS_ERROR_IO)
       fail_msg("case %d: %s", (int)i, pags_result_name(result));
     scratch_expect(result, result, cases[i].message);
@@ -288,18 +275,9 @@ static void bad_files_are_explained(void **state) {
   }
 }
 
-static pags_dataset *open_pandaset(void) {
-  char path[1024];
-  pags_dataset *dataset;
-  if (!pags_shared_data("pandaset-002", path, sizeof path))
-    return NULL;
-  scratch_ok(pags_dataset_open(path, NULL, &dataset));
-  return dataset;
-}
-
 static void pandaset_reads(void **state) {
   (void)state;
-  pags_dataset *dataset = open_pandaset();
+  pags_dataset *dataset = tree_pandaset();
   if (!dataset)
     skip();
   assert_int_equal(pags_dataset_view_count(dataset), 240);
@@ -324,7 +302,7 @@ static void pandaset_reads(void **state) {
 /* Vehicles faster than 2 m/s look where they go. */
 static void pandaset_boxes_look_ahead(void **state) {
   (void)state;
-  pags_dataset *dataset = open_pandaset();
+  pags_dataset *dataset = tree_pandaset();
   if (!dataset)
     skip();
   double sum = 0;
@@ -351,190 +329,9 @@ static void pandaset_boxes_look_ahead(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Labels. */
-
-static void with_photo(const pags_dataset *dataset, int64_t view, int shrink, void (*look)(const pags_photo *, void *),
-                       void *context) {
-  pags_tasks *tasks = pags_tasks_create(1);
-  pags_photo_cache *cache;
-  pags_photo photo;
-  scratch_ok(pags_photo_cache_create(dataset, tasks, UINT64_C(1) << 26, &cache));
-  scratch_ok(pags_photo_cache_get(cache, view, shrink, &photo));
-  look(&photo, context);
-  pags_photo_cache_destroy(cache);
-  pags_tasks_destroy(tasks);
-}
-
-static void copy_photo(const pags_photo *photo, void *context) {
-  pags_photo *out = context;
-  size_t plane = (size_t)photo->stride * (size_t)photo->height;
-  *out = *photo;
-  out->rgb = NULL;
-  uint8_t *labels = photo->labels ? malloc(plane) : NULL, *mask = photo->mask ? malloc(plane) : NULL;
-  if (labels)
-    memcpy(labels, photo->labels, plane);
-  if (mask)
-    memcpy(mask, photo->mask, plane);
-  out->labels = labels;
-  out->mask = mask;
-}
-
-static void drop_photo(pags_photo *photo) {
-  free((void *)(uintptr_t)photo->labels);
-  free((void *)(uintptr_t)photo->mask);
-}
-
-/* A grey picture of the tree's size. */
-static void write_grey(scratch *s, const char *name, uint8_t (*paint)(int x, int y)) {
-  pags_image image;
-  scratch_ok(pags_image_create(&image, TREE_WIDTH, TREE_HEIGHT, 1, PAGS_U8));
-  for (int i = 0; i < TREE_WIDTH * TREE_HEIGHT; i++)
-    ((uint8_t *)image.data)[i] = paint(i % TREE_WIDTH, i / TREE_WIDTH);
-  char *folder = pags_path_folder(scratch_path(s, name));
-  scratch_ok(pags_make_dirs(folder));
-  free(folder);
-  scratch_ok(pags_image_save(scratch_path(s, name), &image));
-  pags_image_destroy(&image);
-}
-
-static uint8_t white_above(int x, int y) {
-  (void)x;
-  return y < 6 ? 255 : 0;
-}
-
-static uint8_t white_right(int x, int y) {
-  (void)y;
-  return x >= 40 ? 255 : 0;
-}
-
-static uint8_t white_low(int x, int y) {
-  (void)x;
-  return y >= 30 ? 255 : 0;
-}
-
-static uint8_t classes(int x, int y) {
-  return y < 4 ? 10 : x < 5 ? 13 : x < 10 ? 11 : x < 15 ? 19 : 0; /* sky, car, person, unknown, road */
-}
-
-static int label_at(const pags_photo *photo, int x, int y) {
-  return photo->labels[y * photo->stride + x];
-}
-
-/* Bits that boxes give, drawn here from their outlines. */
-static int box_bits(const pags_dataset *dataset, const pags_view *view, int x, int y, const int bits[2]) {
-  int sum = 0;
-  for (int i = 0; i < 2; i++) {
-    double pose[12], corners[32];
-    uint8_t plane[TREE_WIDTH * TREE_HEIGHT] = {0};
-    const pags_object *object = pags_dataset_object(dataset, i);
-    if (!pags_object_pose(object, view->camera.time, pose) || (i == 1 && (view->frame == 0 || view->frame == 4)))
-      continue;
-    int count = pags_box_outline(&view->camera, pose, object->size, corners);
-    pags_outline_fill(corners, count, view->camera.width, view->camera.height, view->camera.width, 1, plane);
-    sum |= plane[y * view->camera.width + x] ? bits[i] : 0;
-  }
-  return sum;
-}
-
-/* Expected bits of every pixel; files are named by letters: s sky, c semantic classes, d dynamic, b boxes. */
-static void check_labels(scratch *s, const char *files, int shrink) {
-  pags_dataset_options options = with_kind("pandaset");
-  pags_dataset *dataset;
-  pags_photo photo;
-  options.downscale = shrink;
-  scratch_ok(pags_dataset_open(s->folder, &options, &dataset));
-  const pags_view *view = pags_dataset_view(dataset, 4);
-  with_photo(dataset, 4, 1, copy_photo, &photo);
-  bool sky = strchr(files, 's'), semantic = strchr(files, 'c'), dynamic = strchr(files, 'd'),
-       boxes = strchr(files, 'b');
-  const int critical = semantic ? 0 : PAGS_LABEL_CRITICAL;
-  const int bits[2] = {PAGS_LABEL_VEHICLE | critical | (dynamic ? 0 : PAGS_LABEL_MOVING), PAGS_LABEL_PARKED | critical};
-  int seen = 0;
-  for (int y = 0; y < photo.height; y++)
-    for (int x = 0; x < photo.width; x++) {
-      int u = x * shrink + shrink / 2, v = y * shrink + shrink / 2,
-          expected = boxes ? box_bits(dataset, view, x, y, bits) : 0;
-      expected |= (sky ? white_above(u, v) : semantic && classes(u, v) == 10) ? PAGS_LABEL_SKY : 0;
-      expected |= semantic && classes(u, v) >= 11 && classes(u, v) <= 18 ? PAGS_LABEL_CRITICAL : 0;
-      expected |= dynamic && white_right(u, v) ? PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL : 0;
-      if (label_at(&photo, x, y) != expected)
-        fail_msg("%s / %d: label %d at %d %d, expected %d", files, shrink, label_at(&photo, x, y), x, y, expected);
-      seen |= expected;
-      bool used =
-          boxes || !((semantic && classes(u, v) >= 11 && classes(u, v) <= 18) || (dynamic && white_right(u, v)));
-      if (shrink == 1)
-        assert_int_equal(photo.mask ? photo.mask[y * photo.stride + x] : 255, used ? 255 : 0);
-    }
-  if (boxes)
-    assert_true((seen & PAGS_LABEL_VEHICLE) && (seen & PAGS_LABEL_PARKED));
-  drop_photo(&photo);
-  pags_dataset_close(dataset);
-}
-
-static void labels_come_from_what_there_is(void **state) {
-  (void)state;
-  static const char *const sets[] = {"s", "c", "d", "b", "sc", "cb", "db", "sdb", "scdb"};
-  for (size_t i = 0; i < sizeof sets / sizeof *sets; i++)
-    for (int shrink = 1; shrink <= 2; shrink++) {
-      scratch s;
-      scratch_begin(&s);
-      tree_write_cameras(&s, &tree_kinds[1]);
-      if (strchr(sets[i], 's'))
-        write_grey(&s, "sky_masks/002_0.png", white_above);
-      if (strchr(sets[i], 'c'))
-        write_grey(&s, "semantic/002_0.png", classes);
-      if (strchr(sets[i], 'd'))
-        write_grey(&s, "dynamic_masks/all/002_0.png", white_right);
-      if (strchr(sets[i], 'b'))
-        tree_write_boxes(&s, &tree_kinds[1]);
-      check_labels(&s, sets[i], shrink);
-      scratch_end(&s);
-    }
-}
-
-/* The budget holds with label planes, too, and all of them come out the same as with plenty. */
-static void budgets_count_labels(void **state) {
-  (void)state;
-  pags_dataset *dataset;
-  scratch s;
-  scratch_begin(&s);
-  tree_write(&s, &tree_kinds[1]);
-  for (int t = 0; t < TREE_FRAMES; t++) {
-    char name[64];
-    snprintf(name, sizeof name, "semantic/%03d_0.png", t);
-    write_grey(&s, name, classes);
-  }
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  /* Three photographs with a label plane; a decode holds the source's six bytes a pixel besides. */
-  const uint64_t room = 3 * (5 * 48 * TREE_HEIGHT + 64) + 6 * 48 * TREE_HEIGHT;
-  for (int round = 0; round < 3; round++) {
-    uint64_t budget = room + (uint64_t)round * 9000, used, peak, decoded;
-    pags_tasks *tasks = pags_tasks_create(2);
-    pags_photo_cache *cache;
-    int64_t order[TREE_FRAMES * TREE_CAMERAS];
-    scratch_ok(pags_photo_cache_create(dataset, tasks, budget, &cache));
-    for (int i = 0; i < TREE_FRAMES * TREE_CAMERAS; i++)
-      order[i] = i * 3 % (TREE_FRAMES * TREE_CAMERAS);
-    pags_photo_cache_prefetch(cache, order, TREE_FRAMES * TREE_CAMERAS, 1);
-    for (int i = 0; i < TREE_FRAMES * TREE_CAMERAS; i++) {
-      pags_photo photo, alone;
-      with_photo(dataset, order[i], 1, copy_photo, &alone);
-      scratch_ok(pags_photo_cache_get(cache, order[i], 1, &photo));
-      assert_memory_equal(photo.labels, alone.labels, (size_t)(photo.stride * photo.height));
-      drop_photo(&alone);
-      pags_photo_cache_figures(cache, &used, &peak, &decoded);
-      assert_true(used >= 4 * 48 * TREE_HEIGHT && peak <= budget);
-    }
-    pags_photo_cache_destroy(cache);
-    pags_tasks_destroy(tasks);
-  }
-  pags_dataset_close(dataset);
-  scratch_end(&s);
-}
-
 static void missing_pictures_may_be_left_out(void **state) {
   (void)state;
-  pags_dataset_options options = with_kind("kitti");
+  pags_dataset_options options = tree_options("kitti");
   pags_dataset *dataset;
   scratch s;
   scratch_begin(&s);
@@ -555,196 +352,10 @@ static void missing_pictures_may_be_left_out(void **state) {
   scratch_end(&s);
 }
 
-static void a_mask_of_another_size_is_refused(void **state) {
-  (void)state;
-  pags_dataset *dataset;
-  pags_photo_cache *cache;
-  pags_photo photo;
-  pags_tasks *tasks = pags_tasks_create(1);
-  scratch s;
-  scratch_begin(&s);
-  tree_write_cameras(&s, &tree_kinds[1]);
-  scratch_picture(&s, "sky_masks/000_0.png", 20, 10, tree_paint);
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  scratch_ok(pags_photo_cache_create(dataset, tasks, UINT64_C(1) << 24, &cache));
-  scratch_expect(pags_photo_cache_get(cache, 0, 1, &photo), PAGS_ERROR_FORMAT, "sky_masks/000_0.png: 20 x 10 pixels");
-  pags_photo_cache_destroy(cache);
-  pags_dataset_close(dataset);
-  pags_tasks_destroy(tasks);
-  scratch_end(&s);
-}
-
-/* Barrel distortion: labels move with the picture. The mask's border, straight in the source, is found where the lens puts it. */
-static void labels_are_undistorted(void **state) {
-  (void)state;
-  pags_dataset *dataset;
-  pags_photo photo;
-  scratch s;
-  scratch_begin(&s);
-  tree_write_cameras(&s, &tree_kinds[1]);
-  tree_text(&s, "intrinsics/0.txt", "40 40 24 16 -0.2 0.01 0 0 0");
-  write_grey(&s, "dynamic_masks/all/000_0.png", white_right);
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  with_photo(dataset, 0, 1, copy_photo, &photo);
-  const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-  int moving = 0;
-  for (int y = 0; y < photo.height; y++)
-    for (int x = 0; x < photo.width; x++) {
-      double a = (x + 0.5 - camera->cx) / camera->fx, b = (y + 0.5 - camera->cy) / camera->fy, r = a * a + b * b;
-      double u = 40 * a * (1 - 0.2 * r + 0.01 * r * r) + 24;
-      assert_int_equal(label_at(&photo, x, y), u >= 40 ? PAGS_LABEL_MOVING | PAGS_LABEL_CRITICAL : 0);
-      moving += u >= 40;
-    }
-  assert_true(moving > 0 && photo.width < TREE_WIDTH + 8);
-  drop_photo(&photo);
-  pags_dataset_close(dataset);
-  scratch_end(&s);
-}
-
-/* A wall of laser points over the left half, up to some 5 degrees; the right half has a road only. */
-static void sky_is_guessed_from_the_laser(void **state) {
-  (void)state;
-  enum { COUNT = 40 * 60 };
-  static float rows[COUNT * 5];
-  pags_dataset *dataset;
-  pags_photo photo;
-  scratch s;
-  scratch_begin(&s);
-  tree_write(&s, &tree_kinds[1]);
-  scratch_ok(pags_remove_tree(scratch_path(&s, "instances")));
-  for (int i = 0; i < COUNT; i++) {
-    double azimuth = (i % 60 - 30) * 0.03, elevation = i / 60 * 0.006 - 0.14, range = 30;
-    bool wall = azimuth > 0; /* y is left */
-    float *row = rows + 5 * i;
-    row[0] = (float)(range * cos(azimuth) + 1.5), row[1] = (float)(range * sin(azimuth) + 0.3);
-    row[2] = (float)(1.6 + range * tan(wall ? elevation : -0.1));
-    if (!wall && i == 0) /* a mast far to the right shows how high the laser looks */
-      row[2] = (float)(1.6 + range * tan(0.4));
-  }
-  tree_bytes(&s, "lidar/000.bin", rows, sizeof rows);
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  with_photo(dataset, 0, 1, copy_photo, &photo);
-  const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-  int sky = 0;
-  for (int y = 0; y < photo.height; y++)
-    for (int x = 0; x < photo.width; x++) {
-      double azimuth = -atan((x + 0.5 - camera->cx) / camera->fx);
-      double elevation = atan((camera->cy - y - 0.5) / hypot(camera->fx, x + 0.5 - camera->cx));
-      int found = label_at(&photo, x, y) & PAGS_LABEL_SKY;
-      if (fabs(azimuth) < 0.06 || azimuth < -0.4)
-        continue;
-      double top = azimuth > 0 ? 39 * 0.006 - 0.14 + 0.026 : 0.0175;
-      if (fabs(elevation - top) > 0.02)
-        assert_int_equal(found, elevation > top);
-      sky += found;
-    }
-  assert_true(sky > 100);
-  drop_photo(&photo);
-  pags_dataset_close(dataset);
-  scratch_end(&s);
-}
-
-/* Ego masks. */
-
-enum { WIDE = 320, HIGH = 200, DRIVE = 24 };
-
-static int drive_frame;
-
-/* Noise that goes by, and, below, a patterned bonnet that stays. */
-static uint8_t paint_drive(int x, int y, int c) {
-  bool bonnet = y > 150 + (x - 160) * (x - 160) / 400;
-  unsigned seed =
-      (unsigned)(x / 4) * 73856093u ^ (unsigned)(y / 4) * 19349663u ^ (bonnet ? 0 : (unsigned)drive_frame * 83492791u);
-  seed = (seed ^ seed >> 13) * 1274126177u;
-  return (uint8_t)((seed >> 16 & 127) + (unsigned)c);
-}
-
-static uint8_t paint_open(int x, int y, int c) {
-  return paint_drive(x, y > 150 ? 300 - y : y, c);
-}
-
-static void write_drive(scratch *s, uint8_t (*paint)(int x, int y, int c)) {
-  for (drive_frame = 0; drive_frame < DRIVE; drive_frame++) {
-    double pose[12];
-    char name[64];
-    snprintf(name, sizeof name, "images/%03d_0.png", drive_frame);
-    scratch_picture(s, name, WIDE, HIGH, paint);
-    snprintf(name, sizeof name, "extrinsics/%03d_0.txt", drive_frame);
-    tree_view(drive_frame, 0, pose);
-    tree_write_matrix(s, name, pose);
-  }
-  tree_text(s, "intrinsics/0.txt", "200 200 160 100 0 0 0 0 0");
-}
-
-static bool has_note(const pags_dataset *dataset, const char *part) {
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    if (strstr(pags_dataset_note(dataset, i), part))
-      return true;
-  return false;
-}
-
-static void the_own_car_is_found(void **state) {
-  (void)state;
-  pags_dataset *dataset;
-  pags_photo photo;
-  scratch s;
-  scratch_begin(&s);
-  write_drive(&s, paint_drive);
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  assert_true(has_note(dataset, "ego mask: camera 0 sees"));
-  with_photo(dataset, 3, 1, copy_photo, &photo);
-  assert_non_null(photo.mask);
-  for (int y = 0; y < HIGH; y++)
-    for (int x = 0; x < WIDE; x++) {
-      int depth = y - (150 + (x - 160) * (x - 160) / 400); /* px below the bonnet's edge */
-      if (depth > 4 && abs(x - 160) < 100)
-        assert_int_equal(photo.mask[y * photo.stride + x], 0);
-      if (depth < -8)
-        assert_int_equal(photo.mask[y * photo.stride + x], 255);
-    }
-  drop_photo(&photo);
-  pags_dataset_close(dataset);
-  write_drive(&s, paint_open);
-  scratch_ok(pags_dataset_open(s.folder, NULL, &dataset));
-  assert_true(has_note(dataset, "none found"));
-  pags_dataset_close(dataset);
-  scratch_end(&s);
-}
-
-static void given_ego_masks_are_used(void **state) {
-  (void)state;
-  for (int given = 0; given < 3; given++) {
-    pags_dataset_options options = with_kind("pandaset");
-    pags_dataset *dataset;
-    scratch s;
-    scratch_begin(&s);
-    tree_write_cameras(&s, &tree_kinds[1]);
-    write_grey(&s, given == 0 ? "ego_masks/1.png" : "elsewhere/1.png", white_low);
-    char path[256];
-    snprintf(path, sizeof path, "%s/%s", s.folder, given == 1 ? "elsewhere" : "elsewhere/1.png");
-    options.ego_mask = given > 0 ? path : NULL;
-    scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
-    for (int view = 0; view < 2; view++) { /* cameras 0 and 1 */
-      pags_photo photo;
-      with_photo(dataset, view, 1, copy_photo, &photo);
-      bool masked = given == 2 || view == 1;
-      assert_true((photo.mask != NULL) == masked);
-      for (int i = 0; masked && i < TREE_WIDTH * TREE_HEIGHT; i++)
-        assert_int_equal(photo.mask[i / TREE_WIDTH * photo.stride + i % TREE_WIDTH],
-                         white_low(0, i / TREE_WIDTH) ? 0 : 255);
-      drop_photo(&photo);
-    }
-    pags_dataset_close(dataset);
-    scratch_picture(&s, given == 0 ? "ego_masks/1.png" : "elsewhere/1.png", 20, 10, tree_paint);
-    scratch_expect(open_in(&s, &options), PAGS_ERROR_FORMAT, "ego mask of 20 x 10 pixels");
-    scratch_end(&s);
-  }
-}
-
 /* SfM points: those that fewer than two training views see are left out; ids go by image name. */
 static void sfm_points_are_added(void **state) {
   (void)state;
-  pags_dataset_options options = with_kind("pandaset");
+  pags_dataset_options options = tree_options("pandaset");
   pags_dataset *dataset;
   int64_t count;
   const float *xyz;
@@ -765,107 +376,8 @@ static void sfm_points_are_added(void **state) {
   assert_true(xyz[0] == 1 && xyz[5] == 9 && rgb[0] == 10 && rgb[5] == 90);
   pags_dataset_close(dataset);
   options.sfm = "nowhere";
-  scratch_expect(open_in(&s, &options), PAGS_ERROR_FORMAT, "nowhere: not a COLMAP model");
+  scratch_expect(tree_open(&s, &options), PAGS_ERROR_FORMAT, "nowhere: not a COLMAP model");
   scratch_end(&s);
-}
-
-/* Boxes of all objects against dynamic_masks/all, which were drawn from them by other code. */
-static void pandaset_boxes_match_masks(void **state) {
-  (void)state;
-  pags_dataset *dataset = open_pandaset();
-  if (!dataset)
-    skip();
-  int64_t both = 0, either = 0;
-  for (int64_t i = 0; i < 240; i += 7) {
-    pags_photo photo;
-    const pags_view *view = pags_dataset_view(dataset, i);
-    with_photo(dataset, i, 1, copy_photo, &photo);
-    uint8_t *plane = calloc((size_t)photo.stride, (size_t)photo.height);
-    assert_non_null(plane);
-    for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
-      const pags_object *object = pags_dataset_object(dataset, k);
-      double corners[32];
-      for (int64_t j = 0; j < object->knot_count; j++)
-        if (object->knots[j].frame == view->frame)
-          pags_outline_fill(corners,
-                            pags_box_outline(&view->camera, object->knots[j].world_from_object, object->size, corners),
-                            photo.width, photo.height, photo.stride, 1, plane);
-    }
-    for (int j = 0; j < photo.stride * photo.height; j++) {
-      bool mask = photo.labels[j] & PAGS_LABEL_MOVING, box = plane[j];
-      both += mask && box;
-      either += mask || box;
-    }
-    free(plane);
-    drop_photo(&photo);
-  }
-  assert_true(either > 100000);
-  if (!((double)both / (double)either >= 0.97))
-    fail_msg("intersection over union %g", (double)both / (double)either);
-  pags_dataset_close(dataset);
-}
-
-/* Whether a point of the world lies in the box of a moving vehicle at that frame. */
-static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]) {
-  for (int64_t k = 0; k < pags_dataset_object_count(dataset); k++) {
-    const pags_object *object = pags_dataset_object(dataset, k);
-    for (int64_t j = 0; object->moving && object->category == PAGS_CATEGORY_VEHICLE && j < object->knot_count; j++) {
-      const double *m = object->knots[j].world_from_object;
-      bool inside = object->knots[j].frame == frame;
-      for (int c = 0; c < 3 && inside; c++)
-        inside =
-            fabs(m[c] * (p[0] - m[3]) + m[4 + c] * (p[1] - m[7]) + m[8 + c] * (p[2] - m[11])) < 0.5 * object->size[c];
-      if (inside)
-        return true;
-    }
-  }
-  return false;
-}
-
-/* Laser points in boxes of moving vehicles, projected, fall on dynamic_masks/vehicle: poses, axes and times of all fit. */
-static void pandaset_laser_hits_masks(void **state) {
-  (void)state;
-  char path[1024], name[1100];
-  pags_dataset *dataset = open_pandaset();
-  if (!dataset || !pags_shared_data("pandaset-002", path, sizeof path))
-    skip();
-  int64_t inside = 0, all = 0;
-  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset); i += 5) {
-    const pags_sweep *sweep = pags_dataset_sweep(dataset, i);
-    const pags_camera *camera = &pags_dataset_view(dataset, 3 * sweep->frame)->camera;
-    double from_world[12];
-    int64_t count;
-    float *xyz;
-    pags_image mask;
-    snprintf(name, sizeof name, "%s/dynamic_masks/vehicle/%03d_0.png", path, sweep->frame);
-    scratch_ok(pags_image_load(name, PAGS_U8, 1, &mask));
-    scratch_ok(pags_dataset_sweep_load(dataset, i, &count, &xyz));
-    pags_rigid_inverse(camera->world_from_camera, from_world);
-    for (int64_t k = 0; k < count; k++) {
-      double world[3], p[3];
-      const double *m = sweep->world_from_sweep;
-      for (int c = 0; c < 3; c++)
-        world[c] = m[4 * c] * (double)xyz[3 * k] + m[4 * c + 1] * (double)xyz[3 * k + 1] +
-                   m[4 * c + 2] * (double)xyz[3 * k + 2] + m[4 * c + 3];
-      for (int c = 0; c < 3; c++)
-        p[c] = from_world[4 * c] * world[0] + from_world[4 * c + 1] * world[1] + from_world[4 * c + 2] * world[2] +
-               from_world[4 * c + 3];
-      double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
-      if (p[2] < 0.5 || u < 0 || v < 0 || u >= camera->width || v >= camera->height ||
-          !in_vehicle(dataset, sweep->frame, world))
-        continue;
-      all++;
-      inside += ((uint8_t *)mask.data)[(int)v * mask.width + (int)u] >= 128;
-    }
-    pags_image_destroy(&mask);
-    free(xyz);
-  }
-  assert_true(all > 500);
-  if (!((double)inside / (double)all >= 0.99))
-    fail_msg("%g of %d points", (double)inside / (double)all, (int)all);
-  assert_true(has_note(dataset, "ego mask: none given, none found"));
-  assert_true(has_note(dataset, "none for 4 frames: 056 057 058 071"));
-  pags_dataset_close(dataset);
 }
 
 int main(void) {
@@ -875,19 +387,10 @@ int main(void) {
       cmocka_unit_test(options_choose),
       cmocka_unit_test(without_times_and_boxes),
       cmocka_unit_test(bad_files_are_explained),
-      cmocka_unit_test(labels_come_from_what_there_is),
-      cmocka_unit_test(budgets_count_labels),
       cmocka_unit_test(missing_pictures_may_be_left_out),
-      cmocka_unit_test(a_mask_of_another_size_is_refused),
-      cmocka_unit_test(labels_are_undistorted),
-      cmocka_unit_test(sky_is_guessed_from_the_laser),
-      cmocka_unit_test(the_own_car_is_found),
-      cmocka_unit_test(given_ego_masks_are_used),
       cmocka_unit_test(sfm_points_are_added),
       cmocka_unit_test(pandaset_reads),
       cmocka_unit_test(pandaset_boxes_look_ahead),
-      cmocka_unit_test(pandaset_boxes_match_masks),
-      cmocka_unit_test(pandaset_laser_hits_masks),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
