@@ -34,7 +34,7 @@ void pags_glb_close(pags_glb *file) {
   free(file->bytes);
 }
 
-const pags_json_value *pags_glb_element(const pags_json_value *root, const char *list, int64_t index) {
+static const pags_json_value *element(const pags_json_value *root, const char *list, int64_t index) {
   const pags_json_value *at = pags_glb_member(root, list);
   at = at ? at->first : NULL;
   while (at && index-- > 0)
@@ -49,8 +49,8 @@ int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t
 
 /* Where an accessor's values lie; NULL where they don't fit into the buffer. */
 static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t item_bytes, int64_t *count, int64_t *component) {
-  const pags_json_value *a = pags_glb_element(file->root, "accessors", accessor);
-  const pags_json_value *view = pags_glb_element(file->root, "bufferViews", pags_glb_integer(a, "bufferView", -1));
+  const pags_json_value *a = element(file->root, "accessors", accessor);
+  const pags_json_value *view = element(file->root, "bufferViews", pags_glb_integer(a, "bufferView", -1));
   *count = pags_glb_integer(a, "count", 0);
   *component = pags_glb_integer(a, "componentType", 0);
   int64_t at = pags_glb_integer(view, "byteOffset", 0) + pags_glb_integer(a, "byteOffset", 0);
@@ -60,7 +60,7 @@ static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t 
 
 pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
-  const pags_json_value *primitive = pags_glb_element(pags_glb_element(file->root, "meshes", mesh), "primitives", 0);
+  const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
   int64_t vertices = 0, indices = 0, component = 0;
   const uint8_t *positions =
       values_of(file, pags_glb_integer(pags_glb_member(primitive, "attributes"), "POSITION", -1), 12, &vertices, &component);

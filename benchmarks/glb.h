@@ -18,7 +18,6 @@ void pags_glb_close(pags_glb *file);
 
 /* NULL and `fallback` where there is none; NULL is allowed for `object` and `root`. */
 const pags_json_value *pags_glb_member(const pags_json_value *object, const char *key);
-const pags_json_value *pags_glb_element(const pags_json_value *root, const char *list, int64_t index);
 int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t fallback);
 
 /* Positions and triangles of a mesh's first primitive. */

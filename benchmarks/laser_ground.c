@@ -2,6 +2,7 @@
  * can be reached from about the cameras without a step of more than 12 cm. */
 #include "laser_ground.h"
 
+#include <base/sort.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,11 +59,6 @@ static int find_middle(const pags_scene *scene, int frame, double middle[3]) {
   return count;
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return x < y ? -1 : x > y;
-}
-
 /* From level cells within 10 m, as high as their lower quartile: the recording car's own roof lies above. */
 static void grow(patch *patches) {
   static double heights[SIDE * SIDE];
@@ -73,7 +69,7 @@ static void grow(patch *patches) {
       heights[count++] = patches[i].sum / (double)patches[i].count;
   if (!count)
     return;
-  qsort(heights, (size_t)count, sizeof *heights, compare_doubles);
+  pags_sort_doubles(heights, count);
   double below = heights[count / 4];
   count = 0;
   for (int i = 0; i < SIDE * SIDE; ++i)

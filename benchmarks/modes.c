@@ -4,6 +4,7 @@
  * of ratios of frames drawn one after the other. */
 #include "modes.h"
 
+#include <base/sort.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -24,7 +25,8 @@ static const size_t count_at[] = {
     offsetof(pags_frame_stats, pairs_blended)};
 enum { COUNTS = sizeof count_at / sizeof count_at[0] };
 
-pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options) {
+/* What the mode changes in the options. */
+static pags_result parse_mode(const char *text, pags_frame_options *options) {
   if (!strcmp(text, "exp3"))
     options->exp_degree = 3;
   else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
@@ -62,7 +64,7 @@ pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *s
   while (out->count < PAGS_BENCH_MOST_MODES && pags_bench_next_word(&list, out->names[out->count], PAGS_BENCH_MODE_NAME)) {
     pags_bench_mode *mode = &out->modes[out->count];
     *mode = (pags_bench_mode){out->names[out->count], *standard};
-    PAGS_TRY(pags_bench_mode_parse(mode->name, &mode->options));
+    PAGS_TRY(parse_mode(mode->name, &mode->options));
     out->count++;
   }
   return *list || out->count == 0
@@ -194,14 +196,9 @@ static pags_result time_camera(measuring *m, int64_t index, const pags_part *par
   return PAGS_OK;
 }
 
-static int ascending(const void *a, const void *b) {
-  const double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 /* Sorts. */
 static pags_bench_span span_of(double *values, int64_t count) {
-  qsort(values, (size_t)count, sizeof *values, ascending);
+  pags_sort_doubles(values, count);
   const double middle = 0.5 * (values[(count - 1) / 2] + values[count / 2]);
   return (pags_bench_span){middle, values[(count - 1) / 10], values[(count - 1) - (count - 1) / 10]};
 }

@@ -26,8 +26,6 @@ typedef struct pags_bench_mode_list {
   int count;
 } pags_bench_mode_list;
 
-/* One of PAGS_BENCH_MODE_WORDS: what it changes in the options. PAGS_ERROR_ARGUMENT. */
-pags_result pags_bench_mode_parse(const char *text, pags_frame_options *options);
 /* Modes separated by commas, each changing `standard`. The list must not be moved afterwards. PAGS_ERROR_ARGUMENT. */
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out);
 /* Keeps at most `most` views: one of each stretch of equal length, at a place in it that moves on by the golden section, so that of views in

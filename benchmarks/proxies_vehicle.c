@@ -14,11 +14,6 @@ enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
 static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
 static const double mean_bound = 0.1, iou_bound = 0.9;
 
-static void apply(const double m[12], const double p[3], double out[3]) {
-  for (int k = 0; k < 3; ++k)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
-}
-
 /* The actor's meshes in its box's own frame, as it is at the stage's time. */
 static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_shell *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
@@ -39,8 +34,8 @@ static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_shel
       const float *p = mesh->vertices[v].position;
       const double local[3] = {(double)p[0], (double)p[1], (double)p[2]};
       double world[3], box[3];
-      apply(pose, local, world);
-      apply(box_from_world, world, box);
+      pags_rigid_point(pose, local, world);
+      pags_rigid_point(box_from_world, world, box);
       const float q[3] = {(float)box[0], (float)box[1], (float)box[2]};
       pags_shell_vertex(out, q, grey, 0);
     }
@@ -89,7 +84,7 @@ typedef struct frames {
 } frames;
 
 static void bring(const double m[12], const double origin[3], const double direction[3], double from[3], double along[3]) {
-  apply(m, origin, from);
+  pags_rigid_point(m, origin, from);
   for (int k = 0; k < 3; ++k)
     along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
 }
@@ -287,10 +282,10 @@ static void measure_proxy(const vehicle *v, spread *out) {
     for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
       double p[3], q[3], foot[3], back[12];
       place_in(&v->proxy, t, n, p);
-      apply(v->truth_from_proxy, p, q);
+      pags_rigid_point(v->truth_from_proxy, p, q);
       double distance = pags_solid_nearest(v->truth_solid, q, foot);
       pags_rigid_inverse(v->truth_from_proxy, back);
-      apply(back, foot, q);
+      pags_rigid_point(back, foot, q);
       if (pags_solid_distance(v->cloud_solid, q, NULL) <= near_observed)
         out->seen[out->seen_count++] = distance;
       else

@@ -1,6 +1,7 @@
 /* Rendered depth beside LiDAR. */
 #include "depth_errors.h"
 
+#include <base/sort.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,17 +56,12 @@ pags_result pags_depth_errors_add(pags_depth_errors *self, const pags_dataset *d
   return result;
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 pags_depth_figures pags_depth_errors_figures(pags_depth_errors *self) {
   double nothing = (double)NAN, sum = 0;
   pags_depth_figures out = {self->count, nothing, nothing, nothing, nothing};
   if (!self->count)
     return out;
-  qsort(self->errors, (size_t)self->count, sizeof *self->errors, compare_doubles);
+  pags_sort_doubles(self->errors, self->count);
   int64_t most = self->count - self->count / 20;
   for (int64_t i = 0; i < self->count; ++i) {
     sum += self->errors[i];

@@ -6,6 +6,7 @@
 
 #include "interrupt.h"
 #include "overlay_draw.h"
+#include "picture.h"
 
 #include <base/file.h>
 #include <math.h>
@@ -160,12 +161,7 @@ static pags_result save(const overlay *o, const pags_view *view, const pags_imag
   char stem[256], file[300];
   pags_stem(view->name, stem, sizeof stem);
   snprintf(file, sizeof file, "%s.jpg", stem);
-  char *path = pags_path_join(o->folder, file);
-  if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = pags_image_save(path, image);
-  free(path);
-  return result;
+  return pags_image_save_in(o->folder, file, image);
 }
 
 static pags_result draw_view(overlay *o, int64_t index) {

@@ -66,8 +66,7 @@ void pags_draw_box(pags_image *image, const pags_camera *camera, const double wo
     double p[3];
     for (int k = 0; k < 3; ++k)
       p[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
-    for (int k = 0; k < 3; ++k)
-      corners[i][k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+    pags_rigid_point(m, p, corners[i]);
   }
   for (int i = 0; i < 8; ++i)
     for (int k = 0; k < 3; ++k)

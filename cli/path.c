@@ -1,6 +1,7 @@
 /* Orbits, flights through cameras, drives. World coordinates are absolute, in double. */
 #include "path.h"
 
+#include <base/sort.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
@@ -61,14 +62,9 @@ static void look_at(pags_camera *camera, vec3 eye, vec3 target, vec3 up) {
   set_column(camera, 3, eye);
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 /* Sorts `values`; the value below which `share` of them lie. */
 static double percentile(double *values, int64_t count, double share) {
-  qsort(values, (size_t)count, sizeof *values, compare_doubles);
+  pags_sort_doubles(values, count);
   return values[(int64_t)(share * (double)(count - 1) + 0.5)];
 }
 
@@ -176,7 +172,7 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
 
 /* The arc that the sorted azimuths cover: everything but their widest gap. */
 static void covered_arc(double *angles, int64_t count, double *middle, double *half_arc) {
-  qsort(angles, (size_t)count, sizeof *angles, compare_doubles);
+  pags_sort_doubles(angles, count);
   double widest = angles[0] + 2 * pi - angles[count - 1], start = angles[0];
   for (int64_t i = 1; i < count; ++i)
     if (angles[i] - angles[i - 1] > widest) {

@@ -103,6 +103,13 @@ pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sampl
   return PAGS_OK;
 }
 
+pags_result pags_image_save_in(const char *folder, const char *file, const pags_image *image) {
+  char *path = pags_path_join(folder, file);
+  const pags_result result = path ? pags_image_save(path, image) : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  free(path);
+  return result;
+}
+
 static pags_result save_png(const pags_picture *picture, const float *const *planes, int channels, int bits,
                             const char *path) {
   pags_image image;

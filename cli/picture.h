@@ -55,6 +55,9 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
 /* Whether the channels need a depth and id rendered. */
 bool pags_picture_writer_needs_extras(const pags_picture_writer *writer);
 
+/* Writes folder/file. */
+pags_result pags_image_save_in(const char *folder, const char *file, const pags_image *image);
+
 /* Colour as an image: F32 clamped to [0, 1], or U8 or U16 rounded. */
 pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sample, pags_image *out);
 

@@ -60,13 +60,6 @@ static const pags_scene_object *find_object(const pags_scene *scene, const char 
   return NULL;
 }
 
-static const pags_knot *find_knot(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; ++i)
-    if (object->knots[i].frame == frame)
-      return &object->knots[i];
-  return NULL;
-}
-
 /* The numbers of a 4x4 matrix given as rows. */
 static pags_result read_pose(const reading *r, const pags_json_value *matrix, double out[12]) {
   int n = 0;
@@ -128,7 +121,7 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
   for (const pags_json_value *frame = frames->first; frame && pose; frame = frame->next, pose = pose->next) {
     double number;
     PAGS_TRY(pags_json_as_number(r->json, frame, "an entry of 'frame_idx'", &number));
-    const pags_knot *knot = find_knot(&object->record, (int64_t)number);
+    const pags_knot *knot = pags_object_knot(&object->record, (int64_t)number);
     if (knot && knot->trained)
       PAGS_TRY(add_knot(r, knot, pose));
   }
@@ -193,7 +186,8 @@ pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scen
   return result;
 }
 
-double pags_pose_errors_recovered(double labelled, double trained) {
+/* NaN where the labels have no error. */
+static double recovered(double labelled, double trained) {
   return labelled > 0 ? 1 - trained / labelled : (double)NAN;
 }
 
@@ -203,12 +197,12 @@ static void put_kind(pags_json_writer *writer, const char *key, double metres, d
   pags_json_put_number(writer, "label_metres", label_metres);
   pags_json_put_number(writer, "metres", metres);
   pags_json_put_number(writer, "recovered_metres",
-                       label_metres > least_metres ? pags_pose_errors_recovered(label_metres, metres) : (double)NAN);
+                       label_metres > least_metres ? recovered(label_metres, metres) : (double)NAN);
   pags_json_put_number(writer, "label_degrees", label_degrees);
   pags_json_put_number(writer, "degrees", degrees);
   pags_json_put_number(
       writer, "recovered_degrees",
-      label_degrees > least_degrees ? pags_pose_errors_recovered(label_degrees, degrees) : (double)NAN);
+      label_degrees > least_degrees ? recovered(label_degrees, degrees) : (double)NAN);
   pags_json_end_object(writer);
 }
 

@@ -21,6 +21,4 @@ pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scen
 /* An object `poses`, or null; shares recovered are 1 - trained / labelled, null where the labels have no error. */
 void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors *errors);
 
-double pags_pose_errors_recovered(double labelled, double trained); /* NaN where the labels have no error */
-
 #endif

@@ -53,12 +53,7 @@ static pags_result load_truth(const char *path, const pags_camera *full, const p
 static pags_result save(const shifting *s, const char *name, int64_t i, const char *what, const pags_image *image) {
   char file[128];
   snprintf(file, sizeof file, "%s_%05lld_%s.png", name, (long long)i, what);
-  char *path = pags_path_join(s->images, file);
-  if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = pags_image_save(path, image);
-  free(path);
-  return result;
+  return pags_image_save_in(s->images, file, image);
 }
 
 static pags_result compare(const shifting *s, const pags_image *render, const pags_image *truth, int64_t i,

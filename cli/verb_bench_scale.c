@@ -9,6 +9,7 @@
 #include "verbs.h"
 
 #include <base/file.h>
+#include <base/sort.h>
 #include <benchmarks/modes.h>
 #include <math.h>
 #include <pags/compose.h>
@@ -118,11 +119,6 @@ static pags_result sort_rows(scale_bench *self, const pags_gaussians *from) {
   return pags_clusters_add_runs(&self->clusters);
 }
 
-static int ascending(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
 /* From one copy to the next: the length along x without the last thousandth at either end. */
 static pags_result find_spacing(scale_bench *self) {
   const int64_t count = self->rows.count;
@@ -130,7 +126,7 @@ static pags_result find_spacing(scale_bench *self) {
   if (!x)
     return out_of_memory(self);
   memcpy(x, pags_plane(&self->rows, PAGS_MEAN), (size_t)count * sizeof *x);
-  qsort(x, (size_t)count, sizeof *x, ascending);
+  pags_sort_floats(x, count);
   self->spacing = self->arguments->spacing > 0 ? self->arguments->spacing
                   : count > 0              ? (double)(x[count - 1 - count / 1000] - x[count / 1000])
                                            : 1;

@@ -97,12 +97,7 @@ static pags_result save_image(const char *folder, const char *name, const char *
   char stem[256], file[300];
   pags_stem(name, stem, sizeof stem);
   snprintf(file, sizeof file, "%s_%s.png", stem, what);
-  char *path = pags_path_join(folder, file);
-  if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = pags_image_save(path, image);
-  free(path);
-  return result;
+  return pags_image_save_in(folder, file, image);
 }
 
 /* LPIPS knows no masks: where the mask is 0 the rendering takes the photograph's pixels, so that they add no distance

@@ -184,13 +184,6 @@ static pags_result describe_json(pags_facts *facts, const info_arguments *argume
   return transforms ? describe_dataset(facts, arguments, path) : describe_cameras(facts, path);
 }
 
-static bool folder_has(const char *folder, const char *name) {
-  char *path = pags_path_join(folder, name);
-  bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
-}
-
 /* The first 16 bytes; fewer, zero-filled, of shorter files. */
 static pags_result read_head(const char *path, unsigned char head[16]) {
   memset(head, 0, 16);
@@ -219,7 +212,7 @@ static bool is_image(const unsigned char *head) {
 static pags_result describe(pags_facts *facts, const info_arguments *arguments, const char *path) {
   unsigned char head[16];
   if (pags_dir_exists(path))
-    return folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
+    return pags_folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
                                           : describe_dataset(facts, arguments, path);
   PAGS_TRY(read_head(path, head));
   if (is_image(head))

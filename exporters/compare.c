@@ -9,21 +9,17 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "solid.h"
 
 enum { SIDE = 48 };
-
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return x < y ? -1 : x > y;
-}
 
 pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
   pags_proxy_distance out = {(double)NAN, (double)NAN, (double)NAN};
   double sum = 0;
   if (!count)
     return out;
-  qsort(values, (size_t)count, sizeof *values, compare_doubles);
+  pags_sort_doubles(values, count);
   for (int64_t i = 0; i < count; ++i)
     sum += values[i];
   out.mean = sum / (double)count;

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
+
 static const double cell = 0.2;         /* metres */
 static const double farthest = 25, nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
@@ -64,11 +66,6 @@ static int level_point(const pags_sight *s, int x, int y, double reach, double p
   return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-static int compare_floats(const void *a, const void *b) {
-  float x = *(const float *)a, y = *(const float *)b;
-  return x < y ? -1 : x > y;
-}
-
 /* Twice over all pixels: first counting, then putting. */
 static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
   for (int64_t i = 0; i < from->sights->count; ++i) {
@@ -122,7 +119,7 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   visit(g, from, next, out->values);
   free(next);
   for (int64_t i = 0; i < cells; ++i)
-    qsort(out->values + out->first[i], (size_t)(out->first[i + 1] - out->first[i]), sizeof *out->values, compare_floats);
+    pags_sort_floats(out->values + out->first[i], out->first[i + 1] - out->first[i]);
   return PAGS_OK;
 }
 
@@ -143,11 +140,6 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
   }
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return x < y ? -1 : x > y;
-}
-
 /* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of its height above
  * their lower quartile. NaN when nothing is seen there. */
 static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
@@ -164,7 +156,7 @@ static double camera_height(const pags_ground *g, const heights *h, const double
           list[found++] = height;
       }
   if (found) {
-    qsort(list, (size_t)found, sizeof *list, compare_doubles);
+    pags_sort_doubles(list, found);
     result = list[found / 2];
   }
   free(list);

@@ -192,11 +192,6 @@ pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_p
   return make_cells(sight);
 }
 
-static void transform(const double m[12], const double p[3], double out[3]) {
-  for (int k = 0; k < 3; ++k)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
-}
-
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
                      pags_camera *out) {
   double camera_from_world[12], box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
@@ -206,7 +201,7 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
     double corner[3], p[3];
     for (int k = 0; k < 3; ++k)
       corner[k] = i >> k & 1 ? hi[k] : lo[k];
-    transform(camera_from_world, corner, p);
+    pags_rigid_point(camera_from_world, corner, p);
     if (p[2] <= near_plane) {
       ++behind;
       continue;
@@ -239,7 +234,7 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
 int pags_sight_may_see(const pags_sight *sight, const double middle[3], double radius, double range) {
   const pags_camera *c = &sight->camera;
   double p[3];
-  transform(sight->camera_from_model, middle, p);
+  pags_rigid_point(sight->camera_from_model, middle, p);
   if (p[2] < -radius || p[2] > range + radius)
     return 0;
   const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx}, {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
@@ -255,7 +250,7 @@ int pags_sight_may_see(const pags_sight *sight, const double middle[3], double r
 pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin, double *z) {
   const pags_camera *c = &sight->camera;
   double p[3];
-  transform(sight->camera_from_model, middle, p);
+  pags_rigid_point(sight->camera_from_model, middle, p);
   *z = p[2];
   double near = p[2] - radius;
   if (near < 0.1)
@@ -279,7 +274,7 @@ pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle
 int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z) {
   double p[3];
   const pags_camera *camera = &sight->camera;
-  transform(sight->camera_from_model, point, p);
+  pags_rigid_point(sight->camera_from_model, point, p);
   if (p[2] <= 0.05)
     return 0;
   double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
@@ -294,5 +289,5 @@ int pags_sight_project(const pags_sight *sight, const double point[3], int *x, i
 void pags_sight_point(const pags_sight *sight, int x, int y, double z, double point[3]) {
   const pags_camera *camera = &sight->camera;
   const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
-  transform(camera->world_from_camera, p, point);
+  pags_rigid_point(camera->world_from_camera, p, point);
 }

@@ -262,13 +262,6 @@ static pags_result write_day_calib(const raw_kitti *s, const rig *r, const char 
 
 /* ---- Labels ---- */
 
-static const pags_knot *find_knot(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; i++)
-    if (object->knots[i].frame == frame)
-      return &object->knots[i];
-  return NULL;
-}
-
 static void put_2d_box(const raw_kitti *s, out_file *f, const pags_object *object, const pags_knot *knot) {
   const pags_camera *camera = &find_view(s, s->sensor, knot->frame)->camera;
   double corners[32], box[4] = {0, 0, 0, 0};
@@ -305,7 +298,7 @@ static pags_result write_labels(const raw_kitti *s, const rig *r, const char *fo
     put(&f, " -1000.000000 -1000.000000 -1000.000000 -10.000000 -1.000000 -1.000000 -1.000000\n");
     for (int64_t i = 0; i < pags_dataset_object_count(s->dataset); i++) {
       const pags_object *object = pags_dataset_object(s->dataset, i);
-      const pags_knot *knot = find_knot(object, frame);
+      const pags_knot *knot = pags_object_knot(object, frame);
       if (knot)
         put_label(s, r, &f, i, object, knot);
     }

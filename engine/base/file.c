@@ -11,7 +11,7 @@
 
 #include "base/text.h"
 
-static pags_result fail_errno(const char *path, const char *what) {
+pags_result pags_fail_errno(const char *path, const char *what) {
   return pags_fail(errno == ENOMEM ? PAGS_ERROR_MEMORY : PAGS_ERROR_IO, "%s: %s: %s", path, what, strerror(errno));
 }
 
@@ -19,10 +19,10 @@ static pags_result open_regular(const char *path, FILE **stream, uint64_t *size)
   struct stat status;
   *stream = fopen(path, "rb");
   if (!*stream)
-    return fail_errno(path, "can't open");
+    return pags_fail_errno(path, "can't open");
   pags_result result = PAGS_OK;
   if (fstat(fileno(*stream), &status) != 0)
-    result = fail_errno(path, "can't open");
+    result = pags_fail_errno(path, "can't open");
   else if (S_ISDIR(status.st_mode))
     result = pags_fail(PAGS_ERROR_IO, "%s: expected a file, found a folder", path);
   else if (!S_ISREG(status.st_mode))
@@ -62,7 +62,7 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
     free(block);
     errno = error;
     return failed
-               ? fail_errno(path, "can't read")
+               ? pags_fail_errno(path, "can't read")
                : pags_fail(PAGS_ERROR_IO, "%s: shrank while it was read, at byte %llu", path, (unsigned long long)got);
   }
   block[got] = 0;
@@ -82,7 +82,7 @@ void pags_file_writer_abort(pags_file_writer *writer) {
 }
 
 static pags_result writer_fail(pags_file_writer *writer, const char *what) {
-  pags_result result = fail_errno(writer->path, what);
+  pags_result result = pags_fail_errno(writer->path, what);
   pags_file_writer_abort(writer);
   return result;
 }

@@ -16,6 +16,9 @@ extern "C" {
 pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size);
 pags_result pags_file_size(const char *path, uint64_t *size);
 
+/* What errno says of `what`, which failed; PAGS_ERROR_IO, or _MEMORY for ENOMEM. */
+pags_result pags_fail_errno(const char *path, const char *what);
+
 /* Writes beside (path + ".part"), syncs, renames: at `path` lies the old file or the whole new one at any moment. On
  * failure what was written beside is removed. */
 pags_result pags_file_write(const char *path, const void *bytes, size_t size);
@@ -35,6 +38,7 @@ void pags_file_writer_abort(pags_file_writer *writer);
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);
 bool pags_path_exists(const char *path); /* anything */
+bool pags_folder_has(const char *folder, const char *name); /* as pags_file_exists; false when memory is out */
 
 /* "a" + "b" -> "a/b"; an absolute b stays as it is. Freed by the caller; NULL when memory is out. */
 char *pags_path_join(const char *folder, const char *name);

@@ -72,6 +72,8 @@ pags_result pags_json_unsigned_or(const pags_json *json, const pags_json_value *
 pags_result pags_json_bool_or(const pags_json *json, const pags_json_value *object, const char *key, bool fallback,
                               bool *out);
 pags_result pags_json_string(const pags_json *json, const pags_json_value *object, const char *key, const char **out);
+pags_result pags_json_string_copy(const pags_json *json, const pags_json_value *object, const char *key,
+                                  char **out); /* freed by the caller; PAGS_ERROR_MEMORY too */
 pags_result pags_json_string_or(const pags_json *json, const pags_json_value *object, const char *key,
                                 const char *fallback, const char **out);
 pags_result pags_json_array(const pags_json *json, const pags_json_value *object, const char *key,

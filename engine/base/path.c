@@ -9,10 +9,6 @@
 #include "base/file.h"
 #include "base/text.h"
 
-static pags_result fail_errno(const char *path, const char *what) {
-  return pags_fail(errno == ENOMEM ? PAGS_ERROR_MEMORY : PAGS_ERROR_IO, "%s: %s: %s", path, what, strerror(errno));
-}
-
 static pags_result fail_memory(const char *path) {
   return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its name", path);
 }
@@ -31,6 +27,13 @@ char *pags_path_join(const char *folder, const char *name) {
     joined[length++] = '/';
   memcpy(joined + length, name, name_size);
   return joined;
+}
+
+bool pags_folder_has(const char *folder, const char *name) {
+  char *path = pags_path_join(folder, name);
+  const bool found = path && pags_file_exists(path);
+  free(path);
+  return found;
 }
 
 const char *pags_path_name(const char *path) {
@@ -71,7 +74,7 @@ bool pags_path_is_inside(const char *path) {
 static pags_result make_dir(const char *path) {
   if (mkdir(path, 0777) == 0 || (errno == EEXIST && pags_dir_exists(path)))
     return PAGS_OK;
-  return fail_errno(path, "can't make the folder");
+  return pags_fail_errno(path, "can't make the folder");
 }
 
 pags_result pags_make_dirs(const char *path) {
@@ -117,7 +120,7 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
   *out = (pags_dir_list){0};
   DIR *dir = opendir(path);
   if (!dir)
-    return fail_errno(path, "can't list the folder");
+    return pags_fail_errno(path, "can't list the folder");
   pags_result result = PAGS_OK;
   int64_t capacity = 0;
   for (;;) {
@@ -125,7 +128,7 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
     struct dirent *entry = readdir(dir);
     if (!entry) {
       if (errno)
-        result = fail_errno(path, "can't list the folder");
+        result = pags_fail_errno(path, "can't list the folder");
       break;
     }
     if (!is_dots(entry->d_name) && !append_name(out, &capacity, entry->d_name)) {
@@ -175,10 +178,10 @@ static pags_result remove_children(const char *path) {
 pags_result pags_remove_tree(const char *path) {
   struct stat status;
   if (lstat(path, &status) != 0)
-    return errno == ENOENT ? PAGS_OK : fail_errno(path, "can't remove");
+    return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
   if (S_ISDIR(status.st_mode)) {
     PAGS_TRY(remove_children(path));
-    return rmdir(path) == 0 ? PAGS_OK : fail_errno(path, "can't remove the folder");
+    return rmdir(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove the folder");
   }
-  return unlink(path) == 0 ? PAGS_OK : fail_errno(path, "can't remove");
+  return unlink(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove");
 }

@@ -139,16 +139,9 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
 
 /* Where the pictures are. */
 
-static bool has_file(const char *folder, const char *file) {
-  char *path = pags_path_join(folder, file);
-  bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
-}
-
 bool pags_colmap_is_model(const char *folder) {
-  return (has_file(folder, "cameras.bin") && has_file(folder, "images.bin")) ||
-         (has_file(folder, "cameras.txt") && has_file(folder, "images.txt"));
+  return (pags_folder_has(folder, "cameras.bin") && pags_folder_has(folder, "images.bin")) ||
+         (pags_folder_has(folder, "cameras.txt") && pags_folder_has(folder, "images.txt"));
 }
 
 /* The first of the usual places that holds any of the pictures; `images` beside the model's root where none does. */
@@ -159,7 +152,7 @@ static char *find_pictures(const char *root, const char *model, const pags_draft
     char *folder = strcmp(places[i], ".") == 0 ? pags_text_copy(bases[i]) : pags_path_join(bases[i], places[i]);
     bool found = false;
     for (int64_t j = 0; folder && j < draft->count && !found && pags_dir_exists(folder); j++)
-      found = has_file(folder, draft->views[j].image_path);
+      found = pags_folder_has(folder, draft->views[j].image_path);
     if (found)
       return folder;
     free(folder);
@@ -204,7 +197,7 @@ static pags_result read_part(const char *model, const char *part, const char *ex
 }
 
 static pags_result read_model(const char *model, pags_colmap *into) {
-  if (has_file(model, "cameras.bin") && has_file(model, "images.bin")) {
+  if (pags_folder_has(model, "cameras.bin") && pags_folder_has(model, "images.bin")) {
     PAGS_TRY(read_part(model, "cameras", "bin", pags_colmap_cameras_bin, true, into));
     PAGS_TRY(read_part(model, "images", "bin", pags_colmap_images_bin, true, into));
     return read_part(model, "points3D", "bin", pags_colmap_points_bin, false, into);

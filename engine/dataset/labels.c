@@ -121,18 +121,6 @@ pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_im
 
 /* Boxes. */
 
-static const pags_knot *knot_at(const pags_object *object, int frame) {
-  int64_t low = 0, high = object->knot_count;
-  while (low < high) {
-    int64_t middle = low + (high - low) / 2;
-    if (object->knots[middle].frame < frame)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low < object->knot_count && object->knots[low].frame == frame ? &object->knots[low] : NULL;
-}
-
 static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_draft_view *view) {
   const pags_object *object = &driving->objects[index];
   static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
@@ -148,7 +136,7 @@ static void add_boxes(const pags_driving *driving, const pags_draft_view *view, 
                       uint8_t *plane) {
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
-    const pags_knot *knot = knot_at(object, view->frame);
+    const pags_knot *knot = pags_object_knot(object, view->frame);
     double corners[32];
     int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
     pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);

@@ -1,15 +1,11 @@
 /* The subject of a set of cameras: the point nearest to all optical axes. */
 #include "dataset/subject.h"
 
+#include "base/sort.h"
 #include "dataset/draft.h"
 
 #include <math.h>
 #include <stdlib.h>
-
-static int by_value(const void *a, const void *b) {
-  double left = *(const double *)a, right = *(const double *)b;
-  return left < right ? -1 : left > right;
-}
 
 /* Solves the symmetric 3x3 system a x = b; false where it is close to singular. */
 static bool solve(const double a[6], const double b[3], double x[3]) {
@@ -92,7 +88,7 @@ pags_result pags_subject_distance(const pags_camera *const *cameras, int64_t cou
     depths[ahead] = depth_of(cameras[i], subject);
     ahead += depths[ahead] > 0;
   }
-  qsort(depths, (size_t)ahead, sizeof *depths, by_value);
+  pags_sort_doubles(depths, ahead);
   if (2 * ahead > count && depths[ahead / 2] < 20 * spread)
     *out = depths[ahead / 2];
   free(depths);

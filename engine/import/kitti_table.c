@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/camera.h>
+
 #include "base/bytes.h"
 #include "base/file.h"
 #include "import/kitti_files.h"
@@ -83,23 +85,10 @@ double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]) {
 /* x = s R lon, y = s R ln tan(45 deg + lat / 2), z = alt; R_world_imu = Rz(yaw) Ry(pitch) Rx(roll). */
 void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]) {
   const double radius = 6378137; /* the development kit's: WGS84's at the equator, m */
-  const double cx = cos(oxts[PAGS_OXTS_ROLL]), sx = sin(oxts[PAGS_OXTS_ROLL]);
-  const double cy = cos(oxts[PAGS_OXTS_PITCH]), sy = sin(oxts[PAGS_OXTS_PITCH]);
-  const double cz = cos(oxts[PAGS_OXTS_YAW]), sz = sin(oxts[PAGS_OXTS_YAW]);
-  const double r[9] = {cz * cy,
-                       cz * sy * sx - sz * cx,
-                       cz * sy * cx + sz * sx,
-                       sz * cy,
-                       sz * sy * sx + cz * cx,
-                       sz * sy * cx - cz * sx,
-                       -sy,
-                       cy * sx,
-                       cy * cx};
-  for (int i = 0; i < 9; i++)
-    out[4 * (i / 3) + i % 3] = r[i];
-  out[3] = scale * radius * oxts[PAGS_OXTS_LON] * pi / 180;
-  out[7] = scale * radius * log(tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360));
-  out[11] = oxts[PAGS_OXTS_ALT];
+  const double turn[3] = {oxts[PAGS_OXTS_ROLL], oxts[PAGS_OXTS_PITCH], oxts[PAGS_OXTS_YAW]};
+  const double place[3] = {scale * radius * oxts[PAGS_OXTS_LON] * pi / 180,
+                           scale * radius * log(tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360)), oxts[PAGS_OXTS_ALT]};
+  pags_rigid_from_angles(turn, place, out);
 }
 
 /* ---- Times ---- */

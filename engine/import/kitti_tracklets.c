@@ -11,6 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/camera.h>
+
 #include "base/file.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
@@ -278,19 +280,7 @@ void pags_kitti_tracklets_destroy(pags_kitti_tracklets *tracklets) {
 /* R = Rz Ry Rx; the pose is that of the middle of the bottom face. */
 void pags_kitti_tracklet_pose(const pags_kitti_tracklet *tracklet, int64_t index, double out[12]) {
   const double *p = tracklet->poses[index];
-  const double cx = cos(p[3]), sx = sin(p[3]), cy = cos(p[4]), sy = sin(p[4]), cz = cos(p[5]), sz = sin(p[5]);
-  const double r[9] = {cz * cy,
-                       cz * sy * sx - sz * cx,
-                       cz * sy * cx + sz * sx,
-                       sz * cy,
-                       sz * sy * sx + cz * cx,
-                       sz * sy * cx - cz * sx,
-                       -sy,
-                       cy * sx,
-                       cy * cx};
-  for (int i = 0; i < 3; i++) {
-    for (int j = 0; j < 3; j++)
-      out[4 * i + j] = r[3 * i + j];
-    out[4 * i + 3] = p[i] + r[3 * i + 2] * tracklet->height / 2;
-  }
+  pags_rigid_from_angles(p + 3, p, out);
+  for (int i = 0; i < 3; i++)
+    out[4 * i + 3] += out[4 * i + 2] * tracklet->height / 2;
 }

@@ -34,13 +34,6 @@ void pags_layout_track_destroy(pags_layout_track *track) {
   *track = (pags_layout_track){0};
 }
 
-const pags_knot *pags_layout_knot(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; i++)
-    if (object->knots[i].frame == frame)
-      return &object->knots[i];
-  return NULL;
-}
-
 /* ---- Names ---- */
 
 static pags_result join(const pags_layout *layout, const char *name, char **out) {

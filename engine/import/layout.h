@@ -76,8 +76,6 @@ typedef struct pags_layout {
 
 pags_layout_exposure pags_layout_exposure_unknown(void);
 void pags_layout_track_destroy(pags_layout_track *track);
-/* The object's knot at a frame, NULL where it has none. */
-const pags_knot *pags_layout_knot(const pags_object *object, int64_t frame);
 
 /* Makes the folder. `overwrite`: first removes what the folder has of this layout's names (images, lidar, ...
  * dataset.json), unless it is unfinished work begun from this same source. Other files are left alone. */

@@ -74,7 +74,7 @@ static pags_result put_frames(const pags_layout *layout, const pags_layout_track
     snprintf(key, sizeof key, "%lld", (long long)frame);
     pags_json_begin_array(&writer, key);
     for (int64_t i = 0; i < count; i++)
-      if (pags_layout_knot(&tracks[i].object, frame))
+      if (pags_object_knot(&tracks[i].object, frame))
         pags_json_put_integer(&writer, NULL, i);
     pags_json_end_array(&writer);
   }

@@ -35,7 +35,7 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
 static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame,
                        uint8_t *planes[MASKS]) {
   const pags_object *object = &track->object;
-  const pags_knot *knot = object->moving ? pags_layout_knot(object, frame) : NULL;
+  const pags_knot *knot = object->moving ? pags_object_knot(object, frame) : NULL;
   double corners[32];
   if (!knot)
     return;

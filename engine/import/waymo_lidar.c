@@ -96,29 +96,11 @@ static pags_result laser_angles(laser *l, int rows, int columns) {
   return PAGS_OK;
 }
 
-static void transform_point(const double m[12], const double p[3], double out[3]) {
-  for (int i = 0; i < 3; i++)
-    out[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
-}
-
 /* 3x4 of roll, pitch, yaw, x, y, z. */
 static void pose_matrix(const float pose[POSE_DEPTH], double out[12]) {
-  const double cr = cos((double)pose[0]), sr = sin((double)pose[0]);
-  const double cp = cos((double)pose[1]), sp = sin((double)pose[1]);
-  const double cy = cos((double)pose[2]), sy = sin((double)pose[2]);
-  const double m[12] = {cy * cp,
-                        cy * sp * sr - sy * cr,
-                        cy * sp * cr + sy * sr,
-                        (double)pose[3],
-                        sy * cp,
-                        sy * sp * sr + cy * cr,
-                        sy * sp * cr - cy * sr,
-                        (double)pose[4],
-                        -sp,
-                        cp * sr,
-                        cp * cr,
-                        (double)pose[5]};
-  memcpy(out, m, sizeof m);
+  const double turn[3] = {(double)pose[0], (double)pose[1], (double)pose[2]};
+  const double place[3] = {(double)pose[3], (double)pose[4], (double)pose[5]};
+  pags_rigid_from_angles(turn, place, out);
 }
 
 /* One pixel; says 0 where there is no return or its numbers lead nowhere. */
@@ -130,12 +112,12 @@ static int decode_pixel(const laser *l, const float *pixel, int64_t at, int row,
   const double seen[3] = {flat * l->azimuth[2 * column], flat * l->azimuth[2 * column + 1],
                           range * l->inclination[2 * row + 1]};
   double p[3];
-  transform_point(l->vehicle_from_laser, seen, p);
+  pags_rigid_point(l->vehicle_from_laser, seen, p);
   if (l->poses) {
     double world_from_pixel[12], world[3];
     pose_matrix(l->poses->data + POSE_DEPTH * at, world_from_pixel);
-    transform_point(world_from_pixel, p, world);
-    transform_point(l->frame_from_world, world, p);
+    pags_rigid_point(world_from_pixel, p, world);
+    pags_rigid_point(l->frame_from_world, world, p);
   }
   for (int i = 0; i < 3; i++)
     out[i] = (float)p[i];

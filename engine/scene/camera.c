@@ -24,6 +24,19 @@ void pags_rigid_multiply(const double a[12], const double b[12], double out[12])
   memcpy(out, product, sizeof product);
 }
 
+void pags_rigid_point(const double m[12], const double p[3], double out[3]) {
+  for (int k = 0; k < 3; ++k)
+    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
+}
+
+void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]) {
+  const double cx = cos(turn[0]), sx = sin(turn[0]), cy = cos(turn[1]), sy = sin(turn[1]), cz = cos(turn[2]), sz = sin(turn[2]);
+  const double m[12] = {cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, place[0],
+                        sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, place[1],
+                        -sy,     cy * sx,                cy * cx,                place[2]};
+  memcpy(out, m, sizeof m);
+}
+
 void pags_rotation_from_quaternion(const double q[4], double r[9]) {
   double norm = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
   double w = 1, x = 0, y = 0, z = 0;

@@ -247,6 +247,13 @@ static int increment_at(const pags_object *object, double time, int64_t after, d
   return any;
 }
 
+const pags_knot *pags_object_knot(const pags_object *object, int64_t frame) {
+  for (int64_t i = 0; i < object->knot_count; ++i)
+    if (object->knots[i].frame == frame)
+      return &object->knots[i];
+  return NULL;
+}
+
 int pags_object_pose(const pags_object *object, double time, double out[12]) {
   int64_t after = knots_until(object, time);
   double increment[6], motion[12];

@@ -98,17 +98,10 @@ static pags_result read_category(const pags_json *json, const pags_json_value *o
       "expected \"vehicle\", \"pedestrian\", \"cyclist\" or \"other\" for 'category', found \"%.40s\"", name);
 }
 
-static pags_result copy_string(const pags_json *json, const pags_json_value *object, const char *key, char **out) {
-  const char *text;
-  PAGS_TRY(pags_json_string(json, object, key, &text));
-  *out = pags_text_copy(text);
-  return *out ? PAGS_OK : fail_memory(json);
-}
-
 static pags_result read_record(const pags_json *json, const pags_json_value *object, pags_object *record) {
   bool moving;
-  PAGS_TRY(copy_string(json, object, "id", &record->id));
-  PAGS_TRY(copy_string(json, object, "class", &record->class_name));
+  PAGS_TRY(pags_json_string_copy(json, object, "id", &record->id));
+  PAGS_TRY(pags_json_string_copy(json, object, "class", &record->class_name));
   PAGS_TRY(read_category(json, object, &record->category));
   PAGS_TRY(pags_json_numbers(json, object, "size", 3, record->size));
   if (!(record->size[0] > 0 && record->size[1] > 0 && record->size[2] > 0))

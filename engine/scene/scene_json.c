@@ -19,13 +19,6 @@ static pags_result fail_memory(const pags_json *json) {
   return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the scene", pags_json_path(json));
 }
 
-static pags_result copy_string(const pags_json *json, const pags_json_value *object, const char *key, char **out) {
-  const char *text;
-  PAGS_TRY(pags_json_string(json, object, key, &text));
-  *out = pags_text_copy(text);
-  return *out ? PAGS_OK : fail_memory(json);
-}
-
 static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
   const char *name;
   PAGS_TRY(pags_json_string(json, root, "up", &name));
@@ -41,8 +34,8 @@ static pags_result read_up(const pags_json *json, const pags_json_value *root, p
 
 static pags_result read_model(const pags_json *json, const pags_json_value *value, pags_model *model, int64_t *count) {
   int64_t degree;
-  PAGS_TRY(copy_string(json, value, "name", &model->name));
-  PAGS_TRY(copy_string(json, value, "file", &model->file));
+  PAGS_TRY(pags_json_string_copy(json, value, "name", &model->name));
+  PAGS_TRY(pags_json_string_copy(json, value, "file", &model->file));
   PAGS_TRY(pags_json_integer(json, value, "gaussians", 0, INT32_MAX, count));
   PAGS_TRY(pags_json_integer(json, value, "sh_degree", 0, 3, &degree));
   model->gaussians.sh_degree = (int)degree;
@@ -90,7 +83,7 @@ static pags_result read_three_or(const pags_json *json, const pags_json_value *o
 static pags_result read_view(const pags_json *json, const pags_json_value *value, pags_scene_view *view) {
   bool test;
   int64_t sensor, frame;
-  PAGS_TRY(copy_string(json, value, "name", &view->name));
+  PAGS_TRY(pags_json_string_copy(json, value, "name", &view->name));
   PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
   PAGS_TRY(pags_json_integer_or(json, value, "sensor", -1, INT32_MAX, -1, &sensor));
   PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));

@@ -42,7 +42,6 @@ typedef struct pags_person {
 } pags_person;
 #define PAGS_SHOULDER_HEIGHT 1.40f
 #define PAGS_HIP_HEIGHT 0.88f
-#define PAGS_PERSON_HEIGHT 1.76f
 void pags_person_add(const pags_person *person, pags_materials *materials, pags_dice *dice, uint8_t label);
 
 #endif

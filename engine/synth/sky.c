@@ -39,12 +39,6 @@ void pags_sky_color(const float direction[3], uint64_t seed, float color[3]) {
     color[c] = mix(mix(zenith[c], horizon[c], t), cloud[c], share) + glow * pags_sun_light[c];
 }
 
-void pags_sky_ambient(const float normal[3], float light[3]) {
-  static const float above[3] = {0.40f, 0.46f, 0.56f}, below[3] = {0.16f, 0.15f, 0.14f};
-  for (int c = 0; c < 3; c++)
-    light[c] = mix(below[c], above[c], 0.5f + 0.5f * normal[2]);
-}
-
 void pags_sky_mirrored(const float direction[3], uint64_t seed, float color[3]) {
   static const float ground[3] = {0.13f, 0.13f, 0.13f}, front[3] = {0.20f, 0.18f, 0.16f};
   float sky[3];

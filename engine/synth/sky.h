@@ -9,8 +9,6 @@ extern const float pags_sun_light[3]; /* on a surface that faces it */
 
 /* Of a unit direction: gradient, clouds, glow about the sun. */
 void pags_sky_color(const float direction[3], uint64_t seed, float color[3]);
-/* Light of the sky and of the ground below on a surface with unit normal n, nothing before it. */
-void pags_sky_ambient(const float normal[3], float light[3]);
 /* What is mirrored from a direction: sky, dark house fronts near the horizon, road. */
 void pags_sky_mirrored(const float direction[3], uint64_t seed, float color[3]);
 

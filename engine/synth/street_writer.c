@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "synth/range.h"
 #include "synth/street_labels.h"
 #include "synth/sweep.h"
 #include "synth/view.h"
@@ -43,33 +44,20 @@ typedef struct writer {
   int64_t point_count;
 } writer;
 
-static pags_result check_whole(const char *name, int64_t value, int64_t lo, int64_t hi) {
-  if (value >= lo && value <= hi)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %lld, expected %lld..%lld", name, (long long)value, (long long)lo,
-                   (long long)hi);
-}
-
-static pags_result check_real(const char *name, double value, double lo, double hi) {
-  if (value >= lo && value <= hi)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %g, expected %g..%g", name, value, lo, hi);
-}
-
 static pags_result check_options(const pags_street_options *o) {
-  PAGS_TRY(check_whole("width", o->width, 16, 8192));
-  PAGS_TRY(check_whole("height", o->height, 16, 8192));
-  PAGS_TRY(check_whole("frames", o->frames, 2, 10000));
-  PAGS_TRY(check_real("fps", o->fps, 0.1, 1000.0));
+  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("frames", o->frames, 2, 10000));
+  PAGS_TRY(pags_synth_in_range("fps", o->fps, 0.1, 1000.0));
   PAGS_TRY(
-      check_real("frames / fps", o->frames / o->fps, 0.0, 1000.0)); /* seconds: the street is built as long as driven */
-  PAGS_TRY(check_whole("cameras", o->cameras, 1, CAMERAS));
-  PAGS_TRY(check_whole("samples", o->samples, 1, 1024));
-  PAGS_TRY(check_whole("objects", o->objects, 0, 64));
-  PAGS_TRY(check_whole("lidar_points", o->lidar_points, 0, 1000000));
-  PAGS_TRY(check_real("lidar_noise", o->lidar_noise, 0.0, 10.0));
-  PAGS_TRY(check_real("pose_noise", o->pose_noise, 0.0, 10.0));
-  return check_real("yaw_noise", o->yaw_noise, 0.0, 180.0);
+      pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0, 1000.0)); /* seconds: the street is built as long as driven */
+  PAGS_TRY(pags_synth_in_range("cameras", o->cameras, 1, CAMERAS));
+  PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
+  PAGS_TRY(pags_synth_in_range("objects", o->objects, 0, 64));
+  PAGS_TRY(pags_synth_in_range("lidar_points", (double)o->lidar_points, 0, 1000000));
+  PAGS_TRY(pags_synth_in_range("lidar_noise", o->lidar_noise, 0.0, 10.0));
+  PAGS_TRY(pags_synth_in_range("pose_noise", o->pose_noise, 0.0, 10.0));
+  return pags_synth_in_range("yaw_noise", o->yaw_noise, 0.0, 180.0);
 }
 
 static pags_result join(const writer *w, const char *relative, char **out) {

@@ -7,6 +7,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "synth/points.h"
+#include "synth/range.h"
 #include "synth/render.h"
 
 pags_synth_options pags_synth_options_default(void) {
@@ -23,19 +24,12 @@ typedef struct writer {
   float *depth; /* NULL unless asked for */
 } writer;
 
-static pags_result check_range(const char *name, int64_t value, int64_t lo, int64_t hi) {
-  if (value >= lo && value <= hi)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %lld, expected %lld..%lld", name, (long long)value, (long long)lo,
-                   (long long)hi);
-}
-
 static pags_result check_options(const pags_synth_options *o) {
-  PAGS_TRY(check_range("width", o->width, 16, 8192));
-  PAGS_TRY(check_range("height", o->height, 16, 8192));
-  PAGS_TRY(check_range("views", o->views, 3, 10000));
-  PAGS_TRY(check_range("samples", o->samples, 1, 1024));
-  return check_range("points", o->points, 0, 10000000);
+  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("views", o->views, 3, 10000));
+  PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
+  return pags_synth_in_range("points", (double)o->points, 0, 10000000);
 }
 
 /* folder/name/NNNN.extension or, without number, folder/name. */

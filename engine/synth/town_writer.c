@@ -8,6 +8,7 @@
 #include "base/file.h"
 #include "base/text.h"
 #include "synth/layout.h"
+#include "synth/range.h"
 #include "synth/size_tables.h"
 #include "synth/sky.h"
 #include "synth/surface.h"
@@ -19,19 +20,13 @@ pags_town_options pags_town_options_default(void) {
   return (pags_town_options){.gaussians = 2000000, .density = 1.0, .width = 960, .height = 540, .frames = 24};
 }
 
-static pags_result check_range(const char *name, double value, double lo, double hi) {
-  if (value >= lo && value <= hi)
-    return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "%s is %g, expected %g..%g", name, value, lo, hi);
-}
-
 static pags_result check_options(const pags_town_options *o) {
-  PAGS_TRY(check_range("gaussians", (double)o->gaussians, 1000, 2e8));
-  PAGS_TRY(check_range("density", o->density, 0.05, 20));
-  PAGS_TRY(check_range("gaussians times density", (double)o->gaussians * o->density, 1, 2e9));
-  PAGS_TRY(check_range("width", o->width, 16, 8192));
-  PAGS_TRY(check_range("height", o->height, 16, 8192));
-  return check_range("frames", o->frames, 1, 10000);
+  PAGS_TRY(pags_synth_in_range("gaussians", (double)o->gaussians, 1000, 2e8));
+  PAGS_TRY(pags_synth_in_range("density", o->density, 0.05, 20));
+  PAGS_TRY(pags_synth_in_range("gaussians times density", (double)o->gaussians * o->density, 1, 2e9));
+  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
+  return pags_synth_in_range("frames", o->frames, 1, 10000);
 }
 
 typedef struct town_maker {

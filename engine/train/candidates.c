@@ -62,18 +62,13 @@ static int list_boxes(const pags_dataset *dataset, const pags_sweep *sweep, box 
   return count;
 }
 
-static void transform(const double m[12], const double p[3], double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
-}
-
 static const box *find_box(const box *boxes, int count, const double p[3], double local[3]) {
   for (int i = 0; i < count; i++) {
     const box *b = &boxes[i];
     double x = p[0] - b->middle[0], y = p[1] - b->middle[1], z = p[2] - b->middle[2];
     if (x * x + y * y + z * z > b->reach2)
       continue;
-    transform(b->object_from_sweep, p, local);
+    pags_rigid_point(b->object_from_sweep, p, local);
     if (fabs(local[0]) <= b->half[0] && fabs(local[1]) <= b->half[1] && local[2] <= b->half[2] &&
         local[2] >= ground + slack - b->half[2])
       return b;
@@ -109,7 +104,7 @@ static void classify_block(void *context, int64_t begin, int64_t end, int worker
     else if (b)
       row.parked = b->object;
     if (row.owner < 0) {
-      transform(g->sweep->world_from_sweep, p, local);
+      pags_rigid_point(g->sweep->world_from_sweep, p, local);
       if (!chosen(i, g->keep, g->of))
         row.kind = -1;
     }

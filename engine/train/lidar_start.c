@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/sort.h"
 #include "train/paint.h"
 
 enum {
@@ -156,11 +157,6 @@ static pags_result thin_background(pags_candidates *points, pags_tasks *tasks, c
   return PAGS_OK;
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 static double distance_from(const float *p, const double middle[3]) {
   double sum = 0;
   for (int k = 0; k < 3; k++)
@@ -186,7 +182,7 @@ static pags_result scene_radius(const pags_candidates *points, const double midd
   for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].owner < 0)
       all[count++] = distance_from(points->rows[i].p, middle);
-  qsort(all, (size_t)count, sizeof *all, compare_doubles);
+  pags_sort_doubles(all, count);
   *radius = count ? fmax(30.0, all[count * 95 / 100]) : 100.0;
   *largest = count ? all[count - 1] : INFINITY;
   free(all);

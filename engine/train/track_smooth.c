@@ -15,6 +15,7 @@
 #include <pags/camera.h>
 
 #include "base/log.h"
+#include "base/sort.h"
 #include "train/tracks.h"
 
 enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
@@ -196,15 +197,10 @@ static void smooth_run(run *r, const int best[KINDS]) {
   take_increments(r);
 }
 
-static int by_size(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 static double median_spacing(const pags_object *o, const int64_t *knots, int64_t count, double *gaps) {
   for (int64_t i = 1; i < count; i++)
     gaps[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
-  qsort(gaps, (size_t)(count - 1), sizeof *gaps, by_size);
+  pags_sort_doubles(gaps, count - 1);
   return gaps[(count - 1) / 2];
 }
 

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "train/candidates.h"
 #include "train/knn.h"
 
@@ -177,11 +178,6 @@ pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *task
   return result;
 }
 
-static int compare_floats(const void *a, const void *b) {
-  float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
 /* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
 static void find_limits(const uint8_t *level, const float *square, int64_t count, float *scratch,
                         float limits[LEVELS]) {
@@ -190,7 +186,7 @@ static void find_limits(const uint8_t *level, const float *square, int64_t count
     for (int64_t i = 0; i < count; i++)
       if (level[i] == l)
         scratch[n++] = square[i];
-    qsort(scratch, (size_t)n, sizeof *scratch, compare_floats);
+    pags_sort_floats(scratch, n);
     limits[l] = n >= 16 ? 16 * scratch[n / 2] : INFINITY;
   }
 }

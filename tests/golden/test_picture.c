@@ -3,6 +3,7 @@
  * Where the oracle came within a relative 1e-4 of another decision (1/255, stop, clamps) or drew neighbours whose
  * depths agree to 1e-6, float may decide otherwise: such pixels are held to a loose bound, and their share is bounded.
  */
+#include "frame_fixture.h"
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -14,22 +15,6 @@
 
 #include <cmocka.h>
 #include <math.h>
-
-static pags_tasks *tasks;
-static pags_frame *frame;
-
-static int set_up(void **state) {
-  (void)state;
-  tasks = pags_tasks_create(2);
-  return tasks && pags_frame_create(tasks, &frame) == PAGS_OK ? 0 : -1;
-}
-
-static int tear_down(void **state) {
-  (void)state;
-  pags_frame_destroy(frame);
-  pags_tasks_destroy(tasks);
-  return 0;
-}
 
 /* One isotropic Gaussian in front of a camera at the origin, by hand. */
 
@@ -287,5 +272,5 @@ int main(void) {
       cmocka_unit_test(test_parts_far_from_zero),
       cmocka_unit_test(test_crop),
   };
-  return cmocka_run_group_tests(tests, set_up, tear_down);
+  return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);
 }

@@ -6,6 +6,8 @@
  *
  * Error of a Gaussian in a group of planes: |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean square in
  * this scene), vector norms over the group. */
+#include "frame_fixture.h"
+#include "base/sort.h"
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -52,22 +54,6 @@ typedef struct gradient_case {
   int dropped;  /* 1: a quarter is left out, the others' opacities are raised by up to a third: above 1 for some */
   int street;   /* 1: three parts of which one shows another constant term, and a sky */
 } gradient_case;
-
-static pags_tasks *tasks;
-static pags_frame *frame;
-
-static int set_up(void **state) {
-  (void)state;
-  tasks = pags_tasks_create(2);
-  return tasks && pags_frame_create(tasks, &frame) == PAGS_OK ? 0 : -1;
-}
-
-static int tear_down(void **state) {
-  (void)state;
-  pags_frame_destroy(frame);
-  pags_tasks_destroy(tasks);
-  return 0;
-}
 
 /* Length of the gradient of row i in a group, by the oracle. */
 static double exact_norm(const reference_part_gradient *gradient, const parameter_group *group, int64_t i) {
@@ -245,11 +231,6 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
     reference_part_destroy(&parts[p]);
 }
 
-static int compare_doubles(const void *a, const void *b) {
-  double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 static void errors_create(error_list *errors, int64_t capacity) {
   for (int group = 0; group < GROUPS; group++)
     errors[group] = (error_list){.values = reference_alloc(capacity, sizeof(double))};
@@ -266,7 +247,7 @@ static int judge(error_list *errors, int group_count, double limit) {
   for (int group = 0; group < group_count; group++) {
     int64_t count = errors[group].count;
     assert_true(count > 0);
-    qsort(errors[group].values, (size_t)count, sizeof(double), compare_doubles);
+    pags_sort_doubles(errors[group].values, count);
     double median = errors[group].values[count / 2], high = errors[group].values[(count - 1) * 999 / 1000];
     print_message("    %-10s %6d, median %.1e, 99.9 %% %.1e, largest %.1e\n", groups[group].name, (int)count, median,
                   high, errors[group].values[count - 1]);
@@ -371,5 +352,5 @@ int main(void) {
       cmocka_unit_test(test_street),
       cmocka_unit_test(test_dropped),
   };
-  return cmocka_run_group_tests(tests, set_up, tear_down);
+  return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);
 }

@@ -1,4 +1,5 @@
 /* Scenes at a time: objects where their tracks are, hidden, moved and added; parked ones; colour over time. */
+#include "frame_fixture.h"
 #include "pags/compose.h"
 
 #include <math.h>
@@ -16,8 +17,6 @@ enum { SIZE = 101 };
 enum { PARKED, CAR }; /* objects */
 
 static const double origin[3] = {500000, 2000, 10};
-static pags_tasks *tasks;
-static pags_frame *frame;
 
 /* A round, almost opaque Gaussian of one pure colour. */
 static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, double z, int channel) {
@@ -372,19 +371,6 @@ static void placements_are_drawn_where_they_say(void **state) {
   pags_composition_destroy(c);
 }
 
-static int setup(void **state) {
-  (void)state;
-  tasks = pags_tasks_create(2);
-  return tasks && pags_frame_create(tasks, &frame) == PAGS_OK ? 0 : -1;
-}
-
-static int teardown(void **state) {
-  (void)state;
-  pags_frame_destroy(frame);
-  pags_tasks_destroy(tasks);
-  return 0;
-}
-
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(objects_are_where_their_tracks_are),
@@ -400,5 +386,5 @@ int main(void) {
       cmocka_unit_test(steady_composition_keeps_its_memory),
       cmocka_unit_test(placements_are_drawn_where_they_say),
   };
-  return cmocka_run_group_tests(tests, setup, teardown);
+  return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);
 }

@@ -20,11 +20,6 @@ static pags_kitti_calib object_calib(int frame) {
   return calib;
 }
 
-static void transform(const double m[12], const double p[3], double out[3]) {
-  for (int i = 0; i < 3; i++)
-    out[i] = m[4 * i] * p[0] + m[4 * i + 1] * p[1] + m[4 * i + 2] * p[2] + m[4 * i + 3];
-}
-
 /* Points of the sweep inside of the label's box, which may reach 5 cm below its bottom as it did where the figures
  * below come from (the sample's README), and how many of them project into its 2D box (2 px slack). */
 static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *label, int64_t count, const float *xyzr,
@@ -38,12 +33,12 @@ static void count_points(const pags_kitti_calib *calib, const pags_kitti_label *
   for (int64_t i = 0; i < count; i++) {
     const double velo[3] = {xyzr[4 * i], xyzr[4 * i + 1], xyzr[4 * i + 2]};
     double cam0[3], p[3], c[3];
-    transform(calib->cam0_from_velo, velo, cam0);
-    transform(object_from_cam0, cam0, p);
+    pags_rigid_point(calib->cam0_from_velo, velo, cam0);
+    pags_rigid_point(object_from_cam0, cam0, p);
     if (fabs(p[0]) > label->length / 2 || fabs(p[1]) > label->width / 2 || p[2] > label->height / 2 ||
         p[2] < -label->height / 2 - 0.05)
       continue;
-    transform(camera_from_cam0, cam0, c);
+    pags_rigid_point(camera_from_cam0, cam0, c);
     const double x = intrinsics[0] * c[0] / c[2] + intrinsics[2], y = intrinsics[1] * c[1] / c[2] + intrinsics[3];
     ++*inside;
     *seen += c[2] > 0 && x > label->box[0] - 1.5 && x < label->box[2] + 2.5 && y > label->box[1] - 1.5 &&
@@ -124,7 +119,7 @@ static void projections_give_the_stereo_pair(void **state) {
   const double p[3] = {2, 1, 10}, *m = calib.projection[2];
   double camera_from_cam0[12], c[3];
   pags_rigid_inverse(left, camera_from_cam0);
-  transform(camera_from_cam0, p, c);
+  pags_rigid_point(camera_from_cam0, p, c);
   const double w = m[8] * p[0] + m[9] * p[1] + m[10] * p[2] + m[11];
   const double u = (m[0] * p[0] + m[1] * p[1] + m[2] * p[2] + m[3]) / w,
                v = (m[4] * p[0] + m[5] * p[1] + m[6] * p[2] + m[7]) / w;
@@ -216,8 +211,8 @@ static double edge_strength(const pags_image *image, const pags_kitti_calib *cal
     last = range;
     if (step < 1 || step > 20) /* a nearer thing begins here */
       continue;
-    transform(calib->cam0_from_velo, velo, cam0);
-    transform(camera_from_cam0, cam0, c);
+    pags_rigid_point(calib->cam0_from_velo, velo, cam0);
+    pags_rigid_point(camera_from_cam0, cam0, c);
     const int x = (int)floor(intrinsics[0] * c[0] / c[2] + intrinsics[2]) + shift,
               y = (int)floor(intrinsics[1] * c[1] / c[2] + intrinsics[3]);
     if (c[2] < 1 || x < 2 || x >= image->width - 2 || y < 0 || y >= image->height)

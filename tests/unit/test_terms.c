@@ -9,6 +9,7 @@
 #include <cmocka.h>
 #include <math.h>
 
+#include "base/sort.h"
 #include "train/terms.h"
 
 enum { WIDTH = 101, HEIGHT = 37, STRIDE = 112, PLANE = STRIDE * HEIGHT };
@@ -229,11 +230,6 @@ static void test_depth_by_hand(void **state) {
   free(f);
 }
 
-static int by_size(const void *a, const void *b) {
-  const double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 /* The same in double over one sample a pixel; `moved`, if not negative, has its transmittance and depth sum changed. */
 static double plain_depth(const fixture *f, const pags_depth_sample *samples, double share, int moved, double by_t, double by_sum) {
   double errors[SAMPLES];
@@ -244,7 +240,7 @@ static double plain_depth(const fixture *f, const pags_depth_sample *samples, do
     if (1.0f - f->transmittance[at] > 0.05f && f->mask[at])
       errors[n++] = fabs(((double)f->depth_sum[at] + (at == moved ? by_sum : 0)) / alpha - (double)samples[k].depth);
   }
-  qsort(errors, (size_t)n, sizeof *errors, by_size);
+  pags_sort_doubles(errors, n);
   const int kept = (int)ceil(share * n);
   double sum = 0;
   for (int k = 0; k < kept; k++)

@@ -3,6 +3,7 @@
 #include <pags/scene.h>
 #include <pags/synth.h>
 
+#include "base/sort.h"
 #include "synth/size_tables.h"
 #include "unit/scratch.h"
 
@@ -106,11 +107,6 @@ static void test_hidden_is_empty(void **state) {
   free(folder);
 }
 
-static int compare(const void *a, const void *b) {
-  const float x = *(const float *)a, y = *(const float *)b;
-  return (x > y) - (x < y);
-}
-
 /* On roads nothing clips the sizes: their quantiles are the table's, within four standard errors (bounded by a tenth here). */
 static void test_histograms(void **state) {
   (void)state;
@@ -128,8 +124,8 @@ static void test_histograms(void **state) {
       logit[count++] = pags_plane(g, PAGS_OPACITY)[i];
     }
   assert_true(count > 800);
-  qsort(longest, (size_t)count, sizeof *longest, compare);
-  qsort(logit, (size_t)count, sizeof *logit, compare);
+  pags_sort_floats(longest, count);
+  pags_sort_floats(logit, count);
   for (int q = 2; q < 7; q++) { /* 15 to 85 per cent */
     const int at = (int)(pags_quantile_shares[q] * (float)count);
     assert_true(fabsf(longest[at] - pags_size_ground.ln_long[q]) < 0.1f);

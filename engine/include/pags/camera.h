@@ -30,6 +30,10 @@ PAGS_API pags_result pags_rigid_check(double m[12], const char *what);
 PAGS_API void pags_rigid_inverse(const double m[12], double out[12]);
 /* a * b for 3x4 rigid motions. */
 PAGS_API void pags_rigid_multiply(const double a[12], const double b[12], double out[12]);
+/* out = [R|t] p; not in place. */
+PAGS_API void pags_rigid_point(const double m[12], const double p[3], double out[3]);
+/* out = [Rz(yaw) Ry(pitch) Rx(roll) | place] of `turn` = roll, pitch, yaw, radians. */
+PAGS_API void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]);
 /* Rotation part (row-major 3x3) of a quaternion w x y z, normalised here; identity for a zero quaternion. */
 PAGS_API void pags_rotation_from_quaternion(const double q[4], double r[9]);
 PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);

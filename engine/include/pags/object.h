@@ -54,6 +54,9 @@ PAGS_API void pags_object_destroy(pags_object *object); /* frees what it owns an
 /* Sets object->moving by the rule above from the labelled poses. */
 PAGS_API void pags_object_classify_motion(pags_object *object);
 
+/* The knot of a time step, NULL where it has none. */
+PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t frame);
+
 /* Where the object is at `time`; returns 0, and leaves `out` alone, when it isn't there.
  * At a knot (within 1e-6 s) the label is taken as it stands, between two knots at most 1.5 times the track's median spacing apart the
  * labels are interpolated (translation linear, rotation along the shorter arc); up to half a median spacing beyond an end or into a
