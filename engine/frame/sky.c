@@ -97,6 +97,7 @@ typedef struct texel_run {
   int32_t first, last; /* texels [first, last) */
   int size;
   float *gradient;     /* of all texels */
+  uint8_t *blocks;     /* as in pags_picture_gradient; runs hold whole blocks */
 } texel_run;
 
 static void add_texel(const texel_run *run, int32_t texel, const float *colour) {
@@ -104,6 +105,8 @@ static void add_texel(const texel_run *run, int32_t texel, const float *colour) 
     return;
   float *const to = run->gradient + 3 * (int64_t)texel;
   to[0] += colour[0], to[1] += colour[1], to[2] += colour[2];
+  if (run->blocks)
+    run->blocks[texel / PAGS_SKY_BLOCK] = 1;
 }
 
 /* `corner`: what a cell's four texels get, red, green, blue and nothing. */
@@ -164,7 +167,7 @@ static void add_runs(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   for (int64_t r = begin; r < end; r++) {
     const texel_run run = {(int32_t)(r << c->run_bits), (int32_t)((r + 1) << c->run_bits), c->frame->rays.size,
-                           c->gradient->sky};
+                           c->gradient->sky, c->gradient->sky_blocks};
     for (int64_t tile = 0; tile < tiles; tile++)
       if (c->runs_seen[tile] >> r & 1)
         add_tile(c, &run, tile);

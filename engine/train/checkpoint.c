@@ -397,13 +397,13 @@ static pags_result get_tracks(section_reader *r, pags_tracks *tracks) {
   return PAGS_OK;
 }
 
-static pags_result get_sky(section_reader *r, const run_record *run, const pags_dataset *dataset, pags_sky_fit *fit) {
+static pags_result get_sky(section_reader *r, const run_record *run, pags_sky_fit *fit) {
   const uint8_t *payload = NULL;
   size_t bytes = sky_bytes(run->sky_size);
   PAGS_TRY(next_sized(r, "SKY0", 3 * (uint64_t)bytes + bytes / 6, &payload));
   if (run->sky_size == 0)
     return PAGS_OK;
-  PAGS_TRY(pags_sky_fit_prepare(fit, (int)run->sky_size, dataset));
+  PAGS_TRY(pags_sky_fit_prepare(fit, (int)run->sky_size));
   memcpy(fit->sky.texels, payload, bytes);
   memcpy(fit->first, payload + bytes, bytes);
   memcpy(fit->second, payload + 2 * bytes, bytes);
@@ -473,7 +473,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   for (int64_t i = 0; i < record.models; i++)
     PAGS_TRY(get_model(r, s));
   PAGS_TRY(get_tracks(r, &s->tracks));
-  PAGS_TRY(get_sky(r, &record, dataset, &s->sky));
+  PAGS_TRY(get_sky(r, &record, &s->sky));
   PAGS_TRY(get_exposures(r, &record, dataset, &s->exposures));
   if (r->end - r->at >= 4 && memcmp(r->at, "BADR", 4) == 0)
     PAGS_TRY(get_guard(r, s));

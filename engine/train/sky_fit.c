@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024, ROW_GRAIN = 8, PROBE = 8 };
+enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024, BLOCK_GRAIN = 256 };
 static const double least_share = 1e-3;
 static const double final_share = 0.01; /* of the rate, at the schedule's end */
 
@@ -47,7 +47,7 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
   *share = all > 0 ? (double)sky / (double)all : 0.0;
   if (*share < least_share)
     return PAGS_OK;
-  PAGS_TRY(pags_sky_fit_prepare(fit, choose_size(dataset), dataset));
+  PAGS_TRY(pags_sky_fit_prepare(fit, choose_size(dataset)));
   int64_t texels = 6 * (int64_t)fit->sky.size * fit->sky.size;
   for (int64_t i = 0; i < texels; i++)
     for (int c = 0; c < 3; c++)
@@ -55,33 +55,9 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
   return PAGS_OK;
 }
 
-/* Face and row of texels of a direction, as in pags/sky.h. */
-static int row_of(const double d[3], int size, int *face) {
-  int axis = fabs(d[0]) >= fabs(d[1]) && fabs(d[0]) >= fabs(d[2]) ? 0 : fabs(d[1]) >= fabs(d[2]) ? 1 : 2;
-  double m = fabs(d[axis]), t = axis == 1 ? (d[1] > 0.0 ? d[2] : -d[2]) : -d[1];
-  *face = 2 * axis + (d[axis] < 0.0);
-  int row = m > 0.0 ? (int)floor((t / m + 1.0) * 0.5 * size) : 0;
-  return row < 0 ? 0 : row >= size ? size - 1 : row;
-}
+static int64_t block_count(int size) { return (6 * (int64_t)size * size + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK; }
 
-/* Marks the rows that a camera's rays reach, on a grid of PROBE pixels, with the rows a probe may miss around each. */
-static void mark_view(pags_sky_fit *fit, const pags_camera *camera) {
-  const double *m = camera->world_from_camera;
-  int size = fit->sky.size;
-  int reach = 2 + (int)ceil(PROBE * size / camera->fy);
-  for (int y = 0; y <= camera->height + PROBE - 1; y += PROBE)
-    for (int x = 0; x <= camera->width + PROBE - 1; x += PROBE) {
-      double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy, d[3];
-      int face;
-      for (int k = 0; k < 3; k++)
-        d[k] = m[4 * k] * u + m[4 * k + 1] * v + m[4 * k + 2];
-      int row = row_of(d, size, &face);
-      for (int i = row - reach < 0 ? 0 : row - reach; i <= row + reach && i < size; i++)
-        fit->seen[face * size + i] = 1;
-    }
-}
-
-pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset *dataset) {
+pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   *fit = (pags_sky_fit){0};
   PAGS_TRY(pags_sky_create(&fit->sky, size));
   size_t floats = (size_t)18 * (size_t)size * (size_t)size;
@@ -89,14 +65,11 @@ pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset
   fit->second = calloc(floats, sizeof(float));
   fit->gradient = calloc(floats, sizeof(float));
   fit->visits = calloc(floats / 3, sizeof *fit->visits);
-  fit->seen = calloc((size_t)6 * (size_t)size, 1);
-  if (!fit->first || !fit->second || !fit->gradient || !fit->visits || !fit->seen) {
+  fit->blocks = calloc((size_t)block_count(size), 1);
+  if (!fit->first || !fit->second || !fit->gradient || !fit->visits || !fit->blocks) {
     pags_sky_fit_destroy(fit);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side", size);
   }
-  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
-    if (!pags_dataset_view(dataset, i)->test)
-      mark_view(fit, &pags_dataset_view(dataset, i)->camera);
   return PAGS_OK;
 }
 
@@ -107,7 +80,7 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   free(fit->gradient);
   free(fit->visits);
   free(fit->correction);
-  free(fit->seen);
+  free(fit->blocks);
   *fit = (pags_sky_fit){0};
 }
 
@@ -122,7 +95,7 @@ static void update_texel(const update_job *job, int64_t texel) {
   pags_sky_fit *f = job->fit;
   const float *g = f->gradient + 3 * texel;
   if ((g[0] == 0.0f && g[1] == 0.0f && g[2] == 0.0f) || !isfinite(g[0]) || !isfinite(g[1]) || !isfinite(g[2]))
-    return; /* not in view: left alone, moments too */
+    return; /* out of view: left alone, moments too */
   if (f->visits[texel] < UINT16_MAX)
     f->visits[texel]++;
   const float *c = f->correction[f->visits[texel] < CORRECTIONS ? f->visits[texel] : CORRECTIONS - 1];
@@ -133,17 +106,19 @@ static void update_texel(const update_job *job, int64_t texel) {
   }
 }
 
-static void update_rows(void *context, int64_t begin, int64_t end, int worker) {
+static void update_blocks(void *context, int64_t begin, int64_t end, int worker) {
   const update_job *job = context;
   pags_sky_fit *f = job->fit;
-  int64_t size = f->sky.size;
+  int64_t texels = 6 * (int64_t)f->sky.size * f->sky.size;
   (void)worker;
-  for (int64_t row = begin; row < end; row++) {
-    if (!f->seen[row])
+  for (int64_t block = begin; block < end; block++) {
+    int64_t first = block * PAGS_SKY_BLOCK, last = first + PAGS_SKY_BLOCK < texels ? first + PAGS_SKY_BLOCK : texels;
+    if (!f->blocks[block])
       continue;
-    for (int64_t texel = row * size; texel < (row + 1) * size; texel++)
+    for (int64_t texel = first; texel < last; texel++)
       update_texel(job, texel);
-    memset(f->gradient + 3 * row * size, 0, 3 * (size_t)size * sizeof(float));
+    memset(f->gradient + 3 * first, 0, 3 * (size_t)(last - first) * sizeof(float));
+    f->blocks[block] = 0;
   }
 }
 
@@ -172,7 +147,7 @@ pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule
                     .beta2 = (float)c->beta2,
                     .rate = (float)(c->sky_rate * pow(final_share, t)),
                     .epsilon = 1e-15f};
-  return pags_parallel_for(tasks, 6 * (int64_t)fit->sky.size, ROW_GRAIN, update_rows, &job)
+  return pags_parallel_for(tasks, block_count(fit->sky.size), BLOCK_GRAIN, update_blocks, &job)
              ? PAGS_OK
              : pags_fail(PAGS_CANCELLED, "cancelled");
 }

@@ -14,7 +14,7 @@ typedef struct pags_sky_fit {
   uint16_t *visits;      /* per texel: gradients so far, which is what the moments' bias is corrected by; stays at 65535 */
   float *gradient;       /* of one step; all zero between steps */
   float (*correction)[2]; /* of the moments, by visits; made at the first update. Derived */
-  uint8_t *seen;         /* per row of texels of each face: 1 where a training view may show it. Derived */
+  uint8_t *blocks;       /* per PAGS_SKY_BLOCK texels: 1 where the gradient has been added to; all zero between steps */
 } pags_sky_fit;
 
 /* Decides by the labels of the training photographs, seen at an eighth of their size: below a thousandth of all pixels there is
@@ -22,10 +22,10 @@ typedef struct pags_sky_fit {
  * labelled sky. `share` receives that share of pixels. */
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share);
 /* Zero moments and buffers for a sky of `size`, as loaded from a checkpoint. */
-pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size, const pags_dataset *dataset);
+pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 
-/* One Adam step with fit->gradient, which is zeroed. */
+/* One Adam step with fit->gradient where fit->blocks says that there is any; both are zeroed. */
 pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks);
 
 #endif

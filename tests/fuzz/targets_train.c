@@ -67,7 +67,7 @@ static void seed_checkpoint(void) {
     FUZZ_CHECK(pags_tracks_create(&state.tracks, &set) == PAGS_OK);
     if (full) {
       add_model(&state, 0, 2, 1);
-      FUZZ_CHECK(pags_sky_fit_prepare(&state.sky, 2, &set) == PAGS_OK && pags_exposures_create(&state.exposures, &set) == PAGS_OK);
+      FUZZ_CHECK(pags_sky_fit_prepare(&state.sky, 2) == PAGS_OK && pags_exposures_create(&state.exposures, &set) == PAGS_OK);
     }
     pags_state_set_step(&state, 50);
     const char *const path = fuzz_file("seed.run", "", 0);

@@ -168,6 +168,16 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   return reference_render(parts, part_count, camera, options);
 }
 
+/* Blocks that aren't marked have no gradient; a camera doesn't see all of them. */
+static void check_blocks(const frame_result *drawn) {
+  int64_t marked = 0, blocks = (drawn->sky_floats / 3 + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
+  for (int64_t k = 0; k < drawn->sky_floats; k++)
+    assert_true(drawn->sky[k] == 0.0f || drawn->sky_blocks[k / 3 / PAGS_SKY_BLOCK]);
+  for (int64_t b = 0; b < blocks; b++)
+    marked += drawn->sky_blocks[b];
+  assert_true(marked > 0 && marked < blocks);
+}
+
 /* Rounding only: a texel's gradient is a sum of thousands of terms. */
 static void check_sky(const frame_result *drawn, const double *exact) {
   double square = 0, worst = 0;
@@ -217,8 +227,10 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
     for (int64_t i = 0; i < parts[p].count; i++) /* facts 6 #29 */
       assert_true(drawn.parts[p].mean2d_abs[i] >= (c->plain ? 0 : drawn.parts[p].mean2d[i] * 0.9999f));
   }
-  if (c->street)
+  if (c->street) {
     check_sky(&drawn, sky_gradient);
+    check_blocks(&drawn);
+  }
 
   frame_result_destroy(&drawn);
   frame_scene_destroy(&scene);

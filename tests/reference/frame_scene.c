@@ -161,6 +161,7 @@ static void create_result(frame_result *result, const frame_scene *scene, const 
   result->id = reference_alloc(pixels, sizeof(int32_t));
   result->sky_floats = sky ? 18 * (int64_t)sky->size * sky->size : 0;
   result->sky = reference_alloc(result->sky_floats, sizeof(float));
+  result->sky_blocks = reference_alloc(result->sky_floats / 3 / PAGS_SKY_BLOCK + 1, 1);
   for (int p = 0; p < scene->part_count; p++) {
     frame_part_result *part = &result->parts[p];
     part->count = scene->gaussians[p].count;
@@ -210,7 +211,8 @@ static void go_back(pags_frame *frame, run_context *context, const pags_picture 
   const pags_picture_gradient padded = {.rgb = {planes[0], planes[1], planes[2]},
                                         .transmittance = planes[3],
                                         .depth_sum = planes[4],
-                                        .sky = context->result->sky_floats ? context->result->sky : NULL};
+                                        .sky = context->result->sky_floats ? context->result->sky : NULL,
+                                        .sky_blocks = context->result->sky_blocks};
   check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
   for (int k = 0; k < 5; k++)
     free(planes[k]);
@@ -257,6 +259,7 @@ void frame_result_destroy(frame_result *result) {
   free(result->depth);
   free(result->depth_sum);
   free(result->sky);
+  free(result->sky_blocks);
   free(result->id);
   for (int p = 0; p < result->part_count; p++) {
     frame_part_result *part = &result->parts[p];

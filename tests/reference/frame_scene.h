@@ -42,7 +42,8 @@ typedef struct frame_result {
   float *transmittance, *depth, *depth_sum; /* depths and id only with extra_channels */
   int32_t *id;
   int64_t sky_floats;
-  float *sky; /* gradient of the texels, where there is a sky and a way back */
+  float *sky;          /* gradient of the texels, where there is a sky and a way back */
+  uint8_t *sky_blocks; /* which of its blocks were added to */
   frame_part_result parts[FRAME_SCENE_PARTS];
   int64_t bad_rows;
 } frame_result;
