@@ -123,7 +123,7 @@ static const pags_option options[] = {
                "how much of the score is what shows vehicles and people; the rest is what the picture hangs on"),
     PAGS_CHOICE("hybrid", CONFIG(hybrid), "preset|sum|product", "preset: product with lean, otherwise sum",
                 "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where nothing critical is shown"),
-    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 3 with --preset lean",
+    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 1 + 5 A with --preset lean",
                "count pixels that show vehicles and people W times in the loss"),
     PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3",
               "share of the Gaussians removed at the first three prunes, and at those after"),

@@ -335,7 +335,7 @@ static void resolve_preset(pags_train_config *c) {
   if (c->hybrid == PAGS_HYBRID_OF_PRESET)
     c->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
   if (c->critical_weight < 0)
-    c->critical_weight = lean ? 3.0 : 1.0;
+    c->critical_weight = lean ? 1.0 + 5.0 * c->alpha : 1.0;
 }
 
 /* Degree 1 on driving sets, as Street Gaussians: a road is passed once, in one direction. */

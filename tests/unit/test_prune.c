@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "train/checkpoint.h"
+#include "train/config.h"
 #include "train/densify.h"
 #include "train/prune.h"
 
@@ -56,6 +57,19 @@ static void lean_begins_earlier_and_asks_less(void **unused) {
   assert_true(s.config.critical_weight == 3.0 && s.config.hybrid == PAGS_HYBRID_PRODUCT);
   s = schedule_of(PAGS_PRESET_PAPER, 30000, 10);
   assert_true(s.config.critical_weight == 1.0 && s.config.hybrid == PAGS_HYBRID_SUM);
+}
+
+/* At alpha 0 nothing of lean knows what is critical. */
+static void leans_loss_follows_alpha(void **unused) {
+  (void)unused;
+  pags_train_config config = pags_train_config_default();
+  config.preset = PAGS_PRESET_LEAN;
+  config.alpha = 0.0;
+  assert_true(pags_config_resolve(&config, 1).critical_weight == 1.0);
+  config.alpha = 1.0;
+  assert_true(pags_config_resolve(&config, 1).critical_weight == 6.0);
+  config.critical_weight = 2.0;
+  assert_true(pags_config_resolve(&config, 1).critical_weight == 2.0);
 }
 
 /* Between the preset's -1 and 1 there is nothing to ask for. */
@@ -277,6 +291,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(prunes_come_when_the_paper_says),
       cmocka_unit_test(lean_begins_earlier_and_asks_less),
+      cmocka_unit_test(leans_loss_follows_alpha),
       cmocka_unit_test(weights_below_1_are_refused),
       cmocka_unit_test(the_two_scores_come_together),
       cmocka_unit_test(they_stretch_and_none_is_the_last_step),

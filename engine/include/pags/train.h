@@ -112,9 +112,10 @@ typedef struct pags_train_config {
 
   /* Priority: scores and pruning by them (docs/priority.md) */
   pags_preset preset;   /* default PAGS_PRESET_NONE; others not with MCMC */
-  double alpha;         /* how much of S_hybrid is semantic, 0..1; default 0.4 */
+  double alpha;         /* how much of S_hybrid is semantic, and with LEAN of the loss, 0..1; default 0.4 */
   pags_hybrid hybrid;   /* default PAGS_HYBRID_OF_PRESET */
-  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 3 with LEAN, otherwise 1 */
+  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha with
+                             LEAN, otherwise 1 */
   double prune_early;   /* share removed at the first three prunes, 0..0.99; default 0.6 */
   double prune_late;    /* at those after; default 0.3 */
   int64_t prune_floor;  /* no object is pruned below so many; default 500 */
