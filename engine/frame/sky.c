@@ -55,10 +55,29 @@ static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
   return upto & UINT64_MAX << (first >> run_bits);
 }
 
+/* Of a row of a tile, which may reach beyond the picture's edge: whether any pixel lets as much of the sky through as counts. */
+static bool row_shows_sky(const sky_context *c, int64_t at) {
+  const float *const t = frame_plane(c->frame, PLANE_T) + at;
+  int any = 0;
+  for (int x = 0; x < PAGS_TILE; x++)
+    any |= t[x] >= c->gradient->sky_cut;
+  return any;
+}
+
+static bool tile_shows_sky(const sky_context *c, int64_t tile) {
+  const int64_t at = (int64_t)tile_y(c->frame, tile) * c->frame->stride + tile_x(c->frame, tile);
+  for (int y = 0; y < PAGS_TILE; y++)
+    if (row_shows_sky(c, at + y * c->frame->stride))
+      return true;
+  return false;
+}
+
 /* A face's directions are a convex cone: where a tile's four corners lie on one face, so do all its pixels, and in between of the corners'
  * rows. A row more on either side is for rounding. Elsewhere every pixel is looked at. */
 static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   enum { LAST = PAGS_TILE - 1 };
+  if (!tile_shows_sky(c, tile))
+    return 0;
   const pags_frame *const f = c->frame;
   const int size = f->rays.size, x0 = tile_x(f, tile), y0 = tile_y(f, tile);
   const int64_t face_texels = (int64_t)size * size;
@@ -118,14 +137,15 @@ static void add_cell(const texel_run *run, int32_t texel, float corner[4][4]) {
   add_texel(run, texel + below + right, corner[3]);
 }
 
-/* T dL/drgb of a tile's row, channel by channel; values that aren't finite count for nothing, as with Gaussians. */
+/* T dL/drgb of a tile's row, channel by channel, nothing where T is below the cut; values that aren't finite count for nothing, as with
+ * Gaussians. */
 static void row_colours(const sky_context *c, int64_t at, float colour[3][PAGS_TILE]) {
   const float *const t = frame_plane(c->frame, PLANE_T) + at;
   for (int k = 0; k < 3; k++) {
     const float *const gradient = c->gradient->rgb[k] + at;
     for (int x = 0; x < PAGS_TILE; x++) {
       const float product = t[x] * gradient[x];
-      colour[k][x] = fabsf(product) < 3e38f ? product : 0.0f;
+      colour[k][x] = fabsf(product) < 3e38f && t[x] >= c->gradient->sky_cut ? product : 0.0f;
     }
   }
 }
@@ -154,8 +174,11 @@ static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
   float *const corners[4] = {weight, weight + PAGS_TILE_PIXELS, weight + 2 * PAGS_TILE_PIXELS, weight + 3 * PAGS_TILE_PIXELS};
   f->kernels->sky_cells(&f->rays, x0, y0, 1, texel, corners);
   for (int y = 0; y < PAGS_TILE && y < height; y++) {
+    const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
     float colour[3][PAGS_TILE];
-    row_colours(c, (int64_t)(y0 + y) * f->stride + x0, colour);
+    if (!row_shows_sky(c, at))
+      continue;
+    row_colours(c, at, colour);
     add_row(run, width < PAGS_TILE ? width : PAGS_TILE, texel + y * PAGS_TILE,
             weight + y * PAGS_TILE, colour);
   }

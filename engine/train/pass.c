@@ -443,7 +443,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, doub
                              &v->terms.depth));
   }
   if (t->state.sky.sky.size > 0 && !t->measuring)
-    gradient->sky = t->state.sky.gradient, gradient->sky_blocks = t->state.sky.blocks;
+    pags_sky_fit_receive(&t->state.sky, gradient);
   return PAGS_OK;
 }
 

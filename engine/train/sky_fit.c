@@ -84,6 +84,12 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   *fit = (pags_sky_fit){0};
 }
 
+void pags_sky_fit_receive(pags_sky_fit *fit, pags_picture_gradient *gradient) {
+  gradient->sky = fit->gradient;
+  gradient->sky_blocks = fit->blocks;
+  gradient->sky_cut = 1.0f / 255.0f;
+}
+
 enum { CORRECTIONS = 8192 }; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
 
 typedef struct update_job {

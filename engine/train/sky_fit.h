@@ -3,6 +3,7 @@
 #define PAGS_TRAIN_SKY_FIT_H
 
 #include <pags/dataset.h>
+#include <pags/frame.h>
 #include <pags/sky.h>
 #include <pags/tasks.h>
 
@@ -25,6 +26,9 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 
+/* Has the gradient of a step added up in the fit, of pixels that show at least a 255th of the sky: by Adam's measure the rest would
+ * move what lies behind walls as fast as what is seen. */
+void pags_sky_fit_receive(pags_sky_fit *fit, pags_picture_gradient *gradient);
 /* One Adam step with fit->gradient where fit->blocks says that there is any; both are zeroed. */
 pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks);
 

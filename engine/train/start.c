@@ -155,11 +155,12 @@ static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g)
   return result;
 }
 
-static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start, double extent) {
+static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start, int64_t most,
+                                  double extent) {
   const pags_start_points *p = &start->background;
   pags_train_state *s = &t->state;
   pags_gaussians g;
-  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, t->tasks, &g));
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
   pags_result result = p->object ? mark_rows(p, &g) : PAGS_OK;
   if (result == PAGS_OK)
     return pags_state_add_model(s, -1, extent, &g);
@@ -172,13 +173,14 @@ static double object_extent(const pags_object *o) {
   return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
 }
 
-static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_start_points *p) {
+static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_start_points *p,
+                              int64_t most) {
   pags_train_state *s = &t->state;
   const pags_object *o = &s->tracks.objects[object];
   pags_gaussians g;
-  if (p->count == 0)
+  if (most == 0)
     return PAGS_OK;
-  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, p->count, object_extent(o), t->tasks, &g));
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, object_extent(o), t->tasks, &g));
   pags_result result = pags_gaussians_add_s_sem(&g);
   for (int64_t row = 0; result == PAGS_OK && row < g.count; row++)
     g.s_sem[row] = pags_dataset_object_is_critical(t->dataset, object) ? 1.0f : 0.0f;
@@ -196,6 +198,18 @@ void pags_trainer_fit_box(pags_train_state *s, int64_t model) {
     m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
 }
 
+/* Where there is a cap, objects get half of it at most, each by its points. */
+static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start, double extent) {
+  int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
+  for (int64_t i = 0; config->objects && i < start->object_count; i++)
+    points += start->objects[i].count;
+  int64_t most = points < cap / 2 ? points : cap / 2;
+  PAGS_TRY(add_background(t, config, start, cap - most, extent));
+  for (int64_t i = 0; points > 0 && i < start->object_count; i++) /* both numbers are below 2^31 */
+    PAGS_TRY(add_object(t, config, i, &start->objects[i], start->objects[i].count * most / points));
+  return PAGS_OK;
+}
+
 static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
   pags_train_state *s = &t->state;
   pags_start start;
@@ -204,9 +218,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
   PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
   s->lidar_points = start.lidar_points;
-  pags_result result = add_background(t, config, &start, extent);
-  for (int64_t i = 0; result == PAGS_OK && config->objects && i < start.object_count; i++)
-    result = add_object(t, config, i, &start.objects[i]);
+  pags_result result = add_models(t, config, &start, extent);
   pags_start_destroy(&start);
   PAGS_TRY(result);
   if (config->sky)

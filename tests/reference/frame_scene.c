@@ -212,6 +212,7 @@ static void go_back(pags_frame *frame, run_context *context, const pags_picture 
                                         .transmittance = planes[3],
                                         .depth_sum = planes[4],
                                         .sky = context->result->sky_floats ? context->result->sky : NULL,
+                                        .sky_cut = context->scene->sky_cut,
                                         .sky_blocks = context->result->sky_blocks};
   check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
   for (int k = 0; k < 5; k++)

@@ -17,6 +17,7 @@ typedef struct frame_scene {
   float *dc[FRAME_SCENE_PARTS];       /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
   float *dc_values[FRAME_SCENE_PARTS];
   float *factor[FRAME_SCENE_PARTS]; /* where the reference part has one */
+  float sky_cut;                    /* of the way back */
 } frame_scene;
 
 /* Rounds the parts' values to float. `shuffle_seed` != 0: rows in a random order, their ids given explicitly. */

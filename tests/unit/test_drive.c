@@ -216,6 +216,24 @@ static void parts_can_be_left_out(void **unused) {
   pags_scene_destroy(&scene);
 }
 
+/* Objects and background together; the objects' share of a small bound is not all of it, nor nothing. */
+static void a_bound_holds_for_all_models(void **unused) {
+  (void)unused;
+  pags_train_config config = quick();
+  pags_scene scene;
+  config.iterations = 40;
+  for (int64_t bound = 60; bound <= 600; bound *= 10) {
+    config.max_gaussians = bound;
+    train(&config, "bounded", tasks, 1000, 0);
+    assert_int_equal(pags_scene_load(scratch("bounded"), &scene), PAGS_OK);
+    assert_true(scene.model_count > 1);
+    assert_true(scene.models[0].gaussians.count >= bound / 3);
+    assert_in_range(pags_scene_gaussian_count(&scene), bound / 2, bound);
+    pags_scene_destroy(&scene);
+    assert_int_equal(pags_remove_tree(scratch("bounded")), PAGS_OK);
+  }
+}
+
 /* Exposures of held-out views lie between their neighbours', and the mean over training views stays what it was. */
 static void exposures_keep_their_mean(void **unused) {
   (void)unused;
@@ -306,6 +324,7 @@ int main(void) {
       cmocka_unit_test(threads_and_interruptions_change_no_bit),
       cmocka_unit_test(pruning_changes_no_bit_of_a_resumed_run),
       cmocka_unit_test(parts_can_be_left_out),
+      cmocka_unit_test(a_bound_holds_for_all_models),
   };
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }

@@ -22,6 +22,7 @@ typedef struct fixture {
   pags_frame_options options;
   reference_part part;
   double *weights; /* of the loss: five planes */
+  float sky_cut;
 } fixture;
 
 static fixture fixture_create(uint64_t seed, int64_t count) {
@@ -82,6 +83,7 @@ static void engine_destroy(engine *e) {
 
 static frame_result run_with(engine *e, const fixture *f, int cluster_size, uint64_t shuffle_seed) {
   frame_scene scene = frame_scene_create(&f->part, 1, cluster_size, shuffle_seed);
+  scene.sky_cut = f->sky_cut;
   const reference_picture_gradient gradient = {f->weights, f->weights + 3 * PIXELS, f->weights + 4 * PIXELS, NULL};
   frame_result result = frame_run(e->frame, &scene, &f->camera, &f->options, &gradient);
   frame_scene_destroy(&scene);
@@ -262,6 +264,33 @@ static void test_sky_without_nan(void **state) {
     sum += fabs((double)result.sky[k]);
   assert_true(sum > 1);
   frame_result_destroy(&result);
+  free(sky.texels);
+  fixture_destroy(&f);
+}
+
+/* What is below the cut counts as if it had no gradient. */
+static void test_sky_of_pixels_that_show_it(void **state) {
+  (void)state;
+  fixture f = fixture_create(13, 400);
+  pags_sky sky = reference_random_sky(&f.random, 6);
+  f.options.sky = &sky;
+  frame_result all = run_finite(&f);
+  f.sky_cut = 0.5f;
+  frame_result cut = run_finite(&f);
+  int below = 0;
+  for (int k = 0; k < PIXELS; k++) {
+    below += all.transmittance[k] < f.sky_cut;
+    for (int channel = 0; channel < 3 && all.transmittance[k] < f.sky_cut; channel++)
+      f.weights[channel * PIXELS + k] = 0;
+  }
+  assert_in_range(below, PIXELS / 20, PIXELS * 19 / 20);
+  f.sky_cut = 0;
+  frame_result masked = run_finite(&f);
+  assert_memory_equal(cut.sky, masked.sky, (size_t)all.sky_floats * sizeof(float));
+  assert_memory_not_equal(cut.sky, all.sky, (size_t)all.sky_floats * sizeof(float));
+  frame_result_destroy(&all);
+  frame_result_destroy(&cut);
+  frame_result_destroy(&masked);
   free(sky.texels);
   fixture_destroy(&f);
 }
@@ -672,6 +701,7 @@ int main(void) {
       cmocka_unit_test(test_bare_sky),
       cmocka_unit_test(test_sky_is_the_scene_s),
       cmocka_unit_test(test_sky_without_nan),
+      cmocka_unit_test(test_sky_of_pixels_that_show_it),
       cmocka_unit_test(test_threads_change_nothing),
       cmocka_unit_test(test_clusters_and_order_change_nothing),
       cmocka_unit_test(test_a_used_frame_is_as_good_as_new),

@@ -168,6 +168,7 @@ typedef struct pags_picture_gradient {
   const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels */
   float *sky;             /* out: dLoss/d(texel) is added to it, laid out as the sky's texels; NULL: not wanted. The only plane
                              written; the same bits for any number of threads */
+  float sky_cut;          /* pixels with less transmittance add nothing to `sky`; 0: all do */
   uint8_t *sky_blocks;    /* out, with `sky`: 1 is written at texel / PAGS_SKY_BLOCK for each texel added to; NULL: not wanted */
 } pags_picture_gradient;
 
