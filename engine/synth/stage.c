@@ -122,6 +122,10 @@ static void load_rays(const pags_rays *rays, float from, float to, struct RTCRay
   memset(out, 0, sizeof *out);
   for (int i = 0; i < PAGS_PACKET; i++) {
     valid[i] = rays->active >> i & 1u ? -1 : 0;
+    out->tfar[i] = -INFINITY;
+    out->dir_z[i] = 1.0f; /* Embree looks at lanes that aren't valid, too; their rays were never written */
+    if (!valid[i])
+      continue;
     out->org_x[i] = rays->origin[i][0];
     out->org_y[i] = rays->origin[i][1];
     out->org_z[i] = rays->origin[i][2];
@@ -129,7 +133,7 @@ static void load_rays(const pags_rays *rays, float from, float to, struct RTCRay
     out->dir_y[i] = rays->direction[i][1];
     out->dir_z[i] = rays->direction[i][2];
     out->tnear[i] = from;
-    out->tfar[i] = valid[i] ? to : -INFINITY;
+    out->tfar[i] = to;
     out->mask[i] = ~0u;
   }
 }
