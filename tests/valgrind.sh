@@ -38,7 +38,7 @@ scene=$work/scene
 check synth synth street -o "$street" --width 64 --height 48 --frames 4 --cameras 1 --samples 1 --objects 3 --lidar-points 300 --no-shifts -j 2
 check train train "$street" -o "$scene" --iterations 30 --max-gaussians 1500 --checkpoint-every 20 --preview-every 20 -j 2
 check resume train "$street" -o "$scene" --iterations 40 --max-gaussians 1500 --resume -j 2
-check render render "$scene" --split test -o "$work/pictures" --early-z bounded -j 2
+check render render "$scene" --split train -o "$work/pictures" --early-z bounded -j 2
 check eval eval "$scene" --dataset "$street" --json "$work/eval.json" -j 2
 check info info "$scene"
 check proxies export "$scene" "$work/proxies.glb"
