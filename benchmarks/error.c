@@ -6,6 +6,7 @@
 #include "error.h"
 
 #include <base/file.h>
+#include <base/sort.h>
 #include <kernels.h>
 #include <math.h>
 #include <stdlib.h>
@@ -54,13 +55,8 @@ double error_clock_ms(void) {
   return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
-static int ascending(const void *a, const void *b) {
-  const double x = *(const double *)a, y = *(const double *)b;
-  return (x > y) - (x < y);
-}
-
 double error_median(double *values, int64_t count) {
-  qsort(values, (size_t)count, sizeof *values, ascending);
+  pags_sort_doubles(values, count);
   return count > 0 ? 0.5 * (values[(count - 1) / 2] + values[count / 2]) : (double)NAN;
 }
 

@@ -385,7 +385,7 @@ static int compare_order(const void *a, const void *b) {
   return (p->id > q->id) - (p->id < q->id);
 }
 
-static void blend_all(reference_picture *picture) {
+int64_t reference_front_to_back(const reference_picture *picture, int64_t *gaussians) {
   order_entry *order = reference_alloc(picture->splat_count, sizeof *order);
   int64_t drawn = 0;
   for (int64_t i = 0; i < picture->splat_count; i++) {
@@ -393,13 +393,22 @@ static void blend_all(reference_picture *picture) {
       order[drawn++] = (order_entry){picture->splats[i].camera[2], picture->splats[i].id, i};
   }
   qsort(order, (size_t)drawn, sizeof *order, compare_order);
+  for (int64_t k = 0; k < drawn; k++)
+    gaussians[k] = order[k].gaussian;
+  free(order);
+  return drawn;
+}
+
+static void blend_all(reference_picture *picture) {
+  int64_t *order = reference_alloc(picture->splat_count, sizeof *order);
+  const int64_t drawn = reference_front_to_back(picture, order);
 
   int64_t pixels = (int64_t)picture->width * picture->height, capacity = 0;
   pixel_state *states = reference_alloc(pixels, sizeof *states);
   for (int64_t pixel = 0; pixel < pixels; pixel++)
     states[pixel].last_depth = -INFINITY;
   for (int64_t k = 0; k < drawn; k++)
-    blend_box(picture, &capacity, states, order[k].gaussian);
+    blend_box(picture, &capacity, states, order[k]);
   for (int64_t pixel = 0; pixel < pixels; pixel++)
     picture->depth[pixel] = states[pixel].weight_sum > 0 ? picture->depth_sum[pixel] / states[pixel].weight_sum : 0;
   free(states);

@@ -102,6 +102,10 @@ reference_picture reference_render_within(reference_limits limits, const referen
                                           const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
 
+/* Those that are drawn in the order in which pixels see them: by depth, ties by id. `gaussians`: room for splat_count indices over all parts.
+ * Returns how many. */
+int64_t reference_front_to_back(const reference_picture *picture, int64_t *gaussians);
+
 /* The colours of the same Gaussians in the same order and within the same limits as `from`, a render of the same arguments, but by each
  * one's largest value along a pixel's ray in place of its affine image (reference_rays.c). Three planes, freed by the caller. */
 double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,

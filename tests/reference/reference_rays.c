@@ -105,34 +105,18 @@ static void blend_splat(const reference_picture *from, const reference_splat *sp
     }
 }
 
-typedef struct order_entry {
-  double depth;
-  int32_t id;
-  int part;
-  int64_t row, splat;
-} order_entry;
-
-static int compare_order(const void *a, const void *b) {
-  const order_entry *p = a, *q = b;
-  if (p->depth != q->depth)
-    return p->depth < q->depth ? -1 : 1;
-  return (p->id > q->id) - (p->id < q->id);
-}
-
-static int64_t list_drawn(const reference_part *parts, int part_count, const reference_picture *from, order_entry *order) {
-  int64_t drawn = 0, at = 0;
-  for (int p = 0; p < part_count; p++)
-    for (int64_t i = 0; i < parts[p].count; i++, at++)
-      if (from->splats[at].drawn)
-        order[drawn++] = (order_entry){from->splats[at].camera[2], from->splats[at].id, p, i, at};
-  qsort(order, (size_t)drawn, sizeof *order, compare_order);
-  return drawn;
+/* The part that a Gaussian of all parts, in order, belongs to; `row` becomes its place in it. */
+static int part_of(const reference_part *parts, int64_t gaussian, int64_t *row) {
+  int p = 0;
+  for (*row = gaussian; *row >= parts[p].count; p++)
+    *row -= parts[p].count;
+  return p;
 }
 
 double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,
                               const reference_picture *from) {
   const int64_t pixels = (int64_t)from->width * from->height;
-  order_entry *order = reference_alloc(from->splat_count, sizeof *order);
+  int64_t *order = reference_alloc(from->splat_count, sizeof *order), row;
   reference_view *views = reference_alloc(part_count, sizeof *views);
   ray_picture out = {reference_alloc(3 * pixels, sizeof(double)), reference_alloc(pixels, sizeof(double)),
                      reference_alloc(pixels, 1)};
@@ -140,13 +124,13 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
     out.transmittance[k] = 1;
   for (int p = 0; p < part_count; p++)
     views[p] = reference_view_of(&parts[p], camera, options);
-  const int64_t drawn = list_drawn(parts, part_count, from, order);
+  const int64_t drawn = reference_front_to_back(from, order);
   for (int64_t k = 0; k < drawn; k++) {
-    const order_entry *e = &order[k];
+    const reference_splat *splat = &from->splats[order[k]];
+    const int p = part_of(parts, order[k], &row);
     ray_splat ray;
-    if (find_ray_splat(&parts[e->part], e->row, &views[e->part], camera, (double)options->low_pass, from->limits.alpha_min,
-                       &from->splats[e->splat], &ray))
-      blend_splat(from, &from->splats[e->splat], &ray, camera, &out);
+    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, from->limits.alpha_min, splat, &ray))
+      blend_splat(from, splat, &ray, camera, &out);
   }
   for (int64_t k = 0; k < pixels; k++) {
     double behind[3], margin = INFINITY;
