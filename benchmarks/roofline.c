@@ -4,6 +4,7 @@
  * and the frame are timed in turn, so that a machine that changes its speed changes both. */
 #include "bench.h"
 
+#include <base/clock.h>
 #include <kernels.h>
 #include <stdlib.h>
 #include <string.h>
@@ -28,9 +29,9 @@ static double peak_pairs(pags_tasks *tasks, const pags_kernels *kernels) {
   const int workers = pags_tasks_workers(tasks);
   float kept[256] = {0};
   peak_context c = {kernels, kept};
-  const double t0 = pags_bench_clock_ms();
+  const double t0 = pags_clock_ms();
   pags_parallel_for(tasks, workers, 1, run_peak, &c);
-  return (double)STEPS * PAGS_LANES * workers / (pags_bench_clock_ms() - t0) * 1e3;
+  return (double)STEPS * PAGS_LANES * workers / (pags_clock_ms() - t0) * 1e3;
 }
 
 typedef struct read_context {
@@ -57,9 +58,9 @@ static double read_bandwidth(pags_tasks *tasks) {
   read_context c = {data, sums};
   double best = 0;
   for (int i = 0; i < ROUNDS; i++) {
-    const double t0 = pags_bench_clock_ms();
+    const double t0 = pags_clock_ms();
     pags_parallel_for(tasks, count, 1 << 16, read_block, &c);
-    const double rate = BANDWIDTH_BYTES / (pags_bench_clock_ms() - t0) * 1e3;
+    const double rate = BANDWIDTH_BYTES / (pags_clock_ms() - t0) * 1e3;
     best = rate > best ? rate : best;
   }
   free(data);

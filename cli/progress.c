@@ -2,16 +2,14 @@
 #include "progress.h"
 #include "interrupt.h"
 
+#include <base/clock.h>
 #include <stdarg.h>
-#include <time.h>
 #include <unistd.h>
 
 static const double terminal_seconds = 0.2, plain_seconds = 10;
 
 double pags_seconds(void) {
-  struct timespec now;
-  clock_gettime(CLOCK_MONOTONIC, &now);
-  return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+  return 1e-3 * pags_clock_ms();
 }
 
 pags_progress pags_progress_begin(FILE *stream) {

@@ -115,14 +115,14 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
   c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
   if (!c.slots || !c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_backward, &c));
   if (frame->has_sky && gradient->sky)
     PAGS_TRY(pags_frame_sky_backward(frame, gradient));
-  const double t1 = pags_frame_clock_ms();
+  const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 4, clusters_backward, &c));
   frame->stats.ms_raster_backward = t1 - t0;
-  frame->stats.ms_project_backward = pags_frame_clock_ms() - t1;
+  frame->stats.ms_project_backward = pags_clock_ms() - t1;
   if (bad_rows)
     *bad_rows = (int64_t)atomic_load(&c.bad_rows);
   return PAGS_OK;

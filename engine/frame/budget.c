@@ -241,7 +241,7 @@ static pags_result draw_apart(pags_budget *b, const pags_budget_step *step, cons
 pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *parts, int part_count, const pags_camera *camera,
                                     const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts) {
   assert(step >= 0 && step < PAGS_BUDGET_STEPS && options->early_z != PAGS_EARLY_Z_PAPER);
-  const double begun = pags_frame_clock_ms();
+  const double begun = pags_clock_ms();
   const pags_budget_step *const s = steps + step;
   *facts = (pags_budget_facts){.step = step, .full_tiles = 1.0};
   if (s->scale > 1.0f) {
@@ -253,7 +253,7 @@ pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *p
     PAGS_TRY(pags_frame_render(b->full, parts, part_count, camera, &reduced, NULL, NULL, out));
   }
   facts->full = *pags_frame_stats_get(b->full);
-  facts->ms = pags_frame_clock_ms() - begun;
+  facts->ms = pags_clock_ms() - begun;
   facts->met = facts->ms <= b->controller.target;
   return PAGS_OK;
 }

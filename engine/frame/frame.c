@@ -3,18 +3,11 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "stages.h"
 
 pags_frame_options pags_frame_options_default(void) {
   return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5, .early_z_eps = 1.0f / 255.0f};
-}
-
-double pags_frame_clock_ms(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
 }
 
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
@@ -156,20 +149,20 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
 }
 
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
-  const double t1 = pags_frame_clock_ms();
+  const double t1 = pags_clock_ms();
   PAGS_TRY(pags_stage_project(frame));
-  const double t2 = pags_frame_clock_ms();
+  const double t2 = pags_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
-  const double t3 = pags_frame_clock_ms();
+  const double t3 = pags_clock_ms();
   PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
-  const double t4 = pags_frame_clock_ms();
+  const double t4 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(frame));
-  const double t5 = pags_frame_clock_ms();
+  const double t5 = pags_clock_ms();
   PAGS_TRY(pags_stage_raster(frame));
-  const double t6 = pags_frame_clock_ms();
+  const double t6 = pags_clock_ms();
   pags_frame_stats *const s = &frame->stats;
   s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
   s->ms_sort = t5 - t4, s->ms_raster = t6 - t5;
@@ -206,9 +199,9 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   if (options->keep_for_backward)
     frame->options.early_z = PAGS_EARLY_Z_OFF;
   const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER, slabs = !paper && wants_slabs(frame);
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_cull(frame, slabs || paper));
-  frame->stats.ms_cull = pags_frame_clock_ms() - t0;
+  frame->stats.ms_cull = pags_clock_ms() - t0;
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   if (paper)
     PAGS_TRY(pags_frame_draw_paper(frame, touch, user));

@@ -197,25 +197,25 @@ static void count_clusters(const paper *p) {
 
 pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
   paper p = {.frame = frame, .touch = touch, .user = user};
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(allocate(&p));
   PAGS_TRY(draw_occluders(&p));
-  const double t1 = pags_frame_clock_ms();
+  const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
   count_clusters(&p);
-  const double t2 = pags_frame_clock_ms();
+  const double t2 = pags_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
-  const double t3 = pags_frame_clock_ms();
+  const double t3 = pags_clock_ms();
   frame->tile_limits = p.limits;
   PAGS_TRY(pags_stage_list(frame));
   PAGS_TRY(pags_stage_bin(frame));
-  const double t4 = pags_frame_clock_ms();
+  const double t4 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(frame));
-  const double t5 = pags_frame_clock_ms();
+  const double t5 = pags_clock_ms();
   PAGS_TRY(pags_stage_raster(frame));
   pags_frame_stats *const s = &frame->stats;
   s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3, s->ms_sort = t5 - t4;
-  s->ms_raster = pags_frame_clock_ms() - t5;
+  s->ms_raster = pags_clock_ms() - t5;
   s->slabs = 1;
   return PAGS_OK;
 }

@@ -242,7 +242,7 @@ static void retire(slabs *s) {
 
 static pags_result select_and_shade(slabs *s) {
   pags_frame *const f = s->frame;
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, project_active, s));
   f->drawn_count = 0;
   for (int64_t i = 0; i < s->active_count; i++) {
@@ -253,32 +253,32 @@ static pags_result select_and_shade(slabs *s) {
   f->drawn = pags_frame_alloc(f, f->drawn_count, sizeof *f->drawn, "list of what is drawn");
   if (!f->drawn)
     return PAGS_ERROR_MEMORY;
-  const double t1 = pags_frame_clock_ms();
+  const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
   retire(s);
   f->stats.ms_project += t1 - t0;
-  f->stats.ms_shade += pags_frame_clock_ms() - t1;
+  f->stats.ms_shade += pags_clock_ms() - t1;
   return PAGS_OK;
 }
 
 static pags_result draw_slab(slabs *s, int64_t budget) {
   pags_frame *const f = s->frame;
   pags_frame_stats *const stats = &f->stats;
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   take_clusters(s, budget);
-  stats->ms_occlude += pags_frame_clock_ms() - t0;
+  stats->ms_occlude += pags_clock_ms() - t0;
   PAGS_TRY(select_and_shade(s));
-  const double t1 = pags_frame_clock_ms();
+  const double t1 = pags_clock_ms();
   PAGS_TRY(pags_stage_bin(f));
-  const double t2 = pags_frame_clock_ms();
+  const double t2 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(f));
-  const double t3 = pags_frame_clock_ms();
+  const double t3 = pags_clock_ms();
   PAGS_TRY(pags_stage_raster(f));
-  const double t4 = pags_frame_clock_ms();
+  const double t4 = pags_clock_ms();
   if (!f->last_slab)
     pags_frame_fullness_update(f);
   stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
-  stats->ms_occlude += pags_frame_clock_ms() - t4;
+  stats->ms_occlude += pags_clock_ms() - t4;
   stats->slabs++;
   return PAGS_OK;
 }
@@ -306,9 +306,9 @@ static double hidden_share(const pags_frame_stats *stats) {
 pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
   slabs s = {.frame = frame, .touch = touch, .user = user};
   const pags_frame_stats *const stats = &frame->stats;
-  const double t0 = pags_frame_clock_ms();
+  const double t0 = pags_clock_ms();
   PAGS_TRY(begin(&s));
-  frame->stats.ms_occlude = pags_frame_clock_ms() - t0;
+  frame->stats.ms_occlude = pags_clock_ms() - t0;
   const int64_t budget = slab_budget(frame);
   do {
     const pags_arena_mark mark = pags_arena_save(frame->arena);

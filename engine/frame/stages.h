@@ -7,6 +7,7 @@
 #include <pags/packed.h>
 #include <stdbool.h>
 
+#include "base/clock.h"
 #include "scene/packed_rows.h"
 
 /* A cluster in view. Its members' results lie at [base, base + count) of the dense arrays below; base is a multiple of 16. */
@@ -139,6 +140,5 @@ const float *pags_frame_colours(const pags_part *part, const view_cluster *clust
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what);
 /* pags_parallel_for as a result code. */
 pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context);
-double pags_frame_clock_ms(void);
 
 #endif

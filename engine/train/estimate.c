@@ -6,6 +6,7 @@
  * between an early and a finished state). */
 #include <math.h>
 
+#include "base/clock.h"
 #include "train/scores.h"
 #include "train/trainer.h"
 
@@ -34,12 +35,12 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
   for (int i = 0; i <= PROBES; i++) { /* the first warms up */
     int64_t pick = i * t->view_count / (PROBES + 1);
     pags_step_view v = {.view = t->views[pick], .level = level};
-    double begin = pags_trainer_clock(), waited = t->ms.wait;
+    double begin = pags_clock_ms(), waited = t->ms.wait;
     t->measuring = 1;
     pags_result result = pags_trainer_pass(t, t->state.step + 1, &v);
     t->measuring = 0;
     PAGS_TRY(result);
-    double whole = pags_trainer_clock() - begin - (t->ms.wait - waited);
+    double whole = pags_clock_ms() - begin - (t->ms.wait - waited);
     const pags_frame_stats *s = pags_frame_stats_get(t->pass.frame);
     double rows = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
     if (i == 0)

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/clock.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/scores.h"
@@ -475,14 +476,14 @@ static void update_tracks(pags_trainer *t, int64_t step) {
 
 pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) {
   const pags_train_config *config = &t->state.schedule.config;
-  double clock = pags_trainer_clock(), exposure_gradient[6];
+  double clock = pags_clock_ms(), exposure_gradient[6];
   pass_context context = {t, step, 0};
   pags_frame_options options = pags_pass_options(t, step);
   pags_picture_gradient gradient;
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
-  t->ms.wait += pags_trainer_lap(&clock);
+  t->ms.wait += pags_clock_lap_ms(&clock);
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->absgrad;
@@ -490,10 +491,10 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   pags_pass_compose(t, v->view);
   PAGS_TRY(reserve_factors(t, step));
   PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));
-  t->ms.forward += pags_trainer_lap(&clock);
+  t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
   PAGS_TRY(losses(t, step, v, exposure_gradient, &gradient));
-  t->ms.loss += pags_trainer_lap(&clock);
+  t->ms.loss += pags_clock_lap_ms(&clock);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
@@ -506,6 +507,6 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
         !pags_exposures_update(&t->state.exposures, t->dataset, v->view, exposure_gradient, &t->state.schedule, step))
       pags_guard_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
   }
-  t->ms.backward += pags_trainer_lap(&clock);
+  t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }

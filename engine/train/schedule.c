@@ -123,10 +123,6 @@ int pags_schedule_level(const pags_schedule *s, int64_t step, int width, int hei
   return level;
 }
 
-int64_t pags_schedule_full_from(const pags_schedule *s) {
-  return (s->quarter_until > s->half_until ? s->quarter_until : s->half_until) + 1;
-}
-
 void pags_schedule_order(const pags_schedule *s, int64_t epoch, int64_t *order) {
   pags_rng_permutation(s->config.seed, pags_draw(epoch, PAGS_DRAW_ORDER), order, s->views);
 }

@@ -66,8 +66,6 @@ int pags_schedule_prune(const pags_schedule *schedule, int64_t step);
 int pags_schedule_prunes_large(const pags_schedule *schedule, int64_t step);
 /* 1, 2 or 4 for a photograph of that size. */
 int pags_schedule_level(const pags_schedule *schedule, int64_t step, int width, int height);
-/* The first step from which every photograph is at full size. */
-int64_t pags_schedule_full_from(const pags_schedule *schedule);
 
 /* The order of the training views in pass `epoch` (from 0): a permutation of 0 .. views - 1. */
 void pags_schedule_order(const pags_schedule *schedule, int64_t epoch, int64_t *order);

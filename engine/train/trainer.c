@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
-#include <time.h>
 
+#include "base/clock.h"
 #include "base/log.h"
 #include "train/budget.h"
 #include "train/checkpoint.h"
@@ -24,18 +24,6 @@
 #include "train/sh_trim.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
-
-double pags_trainer_clock(void) {
-  struct timespec t;
-  clock_gettime(CLOCK_MONOTONIC, &t);
-  return (double)t.tv_sec * 1e3 + (double)t.tv_nsec * 1e-6;
-}
-
-double pags_trainer_lap(double *since) {
-  double now = pags_trainer_clock(), passed = now - *since;
-  *since = now;
-  return passed;
-}
 
 /* One step. */
 
@@ -221,13 +209,13 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   v->level = level_of(t, step, v->view);
   announce(t, step, v->level);
   PAGS_TRY(pags_trainer_pass(t, step, v));
-  double clock = pags_trainer_clock();
+  double clock = pags_clock_ms();
   pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
   PAGS_TRY(check_guard(t));
   PAGS_TRY(control_density(t));
   PAGS_TRY(check_guard(t)); /* MCMC moves the others there */
-  t->ms.density += pags_trainer_lap(&clock);
+  t->ms.density += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }
 
@@ -245,7 +233,7 @@ typedef struct run_clock {
 } run_clock;
 
 static void excuse(run_clock *clock, double since) {
-  double passed = pags_trainer_clock() - since;
+  double passed = pags_clock_ms() - since;
   clock->begin += passed;
   clock->window += passed;
   clock->tail += passed;
@@ -253,7 +241,7 @@ static void excuse(run_clock *clock, double since) {
 
 static void update_clock(const pags_trainer *t, run_clock *clock) {
   const pags_train_state *s = &t->state;
-  double now = pags_trainer_clock();
+  double now = pags_clock_ms();
   if (now - clock->window >= 1000.0) {
     clock->rate = 1e3 * (double)(s->step - clock->window_step) / (now - clock->window);
     clock->window = now;
@@ -268,7 +256,7 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
 
 static pags_train_progress progress_of(const pags_trainer *t, const run_clock *clock, int level) {
   const pags_train_state *s = &t->state;
-  double seconds = (pags_trainer_clock() - clock->begin) / 1e3;
+  double seconds = (pags_clock_ms() - clock->begin) / 1e3;
   int64_t done = s->step - clock->first_step;
   double rate = clock->rate > 0.0 ? clock->rate : seconds > 0.0 ? (double)done / seconds : 0.0;
   return (pags_train_progress){.step = s->step,
@@ -286,7 +274,7 @@ static pags_train_progress progress_of(const pags_trainer *t, const run_clock *c
 /* Calls the host; returns 0 when it asks to stop. */
 static int call_host(pags_trainer *t, run_clock *clock, int level) {
   const pags_train_options *o = t->options;
-  double since = pags_trainer_clock();
+  double since = pags_clock_ms();
   int go_on = 1;
   pags_train_progress progress = progress_of(t, clock, level);
   if (o->progress)
@@ -327,7 +315,7 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   pags_train_state *s = &t->state;
   pags_estimate estimate;
   PAGS_TRY(pags_trainer_estimate(t, &estimate));
-  double left = t->options->time_limit_seconds - (pags_trainer_clock() - clock->begin) / 1e3 - estimate.scoring_seconds;
+  double left = t->options->time_limit_seconds - (pags_clock_ms() - clock->begin) / 1e3 - estimate.scoring_seconds;
   double fitted = fmax(left, 0.0) / fmax(estimate.step_seconds, 1e-9);
   int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
   pags_state_settle(s, t->tasks);
@@ -357,7 +345,7 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
     PAGS_TRY(write_step(t, &v));
     if (limit > 0.0 && !s->clocked && s->step >= ESTIMATE_STEPS)
       PAGS_TRY(fit_to_clock(t, clock));
-    *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_trainer_clock() - clock->begin > 1e3 * limit);
+    *stopped = !call_host(t, clock, v.level) || (limit > 0.0 && pags_clock_ms() - clock->begin > 1e3 * limit);
   }
   return PAGS_OK;
 }
@@ -370,7 +358,7 @@ static uint64_t peak_rss(void) {
 
 static void fill_result(const pags_trainer *t, const run_clock *clock, pags_train_result *r) {
   const pags_train_state *s = &t->state;
-  double now = pags_trainer_clock(), steps = (double)(s->step - clock->first_step);
+  double now = pags_clock_ms(), steps = (double)(s->step - clock->first_step);
   double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
   r->finished = s->step >= s->stop;
   r->iterations = s->step;
@@ -416,7 +404,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   PAGS_TRY(pags_sh_trim(t));
   PAGS_TRY(drop_spoiled(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
-  r->seconds = (pags_trainer_clock() - clock->begin) / 1e3;
+  r->seconds = (pags_clock_ms() - clock->begin) / 1e3;
   return pags_output_report(&t->output, r, t->tasks);
 }
 
@@ -431,7 +419,7 @@ static pags_result write_estimate(pags_trainer *t, pags_train_result *r) {
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   run_clock clock = {.begin = begin};
   int stopped = 0;
-  clock.window = clock.tail = pags_trainer_clock();
+  clock.window = clock.tail = pags_clock_ms();
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
   const pags_result code = loop(t, &clock, &stopped);
   fill_result(t, &clock, r);
@@ -477,7 +465,7 @@ static void close_run(pags_trainer *t, int failed) {
 }
 
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {
-  double begin = pags_trainer_clock();
+  double begin = pags_clock_ms();
   assert(options->dataset && options->tasks && (options->output || options->estimate));
   *result = (pags_train_result){0};
   pags_trainer *t = calloc(1, sizeof *t);

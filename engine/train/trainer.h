@@ -65,9 +65,4 @@ pags_result pags_trainer_resume(pags_trainer *trainer, const pags_train_config *
 /* Gives an object's model the bounds of its box, where strays are to be pruned. */
 void pags_trainer_fit_box(pags_train_state *state, int64_t model);
 
-/* Milliseconds of a clock that only goes forward. */
-double pags_trainer_clock(void);
-/* What has passed since `*since`, which becomes now. */
-double pags_trainer_lap(double *since);
-
 #endif

@@ -73,7 +73,6 @@ static void resolution_rises_and_small_photographs_stay(void **unused) {
   assert_int_equal(pags_schedule_level(&s, 501, 540, 960), 1);
   assert_int_equal(pags_schedule_level(&s, 1, 200, 960), 2);
   assert_int_equal(pags_schedule_level(&s, 1, 100, 960), 1);
-  assert_int_equal(pags_schedule_full_from(&s), 501);
 }
 
 static void every_pass_shows_every_view_once(void **unused) {

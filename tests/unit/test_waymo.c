@@ -5,9 +5,7 @@
 
 #include "base/bytes.h"
 #include "base/json.h"
-#include "base/rng.h"
 #include "dataset/lens.h"
-#include "import/layout.h"
 #include "import/tfrecord.h"
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
@@ -16,8 +14,7 @@
 #include "raw_waymo.h"
 #include "shared_data.h"
 #include "unit/waymo_check.h"
-
-enum { FRAMES = 4, CAMERAS = 3, WIDTH = 96, HEIGHT = 64, POINTS = 400, TRACKS = 4 };
+#include "unit/waymo_set.h"
 
 static scratch s;
 static pags_tasks *tasks;
@@ -265,143 +262,6 @@ static void test_refuses_damage_of_the_real_frame(void **state) {
 
 /* ---- A written segment ---- */
 
-/* Tens of kilometres off, pitched and rolled, driving. */
-static void ego_at(int t, double out[12]) {
-  const float angles[3] = {0.02f, -0.03f, (float)(0.9 + 0.01 * t)};
-  const double cr = cos((double)angles[0]), sr = sin((double)angles[0]), cp = cos((double)angles[1]),
-               sp = sin((double)angles[1]), cy = cos((double)angles[2]), sy = sin((double)angles[2]);
-  const double rows[3][4] = {{cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr, -25211.258 + t},
-                             {sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr, 42391.081 + 1.3 * t},
-                             {-sp, cp * sr, cp * cr, -160.618}};
-  memcpy(out, rows, sizeof rows);
-}
-
-static const double headings[CAMERAS] = {0, 0.8, -0.8};
-
-static void camera_on(int c, double out[12]) {
-  const double cy = cos(headings[c]), sy = sin(headings[c]);
-  const double m[12] = {sy, 0, cy, 1.5, -cy, 0, sy, 0.1 * c, 0, -1, 0, 2.1};
-  memcpy(out, m, sizeof m);
-}
-
-/* In the vehicle's frame: a car that drives ahead of ours, a parked one, somebody on foot, a sign. */
-static void box_at(int track, int t, double out[12]) {
-  static const double places[TRACKS][3] = {{14, 1, 0.8}, {9, -6, 0.7}, {8, 6, 0.9}, {20, -3, 2}};
-  const double yaw = 0.3 * track - 0.2, c = cos(yaw), sn = sin(yaw);
-  const double m[12] = {c, -sn, 0, places[track][0], sn, c, 0, places[track][1], 0, 0, 1, places[track][2]};
-  double world[12], ego[12], start[12], back[12];
-  ego_at(track ? 0 : t, start); /* the first one keeps its place ahead of us, the others in the world */
-  pags_rigid_multiply(start, m, world);
-  ego_at(t, ego);
-  pags_rigid_inverse(ego, back);
-  pags_rigid_multiply(back, world, out);
-  /* Waymo's boxes are upright in the vehicle's frame. */
-  const double turn = atan2(out[4], out[0]);
-  const double upright[12] = {cos(turn), -sin(turn), 0, out[3], sin(turn), cos(turn), 0, out[7], 0, 0, 1, out[11]};
-  memcpy(out, upright, sizeof upright);
-}
-
-static const char *const class_names[TRACKS] = {"Vehicle", "Vehicle", "Pedestrian", "Sign"};
-
-static pags_layout_track make_track(int i) {
-  pags_layout_track track = {0};
-  pags_object *o = &track.object;
-  char id[16];
-  snprintf(id, sizeof id, "track-%d", 9 - i);
-  o->id = strdup(id);
-  o->class_name = strdup(class_names[i]);
-  o->category = pags_category_of(o->class_name);
-  o->knots = calloc(FRAMES, sizeof *o->knots);
-  assert_non_null(o->knots);
-  for (int t = i; t < FRAMES; t++) { /* the i-th appears with frame i */
-    double ego[12], box[12];
-    ego_at(t, ego);
-    box_at(i, t, box);
-    pags_knot *knot = &o->knots[o->knot_count++];
-    *knot = (pags_knot){.frame = t, .time = 1553735853.462203 + 0.1 * t};
-    pags_rigid_multiply(ego, box, knot->world_from_object);
-  }
-  for (int k = 0; k < 3; k++)
-    o->size[k] = 1 + i + 0.3 * (2 - k);
-  pags_object_classify_motion(o);
-  return track;
-}
-
-static void put_photos(const pags_layout *layout, int t, int c) {
-  static const uint8_t ids[] = {0,  1,  2,  5,  6,  7,  8,  10,
-                                11, 12, 13, 14, 15, 17, 18, 255}; /* those that Waymo has, too */
-  uint8_t mask[WIDTH * HEIGHT];
-  pags_image image;
-  scratch_ok(pags_image_create(&image, WIDTH, HEIGHT, 3, PAGS_U8));
-  for (int i = 0; i < WIDTH * HEIGHT * 3; i++)
-    ((uint8_t *)image.data)[i] = (uint8_t)(i * (3 + t) / (7 + c));
-  scratch_ok(pags_image_save(at("photo.jpg"), &image));
-  pags_image_destroy(&image);
-  const bytes b = read_bytes(at("photo.jpg"));
-  scratch_ok(pags_layout_put_image(layout, t, c, ".jpg", b.data, b.size));
-  free(b.data);
-  for (int i = 0; i < WIDTH * HEIGHT; i++)
-    mask[i] = ids[(i / 11 + i / WIDTH / 7 + t) % (int)sizeof ids];
-  if ((t + c) % 2 == 0)
-    scratch_ok(pags_layout_put_mask(layout, "semantic", t, c, WIDTH, HEIGHT, mask));
-}
-
-static void put_points(const pags_layout *layout, int t) {
-  float rows[4 * POINTS];
-  for (uint64_t i = 0; i < POINTS; i++) {
-    double u[2], v[2];
-    pags_rng_uniform2(7, (uint64_t)(2 * t), i, u);
-    pags_rng_uniform2(7, (uint64_t)(2 * t + 1), i, v);
-    rows[4 * i] = (float)(80 * u[0] - 40);
-    rows[4 * i + 1] = (float)(80 * u[1] - 40);
-    rows[4 * i + 2] = (float)(3 * v[0] - 0.5);
-    rows[4 * i + 3] = (float)v[1];
-  }
-  scratch_ok(pags_layout_put_lidar(layout, t, POINTS, rows));
-}
-
-/* A data set in `folder`; camera 2's lens distorts. */
-static void make_set(const char *folder) {
-  static const char *const columns[] = {"x", "y", "z", "intensity", NULL};
-  pags_layout_camera cameras[CAMERAS];
-  pags_layout_track tracks[TRACKS];
-  double times[FRAMES], m[12];
-  for (int c = 0; c < CAMERAS; c++)
-    cameras[c] = (pags_layout_camera){.number = c,
-                                      .name = "a camera",
-                                      .width = WIDTH,
-                                      .height = HEIGHT,
-                                      .intrinsics = {70.1, 70.3, 48.7, 31.9, c == 2 ? -0.1 : 0, c == 2 ? -0.02 : 0}};
-  const pags_layout_info info = {.kind = "waymo",
-                                 .source = "a test",
-                                 .fps = 10,
-                                 .frame_count = FRAMES,
-                                 .camera_count = CAMERAS,
-                                 .cameras = cameras,
-                                 .lidar_columns = columns};
-  pags_layout layout;
-  scratch_ok(pags_layout_begin(&layout, folder, &info, false));
-  for (int c = 0; c < CAMERAS; c++) {
-    camera_on(c, m);
-    scratch_ok(pags_layout_put_extrinsics(&layout, -1, c, m));
-  }
-  for (int t = 0; t < FRAMES; t++) {
-    times[t] = 1553735853.462203 + 0.1 * t;
-    ego_at(t, m);
-    scratch_ok(pags_layout_put_ego_pose(&layout, t, m));
-    put_points(&layout, t);
-    for (int c = 0; c < CAMERAS; c++)
-      put_photos(&layout, t, c);
-  }
-  for (int i = 0; i < TRACKS; i++)
-    tracks[i] = make_track(i);
-  scratch_ok(pags_layout_put_instances(&layout, tracks, TRACKS));
-  scratch_ok(pags_layout_finish(&layout, &(pags_layout_times){.frames = times}));
-  for (int i = 0; i < TRACKS; i++)
-    pags_layout_track_destroy(&tracks[i]);
-  pags_layout_destroy(&layout);
-}
-
 /* The middle of the car that drives lies in the masks of "all" and "vehicle" wherever it is seen, and the corner of the picture
  * doesn't; parked cars are in none. */
 static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
@@ -426,8 +286,8 @@ static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
         if (k == o->knots + o->knot_count || strcmp(o->class_name, "Vehicle") != 0)
           continue;
         double ego[12], on[12];
-        ego_at(t, ego);
-        camera_on(c, on);
+        waymo_set_ego(t, ego);
+        waymo_set_camera(c, on);
         pags_rigid_multiply(ego, on, camera);
         pags_rigid_inverse(camera, back);
         pags_rigid_multiply(back, k->world_from_object, p);
@@ -447,7 +307,7 @@ static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
 static void test_a_written_segment_reads_back_the_same(void **state) {
   (void)state;
   pags_dataset *a, *b;
-  make_set(at("set"));
+  waymo_set_make(at("set"));
   raw_waymo_write(at("set"), at("segment.tfrecord"));
   scratch_ok(import_to(at("segment.tfrecord"), at("again"), "0,1,2"));
   for (int t = 0; t < FRAMES; t++) {
@@ -588,13 +448,13 @@ static void test_moves_poses_on_to_the_exposure(void **state) {
   raw_record_write(stream, packed, size);
   assert_int_equal(fclose(stream), 0);
   scratch_ok(import_to(at("moving.tfrecord"), at("moving"), "0"));
-  ego_at(0, ego);
+  waymo_set_ego(0, ego);
   const double turn = 0.5 * 0.004, turned[12] = {cos(turn), -sin(turn), 0, 0, sin(turn), cos(turn), 0, 0, 0, 0, 1, 0};
   const double place[3] = {ego[3] + 12 * 0.004, ego[7] + 16 * 0.004, ego[11]};
   pags_rigid_multiply(turned, ego, moved); /* about the world's z, then put where the car is */
   for (int i = 0; i < 3; i++)
     moved[4 * i + 3] = place[i];
-  camera_on(0, on);
+  waymo_set_camera(0, on);
   pags_rigid_multiply(moved, on, expected);
   read_matrix(at("moving/extrinsics/000_0.txt"), found);
   for (int i = 0; i < 12; i++)

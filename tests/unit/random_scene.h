@@ -1,0 +1,39 @@
+/* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. Test code: what fails ends the test. */
+#ifndef PAGS_TESTS_UNIT_RANDOM_SCENE_H
+#define PAGS_TESTS_UNIT_RANDOM_SCENE_H
+
+#include "reference/frame_scene.h"
+#include "reference/reference_scene.h"
+
+enum { WIDTH = 101, HEIGHT = 67, PIXELS = WIDTH * HEIGHT };
+
+typedef struct fixture {
+  reference_random random;
+  pags_camera camera;
+  pags_frame_options options;
+  reference_part part;
+  double *weights; /* of the loss: five planes */
+  float sky_cut;
+} fixture;
+
+typedef struct engine {
+  pags_tasks *tasks;
+  pags_frame *frame;
+} engine;
+
+/* `count` random Gaussians of degree 3 in front of a random camera; the options ask for everything. */
+fixture fixture_create(uint64_t seed, int64_t count);
+void fixture_destroy(fixture *f);
+/* Plane `plane` of Gaussian i. */
+double *fixture_at(fixture *f, int plane, int64_t i);
+
+engine engine_create(int threads);
+void engine_destroy(engine *e);
+
+/* There and back. */
+frame_result fixture_run(engine *e, const fixture *f, int cluster_size, uint64_t shuffle_seed);
+/* With two threads; whatever the input, everything that comes out must be finite. */
+frame_result fixture_run_finite(const fixture *f);
+int fixture_is_background(const fixture *f, const frame_result *result);
+
+#endif
