@@ -9,7 +9,8 @@ wanted="python3-venv gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user pytho
 wanted="$wanted clang"
 # make valgrind.
 wanted="$wanted valgrind"
-# Other programs that read what pags export writes, for its tests; whoever has a node of his own keeps it.
+# Other programs that read what pags export writes, for its tests, one of them in a browser; whoever has a node of his own keeps it.
+wanted="$wanted chromium"
 command -v npm >/dev/null || wanted="$wanted nodejs npm"
 
 if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
@@ -19,7 +20,7 @@ if ! command -v dpkg-query >/dev/null || ! command -v apt-get >/dev/null; then
   echo "  protobuf-c with protoc-c, expat, tinygltf, meshoptimizer, qhull, OpenSubdiv, cmocka, Python 3;"
   echo "  for the NEON kernels' tests: aarch64-linux-gnu-gcc and qemu-aarch64;"
   echo "  for the Python module and the Blender add-on: the headers of Python 3.11 or later; for their tests Blender, Xvfb, ImageMagick;"
-  echo "  for the exporters' tests: node and npm"
+  echo "  for the exporters' tests: node, npm and Chromium"
   exit 0
 fi
 

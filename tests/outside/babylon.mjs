@@ -1,0 +1,104 @@
+// Draws a GLB of splats with Babylon.js in a headless Chromium: node babylon.mjs CHROMIUM FILE.glb CAMERA.json PICTURE.png
+//
+// CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (the file's own axes, y up), background (0..1). Prints Babylon's version
+// and how many splats each of its meshes has. Exits with 77 where no browser can be started.
+import fs from 'node:fs';
+import http from 'node:http';
+import path from 'node:path';
+import {fileURLToPath} from 'node:url';
+import puppeteer from 'puppeteer-core';
+
+const [chromium, file, cameraFile, picture] = process.argv.slice(2);
+const here = path.dirname(fileURLToPath(import.meta.url));
+const camera = JSON.parse(fs.readFileSync(cameraFile, 'utf8'));
+const types = {'.js': 'text/javascript', '.html': 'text/html', '.glb': 'model/gltf-binary', '.wasm': 'application/wasm'};
+
+const page = `<!doctype html><style>body{margin:0}canvas{display:block}</style><canvas id="c"></canvas>
+<script type="importmap">{"imports":{"@babylonjs/core/":"/node_modules/@babylonjs/core/"}}</script>
+<script type="module">
+import {Engine} from '@babylonjs/core/Engines/engine.js';
+import {Scene} from '@babylonjs/core/scene.js';
+import {FreeCamera} from '@babylonjs/core/Cameras/freeCamera.js';
+import {Color4} from '@babylonjs/core/Maths/math.color.js';
+import {Matrix, Vector3} from '@babylonjs/core/Maths/math.vector.js';
+import {AppendSceneAsync} from '@babylonjs/core/Loading/sceneLoader.js';
+import '@babylonjs/core/Loading/loadingScreen.js';
+import '/node_modules/@babylonjs/loaders/glTF/index.js';
+const k = ${JSON.stringify(camera)};
+const canvas = document.getElementById('c');
+canvas.width = k.width;
+canvas.height = k.height;
+try {
+  const engine = new Engine(canvas, false, {preserveDrawingBuffer: true});
+  const scene = new Scene(engine);
+  scene.useRightHandedSystem = true;
+  scene.clearColor = new Color4(...k.background, 1);
+  scene.imageProcessingConfiguration.isEnabled = false;
+  const eye = Vector3.FromArray(k.eye);
+  const seen = new FreeCamera('seen', eye, scene);
+  seen.upVector = Vector3.FromArray(k.up);
+  seen.setTarget(eye.add(Vector3.FromArray(k.forward)));
+  seen.minZ = 0.05;
+  seen.maxZ = 1000;
+  const near = seen.minZ, far = seen.maxZ;
+  const left = -k.cx / k.fx * near, right = (k.width - k.cx) / k.fx * near;
+  const top = k.cy / k.fy * near, bottom = -(k.height - k.cy) / k.fy * near;
+  const m = [2 * near / (right - left), 0, 0, 0, 0, 2 * near / (top - bottom), 0, 0, (right + left) / (right - left),
+    (top + bottom) / (top - bottom), -(far + near) / (far - near), -1, 0, 0, -2 * far * near / (far - near), 0];
+  seen.freezeProjectionMatrix(Matrix.FromArray(m));
+  await AppendSceneAsync('/file.glb', scene);
+  await scene.whenReadyAsync();
+  scene.activeCamera = seen;
+  const splats = scene.meshes.filter(mesh => mesh.getClassName() === 'GaussianSplattingMesh');
+  for (let frame = 0, begin = performance.now(); frame < 8 || performance.now() - begin < 3000; frame++) {
+    scene.render(); // they are sorted by a worker, which says nothing when it is done
+    await new Promise(done => setTimeout(done, 50));
+  }
+  window.done = {version: Engine.Version, webgl: engine.webGLVersion, splats: splats.map(mesh => mesh.splatCount)};
+} catch (error) {
+  window.done = {error: String(error && error.stack || error)};
+}
+</script>`;
+
+function answer(request, response) {
+  const url = new URL(request.url, 'http://localhost').pathname;
+  if (url === '/') return response.writeHead(200, {'content-type': 'text/html'}).end(page);
+  if (url === '/favicon.ico') return response.writeHead(204).end();
+  const wanted = url === '/file.glb' ? path.resolve(file) : path.join(here, path.normalize(url));
+  if (!fs.existsSync(wanted) || !fs.statSync(wanted).isFile()) return response.writeHead(404).end();
+  response.writeHead(200, {'content-type': types[path.extname(wanted)] ?? 'application/octet-stream'});
+  fs.createReadStream(wanted).pipe(response);
+}
+
+async function launch() {
+  try {
+    return await puppeteer.launch({
+      executablePath: chromium,
+      headless: true,
+      protocolTimeout: 600000,
+      args: ['--no-sandbox', '--disable-dev-shm-usage', '--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader',
+        '--ignore-gpu-blocklist']
+    });
+  } catch (error) {
+    console.error(`no browser: ${error}`);
+    process.exit(77);
+  }
+}
+
+const browser = await launch();
+const server = http.createServer(answer).listen(0, '127.0.0.1');
+try {
+  const tab = await browser.newPage();
+  await tab.setViewport({width: camera.width, height: camera.height});
+  tab.on('pageerror', error => console.error(String(error)));
+  tab.on('console', line => console.error(line.text()));
+  await tab.goto(`http://127.0.0.1:${server.address().port}/`);
+  await tab.waitForFunction('window.done', {timeout: 600000, polling: 200});
+  const done = await tab.evaluate('window.done');
+  if (!done.error) fs.writeFileSync(picture, await (await tab.$('#c')).screenshot());
+  console.log(JSON.stringify(done));
+  process.exitCode = done.error ? 1 : 0;
+} finally {
+  await browser.close();
+  server.close();
+}
