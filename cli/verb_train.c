@@ -117,7 +117,7 @@ static const pags_option options[] = {
 
     PAGS_GROUP("Priority (see docs/priority.md)"),
     PAGS_CHOICE("preset", CONFIG(preset), "none|lean|short|paper", NULL,
-                "prune by score: lean: after steps 5000, 10 000, ... 25 000 of 30 000, what loses least; the paper's: short: after 10 000, 15 000, "
+                "prune by score: lean: after steps 4000, 8000, ... 20 000 of 30 000, what loses least; the paper's: short: after 10 000, 15 000, "
                 "20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 of 50 000"),
     PAGS_VALUE("alpha", 0, DOUBLE, CONFIG(alpha), 0, 1, "A", NULL, NULL,
                "how much of the score is what shows vehicles and people; the rest is what the picture hangs on"),
@@ -125,7 +125,7 @@ static const pags_option options[] = {
                 "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where nothing critical is shown"),
     PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 1 + 5 A with --preset lean",
                "count pixels that show vehicles and people W times in the loss"),
-    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3",
+    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; 0.5/0.2 with lean",
               "share of the Gaussians removed at the first three prunes, and at those after"),
     PAGS_VALUE("prune-floor", 0, INT64, CONFIG(prune_floor), 0, 2147483584.0, "N", NULL, NULL,
                "prune no object below so many Gaussians"),
@@ -143,7 +143,7 @@ static const pags_option options[] = {
     PAGS_VALUE("densify-from", 0, INT64, CONFIG(densify_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
                "densify after this step"),
     PAGS_VALUE("densify-until", 0, INT64, CONFIG(densify_until), 0, PAGS_UNLIMITED, "N", STEPS,
-               "15000; 25000 with --preset short", "densify before this step"),
+               "15000; 12000 with --preset lean, 25000 with short", "densify before this step"),
     PAGS_VALUE("densify-every", 0, INT64, CONFIG(densify_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
                "how often, but at most once a pass over the training views"),
     PAGS_VALUE("densify-gradient", 0, DOUBLE, CONFIG(densify_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,

@@ -88,8 +88,8 @@ static const field fields[] = {
     FIELD(alpha, FIELD_F64, 0, 1),
     CHOICE(hybrid, hybrids),
     FIELD(critical_weight, FIELD_F64, -1, 100),
-    FIELD(prune_early, FIELD_F64, 0, 0.99),
-    FIELD(prune_late, FIELD_F64, 0, 0.99),
+    FIELD(prune_early, FIELD_F64, -1, 0.99),
+    FIELD(prune_late, FIELD_F64, -1, 0.99),
     FIELD(prune_floor, FIELD_I64, 0, max_count),
     CHOICE(s_sem, s_sems),
     CHOICE(s_grad, s_grads),
@@ -167,8 +167,8 @@ pags_train_config pags_train_config_default(void) {
       .dropout_gamma = 0.25,
       .alpha = 0.4,
       .critical_weight = -1,
-      .prune_early = 0.6,
-      .prune_late = 0.3,
+      .prune_early = -1,
+      .prune_late = -1,
       .prune_floor = 500,
       .mcmc_growth = 0.05,
       .mcmc_noise = 5e5,
@@ -301,6 +301,10 @@ pags_result pags_train_config_check(const pags_train_config *config) {
   }
   if (config->critical_weight > -1 && config->critical_weight < 1)
     return pags_fail(PAGS_ERROR_ARGUMENT, "critical_weight: %g: expected 1 to 100 (-1: the preset's)", config->critical_weight);
+  const double rates[] = {config->prune_early, config->prune_late};
+  for (int i = 0; i < 2; i++)
+    if (rates[i] > -1 && rates[i] < 0)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g: expected 0 to 0.99 (-1: the preset's)", i ? "prune_late" : "prune_early", rates[i]);
   if (config->cluster_size % 16)
     return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->cluster_size);
   if (config->preset != PAGS_PRESET_NONE && config->strategy == PAGS_STRATEGY_MCMC)
@@ -331,7 +335,11 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
 static void resolve_preset(pags_train_config *c) {
   int lean = c->preset == PAGS_PRESET_LEAN;
   if (c->densify_until < 0)
-    c->densify_until = c->preset == PAGS_PRESET_SHORT ? 25000 : 15000;
+    c->densify_until = c->preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
+  if (c->prune_early < 0)
+    c->prune_early = lean ? 0.5 : 0.6;
+  if (c->prune_late < 0)
+    c->prune_late = lean ? 0.2 : 0.3;
   if (c->hybrid == PAGS_HYBRID_OF_PRESET)
     c->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
   if (c->critical_weight < 0)

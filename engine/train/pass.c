@@ -17,6 +17,7 @@
 #include "train/trainer.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
+enum { OBJECTS_EVERY = 4 }; /* steps: the objects' own picture changes slowly, and costs a tenth of a step */
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, EXPOSED, ZEROS = 8, ONES, PLANES };
 
 /* Memory. */
@@ -368,7 +369,8 @@ static pags_result load_depth(pags_trainer *t, int64_t view) {
   return pags_depth_samples(t->dataset, view, MOST_SAMPLES, &t->pass.depth[view].count, &t->pass.depth[view].samples);
 }
 
-/* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one. */
+/* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one; they stand for those of
+ * the steps that do without, too. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_pass *p = &t->pass;
   pass_context context = {t, step, 1};
@@ -382,8 +384,9 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
                              &picture));
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
-  PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, t->state.schedule.config.object_weight, by_t,
+  PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, OBJECTS_EVERY * t->state.schedule.config.object_weight, by_t,
                              &v->terms.objects));
+  v->terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
@@ -424,7 +427,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, doub
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
-  if (late && c->object_weight > 0.0)
+  if (late && c->object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
   PAGS_TRY(photometric(t, v, exposure_gradient));
   *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};

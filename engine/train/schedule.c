@@ -20,20 +20,20 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
-/* Steps after which the Gaussians with the lowest scores go, every 5000: three times while densifying, then while it is over. The first
+/* Steps after which the Gaussians with the lowest scores go: three times while densifying, then while it is over. The first
  * kind right after a densify, so that none follows closely. */
 enum { EARLY_PRUNES = 3 };
-static const double prune_every = 5000.0;
 static const struct {
   int prunes;
-  double first, of; /* steps */
-} plans[] = {[PAGS_PRESET_LEAN] = {5, 5000, 30000}, [PAGS_PRESET_SHORT] = {4, 10000, 30000}, [PAGS_PRESET_PAPER] = {8, 10000, 50000}};
+  double first, every, of; /* steps */
+} plans[] = {
+    [PAGS_PRESET_LEAN] = {5, 4000, 4000, 30000}, [PAGS_PRESET_SHORT] = {4, 10000, 5000, 30000}, [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
 _Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
 
 static void set_prunes(pags_schedule *s) {
   size_t preset = (size_t)s->config.preset;
   for (int i = 0; i < plans[preset].prunes; i++) {
-    int64_t step = llround((plans[preset].first + prune_every * i) * (double)s->length / plans[preset].of);
+    int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s->length / plans[preset].of);
     int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
     if (i < EARLY_PRUNES && after < s->densify_until)
       step = after;

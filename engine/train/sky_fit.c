@@ -97,18 +97,51 @@ typedef struct update_job {
   float beta1, beta2, rate, epsilon;
 } update_job;
 
-static void update_texel(const update_job *job, int64_t texel) {
+enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK };
+
+typedef struct block_factors { /* per float; what leaves it as it is where no pixel saw the texel */
+  float keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
+} block_factors;
+
+static int is_seen(float *g) {
+  int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
+  for (int k = 0; k < 3 && !finite; k++)
+    g[k] = 0.0f;
+  return g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f;
+}
+
+static void find_factors(const update_job *job, int64_t first, int64_t count, block_factors *out) {
   pags_sky_fit *f = job->fit;
-  const float *g = f->gradient + 3 * texel;
-  if ((g[0] == 0.0f && g[1] == 0.0f && g[2] == 0.0f) || !isfinite(g[0]) || !isfinite(g[1]) || !isfinite(g[2]))
-    return; /* out of view: left alone, moments too */
-  if (f->visits[texel] < UINT16_MAX)
-    f->visits[texel]++;
-  const float *c = f->correction[f->visits[texel] < CORRECTIONS ? f->visits[texel] : CORRECTIONS - 1];
-  for (int64_t i = 3 * texel; i < 3 * texel + 3; i++) {
-    f->first[i] = job->beta1 * f->first[i] + (1.0f - job->beta1) * f->gradient[i];
-    f->second[i] = job->beta2 * f->second[i] + (1.0f - job->beta2) * f->gradient[i] * f->gradient[i];
-    f->sky.texels[i] -= job->rate * f->first[i] * c[0] / (sqrtf(f->second[i] * c[1]) + job->epsilon);
+  for (int64_t i = 0; i < count; i++) {
+    uint16_t *visits = f->visits + first + i;
+    int seen = is_seen(f->gradient + 3 * (first + i));
+    if (seen && *visits < UINT16_MAX)
+      ++*visits;
+    const float *c = f->correction[*visits < CORRECTIONS ? *visits : CORRECTIONS - 1];
+    for (int64_t k = 3 * i; k < 3 * i + 3; k++) {
+      out->keep1[k] = seen ? job->beta1 : 1.0f;
+      out->keep2[k] = seen ? job->beta2 : 1.0f;
+      out->rate[k] = seen ? job->rate * c[0] : 0.0f;
+      out->correction[k] = c[1];
+    }
+  }
+}
+
+/* Without a branch, for compilers to make vectors of. */
+static void update_block(const update_job *job, int64_t first_texel, int64_t texels) {
+  pags_sky_fit *f = job->fit;
+  const int64_t at = 3 * first_texel, count = 3 * texels;
+  const float epsilon = job->epsilon;
+  block_factors by;
+  float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
+  float *restrict gradient = f->gradient + at;
+  find_factors(job, first_texel, texels, &by);
+  for (int64_t i = 0; i < count; i++) {
+    const float g = gradient[i];
+    first[i] = by.keep1[i] * first[i] + (1.0f - by.keep1[i]) * g;
+    second[i] = by.keep2[i] * second[i] + (1.0f - by.keep2[i]) * g * g;
+    colour[i] -= by.rate[i] * first[i] / (sqrtf(second[i] * by.correction[i]) + epsilon);
+    gradient[i] = 0.0f;
   }
 }
 
@@ -121,9 +154,7 @@ static void update_blocks(void *context, int64_t begin, int64_t end, int worker)
     int64_t first = block * PAGS_SKY_BLOCK, last = first + PAGS_SKY_BLOCK < texels ? first + PAGS_SKY_BLOCK : texels;
     if (!f->blocks[block])
       continue;
-    for (int64_t texel = first; texel < last; texel++)
-      update_texel(job, texel);
-    memset(f->gradient + 3 * first, 0, 3 * (size_t)(last - first) * sizeof(float));
+    update_block(job, first, last - first);
     f->blocks[block] = 0;
   }
 }

@@ -49,10 +49,10 @@ static void lean_begins_earlier_and_asks_less(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_LEAN, 30000, 10);
   assert_int_equal(s.prunes, 5);
-  assert_int_equal(s.densify_until, 15000);
+  assert_int_equal(s.densify_until, 12000);
   for (int i = 0; i < 5; i++) {
-    assert_int_equal(s.prune_step[i], 5000 * (i + 1));
-    assert_true(s.prune_rate[i] == (i < 3 ? 0.6 : 0.3));
+    assert_int_equal(s.prune_step[i], 4000 * (i + 1));
+    assert_true(s.prune_rate[i] == (i < 3 ? 0.5 : 0.2));
   }
   assert_true(s.config.critical_weight == 3.0 && s.config.hybrid == PAGS_HYBRID_PRODUCT);
   s = schedule_of(PAGS_PRESET_PAPER, 30000, 10);
@@ -73,13 +73,17 @@ static void leans_loss_follows_alpha(void **unused) {
 }
 
 /* Between the preset's -1 and 1 there is nothing to ask for. */
-static void weights_below_1_are_refused(void **unused) {
+static void what_lies_between_is_refused(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
   assert_int_equal(pags_train_config_check(&config), PAGS_OK);
   assert_int_equal(pags_train_config_set(&config, "critical_weight", "0.5"), PAGS_OK);
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "critical_weight: 0.5"));
+  config = pags_train_config_default();
+  assert_int_equal(pags_train_config_set(&config, "prune_late", "-0.5"), PAGS_OK);
+  assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "prune_late: -0.5"));
 }
 
 static void they_stretch_and_none_is_the_last_step(void **unused) {
@@ -292,7 +296,7 @@ int main(void) {
       cmocka_unit_test(prunes_come_when_the_paper_says),
       cmocka_unit_test(lean_begins_earlier_and_asks_less),
       cmocka_unit_test(leans_loss_follows_alpha),
-      cmocka_unit_test(weights_below_1_are_refused),
+      cmocka_unit_test(what_lies_between_is_refused),
       cmocka_unit_test(the_two_scores_come_together),
       cmocka_unit_test(they_stretch_and_none_is_the_last_step),
       cmocka_unit_test(resets_wait_for_a_prune_that_is_near),

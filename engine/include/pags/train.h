@@ -26,7 +26,7 @@ typedef enum pags_strategy {
 /* When the Gaussians with the lowest scores are removed (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* after 5000, 10 000, 15 000, 20 000 and 25 000 of 30 000 steps: what was measured to lose least for its time */
+  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for its time */
   PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
   PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
 } pags_preset;
@@ -94,7 +94,8 @@ typedef struct pags_train_config {
   /* Density */
   pags_strategy strategy;  /* default PAGS_STRATEGY_DEFAULT */
   int64_t densify_from;    /* first step (exclusive) of 30 000; default 500 */
-  int64_t densify_until;   /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000), 25000 with preset SHORT */
+  int64_t densify_until;   /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000); 12000 with preset
+                              LEAN, 25000 with SHORT */
   int64_t densify_every;   /* steps of 30 000, but at least one pass over the training views; default 100 */
   double densify_gradient; /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
   int absgrad;             /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
@@ -116,8 +117,8 @@ typedef struct pags_train_config {
   pags_hybrid hybrid;   /* default PAGS_HYBRID_OF_PRESET */
   double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha with
                              LEAN, otherwise 1 */
-  double prune_early;   /* share removed at the first three prunes, 0..0.99; default 0.6 */
-  double prune_late;    /* at those after; default 0.3 */
+  double prune_early;   /* share removed at the first three prunes, 0..0.99; default -1: 0.5 with LEAN, otherwise 0.6 */
+  double prune_late;    /* at those after; default -1: 0.2 with LEAN, otherwise 0.3 */
   int64_t prune_floor;  /* no object is pruned below so many; default 500 */
   pags_s_sem s_sem;     /* default PAGS_S_SEM_PASS */
   pags_s_grad s_grad;   /* default PAGS_S_GRAD_RANK */
