@@ -57,5 +57,4 @@ pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_jso
 pags_result pags_bench_train(const pags_train_config *config, const pags_train_options *options, int64_t snapshot_every,
                              FILE *people, pags_json_writer *json);
 
-
 #endif

@@ -384,7 +384,7 @@ static int read_prune_rate(train_arguments *arguments) {
   if (end != text && *end == '/') {
     text = end + 1;
     arguments->config.prune_late = pags_text_to_double(text, &end);
-    if (end != text && !*end)
+    if (end != text && !*end && arguments->config.prune_early >= 0 && arguments->config.prune_late >= 0)
       return PAGS_EXIT_OK;
   }
   return pags_usage_error(&verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",

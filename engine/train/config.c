@@ -290,6 +290,13 @@ static pags_result parse_value(pags_train_config *config, const field *f, const 
   return PAGS_OK;
 }
 
+/* Between -1, which leaves it to the preset, and the least there is nothing to ask for. */
+static pags_result check_of_preset(const char *name, double value, double least, double most) {
+  if (value > -1 && value < least)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g: expected %g to %g (-1: the preset's)", name, value, least, most);
+  return PAGS_OK;
+}
+
 pags_result pags_train_config_check(const pags_train_config *config) {
   if (config->cookie != CONFIG_COOKIE)
     return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
@@ -299,12 +306,9 @@ pags_result pags_train_config_check(const pags_train_config *config) {
     if (!(value >= f->least && value <= f->most))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g lies outside of %g..%g", f->name, value, f->least, f->most);
   }
-  if (config->critical_weight > -1 && config->critical_weight < 1)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "critical_weight: %g: expected 1 to 100 (-1: the preset's)", config->critical_weight);
-  const double rates[] = {config->prune_early, config->prune_late};
-  for (int i = 0; i < 2; i++)
-    if (rates[i] > -1 && rates[i] < 0)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g: expected 0 to 0.99 (-1: the preset's)", i ? "prune_late" : "prune_early", rates[i]);
+  PAGS_TRY(check_of_preset("critical_weight", config->critical_weight, 1, 100));
+  PAGS_TRY(check_of_preset("prune_early", config->prune_early, 0, 0.99));
+  PAGS_TRY(check_of_preset("prune_late", config->prune_late, 0, 0.99));
   if (config->cluster_size % 16)
     return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->cluster_size);
   if (config->preset != PAGS_PRESET_NONE && config->strategy == PAGS_STRATEGY_MCMC)
