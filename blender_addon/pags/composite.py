@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, FloatProperty
 from . import cameras, curves, native
 
 SECOND = "PAGS behind"
+SLACK = 0.15  # of the distance: at 1.6 m above the road a quarter of a metre in height
 
 
 def second_scene(scene, root):
@@ -148,6 +149,13 @@ def math_node(tree, operation, first, second):
     return node.outputs[0]
 
 
+def math_chain(tree, first, *steps):
+    """first, then each (operation, value) of what came before."""
+    for operation, value in steps:
+        first = math_node(tree, operation, first, value)
+    return first
+
+
 def alpha_over(tree, behind, front):
     node = tree.nodes.new("CompositorNodeAlphaOver")
     if "Background" in node.inputs:  # 5.x names them
@@ -159,15 +167,35 @@ def alpha_over(tree, behind, front):
     return node.outputs[0]
 
 
+def multiply(tree, share, picture, by):
+    """picture * (1 + share (by - 1))"""
+    try:
+        node = tree.nodes.new("CompositorNodeMixRGB")
+        inputs, out = node.inputs, node.outputs[0]
+    except RuntimeError:
+        node = tree.nodes.new("ShaderNodeMix")  # 5.x; its sockets for colours are the last of three kinds
+        node.data_type = "RGBA"
+        inputs = [node.inputs[0]] + [socket for socket in node.inputs if socket.type == "RGBA"]
+        out = next(socket for socket in node.outputs if socket.type == "RGBA")
+    node.blend_type = "MULTIPLY"
+    for source, socket in zip((share, picture, by), inputs):
+        tree.links.new(source, socket)
+    return out
+
+
 def build_nodes(scene, second, tolerance):
-    """CG over the street wherever the CG is no more than `tolerance` metres behind it, so that a shadow lies on a road whose Gaussians
-    scatter about their surface, and a parked car hides what is behind it."""
+    """The street, darkened by the shadows that fall on the catchers, and over it the CG wherever it is no more than `tolerance` metres behind
+    the street's surface. A catcher may lie further behind, by SLACK of the distance: what is seen at grazing angles and off by
+    centimetres in height is off by metres along the ray. Anything that stands well before the catcher takes no shadow from it."""
     tree, out = node_tree(scene)
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")
     front.scene, behind.scene = scene, second
-    nearer = math_node(
-        tree, "LESS_THAN", math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"]), tolerance
-    )
+    excess = math_node(tree, "SUBTRACT", front.outputs["Depth"], behind.outputs["Depth"])
+    street = behind.outputs["Image"]
+    shadow = next((o for o in front.outputs if o.name == "Shadow Catcher" and o.enabled), None)
+    if shadow is not None:
+        reach = math_chain(tree, behind.outputs["Depth"], ("MULTIPLY", SLACK), ("ADD", tolerance))
+        street = multiply(tree, math_node(tree, "LESS_THAN", excess, reach), street, shadow)
     masked = tree.nodes.new("CompositorNodeSetAlpha")
     mode = masked.inputs.get("Type")
     if mode is not None:
@@ -175,8 +203,8 @@ def build_nodes(scene, second, tolerance):
     else:
         masked.mode = "APPLY"
     tree.links.new(front.outputs["Image"], masked.inputs["Image"])
-    tree.links.new(nearer, masked.inputs["Alpha"])
-    tree.links.new(alpha_over(tree, behind.outputs["Image"], masked.outputs[0]), out.inputs[0])
+    tree.links.new(math_node(tree, "LESS_THAN", excess, tolerance), masked.inputs["Alpha"])
+    tree.links.new(alpha_over(tree, street, masked.outputs[0]), out.inputs[0])
     for x, node in enumerate(tree.nodes):
         node.location = (200 * (x % 4), -250 * (x // 4))
     return tree
@@ -224,6 +252,7 @@ class PAGS_OT_composite(cameras.OnScene, bpy.types.Operator):
         hide_splats(scene, root)
         if self.engine == "CYCLES":
             use_catchers(scene, root, entry)
+            context.view_layer.cycles.use_pass_shadow_catcher = True
         build_nodes(scene, second, self.tolerance)
 
 

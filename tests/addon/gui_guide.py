@@ -263,10 +263,12 @@ def composited():
     with in_view():
         bpy.ops.object.light_add(type="SUN", rotation=(0.3, 0.9, 0))
     sun = bpy.context.view_layer.objects.active
-    sun.data.energy, sun.data.angle = 4, 0.02
+    sun.data.energy, sun.data.angle = 3, 0.02
+    sky = scene.world.node_tree.nodes["Background"].inputs
+    sky["Color"].default_value, sky["Strength"].default_value = (0.65, 0.8, 1, 1), 0.6
     deselect()
     assert bpy.ops.pags.composite(engine="CYCLES") == {"FINISHED"}
-    scene.cycles.samples, scene.cycles.use_denoising = 24, False
+    scene.cycles.samples, scene.cycles.use_denoising = 128, False
     whole = render("composite")
     keep("composite", os.path.join(FOLDER, "composite.png"))
     mesh = painted(whole) & ~painted(plain)  # there may be a green car in the street

@@ -10,7 +10,8 @@ sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
 from blender_case import BlenderCase, addon, json, main, pixel  # noqa: E402
 
 import fixtures  # noqa: E402
-from fixtures import ply_bytes, read_png, some_splats  # noqa: E402
+from fixtures import ply_bytes, read, read_png, some_splats, splat, write  # noqa: E402
+from test_drive import with_object_id  # noqa: E402
 
 
 def exr_header(data, at):
@@ -505,8 +506,23 @@ class Composite(BlenderCase):
         behind = self.f12()
         self.assertLess(abs(pixel(behind, 35, 50)[1] - pixel(street, 35, 50)[1]), 12)
 
+    def pave(self):
+        """A road of Gaussians under the drive, 1.6 m below the cameras."""
+        solid = {"sigma": 0.1, "opacity": 12.0}
+        rows = [splat(10, 0, 3, (1, 1, 1), **solid), splat(10, 1.5, 0, (0, 1, 0), **solid)]
+        for x in range(60):
+            for y in range(-20, 21):
+                flat = splat(3 + 0.2 * x, 0.2 * y, -1.6, (0.1, 0.1, 0.5), sigma=0.15, opacity=12.0)
+                flat[12] = -5.0  # its third scale: millimetres
+                rows.append(flat)
+        write(self.path("scene", "background.ply"), with_object_id(rows, [-1, 0] + [-1] * (len(rows) - 2)))
+        about = json.loads(read(self.path("scene", "scene.json")))
+        about["models"][0]["gaussians"] = len(rows)
+        write(self.path("scene", "scene.json"), json.dumps(about))
+
     def test_its_shadow_lies_on_the_road(self):
         """A block that hangs over the road under a sun straight above: dark below it, the street as it was beside."""
+        self.pave()
         self.bring_in()
         self.scene.frame_set(2)
         if not hasattr(bpy.types.Scene, "cycles"):
@@ -515,14 +531,23 @@ class Composite(BlenderCase):
         bpy.ops.object.light_add(type="SUN")
         bpy.context.object.data.energy = 5
         bpy.ops.mesh.primitive_cube_add(size=1, location=(8, -1.5, 0))
+        block = bpy.context.object
         bpy.ops.pags.composite(engine="CYCLES")
         self.scene.cycles.samples = 4
         self.scene.cycles.use_denoising = False
         picture = self.f12()
         below, beside = (72, 73), (30, 73)  # the road is 1.6 m below the cameras, the block 7 m ahead and 1.5 m to the right
-        self.assertGreater(pixel(street, *below)[2], 120)
+        self.assertGreater(pixel(street, *below)[2], 110)
         self.assertLess(pixel(picture, *below)[2], 80)
         self.assertLess(abs(pixel(picture, *beside)[2] - pixel(street, *beside)[2]), 10)
+        # A plane that is 15 cm too low is 0.7 m behind the road of Gaussians along the ray: the shadow has no hole.
+        road = next(o for o in self.scene.objects if o.get("pags_catcher") == "road")
+        road.location.z -= 0.15
+        self.assertLess(pixel(self.f12(), 71, 75)[2], 80)
+        # One that is metres behind what the street shows: so is the shadow.
+        road.location.z -= 2
+        block.location, block.scale = (15, -3, 1), (4, 4, 1)
+        self.assertLess(abs(pixel(self.f12(), 71, 75)[2] - pixel(street, 71, 75)[2]), 10)
 
 
 
