@@ -16,7 +16,7 @@ static const double farthest = 25, nearer = 10; /* depths beyond which a pixel i
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
 static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
 static const double laser_band = 0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
-enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2 };
+enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 }; /* windows of cells: what lies about one, how far laser rings lie apart */
 
 /* Of one source: the laser, near pixels, all pixels. */
 typedef struct heights {
@@ -180,12 +180,12 @@ static int64_t plant(pags_ground *g, const heights *h, const double *path, int64
   return count;
 }
 
-/* Mean height of the known cells around; 0 when there is none. */
-static int around(const pags_ground *g, int64_t x, int64_t y, double *mean) {
+/* Mean height of the known cells within `window`; 0 when there is none. */
+static int around(const pags_ground *g, int64_t x, int64_t y, int window, double *mean) {
   double sum = 0;
   int count = 0;
-  for (int64_t j = y - WINDOW; j <= y + WINDOW; ++j)
-    for (int64_t i = x - WINDOW; i <= x + WINDOW; ++i)
+  for (int64_t j = y - window; j <= y + window; ++j)
+    for (int64_t i = x - window; i <= x + window; ++i)
       if (i >= 0 && j >= 0 && i < g->nx && j < g->ny && g->known[j * g->nx + i]) {
         sum += (double)g->z[j * g->nx + i];
         ++count;
@@ -202,13 +202,33 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
       double expected, z = 0;
       if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
         continue;
-      around(g, x, y, &expected);
+      around(g, x, y, WINDOW, &expected);
       if (median_near(h, y * g->nx + x, expected, grow_band, &z) < LEAST_HEIGHTS)
         continue;
       g->known[y * g->nx + x] = 1;
       g->z[y * g->nx + x] = (float)z;
       queue[count++] = y * g->nx + x;
     }
+}
+
+/* Growing stops where a laser's rings lie too far apart and no pixel says what is between them: cells that it measured beyond go on. */
+static void leap(pags_ground *g, const heights *h, int64_t *queue) {
+  heights laser = *h;
+  laser.next = NULL;
+  for (int64_t count = 1; count > 0; grow(g, h, queue, count)) {
+    count = 0;
+    for (int64_t at = 0; at < (int64_t)g->nx * g->ny; ++at) {
+      double expected, z;
+      if (g->known[at] || laser.first[at + 1] - laser.first[at] < LEAST_HEIGHTS ||
+          !around(g, at % g->nx, at / g->nx, LEAP, &expected) ||
+          median_near(&laser, at, expected, grow_band, &z) < LEAST_HEIGHTS)
+        continue;
+      g->z[at] = (float)z;
+      queue[count++] = at;
+    }
+    for (int64_t i = 0; i < count; ++i)
+      g->known[queue[i]] = 1;
+  }
 }
 
 /* Weights of cells for smoothing: how many heights they have, those of the laser for more. */
@@ -242,6 +262,7 @@ static pags_result find(const pags_sights *sights, const pags_laser *laser, cons
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
   grow(g, sources, queue, planted);
+  leap(g, sources, queue);
   free(queue);
   if (!planted) {
     pags_ground_destroy(g);

@@ -1,0 +1,116 @@
+/* The ground's heights, from what a camera sees under it and what a laser measured around it. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "exporters/ground.h"
+
+enum { WIDE = 64, STEPS = 6, MOST = 100000 };
+
+static const double eye = 1.6; /* metres above the road */
+
+/* Straight down from `eye` above the origin: x right, y away, the road at z = 0. */
+static void look_down(pags_sight *sight, float depth[WIDE * WIDE]) {
+  const double pose[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, eye};
+  *sight = (pags_sight){.depth = depth};
+  sight->camera.width = sight->camera.height = WIDE;
+  sight->camera.fx = sight->camera.fy = WIDE / 2;
+  sight->camera.cx = sight->camera.cy = WIDE / 2;
+  for (int k = 0; k < 12; ++k)
+    sight->camera.world_from_camera[k] = pose[k];
+  for (int i = 0; i < WIDE * WIDE; ++i)
+    depth[i] = (float)eye;
+}
+
+/* Points every 5 cm of a rectangle, all as high as `z`. */
+static void measure(pags_laser *laser, double x0, double x1, double y0, double y1, double z) {
+  int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
+  for (int j = 0; j <= ny; ++j)
+    for (int i = 0; i <= nx; ++i) {
+      float *p = laser->points + 3 * laser->count++;
+      assert_true(laser->count < MOST);
+      p[0] = (float)(x0 + 0.05 * i);
+      p[1] = (float)(y0 + 0.05 * j);
+      p[2] = (float)z;
+    }
+}
+
+static void find(const pags_laser *laser, pags_ground *out) {
+  float depth[WIDE * WIDE];
+  double path[3 * STEPS];
+  pags_sight sight;
+  look_down(&sight, depth);
+  for (int i = 0; i < STEPS; ++i) {
+    path[3 * i] = 0.1 * i;
+    path[3 * i + 1] = 0;
+    path[3 * i + 2] = eye;
+  }
+  const pags_sights sights = {.count = 1, .list = &sight};
+  assert_int_equal(pags_ground_find(&sights, laser, path, STEPS, 10, out), PAGS_OK);
+}
+
+static double height(const pags_ground *ground, double x, double y) {
+  double z;
+  assert_true(pags_ground_height(ground, x, y, &z));
+  return z;
+}
+
+/* A laser's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
+static void rings_are_leapt_over(void **state) {
+  (void)state;
+  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_ground ground;
+  assert_non_null(laser.points);
+  measure(&laser, -3, 3, -3, 3, 0);
+  measure(&laser, -3, 3, 4, 5, -0.12); /* a pavement's dip */
+  measure(&laser, -3, 3, 6, 7, -0.2);  /* on from there */
+  measure(&laser, -3, 3, -5, -4, 0.8); /* a table */
+  find(&laser, &ground);
+  assert_true(fabs(height(&ground, 0, 1)) < 0.005);
+  assert_true(fabs(height(&ground, 0, 4.5) + 0.12) < 0.01);
+  assert_true(fabs(height(&ground, 0, 6.5) + 0.2) < 0.01);
+  assert_true(fabs(height(&ground, 0, -4.5)) < 0.05);
+  pags_ground_destroy(&ground);
+  free(laser.points);
+}
+
+/* Without a laser the camera's pixels alone, and around them as high as they are. */
+static void pixels_are_enough(void **state) {
+  (void)state;
+  const pags_laser none = {0};
+  pags_ground ground;
+  find(&none, &ground);
+  assert_true(fabs(height(&ground, 0.5, 0.5)) < 1e-4);
+  assert_true(fabs(height(&ground, -5, 5)) < 1e-3);
+  pags_ground_destroy(&ground);
+}
+
+/* Nothing level below the cameras: no ground, and no error. */
+static void no_ground_is_none(void **state) {
+  (void)state;
+  const pags_laser none = {0};
+  const pags_sights nothing = {0};
+  const double path[3] = {0, 0, eye};
+  pags_ground ground;
+  double z;
+  assert_int_equal(pags_ground_find(&nothing, &none, path, 1, 10, &ground), PAGS_OK);
+  assert_int_equal(ground.nx, 0);
+  assert_false(pags_ground_height(&ground, 0, 0, &z));
+  assert_int_equal(pags_ground_find(&nothing, &none, path, 0, 10, &ground), PAGS_OK);
+  assert_int_equal(ground.nx, 0);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(rings_are_leapt_over),
+      cmocka_unit_test(pixels_are_enough),
+      cmocka_unit_test(no_ground_is_none),
+  };
+  return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
+}
