@@ -112,6 +112,11 @@ void pags_facts_vector(pags_facts *facts, const char *key, const double *values,
   pags_json_put_numbers(&facts->json, key, values, count);
 }
 
+void pags_facts_place(pags_facts *facts, const pags_place *place) {
+  if (place->known)
+    pags_facts_vector(facts, "geographic_origin", (double[]){place->latitude, place->longitude, place->altitude}, 3);
+}
+
 void pags_facts_begin_group(pags_facts *facts, const char *key) {
   line(facts, key, "%s", "");
   facts->indent += INDENT;

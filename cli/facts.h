@@ -4,6 +4,8 @@
 
 #include "session.h"
 
+#include <pags/place.h>
+
 typedef struct pags_facts {
   pags_json_writer json;
   char *text; /* lines gathered so far, so that a failure half way prints nothing */
@@ -23,6 +25,7 @@ void pags_facts_number(pags_facts *facts, const char *key, double value); /* NaN
 void pags_facts_bytes(pags_facts *facts, const char *key, double value);
 void pags_facts_flag(pags_facts *facts, const char *key, bool value);
 void pags_facts_vector(pags_facts *facts, const char *key, const double *values, int count);
+void pags_facts_place(pags_facts *facts, const pags_place *place); /* "geographic_origin": latitude, longitude, altitude; nothing where unknown */
 
 /* A line for people alone; what machines read of it goes to `json` by the caller. */
 void pags_facts_line(pags_facts *facts, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);

@@ -400,6 +400,7 @@ static void put_world(pags_facts *facts, const pags_scene *scene) {
   pags_facts_text(facts, "up", pags_up_name(scene->up));
   pags_facts_flag(facts, "antialiased", scene->antialiased != 0);
   pags_facts_vector(facts, "origin", scene->origin, 3);
+  pags_facts_place(facts, &scene->place);
   if (scene_bounds(scene, lo, hi)) {
     pags_facts_vector(facts, "bounds_lo", lo, 3);
     pags_facts_vector(facts, "bounds_hi", hi, 3);

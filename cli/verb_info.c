@@ -103,6 +103,7 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   const uint8_t *rgb;
   int random;
   PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
+  const pags_place place = pags_dataset_place(dataset);
   int64_t count = pags_dataset_view_count(dataset);
   for (int64_t i = 0; i < count; ++i)
     held_out += pags_dataset_view(dataset, i)->test;
@@ -120,6 +121,7 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   pags_facts_flag(facts, "points_random", random != 0);
   pags_facts_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
   pags_facts_vector(facts, "origin", pags_dataset_origin(dataset), 3);
+  pags_facts_place(facts, &place);
   put_driving(facts, dataset);
   pags_result result =
       arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, facts) : PAGS_OK;

@@ -8,6 +8,7 @@
 
 #include "base/json.h"
 #include "base/text.h"
+#include "scene/place_json.h"
 #include "backdrop.h"
 #include "cameras.h"
 #include "compare.h"
@@ -291,6 +292,7 @@ static pags_result put_asset(const exporter *self) {
   pags_json_put_number(&w, "time_zero", self->time_zero);
   if (scene->fps > 0)
     pags_json_put_number(&w, "fps", scene->fps);
+  pags_place_to_json(&w, &scene->place);
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_finish(&w);
   if (result == PAGS_OK)

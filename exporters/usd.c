@@ -268,6 +268,9 @@ static void put_head(usd_export *self, const pags_scene *scene) {
   pags_usd_line(usd, "(");
   pags_usd_line(usd, "    customLayerData = {");
   pags_usd_line(usd, "        double3 origin = (%.17g, %.17g, %.17g)", scene->origin[0], scene->origin[1], scene->origin[2]);
+  if (scene->place.known)
+    pags_usd_line(usd, "        double3 geographicOrigin = (%.17g, %.17g, %.17g)", scene->place.latitude, scene->place.longitude,
+                  scene->place.altitude);
   pags_usd_line(usd, "        double timeZero = %.17g", self->time_zero);
   pags_usd_line(usd, "    }");
   pags_usd_line(usd, "    defaultPrim = \"scene\"");

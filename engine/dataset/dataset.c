@@ -356,6 +356,10 @@ double pags_dataset_fps(const pags_dataset *dataset) {
   return dataset->draft.driving ? dataset->draft.driving->fps : 0;
 }
 
+pags_place pags_dataset_place(const pags_dataset *dataset) {
+  return dataset->draft.driving ? dataset->draft.driving->rules.place : (pags_place){0};
+}
+
 int64_t pags_dataset_object_count(const pags_dataset *dataset) {
   return dataset->draft.driving ? dataset->draft.driving->object_count : 0;
 }

@@ -20,6 +20,7 @@ typedef struct pags_rules {
   int position[3];  /* which of them are x, y, z */
   double fps;       /* 0: not stated */
   const pags_label_set *labels; /* what label images hold */
+  pags_place place;
 } pags_rules;
 
 /* One camera of the rig. */

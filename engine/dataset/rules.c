@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "scene/place_json.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -19,13 +20,13 @@
 /* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor. nuPlan: xyz,
  * intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in the laser's frame. */
 static const pags_rules kinds[] = {
-    {"waymo", WAYMO, CONSTANT, false, false, 14, {3, 4, 5}, 0, NULL},
-    {"pandaset", OPENCV, PER_FRAME, false, true, 5, {0, 1, 2}, 0, NULL},
-    {"kitti", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0, NULL},
-    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, {0, 1, 2}, 0, NULL},
-    {"argoverse2", OPENCV, CONSTANT, false, false, 4, {0, 1, 2}, 0, NULL},
-    {"nuplan", OPENCV, CONSTANT, false, false, 6, {0, 1, 2}, 0, NULL},
-    {"pags", OPENCV, CONSTANT, false, false, 0, {0, 1, 2}, 0, NULL}, /* states all of them */
+    {"waymo", WAYMO, CONSTANT, false, false, 14, .position = {3, 4, 5}},
+    {"pandaset", OPENCV, PER_FRAME, false, true, 5, .position = {0, 1, 2}},
+    {"kitti", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
+    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, .position = {0, 1, 2}},
+    {"argoverse2", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
+    {"nuplan", OPENCV, CONSTANT, false, false, 6, .position = {0, 1, 2}},
+    {"pags", OPENCV, CONSTANT, false, false, 0, .position = {0, 1, 2}}, /* states all of them */
 };
 
 #define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
@@ -169,7 +170,8 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
   PAGS_TRY(read_columns(s, rules));
   PAGS_TRY(read_labels(s, rules));
-  return read_fps(s, rules);
+  PAGS_TRY(read_fps(s, rules));
+  return s->json ? pags_place_from_json(s->json, s->root, &rules->place) : PAGS_OK;
 }
 
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,

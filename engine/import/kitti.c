@@ -32,6 +32,7 @@ typedef struct importer {
   double *times;                 /* of each */
   pags_layout_exposure *exposures;
   double *sweep_times; /* NULL: unknown */
+  pags_place place;
   pags_kitti_tracks tracks;
   pags_layout_camera cameras[CAMERAS];
   double velo_from_camera[CAMERAS][12];
@@ -110,6 +111,8 @@ static pags_result compute_poses(importer *im) {
   pags_rigid_inverse(im->calib.velo_from_imu, imu_from_velo);
   pags_kitti_oxts_pose(first, scale, origin);
   pags_rigid_multiply(origin, imu_from_velo, origin);
+  const double zero[3] = {origin[3], origin[7], origin[11]};
+  im->place = pags_kitti_place(zero, scale);
   for (int64_t t = 0; t < im->count; t++) {
     double *pose = im->world_from_velo[t];
     pags_kitti_oxts_pose(im->oxts + t * PAGS_KITTI_OXTS, scale, pose);
@@ -262,6 +265,7 @@ static pags_result set_info(importer *im) {
   im->info = (pags_layout_info){.kind = "kitti",
                                 .source = im->source,
                                 .fps = im->tree.raw && steps ? (double)steps / (im->times[steps] - im->times[0]) : 10,
+                                .place = im->place,
                                 .frame_count = im->count,
                                 .first_frame = im->tree.first,
                                 .camera_count = im->tree.camera_count,

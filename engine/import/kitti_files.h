@@ -7,6 +7,7 @@
 #define PAGS_IMPORT_KITTI_FILES_H
 
 #include <pags/base.h>
+#include <pags/place.h>
 #include <stdbool.h>
 
 #ifdef __cplusplus
@@ -57,6 +58,8 @@ enum { PAGS_OXTS_WX = 17, PAGS_OXTS_WY, PAGS_OXTS_WZ };                         
  * sequence's first row). */
 void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]);
 double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]);
+/* The way back: where a pose's position lies. */
+pags_place pags_kitti_place(const double position[3], double scale);
 
 /* ---- Labels ---- */
 

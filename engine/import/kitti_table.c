@@ -82,13 +82,21 @@ double pags_kitti_oxts_scale(const double first[PAGS_KITTI_OXTS]) {
   return cos(first[PAGS_OXTS_LAT] * pi / 180);
 }
 
+static const double radius = 6378137; /* the development kit's: WGS84's at the equator, m */
+
 /* x = s R lon, y = s R ln tan(45 deg + lat / 2), z = alt; R_world_imu = Rz(yaw) Ry(pitch) Rx(roll). */
 void pags_kitti_oxts_pose(const double oxts[PAGS_KITTI_OXTS], double scale, double out[12]) {
-  const double radius = 6378137; /* the development kit's: WGS84's at the equator, m */
   const double turn[3] = {oxts[PAGS_OXTS_ROLL], oxts[PAGS_OXTS_PITCH], oxts[PAGS_OXTS_YAW]};
   const double place[3] = {scale * radius * oxts[PAGS_OXTS_LON] * pi / 180,
                            scale * radius * log(tan((90 + oxts[PAGS_OXTS_LAT]) * pi / 360)), oxts[PAGS_OXTS_ALT]};
   pags_rigid_from_angles(turn, place, out);
+}
+
+pags_place pags_kitti_place(const double position[3], double scale) {
+  return (pags_place){.latitude = 360 / pi * atan(exp(position[1] / (scale * radius))) - 90,
+                      .longitude = position[0] / (scale * radius) * 180 / pi,
+                      .altitude = position[2],
+                      .known = 1};
 }
 
 /* ---- Times ---- */

@@ -13,6 +13,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/object.h>
+#include <pags/place.h>
 #include <stdbool.h>
 
 #ifdef __cplusplus
@@ -46,6 +47,7 @@ typedef struct pags_layout_info {
   const char *
       source; /* path of what is imported, with everything that chooses what becomes of it: told apart by import.json */
   double fps;
+  pags_place place; /* of the world's zero */
   int64_t frame_count;
   int64_t first_frame; /* number of frame 0 in the source */
   int camera_count;    /* <= PAGS_LAYOUT_CAMERAS */

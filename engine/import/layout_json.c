@@ -7,6 +7,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "import/layout.h"
+#include "scene/place_json.h"
 
 /* Saves the writer's document under `name` and destroys it. */
 static pags_result save(const pags_layout *layout, const char *name, pags_json_writer *writer) {
@@ -220,6 +221,7 @@ static pags_result put_description(const pags_layout *layout) {
   }
   pags_json_put_string(&writer, "object_forward", "+x");
   pags_json_put_number(&writer, "fps", info->fps);
+  pags_place_to_json(&writer, &info->place);
   put_cameras(&writer, info);
   pags_json_put_string(&writer, "source", info->source);
   pags_json_put_integer(&writer, "first_frame", info->first_frame);

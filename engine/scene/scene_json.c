@@ -10,6 +10,7 @@
 #include "base/text.h"
 #include "scene/camera_json.h"
 #include "scene/object_json.h"
+#include "scene/place_json.h"
 
 enum { VERSION = 1 };
 
@@ -178,6 +179,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   if (scene->fps < 0)
     return pags_json_fail(json, pags_json_member(root, "fps"), "expected a number from 0 on for 'fps', found %g",
                           scene->fps);
+  PAGS_TRY(pags_place_from_json(json, root, &scene->place));
   PAGS_TRY(read_origins(json, root, scene));
   PAGS_TRY(read_sky(json, root, &files->sky));
   PAGS_TRY(read_models(json, root, scene, &files->counts));
@@ -278,6 +280,7 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   PAGS_TRY(write_raw(w, "config", scene->config));
   if (scene->fps > 0)
     pags_json_put_number(w, "fps", scene->fps);
+  pags_place_to_json(w, &scene->place);
   if (scene->sky.size > 0)
     pags_json_put_string(w, "sky", PAGS_SKY_FILE);
   if (scene->notes)

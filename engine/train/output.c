@@ -415,6 +415,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                         .config = d->config,
                         .iterations = state->step,
                         .fps = pags_dataset_fps(dataset),
+                        .place = pags_dataset_place(dataset),
                         .sky = state->sky.sky};
   for (int k = 0; k < 3; k++) {
     scene->origin[k] = pags_dataset_origin(dataset)[k];

@@ -9,6 +9,7 @@ import struct
 import fixtures
 
 ORIGIN = [1000.0, 2000.0, 30.0]
+PLACE = [48.25, 11.5, 520]
 SH0 = 0.28209479177387814
 IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]
 
@@ -143,6 +144,7 @@ def make_scene(folder):
         "version": 1,
         "units": "metres",
         "origin": ORIGIN,
+        "geographic_origin": PLACE,
         "up": "z",
         "time": [0, 0.9],
         "models": listed,

@@ -114,6 +114,7 @@ class Proxies(Case):
         self.assertGreater(len(chunks), 0)
         self.assertLessEqual(sum(f["triangles"] for f in chunks), 500)
         self.assertEqual(glb.json["asset"]["extras"]["origin"], scenes.ORIGIN)
+        self.assertEqual(glb.json["asset"]["extras"]["geographic_origin"], scenes.PLACE)
 
     def test_ground_is_level(self):
         glb, _, _ = self.export("proxy.glb", *QUICK, "--only", "car_1")

@@ -112,7 +112,7 @@ static void stated_keys_win(void **state) {
   const char *const stated =
       "\"camera_axes\": \"waymo\", \"extrinsics\": \"per-frame camera-to-world (TTT_C.txt)\",\n"
       "\"lidar_columns\": [\"a\", \"b\", \"x\", \"y\", \"z\", \"c\", \"d\"],"
-      "\"lidar_frame\": \"laser\", \"object_forward\": \"+y\", \"fps\": 4}";
+      "\"lidar_frame\": \"laser\", \"object_forward\": \"+y\", \"fps\": 4, \"geographic_origin\": [37.75, -122.5, 12]}";
   static const char *const kinds[] = {"{\"kind\": \"pags\",", "{\"kind\": \"kitti\",", "{"};
   static const double waymo_from_opencv[12] = {0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0};
   scratch s;
@@ -135,6 +135,8 @@ static void stated_keys_win(void **state) {
     tree_text(&s, "dataset.json", text);
     scratch_ok(pags_dataset_open(s.folder, &options, &dataset));
     assert_true(pags_dataset_fps(dataset) == 4);
+    const pags_place place = pags_dataset_place(dataset);
+    assert_true(place.known && place.latitude == 37.75 && place.longitude == -122.5 && place.altitude == 12);
     check_views(dataset);
     check_objects(dataset);
     check_sweeps(dataset);
@@ -255,6 +257,8 @@ static void bad_files_are_explained(void **state) {
       {"dataset.json", "{\"lidar_columns\": [\"x\", \"z\"]}", "x, y and z among them"},
       {"dataset.json", "{\"fps\": 0}", "expected 'fps' above 0"},
       {"dataset.json", "{\"labels\": \"ade20k\"}", "expected 'labels'"},
+      {"dataset.json", "{\"geographic_origin\": [91, 0, 0]}", "expected latitude (-90..90)"},
+      {"dataset.json", "{\"geographic_origin\": [45, 7]}", "geographic_origin"},
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     pags_dataset_options options = tree_options(strstr(cases[i].text ? cases[i].text : "", "lyft") ? NULL : "kitti");

@@ -177,6 +177,8 @@ static void frames_and_cameras_are_chosen(void **state) {
   compare_pose(pags_dataset_sweep(part, 0)->world_from_sweep, pags_dataset_sweep(dataset, 1)->world_from_sweep,
                pags_dataset_sweep(dataset, 0)->world_from_sweep, &place, &turn);
   assert_true(place < 1e-7 && turn < 1e-9);
+  const pags_place where = pags_dataset_place(part);
+  assert_true(where.known && fabs(where.latitude - 49.015) < 1e-4 && fabs(where.longitude - 8.4343) < 1e-4);
   assert_int_equal(pags_dataset_object(part, 1)->knot_count, 3);
   assert_int_equal(pags_dataset_object(part, 1)->knots[0].frame, 0);
   pags_dataset_close(part);

@@ -274,6 +274,9 @@ static void oxts_follow_the_development_kit(void **state) {
   pags_kitti_oxts_pose(row, scale, next);
   assert_true(fabs(next[7] - pose[7] - 111.3194908) < 2e-3);
   assert_true(fabs(next[3] - pose[3] - 111.3194908 * cos(49 * pi / 180)) < 1e-5);
+  const pags_place place = pags_kitti_place((double[]){next[3], next[7], next[11]}, scale);
+  assert_true(place.known && place.altitude == 112.5);
+  assert_true(fabs(place.latitude - 49.001) < 1e-10 && fabs(place.longitude - 8.401) < 1e-10);
 }
 
 static void times_parse(void **state) {

@@ -45,6 +45,7 @@ static pags_scene sample(void) {
 static pags_scene driving_sample(void) {
   pags_scene scene = sample();
   scene.fps = 10;
+  scene.place = (pags_place){-33.25, 151.125, 20, 1};
   scene.notes = pags_text_copy("{\"fourier\": []}");
   scene.object_count = 2;
   scene.objects = calloc(2, sizeof *scene.objects);
@@ -157,6 +158,7 @@ static void a_driving_scene_comes_back(void **state) {
   if (pags_scene_load(scratch("d"), &back) != PAGS_OK)
     fail_msg("%s", pags_error_message());
   assert_true(back.fps == 10);
+  assert_true(back.place.known && back.place.latitude == -33.25 && back.place.longitude == 151.125 && back.place.altitude == 20);
   assert_text(back.notes, scene.notes);
   assert_int_equal(back.object_count, 2);
   for (int i = 0; i < 2; ++i) {
@@ -264,6 +266,7 @@ static void bad_objects_are_explained(void **state) {
       {"\"model\": \"car 1\"", "\"model\": \"car 2\"", "found \"car 2\""},
       {"\"sky.npy\"", "\"../sky\"", "expected a file inside of the scene's folder for 'sky'"},
       {"\"fps\": 10", "\"fps\": -1", "for 'fps', found -1"},
+      {"151.125", "-181", "for 'geographic_origin', found -33.25, -181"},
       {"\"sensor\": 2", "\"sensor\": x", "scene.json:"},
   };
   for (size_t i = 0; i < sizeof edits / sizeof *edits; ++i)

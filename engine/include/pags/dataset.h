@@ -8,6 +8,7 @@
 #include <pags/base.h>
 #include <pags/camera.h>
 #include <pags/object.h>
+#include <pags/place.h>
 #include <pags/tasks.h>
 
 #ifdef __cplusplus
@@ -101,6 +102,7 @@ PAGS_API int64_t pags_dataset_missing(const pags_dataset *dataset); /* views lef
 /* Driving sets; zero or NULL for static ones. */
 PAGS_API int pags_dataset_provides(const pags_dataset *dataset);     /* bits PAGS_PROVIDES_* */
 PAGS_API double pags_dataset_fps(const pags_dataset *dataset);       /* time steps per second, 0: static */
+PAGS_API pags_place pags_dataset_place(const pags_dataset *dataset); /* as dataset.json says */
 PAGS_API int64_t pags_dataset_object_count(const pags_dataset *dataset);
 /* Every labelled box with at least one knot within the frames used; knots of held-out time steps have trained 0. */
 PAGS_API const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index);

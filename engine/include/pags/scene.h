@@ -9,6 +9,7 @@
 #include <pags/dataset.h>
 #include <pags/gaussians.h>
 #include <pags/object.h>
+#include <pags/place.h>
 #include <pags/sky.h>
 
 #ifdef __cplusplus
@@ -53,6 +54,7 @@ typedef struct pags_scene {
   int64_t view_count;
   pags_scene_view *views;
   double fps; /* time steps per second of a driving scene; 0: unknown or static */
+  pags_place place; /* of the recording's world: `origin` has to be added to float positions first */
   int64_t object_count;
   pags_scene_object *objects; /* every labelled box, parked or moving; Gaussians' object_id is the index here */
   pags_sky sky;               /* size 0: none */
