@@ -149,13 +149,6 @@ def math_node(tree, operation, first, second):
     return node.outputs[0]
 
 
-def math_chain(tree, first, *steps):
-    """first, then each (operation, value) of what came before."""
-    for operation, value in steps:
-        first = math_node(tree, operation, first, value)
-    return first
-
-
 def alpha_over(tree, behind, front):
     node = tree.nodes.new("CompositorNodeAlphaOver")
     if "Background" in node.inputs:  # 5.x names them
@@ -194,7 +187,7 @@ def build_nodes(scene, second, tolerance):
     street = behind.outputs["Image"]
     shadow = next((o for o in front.outputs if o.name == "Shadow Catcher" and o.enabled), None)
     if shadow is not None:
-        reach = math_chain(tree, behind.outputs["Depth"], ("MULTIPLY", SLACK), ("ADD", tolerance))
+        reach = math_node(tree, "ADD", math_node(tree, "MULTIPLY", behind.outputs["Depth"], SLACK), tolerance)
         street = multiply(tree, math_node(tree, "LESS_THAN", excess, reach), street, shadow)
     masked = tree.nodes.new("CompositorNodeSetAlpha")
     mode = masked.inputs.get("Type")
