@@ -52,12 +52,12 @@ def sky_npy(rgb):
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text.encode() + struct.pack("<18e", *rgb * 6)
 
 
-def make_drive(folder):
+def make_drive(folder, more=()):
     """Red: a car that drives from left to right within 2 s. Green: a parked one. White: a wall far ahead and above. The
-    recording car goes 2 m ahead, its side camera (sensor 1) is never to be followed."""
+    recording car goes 2 m ahead, its side camera (sensor 1) is never to be followed. `more`: rows of the background."""
     solid = {"sigma": 0.1, "opacity": 12.0}
-    rows = [splat(10, 0, 3, (1, 1, 1), **solid), splat(10, 1.5, 0, (0, 1, 0), **solid)]
-    write(os.path.join(folder, "background.ply"), with_object_id(rows, [-1, 0]))
+    rows = [splat(10, 0, 3, (1, 1, 1), **solid), splat(10, 1.5, 0, (0, 1, 0), **solid), *more]
+    write(os.path.join(folder, "background.ply"), with_object_id(rows, [-1, 0] + [-1] * len(more)))
     write(os.path.join(folder, "objects", "car.ply"), ply_bytes([splat(0, 0, 0, (1, 0, 0), **solid)]))
     write(os.path.join(folder, "sky.npy"), sky_npy([0.0, 0.0, 0.5]))
     record = {"class": "Car", "category": "vehicle", "size": [4.0, 2.0, 1.5]}
@@ -75,7 +75,7 @@ def make_drive(folder):
         "fps": 1,
         "background": [0, 0, 0],
         "models": [
-            {"name": "background", "file": "background.ply", "gaussians": 2, "sh_degree": 0},
+            {"name": "background", "file": "background.ply", "gaussians": len(rows), "sh_degree": 0},
             {"name": "car", "file": "objects/car.ply", "gaussians": 1, "sh_degree": 0},
         ],
         "sky": "sky.npy",
