@@ -187,7 +187,8 @@ static int compare_meetings(const void *left, const void *right) {
 /* The meeting, of those before `end`, by which enough is blocked; NULL: not yet. */
 static const meeting *settle(picking *self, double end, double *blocked) {
   double left = 1;
-  qsort(self->meetings, (size_t)self->meeting_count, sizeof *self->meetings, compare_meetings);
+  if (self->meeting_count > 0) /* not with NULL, which C has no qsort of */
+    qsort(self->meetings, (size_t)self->meeting_count, sizeof *self->meetings, compare_meetings);
   for (int64_t i = 0; i < self->meeting_count && self->meetings[i].t < end; ++i) {
     left *= 1 - self->meetings[i].alpha;
     if (1 - left >= self->options->blocked) {

@@ -446,7 +446,9 @@ static void seed_matrix(void) {
 static const fuzz_target matrix = {
     .name = "waymo_matrix", .seeds = seed_matrix, .run = run_matrix, .memory = 66u << 20, .times = 64, .smoke = 5000};
 
-/* ---- A segment of one frame, imported ---- */
+/* ---- A segment of one frame, imported: its pictures are decoded and written ---- */
+
+#ifdef PAGS_IMAGES
 
 static pags_tasks *tasks;
 
@@ -512,4 +514,10 @@ static void seed_segment(void) {
 static const fuzz_target segment = {
     .name = "waymo_segment", .seeds = seed_segment, .run = run_segment, .memory = 260u << 20, .times = 1032, .nested = 1, .smoke = 3000};
 
-const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix, &segment, NULL};
+#endif
+
+const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix,
+#ifdef PAGS_IMAGES
+                                           &segment,
+#endif
+                                           NULL};

@@ -317,14 +317,10 @@ static void test_random_gaussians(void **state) {
   assert_true(good);
 }
 
-/* The paths of the rasteriser's backward without depth, with the short exponential, and for both. */
-static void test_options(void **state) {
+/* The path of the rasteriser's backward without depth. */
+static void test_plain(void **state) {
   (void)state;
   gradient_case c = {"no depth", 700, 1000, 1, reference_recipe_default(), reference_options(), 5e-3, .plain = 1};
-  run_case(&c, NULL);
-  c.name = "exp degree 3", c.options.exp_degree = 3, c.limit = 5e-2;
-  run_case(&c, NULL);
-  c.name = "exp degree 3, depth", c.plain = 0;
   run_case(&c, NULL);
 }
 
@@ -359,7 +355,7 @@ static void test_dropped(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_random_gaussians),
-      cmocka_unit_test(test_options),
+      cmocka_unit_test(test_plain),
       cmocka_unit_test(test_needles),
       cmocka_unit_test(test_street),
       cmocka_unit_test(test_dropped),

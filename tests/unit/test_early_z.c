@@ -90,7 +90,7 @@ static void rotate_part(pags_part *part) {
 }
 
 static void add_part(scene *s, recipe r, int64_t count, int32_t *first_id) {
-  static const int sizes[] = {1, 16, 64, 256};
+  static const int sizes[] = {16, 48, 64, 256};
   const int p = s->part_count++;
   assert_int_equal(pags_gaussians_create(&s->gaussians[p], count, below(4)), PAGS_OK);
   for (int64_t i = 0; i < count; i++)

@@ -186,10 +186,15 @@ static void test_clusters_and_order_change_nothing(void **state) {
       *fixture_at(&f, PAGS_MEAN + k, i) = 2 * f.camera.world_from_camera[4 * k + 3] - *fixture_at(&f, PAGS_MEAN + k, i);
   }
   uint64_t expected = hash_of(&f, 2, 64, 0);
-  const int sizes[] = {1, 16, 64, 256};
+  const int sizes[] = {16, 48, 64, 256};
   for (int k = 0; k < 4; k++) {
     assert_true(hash_of(&f, 2, sizes[k], 0) == expected);
     assert_true(hash_of(&f, 2, sizes[k], 77 + (uint64_t)k) == expected);
+  }
+  const int refused[] = {0, 1, 8, 17, 272};
+  for (int k = 0; k < 5; k++) {
+    pags_clusters clusters;
+    assert_int_equal(pags_clusters_create(&clusters, 100, refused[k]), PAGS_ERROR_ARGUMENT);
   }
   fixture_destroy(&f);
 }

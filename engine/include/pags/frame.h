@@ -23,7 +23,7 @@ extern "C" {
  * rejected by. Bytes per Gaussian: 28 / size. */
 typedef struct pags_clusters {
   int64_t count;  /* ceil(gaussians / size) */
-  int size;       /* 1, or a multiple of 16 up to 256; 64 by default */
+  int size;       /* a multiple of 16 up to 256, since kernels read whole vectors of rows; 64 by default */
   float *lo[3], *hi[3]; /* bounding box of the means */
   float *sigma;   /* largest sigma of any member */
   struct pags_clusters *runs; /* bounds of 64 clusters each, so that far more can exist than is looked at; NULL: none */
