@@ -6,6 +6,7 @@ Short by default; PAGS_FAULTS=100 kills each of training, import and export at s
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -36,6 +37,15 @@ def many_splats(count):
     dice = random.Random(5)
     rows = [splat(*[dice.uniform(-2, 2) for _ in range(3)], [dice.random() for _ in range(3)], 0.02) for _ in range(count)]
     return ply_bytes(rows)
+
+
+def catches(pid, number):
+    """Whether the process has begun to catch the signal; a slow machine, or a sanitizer, takes a while until then."""
+    try:
+        caught = re.search(rb"SigCgt:\s*([0-9a-f]+)", read(f"/proc/{pid}/status"))
+    except FileNotFoundError:
+        return False
+    return caught and int(caught[1], 16) >> (number - 1) & 1
 
 
 class Faults(Case):
@@ -168,6 +178,8 @@ class Signals(Faults):
     def check(self, arguments, check_files):
         for second in [False, True]:
             running = self.start(*arguments)
+            while running.poll() is None and not catches(running.pid, signal.SIGTERM):
+                time.sleep(0.01)
             time.sleep(0.3)
             running.send_signal(signal.SIGINT if second else signal.SIGTERM)
             if second:
