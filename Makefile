@@ -5,7 +5,8 @@
 #   make check   set up, build, run all tests
 #   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/fuzzing.md)
 #   make fuzz-long  the same at length: 5 minutes, and 30
-#   make valgrind  the program's way from a data set to exported files under valgrind (docs/faults.md)
+#   make sanitize  the whole suite under the address, undefined-behaviour and thread sanitizers (hours; docs/sanitizers.md)
+#   make valgrind  the program's way from a data set to exported files under valgrind (docs/sanitizers.md)
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check
@@ -48,6 +49,10 @@ fuzz:
 fuzz-long:
 	$(MAKE) fuzz MINUTES=5 LONG_MINUTES=30
 
+sanitize:
+	for preset in asan-ubsan tsan; do \
+	  cmake --preset $$preset && cmake --build --preset $$preset --parallel $(JOBS) && ctest --preset $$preset || exit 1; done
+
 valgrind: all
 	sh tests/valgrind.sh build/pags
 
@@ -83,4 +88,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long valgrind bench addon check-blender check-blender-new bench-blender guide install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide install clean

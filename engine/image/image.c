@@ -4,6 +4,7 @@
 #include "image/jpeg.h"
 #include "image/module.h"
 #include "image/oiio.h"
+#include "image/png.h"
 
 #include <assert.h>
 #include <errno.h>
@@ -137,6 +138,7 @@ static pags_result check_readable(const char *path) {
 
 static pags_result open_picture(const char *path, const pags_oiio **oiio, void **reader, pags_oiio_info *info) {
   PAGS_TRY(check_readable(path));
+  PAGS_TRY(pags_png_check_chunks(path));
   PAGS_TRY(pags_oiio_module(oiio));
   pags_oiio_message message;
   pags_result result = (*oiio)->open(path, reader, info, &message);

@@ -183,6 +183,27 @@ static void test_cut_off_files(void **state) {
     }
 }
 
+/* A chunk between header (33 bytes) and pixels that claims more than the file has; libpng would make room for it first. */
+static void test_png_that_claims_too_much(void **state) {
+  scratch *s = *state;
+  static const uint8_t chunk[] = {0x46, 0x46, 0x49, 0x2a, 'e', 'X', 'I', 'f', 'I', 'I', 0x2a, 0};
+  uint8_t *bytes;
+  size_t size;
+  pags_image image = {0};
+  scratch_picture(s, "claims.png", 12, 9, pattern);
+  assert_int_equal(pags_file_read(scratch_path(s, "claims.png"), &bytes, &size), PAGS_OK);
+  uint8_t *const longer = malloc(size + sizeof chunk);
+  assert_non_null(longer);
+  memcpy(longer, bytes, 33);
+  memcpy(longer + 33, chunk, sizeof chunk);
+  memcpy(longer + 33 + sizeof chunk, bytes + 33, size - 33);
+  scratch_write(s, "claims.png", longer, size + sizeof chunk);
+  free(longer);
+  free(bytes);
+  scratch_expect(pags_image_load(scratch_path(s, "claims.png"), PAGS_U8, 3, &image), PAGS_ERROR_FORMAT,
+                 "claims.png: not a readable picture: the chunk at byte 33 is to hold 1179011370 bytes");
+}
+
 static void test_saving_fails_cleanly(void **state) {
   scratch *s = *state;
   pags_image image = make_u8(4, 4, 3);
@@ -327,6 +348,7 @@ int main(void) {
       scratch_test(test_jpeg),
       scratch_test(test_bad_files),
       scratch_test(test_cut_off_files),
+      scratch_test(test_png_that_claims_too_much),
       scratch_test(test_saving_fails_cleanly),
       scratch_test(test_saving_clears_up),
       scratch_test(test_saving_is_deterministic),
