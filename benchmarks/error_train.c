@@ -4,6 +4,7 @@
  * get the same ones: the engine's, the same kernels over every row at every step, and dense Adam in double on a sample of the rows. */
 #include "error.h"
 
+#include <base/sort.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -278,7 +279,7 @@ static int64_t rank_scores(score_bench *s, ranked *list, int half) {
   for (int64_t i = 0; i < s->rows; i++)
     if (s->score[0][i] >= 0)
       list[count++] = (ranked){s->score[half][i], i};
-  qsort(list, (size_t)count, sizeof *list, lower_score);
+  pags_sort(list, count, sizeof *list, lower_score);
   for (int64_t i = 0; i < count; i++)
     s->score[half][list[i].row] = 100.0 * (double)i / (double)count;
   return count;

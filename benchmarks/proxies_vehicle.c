@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include <base/file.h>
+#include <base/sort.h>
 #include <exporters/solid.h>
 #include <pags/image.h>
 
@@ -226,7 +227,7 @@ static int compare_points(const void *left, const void *right) {
 /* One point a cell, so that near views don't count for more. */
 static void thin(vehicle *v) {
   int64_t kept = 0;
-  qsort(v->cloud, (size_t)v->cloud_count, 3 * sizeof(float), compare_points);
+  pags_sort(v->cloud, v->cloud_count, 3 * sizeof(float), compare_points);
   for (int64_t i = 0; i < v->cloud_count; ++i)
     if (!kept || compare_points(v->cloud + 3 * (kept - 1), v->cloud + 3 * i) != 0)
       memmove(v->cloud + 3 * kept++, v->cloud + 3 * i, 3 * sizeof(float));

@@ -367,7 +367,7 @@ static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) 
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
       knots[count++] = &scene->views[i].camera;
-  qsort(knots, (size_t)count, sizeof *knots, compare_times);
+  pags_sort(knots, count, sizeof *knots, compare_times);
   for (int64_t i = 0; i < count; ++i)
     if (kept == 0 || knots[i]->time > knots[kept - 1]->time)
       knots[kept++] = knots[i];

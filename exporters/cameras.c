@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/sort.h"
 
 typedef struct kind { /* of camera: views of one sensor share it */
   int index;
@@ -100,7 +101,7 @@ static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene,
     if (scene->views[i].sensor == sensor)
       list[count++] = &scene->views[i];
   if (result == PAGS_OK) {
-    qsort(list, (size_t)count, sizeof *list, compare_times);
+    pags_sort(list, count, sizeof *list, compare_times);
     for (int64_t i = 0; i < count; ++i) {
       times[i] = list[i]->camera.time - time_zero;
       turn(scene, list[i]->camera.world_from_camera, order, sign, poses[i]);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "shell.h"
 
 typedef struct half {
@@ -67,7 +68,7 @@ static pags_result drop_flaps(pags_shell *s) {
     swap_if(&keys[i], 1, 2);
     swap_if(&keys[i], 0, 1);
   }
-  qsort(keys, (size_t)s->triangle_count, sizeof *keys, compare_faces);
+  pags_sort(keys, s->triangle_count, sizeof *keys, compare_faces);
   for (int64_t i = 0, end; i < s->triangle_count; i = end) {
     int64_t even = 0;
     for (end = i; end < s->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); ++end)
@@ -179,7 +180,7 @@ static pags_result cut_edges(pags_shell *s) {
     halves[i].angle = angle_of(s, &halves[i]);
   }
   if (result == PAGS_OK) {
-    qsort(halves, (size_t)count, sizeof *halves, compare_halves);
+    pags_sort(halves, count, sizeof *halves, compare_halves);
     for (int64_t i = 0, end; i < count; i = end) {
       for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; ++end)
         continue;
@@ -238,7 +239,7 @@ static pags_result part_edges(pags_shell *s, int64_t *found) {
     halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
     halves[i].angle = angle_of(s, &halves[i]);
   }
-  qsort(halves, (size_t)count, sizeof *halves, compare_halves);
+  pags_sort(halves, count, sizeof *halves, compare_halves);
   for (int64_t i = 0, end; i < count; i = end) {
     for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; ++end)
       continue;

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
+
 void pags_shell_destroy(pags_shell *surface) {
   free(surface->positions);
   free(surface->colors);
@@ -238,7 +240,7 @@ static uint64_t *sorted_edges(const pags_shell *s) {
     edges[i] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
   }
   if (edges)
-    qsort(edges, (size_t)count, sizeof *edges, compare_edges);
+    pags_sort(edges, count, sizeof *edges, compare_edges);
   return edges;
 }
 

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 static pags_result fail_memory(const char *path) {
@@ -140,7 +141,7 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
   if (result != PAGS_OK)
     pags_dir_list_destroy(out);
   else if (out->count)
-    qsort(out->names, (size_t)out->count, sizeof *out->names, compare_names);
+    pags_sort(out->names, out->count, sizeof *out->names, compare_names);
   return result;
 }
 

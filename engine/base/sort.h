@@ -1,4 +1,4 @@
-/* Numbers in ascending order; none of them may be NaN. */
+/* Sorting, of lists of any size, and of numbers in ascending order, none of which may be NaN. */
 #ifndef PAGS_BASE_SORT_H
 #define PAGS_BASE_SORT_H
 
@@ -15,12 +15,18 @@ static inline int pags_compare_floats(const void *a, const void *b) {
   return (x > y) - (x < y);
 }
 
+/* qsort, which must not be given NULL even to sort nothing. */
+static inline void pags_sort(void *items, int64_t count, size_t size, int (*compare)(const void *, const void *)) {
+  if (count > 1)
+    qsort(items, (size_t)count, size, compare);
+}
+
 static inline void pags_sort_doubles(double *values, int64_t count) {
-  qsort(values, (size_t)count, sizeof *values, pags_compare_doubles);
+  pags_sort(values, count, sizeof *values, pags_compare_doubles);
 }
 
 static inline void pags_sort_floats(float *values, int64_t count) {
-  qsort(values, (size_t)count, sizeof *values, pags_compare_floats);
+  pags_sort(values, count, sizeof *values, pags_compare_floats);
 }
 
 #endif

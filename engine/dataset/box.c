@@ -6,7 +6,8 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
+
+#include "base/sort.h"
 
 /* Eight corners, or four and the crossings: a plane cuts at most six of the twelve edges and then leaves at most seven corners. */
 enum { MOST_POINTS = 16 };
@@ -66,7 +67,7 @@ static double turn(const double *a, const double *b, const double *c) {
 static int hull(double points[][2], int count, double out[32]) {
   double chain[2 * MOST_POINTS + 1][2];
   int length = 0;
-  qsort(points, (size_t)count, sizeof *points, by_position);
+  pags_sort(points, count, sizeof *points, by_position);
   for (int side = 0; side < 2; side++) {
     int begin = length;
     for (int i = 0; i < count; i++) {

@@ -5,6 +5,7 @@
 #include "dataset/colmap.h"
 
 #include "base/file.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 #include <stdio.h>
@@ -101,7 +102,7 @@ static int by_id(const void *a, const void *b) {
 pags_result pags_colmap_sort_cameras(pags_colmap *model, const char *where) {
   if (model->camera_count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one camera", where);
-  qsort(model->cameras, (size_t)model->camera_count, sizeof *model->cameras, by_id);
+  pags_sort(model->cameras, model->camera_count, sizeof *model->cameras, by_id);
   return PAGS_OK;
 }
 

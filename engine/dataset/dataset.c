@@ -6,6 +6,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 #include <pags/image.h>
@@ -120,7 +121,7 @@ static pags_result sort_views(pags_draft *draft) {
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", draft->source);
   if (draft->driving) /* by frame, then by camera, as its reader has left them */
     return PAGS_OK;
-  qsort(draft->views, (size_t)draft->count, sizeof *draft->views, by_name);
+  pags_sort(draft->views, draft->count, sizeof *draft->views, by_name);
   for (int64_t i = 1; i < draft->count; i++) {
     const pags_draft_view *a = &draft->views[i - 1], *b = &draft->views[i];
     const char *name = pags_path_name(a->image_path);

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
+
 void pags_draft_destroy(pags_draft *draft) {
   for (int64_t i = 0; i < draft->count; i++) {
     free(draft->views[i].image_path);
@@ -82,7 +84,7 @@ static int by_id(const void *a, const void *b) {
 
 void pags_draft_sort_points(pags_draft_points *points) {
   if (points->count > 0)
-    qsort(points->items, (size_t)points->count, sizeof *points->items, by_id);
+    pags_sort(points->items, points->count, sizeof *points->items, by_id);
 }
 
 pags_result pags_draft_memory(const char *where) {

@@ -6,6 +6,7 @@
 #include "dataset/critical.h"
 
 #include "base/file.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 #include <pags/camera.h>
@@ -157,7 +158,7 @@ static int64_t choose_pictures(const pags_dir_list *list, const selection *selec
   for (int64_t i = 0; i < list->count; i++)
     if (parse_picture(list->names[i], &out[count]) && is_selected(selected, out[count].camera, out[count].frame))
       count++;
-  qsort(out, (size_t)count, sizeof *out, by_frame);
+  pags_sort(out, count, sizeof *out, by_frame);
   return count;
 }
 
@@ -227,7 +228,7 @@ static pags_result make_steps(pags_driving *driving, const picture *pictures, in
     driving->steps[driving->step_count++] = (pags_time_step){.frame = frame, .test = test};
   }
   driving->digits = pictures[0].digits;
-  qsort(driving->sensors, (size_t)driving->sensor_count, sizeof *driving->sensors, by_number);
+  pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
   return PAGS_OK;
 }
 

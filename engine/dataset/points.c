@@ -3,6 +3,7 @@
 #include "dataset/internal.h"
 
 #include "base/log.h"
+#include "base/sort.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -32,7 +33,7 @@ static id_use *list_uses(const pags_dataset *dataset) {
     uses[i].id = dataset->draft.views[i].id;
     uses[i].training = !dataset->views[i].test;
   }
-  qsort(uses, (size_t)dataset->count, sizeof *uses, by_id);
+  pags_sort(uses, dataset->count, sizeof *uses, by_id);
   return uses;
 }
 

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/sort.h"
 #include "base/text.h"
 
 #include <pags/camera.h>
@@ -142,7 +143,7 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
     if (counts(r, number, step))
       PAGS_TRY(take_knot(r, &at, step, object));
   }
-  qsort(object->knots, (size_t)object->knot_count, sizeof *object->knots, by_frame);
+  pags_sort(object->knots, object->knot_count, sizeof *object->knots, by_frame);
   for (int64_t i = 1; i < object->knot_count; i++)
     if (object->knots[i].frame == object->knots[i - 1].frame)
       return pags_json_fail(r->info, instance, "expected one annotation a frame, frame %d has two",
@@ -168,7 +169,7 @@ static pags_result classify(const reader *r, const pags_json_value *instance, pa
       result = take_pose(r, at.pose, knot->world_from_object);
     knot->frame = result == PAGS_OK ? (int32_t)frame : 0;
   }
-  qsort(whole.knots, (size_t)whole.knot_count, sizeof *whole.knots, by_frame);
+  pags_sort(whole.knots, whole.knot_count, sizeof *whole.knots, by_frame);
   if (result == PAGS_OK)
     pags_object_classify_motion(&whole);
   object->moving = whole.moving;

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "scene/packed_rows.h"
 
 enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
@@ -184,16 +185,10 @@ static int compare_meetings(const void *left, const void *right) {
   return a->part < b->part ? -1 : a->part > b->part;
 }
 
-/* qsort must not be given NULL, even to sort nothing. */
-static void sort(void *items, int64_t count, size_t size, int (*compare)(const void *, const void *)) {
-  if (count > 0)
-    qsort(items, (size_t)count, size, compare);
-}
-
 /* The meeting, of those before `end`, by which enough is blocked; NULL: not yet. */
 static const meeting *settle(picking *self, double end, double *blocked) {
   double left = 1;
-  sort(self->meetings, self->meeting_count, sizeof *self->meetings, compare_meetings);
+  pags_sort(self->meetings, self->meeting_count, sizeof *self->meetings, compare_meetings);
   for (int64_t i = 0; i < self->meeting_count && self->meetings[i].t < end; ++i) {
     left *= 1 - self->meetings[i].alpha;
     if (1 - left >= self->options->blocked) {
@@ -209,7 +204,7 @@ static const meeting *settle(picking *self, double end, double *blocked) {
 static pags_result walk(picking *self, const double origin[3], const double direction[3], const meeting **found,
                         double *blocked) {
   int64_t looked = 0;
-  sort(self->entries, self->entry_count, sizeof *self->entries, compare_entries);
+  pags_sort(self->entries, self->entry_count, sizeof *self->entries, compare_entries);
   for (int64_t i = 0; i < self->entry_count; ++i) {
     if (self->meeting_count > looked + looked / 2) {
       looked = self->meeting_count;

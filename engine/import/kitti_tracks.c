@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "base/text.h"
 
 void pags_kitti_tracks_destroy(pags_kitti_tracks *tracks) {
@@ -63,7 +64,7 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
     if (pags_kitti_label_is_box(row) && row->frame >= span->first && row->frame <= span->last)
       (*rows)[(*count)++] = *row;
   }
-  qsort(*rows, (size_t)*count, sizeof **rows, compare_rows);
+  pags_sort(*rows, *count, sizeof **rows, compare_rows);
   for (int64_t i = 1; i < *count; i++)
     if (compare_rows(*rows + i - 1, *rows + i) == 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: track %d has a box of frame %d in line %d already", path,

@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "base/text.h"
 
 struct pags_waymo_box {
@@ -102,7 +103,7 @@ static int by_track(const void *left, const void *right) {
 /* Gives each box the number of its track and returns how many tracks there are. */
 static int64_t group(pags_waymo_boxes *boxes) {
   int64_t tracks = 0;
-  qsort(boxes->boxes, (size_t)boxes->count, sizeof *boxes->boxes, by_id);
+  pags_sort(boxes->boxes, boxes->count, sizeof *boxes->boxes, by_id);
   for (int64_t i = 0; i < boxes->count; i++) {
     pags_waymo_box *box = &boxes->boxes[i];
     const pags_waymo_box *before = i ? box - 1 : NULL;
@@ -110,7 +111,7 @@ static int64_t group(pags_waymo_boxes *boxes) {
     box->track = same ? before->track : box->order;
     tracks += !same;
   }
-  qsort(boxes->boxes, (size_t)boxes->count, sizeof *boxes->boxes, by_track);
+  pags_sort(boxes->boxes, boxes->count, sizeof *boxes->boxes, by_track);
   return tracks;
 }
 

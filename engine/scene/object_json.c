@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
 #include "base/text.h"
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
@@ -27,7 +28,7 @@ pags_result pags_json_names_differ(const pags_json *json, const pags_json_value 
     return fail_memory(json);
   for (int64_t i = 0; i < count; ++i)
     sorted[i] = names[i];
-  qsort(sorted, (size_t)count, sizeof *sorted, compare_names);
+  pags_sort(sorted, count, sizeof *sorted, compare_names);
   pags_result result = PAGS_OK;
   for (int64_t i = 1; i < count && result == PAGS_OK; ++i)
     if (strcmp(sorted[i - 1], sorted[i]) == 0)

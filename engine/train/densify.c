@@ -13,6 +13,7 @@
 
 #include "base/log.h"
 #include "base/rng.h"
+#include "base/sort.h"
 
 /* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
 static const int64_t least_survivors = 16;
@@ -90,7 +91,7 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
   for (int64_t row = 0; row < edits->count; row++)
     if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
       list[n++] = (candidate){mean_gradient(&model->density, row), row};
-  qsort(list, (size_t)n, sizeof *list, by_gradient);
+  pags_sort(list, n, sizeof *list, by_gradient);
   for (int64_t i = room; i < n; i++) {
     uint8_t *kind = &edits->kind[list[i].row];
     *(*kind == PAGS_EDIT_CLONE ? &edits->cloned : &edits->split) -= 1;

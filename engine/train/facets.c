@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/sort.h"
+
 enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
 
 static const double finest = 0.4;      /* side of the smallest cells, metres; then twice that, and so on */
@@ -131,7 +133,7 @@ static void fit_level(const pags_candidates *points, int level, keyed *keys, pag
     cell_of(points->rows[i].p, side, cell);
     keys[n++] = (keyed){key_of(cell, level), i};
   }
-  qsort(keys, (size_t)n, sizeof *keys, by_key);
+  pags_sort(keys, n, sizeof *keys, by_key);
   for (int64_t i = 0, end; i < n; i = end) {
     for (end = i + 1; end < n && keys[end].key == keys[i].key;)
       end++;

@@ -12,6 +12,7 @@
 
 #include "base/log.h"
 #include "base/rng.h"
+#include "base/sort.h"
 #include "train/budget.h"
 #include "train/scores.h"
 
@@ -68,7 +69,7 @@ pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t co
   PAGS_TRY(make_list(count, &list));
   for (int64_t i = 0; i < count; i++)
     list[i] = (ranked){raw[i] > 0.0 ? raw[i] : 0.0, 0, i}; /* NaN: 0 */
-  qsort(list, (size_t)count, sizeof *list, by_value);
+  pags_sort(list, count, sizeof *list, by_value);
   if (kind == PAGS_S_GRAD_RANK)
     rank_list(list, count, out);
   else
@@ -115,7 +116,7 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
     members[r->group[i]]++;
     drop[i] = 0;
   }
-  qsort(list, (size_t)r->count, sizeof *list, by_value);
+  pags_sort(list, r->count, sizeof *list, by_value);
   drop_lowest(r, list, members, drop, dropped);
   free(members);
   free(list);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/sort.h"
 #include "train/budget.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
@@ -144,7 +145,7 @@ static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g)
                           points->object[i],
                           points->s_sem[i]};
   if (result == PAGS_OK)
-    qsort(keys, (size_t)points->count, sizeof *keys, by_position);
+    pags_sort(keys, points->count, sizeof *keys, by_position);
   for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
     point_key key = {{pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
     const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
