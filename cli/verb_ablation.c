@@ -43,15 +43,9 @@ typedef struct ablation_arguments {
 static const char default_rows[] = "baseline,sp,sd,sp+sd,spr,pdr,spr+pdr";
 
 static const pags_option options[] = {
-    {.name = "output",
-     .short_name = 'o',
-     .required = true,
-     .type = PAGS_OPTION_STRING,
-     .offset = AT(output),
-     .metavar = "TABLE",
-     .help = "writes TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row, and keeps the trainings in "
-             "the folder "
-             "TABLE.runs; a row found finished there is not run again"},
+    PAGS_OUTPUT(AT(output), "TABLE",
+                "writes TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row, and keeps the trainings in the folder "
+                "TABLE.runs; a row found finished there is not run again"),
     PAGS_VALUE("iterations", 'n', INT64, AT(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL,
                "how long to train each row"),
     PAGS_TEXT("rows", 0, AT(rows), "NAME,...", default_rows,
