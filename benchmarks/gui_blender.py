@@ -153,6 +153,9 @@ def orbiting():
         view3d().region_3d.view_rotation = Quaternion((0, 0, 1), 0.01 * i) @ turn
 
     yield from moving("orbit", step)
+    view3d().overlay.show_overlays = False
+    yield from moving("orbit_without_overlays", step)
+    view3d().overlay.show_overlays = True
 
 
 def scrubbing():
@@ -167,6 +170,13 @@ def scrubbing():
 
 def still():
     """Redraws of what is there; Blender's own part is what is left of the whole."""
+    yield from redrawing("still")
+    view3d().overlay.show_overlays = False
+    yield from redrawing("still_without_overlays")
+    view3d().overlay.show_overlays = True
+
+
+def redrawing(name):
     view = the_view()
     view.watch = viewport.Stopwatch()
     yield 0.2
@@ -174,9 +184,9 @@ def still():
     with in_view():
         bpy.ops.wm.redraw_timer(type="DRAW_WIN", iterations=times)
     whole = 1e3 * (time.perf_counter() - begin) / times
-    tell_parts("still", view.watch)
+    tell_parts(name, view.watch)
     ours = np.sum([view.watch.python, view.watch.upload, view.watch.draw]) / max(1, len(view.watch.redraws))
-    put("still_blender_ms", round(whole - float(ours), 2))
+    put(f"{name}_blender_ms", round(whole - float(ours), 2))
 
 
 tell(story(), 600 + 20 * SECONDS)
