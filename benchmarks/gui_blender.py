@@ -165,7 +165,14 @@ def scrubbing():
     yield from wait()
     frames = list(range(scene.frame_start, scene.frame_end + 1))
     frames += frames[-2:0:-1]
-    yield from moving("scrub", lambda i: scene.frame_set(frames[i % len(frames)]))
+
+    def step(i):
+        scene.frame_set(frames[i % len(frames)])
+
+    yield from moving("scrub", step)
+    view3d().overlay.show_overlays = False
+    yield from moving("scrub_without_overlays", step)
+    view3d().overlay.show_overlays = True
 
 
 def still():

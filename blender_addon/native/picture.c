@@ -115,11 +115,31 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   put_rgba(f, at, alpha, rgb, out);
 }
 
+/* What viewports ask for while all moves, without the questions of the other rows: colours alone, opaque. */
+static bool is_plain(const native_layout *l) {
+  return l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear;
+}
+
+static void fill_plain_row(const fill *f, int64_t from, float *out) {
+  const decoder *d = &f->decoder;
+  const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from, *const b = f->picture->rgb[2] + from;
+  for (int x = 0; x < f->layout->width; ++x, out += 4) {
+    out[0] = decode(d, r[x]);
+    out[1] = decode(d, g[x]);
+    out[2] = decode(d, b[x]);
+    out[3] = 1;
+  }
+}
+
 static void fill_row(const fill *f, int y) {
   const native_layout *l = f->layout;
   const native_planes *o = f->out;
   int64_t from = (int64_t)(l->y + y) * f->picture->stride + l->x;
   int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
+  if (is_plain(l)) {
+    fill_plain_row(f, from, o->rgba + 4 * to);
+    return;
+  }
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
     if (o->rgba)

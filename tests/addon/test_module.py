@@ -115,6 +115,10 @@ class Drawing(ModuleCase):
                     shown = max(shown, 0)
                     wanted = shown / 12.92 if shown <= 0.04045 else ((shown + 0.055) / 1.055) ** 2.4
                     self.assertAlmostEqual(light, wanted, delta=2e-6)
+        more = pags.render(self.scene, make_camera(time=100.0), linear=True, flip=True, outputs=("rgba", "depth"))
+        self.assertEqual(bytes(more.rgba), bytes(linear.rgba))
+        part = pags.render(self.scene, make_camera(time=100.0), linear=True, window=(30, 20, 17, 11))
+        self.assertEqual(pixel(part.rgba, 3, 4), pixel(linear.rgba, 33, 100 - 24))
         part = pags.render(self.scene, make_camera(time=100.0), window=(30, 20, 17, 11))
         self.assertEqual(part.rgba.shape, (11, 17, 4))
         self.assertEqual(pixel(part.rgba, 3, 4), pixel(plain.rgba, 33, 24))
