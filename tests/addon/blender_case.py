@@ -111,8 +111,12 @@ def pixel(picture, x, y):
 def main():
     chosen = os.environ.get("PAGS_TESTS", "").split()
     if unittest.main(module="__main__", argv=["test", *chosen], verbosity=2, exit=False).result.wasSuccessful():
+        bpy.ops.preferences.addon_disable(module=addon.__name__)
+        assert not hasattr(bpy.types.Scene, "pags"), "the add-on has left its properties behind"
         print("all tests passed")
         sys.stdout.flush()
+        if os.path.basename(sys.executable).startswith("python") and not bpy.app.binary_path:
+            os._exit(0)  # the module bpy 4.2.23 crashes after Python's end as soon as any script has registered a panel
     else:
         os._exit(3)
 
