@@ -115,7 +115,7 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   put_rgba(f, at, alpha, rgb, out);
 }
 
-/* What viewports ask for while all moves, without the questions of the other rows: colours alone, opaque. */
+/* What Rendered viewports ask for: opaque colours alone, without the questions of the other rows. */
 static bool is_plain(const native_layout *l) {
   return l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear;
 }

@@ -269,9 +269,10 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
 
 static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_tracks *tracks) {
   int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
-  return r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step &&
-         r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
-         r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0 && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
+  int in_order = r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
+  int known = r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
+              r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0;
+  return in_order && known && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
          (r->exposures == 0 || r->exposures == views) && r->sky_size >= 0 && r->sky_size <= 4096 &&
          (r->sky_size == 0 || dataset);
 }
