@@ -65,7 +65,7 @@ def story():
     put("viewport", [region().width, region().height])
     yield from orbiting()
     yield from scrubbing()
-    yield from still()
+    yield from both(still, "still")
     put("load_after", [round(v, 1) for v in os.getloadavg()])
     put("gaussians", native.entry(os.path.abspath(SCENE), True).info["gaussians"])
     if OUTPUT:
@@ -96,6 +96,14 @@ def imported():
     yield from wait()
     put("sharp_after_import_seconds", round(time.monotonic() - begin, 2))
     put("memory_after", memory())
+
+
+def both(measure, name, *arguments):
+    """With Blender's overlays, and without."""
+    yield from measure(name, *arguments)
+    view3d().overlay.show_overlays = False
+    yield from measure(name + "_without_overlays", *arguments)
+    view3d().overlay.show_overlays = True
 
 
 def moving(name, step):
@@ -152,10 +160,7 @@ def orbiting():
     def step(i):
         view3d().region_3d.view_rotation = Quaternion((0, 0, 1), 0.01 * i) @ turn
 
-    yield from moving("orbit", step)
-    view3d().overlay.show_overlays = False
-    yield from moving("orbit_without_overlays", step)
-    view3d().overlay.show_overlays = True
+    yield from both(moving, "orbit", step)
 
 
 def scrubbing():
@@ -169,21 +174,11 @@ def scrubbing():
     def step(i):
         scene.frame_set(frames[i % len(frames)])
 
-    yield from moving("scrub", step)
-    view3d().overlay.show_overlays = False
-    yield from moving("scrub_without_overlays", step)
-    view3d().overlay.show_overlays = True
+    yield from both(moving, "scrub", step)
 
 
-def still():
+def still(name):
     """Redraws of what is there; Blender's own part is what is left of the whole."""
-    yield from redrawing("still")
-    view3d().overlay.show_overlays = False
-    yield from redrawing("still_without_overlays")
-    view3d().overlay.show_overlays = True
-
-
-def redrawing(name):
     view = the_view()
     view.watch = viewport.Stopwatch()
     yield 0.2

@@ -115,7 +115,7 @@ def main():
         assert not hasattr(bpy.types.Scene, "pags"), "the add-on has left its properties behind"
         print("all tests passed")
         sys.stdout.flush()
-        if os.path.basename(sys.executable).startswith("python") and not bpy.app.binary_path:
+        if not bpy.app.binary_path:
             os._exit(0)  # the module bpy 4.2.23 crashes after Python's end as soon as any script has registered a panel
     else:
         os._exit(3)

@@ -117,8 +117,11 @@ class Drawing(ModuleCase):
                     self.assertAlmostEqual(light, wanted, delta=2e-6)
         more = pags.render(self.scene, make_camera(time=100.0), linear=True, flip=True, outputs=("rgba", "depth"))
         self.assertEqual(bytes(more.rgba), bytes(linear.rgba))
-        part = pags.render(self.scene, make_camera(time=100.0), linear=True, window=(30, 20, 17, 11))
-        self.assertEqual(pixel(part.rgba, 3, 4), pixel(linear.rgba, 33, 100 - 24))
+        lit = [pags.render(self.scene, make_camera(time=100.0), linear=True, window=(30, 45, 27, 11), outputs=o) for o in (("rgba",), ("rgba", "depth"))]
+        for part in lit:
+            wanted = [pixel(linear.rgba, 30 + x, 100 - 45 - y) for y in range(11) for x in range(27)]
+            self.assertGreater(len(set(wanted)), 10)  # not one colour
+            self.assertEqual([pixel(part.rgba, x, y) for y in range(11) for x in range(27)], wanted)
         part = pags.render(self.scene, make_camera(time=100.0), window=(30, 20, 17, 11))
         self.assertEqual(part.rgba.shape, (11, 17, 4))
         self.assertEqual(pixel(part.rgba, 3, 4), pixel(plain.rgba, 33, 24))
