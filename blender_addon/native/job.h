@@ -45,17 +45,17 @@ typedef struct native_wishes {
   PyObject *outputs, *placements, *window, *object_values, *background, *exposure;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
-  double near_plane, depth_empty, depth_scale;
+  double cut, near_plane, depth_empty, depth_scale;
 } native_wishes;
 
 #define WISH_NAMES                                                                                                   \
   "outputs", "placements", "window", "object_values", "background", "exposure", "mode", "early_z", "linear", "flip", \
-      "transparent", "antialiased", "sh_degree", "exp_degree", "near_plane", "depth_empty", "depth_scale"
-#define WISH_FORMAT "OOOOOOsspppiiiddd"
+      "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
+#define WISH_FORMAT "OOOOOOsspppiiidddd"
 #define WISH_TARGETS(w)                                                                                          \
   &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).mode,     \
       &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, \
-      &(w).near_plane, &(w).depth_empty, &(w).depth_scale
+      &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
 native_wishes native_default_wishes(void);
 /* A job of what is wanted, of no renderer yet. Raises and returns NULL. */

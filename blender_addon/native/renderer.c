@@ -213,13 +213,14 @@ static PyMethodDef renderer_methods[] = {
      "submit(scene, camera, *, outputs=('rgba',), placements=None, window=None, object_values=None, background=None,\n"
      "       exposure=None, mode='rgb', early_z='off', linear=False, flip=False, transparent=False, antialiased=-1, "
      "sh_degree=3, exp_degree=5,\n"
-     "       near_plane=0, depth_empty=0, depth_scale=1) -> Job\n\n"
+     "       cut=0, near_plane=0, depth_empty=0, depth_scale=1) -> Job\n\n"
      "Queues a picture and returns at once. placements: list of (object, world_from_object) in place of the scene's "
      "own tracks,\n"
      "object -1 for what belongs to none. window: (x, y, width, height) of the picture to hand over. mode: rgb, "
      "priority,\n"
      "critical, depth or size. exposure: gain and offset, 6 numbers. early_z: off, lossless or bounded=EPS. linear: "
-     "decode sRGB. flip: bottom row first. -1 and 0: as the scene asks for."},
+     "decode sRGB. flip: bottom row first. cut: leave out what isn't critical and whose opacity times area is under so "
+     "many pixels. -1 and 0: as the scene asks for."},
     {0}};
 static PyGetSetDef renderer_getset[] = {{"threads", renderer_threads, NULL, "that draw", NULL}, {0}};
 static PyType_Slot renderer_slots[] = {

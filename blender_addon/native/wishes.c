@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { MOST_CUT = 1000 }; /* pixels; already leaves out all but walls */
+
 static unsigned output_named(const char *name) {
   static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
   for (unsigned i = 0; i < OUTPUT_KINDS; ++i)
@@ -109,6 +111,11 @@ static bool read_options(const native_wishes *w, const native_scene *scene, nati
     PyErr_SetString(PyExc_ValueError, "sh_degree: expected 0 to 3; exp_degree: 3 or 5");
     return false;
   }
+  if (!(w->cut >= 0 && w->cut <= MOST_CUT)) {
+    PyErr_Format(PyExc_ValueError, "cut: expected 0 to %d pixels", MOST_CUT);
+    return false;
+  }
+  o->rest_cut = (float)w->cut;
   if (w->antialiased >= 0)
     o->antialiased = w->antialiased;
   if (w->near_plane > 0)

@@ -14,7 +14,9 @@ import gpu
 from . import draw, gather, lens, native
 from .native import SceneError
 
-SCALES = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0)  # what the picture's sides are divided by
+# What the picture's sides are divided by, and under which opacity times area, in pixels of that picture, Gaussians that aren't critical
+# are left out: as pags render --budget-ms does it.
+CUTS = {1.0: 0.0, 1.5: 0.25, 2.0: 0.25, 3.0: 0.5, 4.0: 0.75, 6.0: 1.0, 8.0: 1.0}
 STILL = 0.12  # seconds without change before the sharp picture is drawn
 TICK = 0.008
 
@@ -40,10 +42,10 @@ class Budget:
         """The finest scale that keeps the deadline, and whether any does; before anything is known a coarse one."""
         if not self.known:
             return 4.0, True
-        for scale in SCALES:
+        for scale in CUTS:
             if self.fixed + self.pixels * width * height / 1e6 / (scale * scale) <= deadline:
                 return scale, True
-        return SCALES[-1], False
+        return max(CUTS), False
 
 
 class Shown:
@@ -141,7 +143,7 @@ class View:
         across, down = small["width"] / camera["width"], small["height"] / camera["height"]
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
-        wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]))
+        wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]), cut=CUTS[scale])
         placements = gather.placements(self.state, entry, camera["time"], settings.hide_noncritical)
         self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **wishes)
         self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
@@ -213,7 +215,7 @@ class View:
             text += f", {self.rate():.1f} FPS"
         dropped = []
         if self.shown.scale > 1:
-            dropped.append(f"1/{self.shown.scale:g} resolution")
+            dropped.append(f"1/{self.shown.scale:g} resolution, what is under {CUTS[self.shown.scale]:g} px there")
         if self.shown.degree < settings.sh_degree:
             dropped.append(f"SH degree {self.shown.degree}")
         if dropped:

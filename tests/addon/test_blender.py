@@ -61,8 +61,19 @@ def exr_values(data, x, y):
     return out
 
 
+def overlays():
+    """Of the file's 3D views; background Blenders keep them from one file to the next."""
+    return [a.spaces.active.overlay for s in bpy.data.screens for a in s.areas if a.type == "VIEW_3D"]
+
+
+def show_floors():
+    for overlay in overlays():
+        overlay.show_floor = True
+
+
 class Import(BlenderCase):
     def test_what_it_makes(self):
+        show_floors()
         root = self.bring_in()
         kinds = sorted(o.pags.kind for o in self.scene.objects)
         self.assertEqual(kinds, ["BACKGROUND", "CAMERA", "CAMERA", "EGO", "OBJECT", "OBJECT", "ROOT", "TRACK", "TRACK"])
@@ -77,6 +88,7 @@ class Import(BlenderCase):
         self.assertEqual(self.scene.render.engine, "PAGS")
         self.assertEqual((self.scene.render.fps, self.scene.frame_end), (1, 3))  # an empty file takes the recording's
         self.assertEqual((self.scene.render.resolution_x, self.scene.render.resolution_y), (101, 101))
+        self.assertEqual({o.show_floor for o in overlays()}, {False})
         for frame, y in ((1, 4), (2, 0), (3, -4)):
             self.scene.frame_set(frame)
             self.assertAlmostEqual(self.track(1).matrix_world.translation.y, y, places=4)
@@ -85,10 +97,12 @@ class Import(BlenderCase):
 
     def test_a_file_with_work_in_it_keeps_its_rate(self):
         bpy.ops.mesh.primitive_uv_sphere_add()
+        show_floors()
         self.scene.render.fps = 24
         self.scene.frame_start = 10
         self.bring_in()
         self.assertEqual(self.scene.render.fps, 24)
+        self.assertEqual({o.show_floor for o in overlays()}, {True})
         self.scene.frame_set(10 + 24)  # a second later all the same
         self.assertAlmostEqual(self.track(1).matrix_world.translation.y, 0, places=4)
 

@@ -106,6 +106,16 @@ class Drawing(ModuleCase):
         nothing = pags.render(self.scene, make_camera(), placements=[], background=[0, 0, 0])
         self.assertEqual(max(floats(nothing.rgba)[0::4]), 0)
 
+    def test_a_cut_leaves_what_is_critical(self):
+        """Two cars, and a wall (Gaussian 0) that covers less than a thousand pixels, as they do."""
+        whole, cut, uncut = (
+            memoryview(pags.render(self.scene, make_camera(), outputs=("id",), cut=c).id).cast("B").cast("i").tolist()
+            for c in (0, 1000, 1e-6)
+        )
+        self.assertEqual(set(whole), {-1, 0, 1, 2})
+        self.assertEqual(cut, [-1 if i == 0 else i for i in whole])
+        self.assertEqual(uncut, whole)
+
     def test_linear_light_rows_and_window(self):
         plain = pags.render(self.scene, make_camera(time=100.0))
         linear = pags.render(self.scene, make_camera(time=100.0), linear=True, flip=True)
@@ -312,6 +322,8 @@ class Errors(ModuleCase):
             (dict(outputs=("rgba", "what")), ValueError),
             (dict(window=(0, 0, 200, 2)), ValueError),
             (dict(sh_degree=4), ValueError),
+            (dict(cut=-1), ValueError),
+            (dict(cut=float("nan")), ValueError),
             (dict(object_values=[1]), ValueError),
             (dict(placements=[(0, [1, 2])]), ValueError),
             (dict(background="red"), (ValueError, TypeError)),
