@@ -90,7 +90,8 @@ typedef struct pags_bin {
   int64_t *hidden;     /* out, of bin_count: how many; may be NULL */
 } pags_bin;
 
-/* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none). A tile that is not
+/* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none, or depth_sum alone
+ * where nothing is resumed or left unfinished). A tile that is not
  * finished leaves what it is resumed from: colour without background, transmittance with the sign set where the pixel has stopped,
  * sum(w) in depth. */
 typedef struct pags_raster_out {
@@ -134,7 +135,7 @@ typedef struct pags_raster_back {
   const float *rgb_gradient[3];
   const float *transmittance_gradient; /* NULL: zero */
   const float *depth_gradient;         /* NULL: zero */
-  int32_t absolute; /* 1: fill the absolute sums too (done anyway with depth_gradient) */
+  int32_t absolute; /* 1: fill the absolute sums too, else zeros */
   float background[3];
 } pags_raster_back;
 

@@ -34,14 +34,13 @@ V_INLINE raster_cover raster_alpha(vf exponent, int degree) {
 /* What one call of the rasteriser does throughout. */
 typedef struct raster_how {
   int degree;
-  bool extra, counted, bounded, hard;
+  bool sum, extra, counted, bounded, hard; /* sum: of w z, which extra channels take */
   float eps; /* where bounded */
 } raster_how;
 
 /* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel that has stopped,
  * for either reason, would stop there whatever came in between. */
 V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, raster_how how) {
-  const bool extra = how.extra, counted = how.counted;
   if (how.hard)
     cover.contributes = m_and(cover.contributes, v_le(v_set(s->z), state->hard));
   const vf next = v_fnma(state->t, cover.alpha, state->t);
@@ -52,15 +51,16 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_
   state->r = v_fma(w, v_set(s->r), state->r);
   state->g = v_fma(w, v_set(s->g), state->g);
   state->b = v_fma(w, v_set(s->b), state->b);
-  if (extra) {
+  if (how.sum)
     state->depth = v_fma(w, v_set(s->z), state->depth);
+  if (how.extra) {
     state->weight = v_add(state->weight, w);
     const vm heavier = v_gt(w, state->best);
     state->best = v_select(heavier, w, state->best);
     state->id = i_select(heavier, i_set(s->id), state->id);
   }
   state->t = v_select(blends, next, v_or_sign(cover.contributes, state->t));
-  return counted ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
+  return how.counted ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
 }
 
 /* Three splats are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A splat's chain of
@@ -158,18 +158,19 @@ static inline int64_t block_at(const pags_raster_out *out, int block) {
   return (int64_t)(block >> 2) * 4 * out->stride + 4 * (block & 3);
 }
 
-V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, bool extra) {
+V_INLINE void raster_write(const pags_raster_out *out, const raster_state *state, int block, raster_how how) {
   const int64_t at = block_at(out, block);
   const vf t = v_abs(state->t);
   v_store_4x4(out->rgb[0] + at, out->stride, v_fma(t, v_set(out->background[0]), state->r));
   v_store_4x4(out->rgb[1] + at, out->stride, v_fma(t, v_set(out->background[1]), state->g));
   v_store_4x4(out->rgb[2] + at, out->stride, v_fma(t, v_set(out->background[2]), state->b));
   v_store_4x4(out->transmittance + at, out->stride, t);
-  if (extra && out->depth) {
+  if (how.sum && out->depth_sum)
+    v_store_4x4(out->depth_sum + at, out->stride, state->depth);
+  if (how.extra && out->depth) {
     const vm any = v_gt(state->weight, v_zero());
     const vf depth = v_maskz(any, v_div(state->depth, v_select(any, state->weight, v_set(1.0f))));
     v_store_4x4(out->depth + at, out->stride, depth);
-    v_store_4x4(out->depth_sum + at, out->stride, state->depth);
     v_store_4x4((float *)(void *)(out->id + at), out->stride, v_from_bits(state->id));
   }
 }
@@ -210,8 +211,10 @@ V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, co
     const vm inside = block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height);
     state[b] = (raster_state){.r = v_zero(), .g = v_zero(), .b = v_zero()};
     state[b].t = v_select(inside, v_set(1.0f), v_set(-1.0f));
+    if (how.sum)
+      state[b].depth = v_zero();
     if (how.extra) {
-      state[b].depth = state[b].weight = state[b].best = v_zero();
+      state[b].weight = state[b].best = v_zero();
       state[b].id = i_set(-1);
     }
     if (how.hard)
@@ -261,7 +264,7 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
     if (in->unfinished && active)
       raster_suspend(out, state + b, b, how.extra);
     else
-      raster_write(out, state + b, b, how.extra);
+      raster_write(out, state + b, b, how);
   return active;
 }
 
@@ -270,7 +273,7 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
  * compared with, always has both. */
 #define RASTER_VARIANT(name, degree, extra, bounded, hard)                          \
   static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
-    return raster_tile(in, out, (raster_how){degree, extra, extra, bounded, hard, in->eps}); \
+    return raster_tile(in, out, (raster_how){degree, extra, extra, extra, bounded, hard, in->eps}); \
   }
 RASTER_VARIANT(raster_5, 5, false, false, false)
 RASTER_VARIANT(raster_5_extra, 5, true, false, false)
@@ -283,6 +286,11 @@ RASTER_VARIANT(raster_3_extra_bounded, 3, true, true, false)
 RASTER_VARIANT(raster_5_hard, 5, true, false, true)
 RASTER_VARIANT(raster_3_hard, 3, true, false, true)
 
+/* What training asks for. */
+static unsigned raster_5_sum(const pags_raster_in *in, const pags_raster_out *out) {
+  return raster_tile(in, out, (raster_how){.degree = 5, .sum = true});
+}
+
 static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   typedef unsigned variant(const pags_raster_in *, const pags_raster_out *);
   static variant *const variants[2][2][2] = {{{raster_3, raster_3_bounded}, {raster_3_extra, raster_3_extra_bounded}},
@@ -290,7 +298,9 @@ static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   const int exact = in->exp_degree >= 5;
   if (in->hard)
     return (exact ? raster_5_hard : raster_3_hard)(in, out);
-  return variants[exact][out->depth || in->pairs][in->eps > 0.0f](in, out);
+  if (exact && out->depth_sum && !out->depth && !in->pairs && !(in->eps > 0.0f))
+    return raster_5_sum(in, out);
+  return variants[exact][out->depth_sum || in->pairs][in->eps > 0.0f](in, out);
 }
 
 #define RASTER_COVERS (-1.0f) /* log2 of the alpha at which an occluder writes its depth */

@@ -130,11 +130,12 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute
   static void name(const pags_raster_back *in) { backward_all(in, depth, absolute); }
 BACKWARD_VARIANT(backward_colour, false, false)
 BACKWARD_VARIANT(backward_absolute, false, true)
-BACKWARD_VARIANT(backward_depth, true, true)
+BACKWARD_VARIANT(backward_depth, true, false)
+BACKWARD_VARIANT(backward_depth_absolute, true, true)
 
 static void raster_backward(const pags_raster_back *in) {
   if (in->depth_gradient)
-    backward_depth(in);
+    (in->absolute ? backward_depth_absolute : backward_depth)(in);
   else
     (in->absolute ? backward_absolute : backward_colour)(in);
 }

@@ -105,7 +105,7 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
 pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive, void *user,
                                 int64_t *bad_rows) {
   assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0] && receive);
-  assert(!gradient->depth_sum || frame->options.extra_channels);
+  assert(!gradient->depth_sum || frame->options.extra_channels || frame->options.depth_sum);
   const int workers = pags_tasks_workers(frame->tasks);
   backward_context c = {.frame = frame, .gradient = gradient, .receive = receive, .user = user};
   atomic_init(&c.bad_rows, 0);

@@ -141,9 +141,10 @@ static void fill_picture(const pags_frame *frame, pags_picture *out) {
   for (int c = 0; c < 3; c++)
     out->rgb[c] = frame_plane(frame, PLANE_R + c);
   out->transmittance = frame_plane(frame, PLANE_T);
+  if (frame->options.extra_channels || frame->options.depth_sum)
+    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
   if (frame->options.extra_channels) {
     out->depth = frame_plane(frame, PLANE_DEPTH);
-    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
     out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
   }
 }
@@ -191,6 +192,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
                               const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
   assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
   assert(!(options->exposed && options->keep_for_backward));
+  assert(!options->depth_sum || options->keep_for_backward);
   assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
   assert(options->slab_size >= 0);
   assert(!options->tiles || (!options->keep_for_backward && options->early_z != PAGS_EARLY_Z_PAPER && options->order == PAGS_ORDER_DEPTH));

@@ -12,9 +12,10 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
     out.rgb[c] = frame_plane(frame, PLANE_R + c) + at;
     out.background[c] = frame->has_sky ? 0.0f : frame->options.background[c];
   }
+  if (frame->options.extra_channels || frame->options.depth_sum)
+    out.depth_sum = frame_plane(frame, PLANE_DEPTH_SUM) + at;
   if (frame->options.extra_channels) {
     out.depth = frame_plane(frame, PLANE_DEPTH) + at;
-    out.depth_sum = frame_plane(frame, PLANE_DEPTH_SUM) + at;
     out.best = frame_plane(frame, PLANE_BEST) + at;
     out.id = (int32_t *)(void *)frame_plane(frame, PLANE_ID) + at;
   }

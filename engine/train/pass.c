@@ -490,7 +490,7 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->absgrad;
-  options.extra_channels = t->pass.depth[v->view].count > 0;
+  options.depth_sum = t->pass.depth[v->view].count > 0;
   pags_pass_compose(t, v->view);
   PAGS_TRY(reserve_factors(t, step));
   PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));

@@ -74,7 +74,7 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   const double moment[6] = {1.0, u, v, u * u, u * v, v * v};
   for (int m = 0; m < 6; m++)
     tile_add(s, PAGS_SLOT_S + m, ds * moment[m], size * fmax(fabs(moment[m]), 0.01));
-  if (c.absolute || c.depth) {
+  if (c.absolute) {
     const double along_y = (double)g->w * v * ds - (double)g->p * (double)g->h * u * ds;
     tile_add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
     tile_add(s, PAGS_SLOT_ABS_Y, fabs(along_y), size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
@@ -163,10 +163,11 @@ static void test_bench(const pags_kernels *k) {
   tile t = tile_make(256, &usual, false);
   tile_draw(k, &t);
   float *const slots = CHECK_NEW(float, t.slot_count *PAGS_SLOT_FLOATS);
-  static const choice choices[] = {{false, false, false}, {true, true, true}};
-  for (int i = 0; i < 2; i++) {
+  static const choice choices[] = {{false, false, false}, {true, true, false}, {true, true, true}};
+  static const char *const names[] = {"raster_backward, colour", "raster_backward, depth", "raster_backward, all"};
+  for (int i = 0; i < 3; i++) {
     const pags_raster_back in = arguments(&t, choices[i], slots);
-    CHECK_BENCH(i ? "raster_backward, all" : "raster_backward, colour", tile_lanes(&t), "lane") k->raster_backward(&in);
+    CHECK_BENCH(names[i], tile_lanes(&t), "lane") k->raster_backward(&in);
   }
 }
 

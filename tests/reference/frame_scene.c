@@ -228,7 +228,7 @@ frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_c
   run_context context = {scene, &result};
   pags_frame_options kept = *options;
   kept.keep_for_backward = gradient != NULL;
-  kept.extra_channels = kept.extra_channels || (gradient && gradient->depth_sum);
+  kept.depth_sum = gradient && gradient->depth_sum;
   pags_picture picture;
   check(pags_frame_render(frame, here.parts, here.part_count, camera, &kept, touch, &context, &picture));
   assert_int_equal(picture.width, camera->width);
@@ -238,7 +238,7 @@ frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_c
     copy_plane(&picture, picture.rgb[channel], result.rgb + (int64_t)channel * camera->width * camera->height);
   copy_plane(&picture, picture.transmittance, result.transmittance);
   assert_true((picture.depth != NULL) == (kept.extra_channels != 0));
-  assert_true((picture.depth_sum != NULL) == (kept.extra_channels != 0));
+  assert_true((picture.depth_sum != NULL) == (kept.extra_channels || kept.depth_sum));
   copy_plane(&picture, picture.depth, result.depth);
   copy_plane(&picture, picture.depth_sum, result.depth_sum);
   copy_plane(&picture, picture.id, result.id);

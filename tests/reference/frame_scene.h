@@ -49,7 +49,7 @@ typedef struct frame_result {
   int64_t bad_rows;
 } frame_result;
 
-/* Renders, and goes back when `gradient` isn't NULL: keep_for_backward is then set, and extra_channels where the loss
+/* Renders, and goes back when `gradient` isn't NULL: keep_for_backward is then set, and depth_sum where the loss
  * looks at depth. */
 frame_result frame_run(pags_frame *frame, const frame_scene *scene, const pags_camera *camera,
                        const pags_frame_options *options, const reference_picture_gradient *gradient);

@@ -83,7 +83,8 @@ typedef struct pags_frame_options {
   int sh_degree;        /* highest degree used, 0..3; default 3 */
   int exp_degree;       /* polynomial degree of exp2 in the rasteriser: 3 (7.5e-5 relative; viewing only) or
                            5 (2e-7, default, and what backward asks for) */
-  int extra_channels;   /* 1: depth and id too */
+  int extra_channels;   /* 1: depth, depth_sum and id too */
+  int depth_sum;        /* 1, with keep_for_backward: depth_sum too, which is all that a loss on depth needs and costs less. Default 0 */
   int count_pairs;      /* 1: fill pairs_evaluated and pairs_blended (costs some per cent) */
   int keep_for_backward; /* 1: keep what pags_frame_backward needs */
   int exposed;           /* 1: rgb becomes gain * rgb + offset per channel, as a camera of that exposure shows it (pags_scene_exposure).
@@ -165,7 +166,7 @@ PAGS_API pags_result pags_frame_render(pags_frame *frame, const pags_part *parts
 typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
-  const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels */
+  const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels or depth_sum */
   float *sky;             /* out: dLoss/d(texel) is added to it, laid out as the sky's texels; NULL: not wanted. The only plane
                              written; the same bits for any number of threads */
   float sky_cut;          /* pixels with less transmittance add nothing to `sky`; 0: all do */
