@@ -164,10 +164,8 @@ def orbiting():
 
 
 def scrubbing():
-    """Through the recording's camera, a frame of the timeline each tick."""
+    """A frame of the timeline each tick, where the orbit left the view and through the recording's camera, which moves, too."""
     scene = bpy.context.scene
-    view3d().region_3d.view_perspective = "CAMERA"
-    yield from wait()
     frames = list(range(scene.frame_start, scene.frame_end + 1))
     frames += frames[-2:0:-1]
 
@@ -175,6 +173,9 @@ def scrubbing():
         scene.frame_set(frames[i % len(frames)])
 
     yield from both(moving, "scrub", step)
+    view3d().region_3d.view_perspective = "CAMERA"
+    yield from wait()
+    yield from both(moving, "scrub_camera", step)
 
 
 def still(name):

@@ -48,6 +48,27 @@ class Budget:
         return max(CUTS), False
 
 
+class Pace:
+    """The share of the deadline that a picture may take, so that ten come in a second: without a graphics card Blender's own drawing takes
+    the same processors, and a picture that keeps the deadline comes late all the same."""
+
+    PERIOD = 0.095  # seconds; a little less than a tenth
+    PAUSE = 0.5  # a longer one lies between two movements
+    LEAST = 0.25
+    COARSEST = 3.0  # scale; coarser ones are hardly sooner there
+
+    def __init__(self):
+        self.share, self.last = 1.0, -1e9
+
+    def came(self, now):
+        """A picture has come while something moves."""
+        period, self.last = now - self.last, now
+        if self.PERIOD < period < self.PAUSE:
+            self.share = max(self.LEAST, 0.93 * self.share)
+        elif period < 0.9 * self.PERIOD:
+            self.share = min(1.0, 1.05 * self.share)
+
+
 class Shown:
     """A picture on the GPU and what it shows."""
 
@@ -95,7 +116,7 @@ class View:
         self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
         self.wanted, self.changed_at, self.wanted_degree = None, 0.0, 3
         self.shown = None
-        self.budget = Budget()
+        self.budget, self.pace = Budget(), Pace()
         self.error = ""
         self.watch = Stopwatch()
         self.loading = False
@@ -162,7 +183,10 @@ class View:
                 self.job.cancel()
             return upload
         if self.shown is None or self.shown.key != key:
-            scale, kept = self.budget.choose(wanted[2]["width"], wanted[2]["height"], settings.deadline)
+            size = wanted[2]["width"], wanted[2]["height"]
+            scale, kept = self.budget.choose(*size, settings.deadline)
+            hurried, _ = self.budget.choose(*size, settings.deadline * self.pace.share)
+            scale = max(scale, min(hurried, self.pace.COARSEST))
             self.submit(wanted, scale, settings.sh_degree if kept else 0)
         elif self.shown.unsharp and now - self.changed_at >= STILL:
             self.submit(wanted, 1.0, settings.sh_degree)
@@ -184,6 +208,8 @@ class View:
         self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.wanted_degree
         self.budget.learn(self.shown.stats, picture.width, picture.height)
         self.watch.add_picture(self.shown)
+        if self.shown.unsharp:
+            self.pace.came(time.monotonic())
         return self.shown.ms_upload
 
     def restless(self):
@@ -201,29 +227,32 @@ class View:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
 
     def statistics(self, settings):
+        """While something moves, what was dropped alone: without a graphics card sixty letters take Blender a tenth of a redraw."""
         if self.error:
             return self.error
         if self.shown is None:
             return "drawing ..."
+        text = self.dropped(settings) if self.shown.unsharp else self.counts()
+        if self.rate() > 0:
+            text += f", {self.rate():.1f} FPS"
+        if self.count > 1:
+            text += f"; {self.count} scenes are visible, {self.state.root_name} alone is drawn"
+        if self.state is not None and self.state.scaled:
+            text += "; scale is left out"
+        return text
+
+    def dropped(self, settings):
+        """For the deadline."""
+        less_colour = f", SH degree {self.shown.degree}" if self.shown.degree < settings.sh_degree else ""
+        return f"1/{self.shown.scale:g} size{less_colour}"
+
+    def counts(self):
         stats = self.shown.stats
         text = (
             f"{stats['gaussians']:,} Gaussians, {stats['gaussians'] - stats['shaded']:,} culled, {stats['ms']:.0f} ms"
         )
         if stats["hidden"] or stats["loaded"] < stats["in_view"]:
             text += f" ({stats['in_view'] - stats['loaded'] + stats['hidden']:,} by Early-Z)"
-        if self.rate() > 0:
-            text += f", {self.rate():.1f} FPS"
-        dropped = []
-        if self.shown.scale > 1:
-            dropped.append(f"1/{self.shown.scale:g} resolution, what is under {CUTS[self.shown.scale]:g} px there")
-        if self.shown.degree < settings.sh_degree:
-            dropped.append(f"SH degree {self.shown.degree}")
-        if dropped:
-            text += "; for the deadline: " + ", ".join(dropped)
-        if self.count > 1:
-            text += f"; {self.count} scenes are visible, {self.state.root_name} alone is drawn"
-        if self.state is not None and self.state.scaled:
-            text += "; scale is left out"
         return text
 
     # ---- Drawing ----
