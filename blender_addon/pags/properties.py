@@ -110,7 +110,7 @@ class PagsScene(bpy.types.PropertyGroup):
     )
     deadline: FloatProperty(
         name="Deadline",
-        description="Milliseconds a picture may take while something moves; resolution and colour detail are lowered to keep it",
+        description="Milliseconds a picture may take while something moves; resolution, small things and colour detail are lowered to keep it",
         default=50,
         min=10,
         max=2000,
