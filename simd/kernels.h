@@ -91,9 +91,8 @@ typedef struct pags_bin {
 } pags_bin;
 
 /* Top left pixel of the tile in each plane; NULL where not wanted (all of depth, depth_sum, best and id, or none, or depth_sum alone
- * where nothing is resumed or left unfinished). A tile that is not
- * finished leaves what it is resumed from: colour without background, transmittance with the sign set where the pixel has stopped,
- * sum(w) in depth. */
+ * where nothing is resumed or left unfinished). A tile that is not finished leaves what it is resumed from: colour without background,
+ * transmittance with the sign set where the pixel has stopped, sum(w) in depth. */
 typedef struct pags_raster_out {
   float *rgb[3];
   float *transmittance;

@@ -231,7 +231,7 @@ def adopt_settings(scene, work, frame):
 
 def clear_views():
     """A line from every object to the scene's origin shows nothing but lines, and a street has a ground of its own: Blender's floor lies over it
-    and, where there is no graphics card, takes a quarter of a redraw."""
+    and, where there is no graphics card, takes a sixth of a redraw."""
     for area in (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"):
         overlay = area.spaces.active.overlay
         overlay.show_relationship_lines = False
