@@ -10,7 +10,7 @@
 enum { SWEEPS = 300, NEIGHBOURS = 8 };
 static const int dx[NEIGHBOURS] = {1, -1, 0, 0, 1, -1, 1, -1}, dy[NEIGHBOURS] = {0, 0, 1, -1, 1, -1, -1, 1};
 static const double bend = 8;      /* metres of path about a place that tell its direction */
-static const double across = 0.03; /* stiffness, as a share of that along */
+static const double across = 0.01; /* stiffness, as a share of that along */
 
 /* Stiffness towards each neighbour of a cell. */
 typedef struct stiffness {
@@ -40,7 +40,7 @@ static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   double angle = 0.5 * atan2(2 * xy, xx - yy), c = cos(angle), s = sin(angle);
   for (int d = 0; d < NEIGHBOURS; ++d) {
     double along = (dx[d] * c + dy[d] * s) / hypot(dx[d], dy[d]);
-    out.towards[d] = across + pow(along, 8);
+    out.towards[d] = across + pow(along, 16);
     sum += out.towards[d];
   }
   for (int d = 0; d < NEIGHBOURS; ++d)

@@ -171,8 +171,17 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   return PAGS_OK;
 }
 
+/* The first frame has nothing to go by. Of scenes so large that what is in view, drawn at once, might take more than two gigabytes, it is drawn in
+ * slabs, as if three quarters would hide. */
+static void guess_first(pags_frame *frame) {
+  const int64_t large = 8000000;
+  if (!frame->guessed && frame->options.early_z != PAGS_EARLY_Z_OFF)
+    frame->hiding = frame->stats.gaussians > large ? 0.75 : 0.0;
+  frame->guessed |= frame->options.early_z != PAGS_EARLY_Z_OFF;
+}
+
 /* Slabs pay where much hides (docs/rendering.md has the figures behind these): else all is drawn at once. What hid in one frame tells
- * of the next; the first has nothing to go by. */
+ * of the next. */
 static bool wants_slabs(const pags_frame *frame) {
   const double enough = 0.35;
   if (frame->options.tiles)
@@ -200,6 +209,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   if (options->keep_for_backward)
     frame->options.early_z = PAGS_EARLY_Z_OFF;
+  guess_first(frame);
   const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER, slabs = !paper && wants_slabs(frame);
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_cull(frame, slabs || paper));

@@ -70,6 +70,7 @@ struct pags_frame {
   const float *tile_limits; /* per tile: what has a larger z isn't binned; may be NULL */
   float *hard;           /* a plane: what has a larger z isn't drawn; may be NULL */
   int64_t looked_at;     /* entries that the rasteriser came to */
+  bool guessed;          /* whether `hiding` holds anything */
   double hiding;         /* share of what is in view that hid, or would have hidden, in the last frame with Early-Z; a guess */
   int64_t *slot_start;   /* dense_count + 1 */
 

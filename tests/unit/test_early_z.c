@@ -304,35 +304,68 @@ static void test_parse(void **unused) {
   }
 }
 
-/* Padding counts as full: a wall of layers before a picture that is no multiple of a tile fills every tile, and what is behind is never
- * read. */
-static void test_padding(void **unused) {
-  (void)unused;
-  enum { LAYERS = 12, BEHIND_WALL = 800 };
-  scene s;
+enum { LAYERS = 12, BEHIND_WALL = 800 };
+
+/* A wall of layers before a picture that is no multiple of a tile, and what is behind it. */
+static void walled(scene *s) {
   state = 9;
-  scene_create(&s, NOTHING, 0);
-  scene_destroy(&s);
-  s.part_count = 1;
-  s.camera.width = 37, s.camera.height = 21, s.camera.fx = s.camera.fy = 30, s.camera.cx = 18, s.camera.cy = 10;
-  assert_int_equal(pags_gaussians_create(&s.gaussians[0], LAYERS + BEHIND_WALL, 0), PAGS_OK);
+  scene_create(s, NOTHING, 0);
+  scene_destroy(s);
+  s->part_count = 1;
+  s->camera.width = 37, s->camera.height = 21, s->camera.fx = s->camera.fy = 30, s->camera.cx = 18, s->camera.cy = 10;
+  assert_int_equal(pags_gaussians_create(&s->gaussians[0], LAYERS + BEHIND_WALL, 0), PAGS_OK);
   for (int64_t i = 0; i < LAYERS + BEHIND_WALL; i++) {
     const float wall[3] = {0, 0, 2 + 0.01f * (float)i}, wide[3] = {40, 40, 0.001f}, small[3] = {0.3f, 0.3f, 0.3f};
     const float behind[3] = {uniform(-3, 3), uniform(-3, 3), uniform(6, 9)};
-    put_shape(&s.gaussians[0], i, i < LAYERS ? wall : behind, i < LAYERS ? wide : small, 0.95f);
-    put(&s.gaussians[0], i, PAGS_ROTATION, 1);
+    put_shape(&s->gaussians[0], i, i < LAYERS ? wall : behind, i < LAYERS ? wide : small, 0.95f);
+    put(&s->gaussians[0], i, PAGS_ROTATION, 1);
     for (int q = 1; q < 4; q++)
-      put(&s.gaussians[0], i, PAGS_ROTATION + q, 0);
+      put(&s->gaussians[0], i, PAGS_ROTATION + q, 0);
   }
-  assert_int_equal(pags_clusters_create(&s.clusters[0], LAYERS + BEHIND_WALL, 16), PAGS_OK);
-  pags_clusters_update(&s.clusters[0], &s.gaussians[0], 0, s.clusters[0].count);
-  s.parts[0].id = NULL;
-  s.ids[0] = NULL;
+  assert_int_equal(pags_clusters_create(&s->clusters[0], LAYERS + BEHIND_WALL, 16), PAGS_OK);
+  pags_clusters_update(&s->clusters[0], &s->gaussians[0], 0, s->clusters[0].count);
+  s->parts[0].id = NULL;
+  s->ids[0] = NULL;
+}
+
+/* Padding counts as full: the wall fills every tile, and what is behind is never read. */
+static void test_padding(void **unused) {
+  (void)unused;
+  scene s;
+  walled(&s);
   shot off = shoot(1, &s, PAGS_EARLY_Z_OFF, 0.5f, 0), lossless = shoot(2, &s, PAGS_EARLY_Z_LOSSLESS, 0.5f, 16);
   assert_true(same_bits(&off, &lossless));
   assert_int_equal(lossless.stats.tiles_full, lossless.stats.tiles);
   assert_true(lossless.stats.loaded <= 64 && lossless.stats.clusters_hidden >= 40);
   shot_destroy(&off), shot_destroy(&lossless);
+  scene_destroy(&s);
+}
+
+/* Of millions, the first frame, too, reads what it needs: thousands of copies, one behind the other. */
+static void test_first_of_many(void **unused) {
+  (void)unused;
+  enum { COPIES = 10000 };
+  scene s;
+  walled(&s);
+  pags_part *const parts = calloc(COPIES, sizeof *parts);
+  pags_tasks *const tasks = pags_tasks_create(2);
+  pags_frame *frame;
+  pags_picture picture;
+  assert_non_null(parts);
+  for (int i = 0; i < COPIES; i++) {
+    parts[i] = s.parts[0];
+    parts[i].first_id = i * (LAYERS + BEHIND_WALL);
+    parts[i].world_from_model[11] += i;
+  }
+  s.options.early_z = PAGS_EARLY_Z_LOSSLESS;
+  assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
+  assert_int_equal(pags_frame_render(frame, parts, COPIES, &s.camera, &s.options, NULL, NULL, &picture), PAGS_OK);
+  const pags_frame_stats *const stats = pags_frame_stats_get(frame);
+  assert_true(stats->gaussians > 8000000 && stats->in_view > stats->gaussians / 2);
+  assert_true(stats->loaded < stats->in_view / 8 && stats->tiles_full == stats->tiles);
+  pags_frame_destroy(frame);
+  pags_tasks_destroy(tasks);
+  free(parts);
   scene_destroy(&s);
 }
 
@@ -403,6 +436,7 @@ int main(void) {
       cmocka_unit_test(test_every_recipe),
       cmocka_unit_test(test_random_scenes),
       cmocka_unit_test(test_padding),
+      cmocka_unit_test(test_first_of_many),
       cmocka_unit_test(test_choice),
       cmocka_unit_test(test_steady),
   };
