@@ -3,7 +3,8 @@
   make bench-blender SCENE=FOLDER
 
 Runs in a window under Xvfb, which Blender draws in software: what the upload and Blender's own drawing take says nothing of a
-machine with a GPU and is told apart. Times are of the wall's clock; `load` says what else the machine did."""
+machine with a GPU and is told apart. Times are of the wall's clock; `load` says what else the machine did, `stolen` what share of the
+processors' time other machines on the same hardware took meanwhile."""
 
 import json
 import os
@@ -39,6 +40,13 @@ def memory():
     with open("/proc/self/status") as file:
         rows = dict(line.split(":", 1) for line in file)
     return [round(int(rows[name].split()[0]) / 1024) for name in ("VmRSS", "VmHWM")]
+
+
+def stolen():
+    """Seconds of all processors, and those of them that the host gave to others (proc(5), /proc/stat)."""
+    with open("/proc/stat") as file:
+        row = [int(v) / os.sysconf("SC_CLK_TCK") for v in file.readline().split()[1:9]]
+    return np.array([sum(row), row[7]])
 
 
 def spread(values):
@@ -110,7 +118,7 @@ def moving(name, step):
     """`step(i)` moves something at each of the timer's ticks; then all stays still until the picture is sharp."""
     view = the_view()
     view.watch = viewport.Stopwatch()
-    ticks, begin = [], time.monotonic()
+    ticks, begin, before = [], time.monotonic(), stolen()
     while time.monotonic() - begin < SECONDS:
         step(len(ticks))
         ticks.append(time.monotonic())
@@ -118,6 +126,8 @@ def moving(name, step):
     pictures = list(view.watch.pictures)
     put(f"{name}_fps", round((len(pictures) - 1) / (pictures[-1][0] - pictures[0][0]), 1) if len(pictures) > 1 else 0)
     put(f"{name}_dropped", {"1/%g, SH %d" % key: n for key, n in count((p[1], p[2]) for p in pictures).items()})
+    all_, others = stolen() - before
+    put(f"{name}_stolen", round(others / all_, 3))
     tell_parts(name, view.watch)
     put(f"{name}_tick_ms", spread(1e3 * np.diff(ticks)))
     stopped = time.monotonic()
@@ -135,9 +145,10 @@ def count(keys):
 
 
 def tell_parts(name, watch):
-    """Medians, 95th percentiles and worst milliseconds. `python`: ours in a redraw; `fill`: ours in C, on the engine's threads; both are
-    outside of the engine."""
+    """Medians, 95th percentiles and worst milliseconds. `redraw`: ours by the wall's clock, which counts the threads that share the processors,
+    of it `python`, `upload` and `draw`; `processor`: the same in its own thread's time; `fill`: ours in C, on the engine's threads."""
     put(f"{name}_redraw_ms", spread(np.sum([watch.python, watch.upload, watch.draw], axis=0)))
+    put(f"{name}_processor_ms", spread(watch.work))
     put(f"{name}_python_ms", spread(watch.python))
     put(f"{name}_upload_ms", spread([v for v in watch.upload if v > 0]))
     put(f"{name}_draw_ms", spread(watch.draw))

@@ -175,6 +175,7 @@ class Import:
         data = bpy.data.cameras.new(name)
         lens.set_blender_lens(data, view)
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
+        data.show_passepartout = False  # the street goes on beyond the photograph, and a veil over it takes a twentieth of a redraw
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
         camera["pags_view"], camera["pags_test"] = view["name"], view["test"]
         return camera

@@ -55,7 +55,7 @@ class Pace:
     PERIOD = 0.095  # seconds; a little less than a tenth
     PAUSE = 0.5  # a longer one lies between two movements
     LEAST = 0.25
-    COARSEST = 3.0  # scale; coarser ones are hardly sooner there
+    COARSEST = 4.0  # scale; coarser ones are hardly sooner there
 
     def __init__(self):
         self.share, self.last = 1.0, -1e9
@@ -84,26 +84,39 @@ class Shown:
         self.ms_upload = 1e3 * (time.perf_counter() - begin)
 
 
+def clock():
+    """Milliseconds of the wall's clock and of this thread's processor time: on few processors the former counts other threads', too."""
+    return 1e3 * time.perf_counter(), 1e3 * time.thread_time()
+
+
 class Stopwatch:
-    """Milliseconds by part of the redraws, and what pictures came, for the tests and benchmarks."""
+    """Milliseconds by part of the redraws, and what pictures came, for the tests and benchmarks. `work` is the processor's time of the parts
+    together."""
 
     MOST = 2000
 
     def __init__(self):
-        self.python, self.upload, self.draw, self.redraws = [], [], [], []
-        self.gathered = 0.0  # since the last redraw
+        self.python, self.upload, self.draw, self.work, self.redraws = [], [], [], [], []
+        self.gathered = (0.0, 0.0)  # since the last redraw
         self.pictures = []  # (time, scale, SH degree, statistics of the C module)
 
-    def add(self, python, upload, drawn):
+    def gather(self, begin):
+        """What was done since `begin` belongs to the next redraw."""
+        self.gathered = tuple(all_ + end - start for all_, start, end in zip(self.gathered, begin, clock()))
+
+    def add(self, begin, middle, upload):
+        """A redraw from `begin` to now; from `middle` on the picture was handed over."""
+        end = clock()
         for values, value in (
-            (self.python, python + self.gathered),
+            (self.python, middle[0] - begin[0] - upload + self.gathered[0]),
             (self.upload, upload),
-            (self.draw, drawn),
+            (self.draw, end[0] - middle[0]),
+            (self.work, end[1] - begin[1] + self.gathered[1]),
             (self.redraws, time.monotonic()),
         ):
             values.append(value)
             del values[: -self.MOST]
-        self.gathered = 0.0
+        self.gathered = (0.0, 0.0)
 
     def add_picture(self, shown):
         self.pictures.append((time.monotonic(), shown.scale, shown.degree, shown.stats))
@@ -126,9 +139,9 @@ class View:
     # ---- What is wanted ----
 
     def update(self, depsgraph):
-        begin = time.perf_counter()
+        begin = clock()
         self.state, self.count = gather.gather(depsgraph)
-        self.watch.gathered += 1e3 * (time.perf_counter() - begin)
+        self.watch.gather(begin)
 
     def want(self, context, depsgraph, width, height, outputs, transparent):
         """Key and the arguments of a job at full size, or None where there is nothing to draw."""
@@ -258,19 +271,18 @@ class View:
     # ---- Drawing ----
 
     def draw_rendered(self, engine, context, depsgraph):
-        begin = time.perf_counter()
+        begin = clock()
         width, height = context.region.width, context.region.height
         try:
             wanted = self.want(context, depsgraph, width, height, ("rgba",), False)
             upload = self.advance(wanted)
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
-        engine.update_stats("PAGS", self.statistics(depsgraph.scene.pags))
-        middle = time.perf_counter()
+        engine.update_stats("", self.statistics(depsgraph.scene.pags))
+        middle = clock()
         if self.shown is not None:
             self.put_plain()
-        end = time.perf_counter()
-        self.watch.add(1e3 * (middle - begin) - upload, upload, 1e3 * (end - middle))
+        self.watch.add(begin, middle, upload)
 
     def put_plain(self):
         shader = draw.shader("plain")
