@@ -16,6 +16,8 @@ static const double farthest = 25, nearer = 10; /* depths beyond which a pixel i
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
 static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
 static const double laser_band = 0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
+static const float flat = 16; /* by which heights are divided while triangles are taken away */
+static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
 enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 }; /* windows of cells: what lies about one, how far laser rings lie apart */
 
 /* Of one source: the laser, near pixels, all pixels. */
@@ -194,6 +196,17 @@ static int around(const pags_ground *g, int64_t x, int64_t y, int window, double
   return count;
 }
 
+/* Whether the laser met something upright in a cell: a wall's foot, which heights would climb. */
+static int is_foot(const heights *laser, int64_t at, double expected) {
+  int64_t level = 0, above = 0;
+  for (int64_t i = laser->first[at]; i < laser->first[at + 1]; ++i) {
+    double over = (double)laser->values[i] - expected;
+    level += fabs(over) <= grow_band;
+    above += over > grow_band && over < upright;
+  }
+  return above >= LEAST_HEIGHTS && above > level / 2;
+}
+
 static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count) {
   static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
   for (int64_t head = 0; head < count; ++head)
@@ -203,7 +216,7 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
       if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
         continue;
       around(g, x, y, WINDOW, &expected);
-      if (median_near(h, y * g->nx + x, expected, grow_band, &z) < LEAST_HEIGHTS)
+      if (is_foot(h, y * g->nx + x, expected) || median_near(h, y * g->nx + x, expected, grow_band, &z) < LEAST_HEIGHTS)
         continue;
       g->known[y * g->nx + x] = 1;
       g->z[y * g->nx + x] = (float)z;
@@ -220,7 +233,7 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
     for (int64_t at = 0; at < (int64_t)g->nx * g->ny; ++at) {
       double expected, z;
       if (g->known[at] || laser.first[at + 1] - laser.first[at] < LEAST_HEIGHTS ||
-          !around(g, at % g->nx, at / g->nx, LEAP, &expected) ||
+          !around(g, at % g->nx, at / g->nx, LEAP, &expected) || is_foot(&laser, at, expected) ||
           median_near(&laser, at, expected, grow_band, &z) < LEAST_HEIGHTS)
         continue;
       g->z[at] = (float)z;
@@ -231,16 +244,16 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   }
 }
 
-/* Weights of cells for smoothing: how many heights they have, those of the laser for more. */
+/* Weights of cells for smoothing: a height of the laser counts 1, a pixel's nearly nothing beside it, since pixels blur kerbs. */
 static pags_result weigh(const pags_ground *g, const heights *laser, const heights *all, float **out) {
-  int64_t cells = (int64_t)g->nx * g->ny, laser_count = laser->first[cells];
+  int64_t cells = (int64_t)g->nx * g->ny;
+  double of_pixel = laser->first[cells] ? 0.004 : 0.5;
   float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
   if (!weights)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   for (int64_t i = 0; i < cells; ++i) {
-    int by_laser = laser->first[i + 1] - laser->first[i] >= laser->enough;
-    double count = (double)(all->first[i + 1] - all->first[i]);
-    weights[i] = by_laser ? 12 : (float)(fmin(count, 24) * (laser_count ? 0.1 : 0.5));
+    double by_laser = (double)(laser->first[i + 1] - laser->first[i]), count = (double)(all->first[i + 1] - all->first[i]);
+    weights[i] = (float)(by_laser >= laser->enough ? fmin(by_laser, 40) : fmin(count, 24) * of_pixel);
   }
   return PAGS_OK;
 }
@@ -364,11 +377,32 @@ static int single_valued(const pags_shell *s) {
   return 1;
 }
 
+/* For taking triangles away: collapses turn no triangle over, and where heights count little, that is so as seen from above. A power of two
+ * loses no bit. Points in a row would make triangles without an area, which turn over unnoticed: places are moved by up to a millimetre. */
+static void lay_flat(pags_shell *s) {
+  uint32_t state = 1;
+  for (int64_t i = 0; i < s->vertex_count; ++i) {
+    for (int k = 0; k < 2; ++k) {
+      state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
+      s->positions[3 * i + k] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
+    }
+    s->positions[3 * i + 2] /= flat;
+  }
+}
+
+static void stand_up(pags_shell *s) {
+  for (int64_t i = 0; i < s->vertex_count; ++i)
+    s->positions[3 * i + 2] *= flat;
+}
+
 pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out) {
   pags_shell full;
   PAGS_TRY(mesh_lattice(ground, 1, &full));
+  lay_flat(&full);
   pags_result result = pags_shell_simplify(&full, budget, out);
   pags_shell_destroy(&full);
+  if (result == PAGS_OK)
+    stand_up(out);
   if (result == PAGS_OK && single_valued(out))
     return PAGS_OK;
   if (result == PAGS_OK)
