@@ -41,11 +41,20 @@ static void measure(pags_laser *laser, double x0, double x1, double y0, double y
     }
 }
 
-static void find(const pags_laser *laser, pags_ground *out) {
+/* Points of a wall along x, every 5 cm from the road up. */
+static void measure_wall(pags_laser *laser, double x0, double x1, double y, double top) {
+  for (double z = 0; z < top; z += 0.05)
+    measure(laser, x0, x1, y, y, z);
+}
+
+/* The camera takes the road to be `lift` above where it is. */
+static void find_seen(const pags_laser *laser, double lift, pags_ground *out) {
   float depth[WIDE * WIDE];
   double path[3 * STEPS];
   pags_sight sight;
   look_down(&sight, depth);
+  for (int i = 0; i < WIDE * WIDE; ++i)
+    depth[i] -= (float)lift;
   for (int i = 0; i < STEPS; ++i) {
     path[3 * i] = 0.1 * i;
     path[3 * i + 1] = 0;
@@ -53,6 +62,10 @@ static void find(const pags_laser *laser, pags_ground *out) {
   }
   const pags_sights sights = {.count = 1, .list = &sight};
   assert_int_equal(pags_ground_find(&sights, laser, path, STEPS, 10, out), PAGS_OK);
+}
+
+static void find(const pags_laser *laser, pags_ground *out) {
+  find_seen(laser, 0, out);
 }
 
 static double height(const pags_ground *ground, double x, double y) {
@@ -78,6 +91,62 @@ static void rings_are_leapt_over(void **state) {
   assert_true(fabs(height(&ground, 0, -4.5)) < 0.05);
   pags_ground_destroy(&ground);
   free(laser.points);
+}
+
+/* Where the laser meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
+static void walls_are_not_climbed(void **state) {
+  (void)state;
+  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_ground ground;
+  assert_non_null(laser.points);
+  measure(&laser, -3, 3, -3, 4, 0);
+  for (int i = 0; i < 6; ++i)
+    measure_wall(&laser, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
+  find(&laser, &ground);
+  for (int i = 0; i < 12; ++i)
+    assert_true(fabs(height(&ground, 0.5, 3.9 + 0.1 * i)) < 0.01);
+  pags_ground_destroy(&ground);
+  free(laser.points);
+}
+
+/* Between the laser's rings the ground goes on as they say, though pixels there say 5 cm more. */
+static void the_laser_outweighs_pixels(void **state) {
+  (void)state;
+  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_ground ground;
+  assert_non_null(laser.points);
+  for (int i = -3; i <= 3; ++i)
+    measure(&laser, -3, 3, i - 0.1, i + 0.1, 0);
+  find_seen(&laser, 0.05, &ground);
+  assert_true(fabs(height(&ground, 0.2, 0)) < 0.005);
+  assert_true(fabs(height(&ground, 0.2, 0.5)) < 0.02);
+  assert_true(fabs(height(&ground, 0.2, -0.5)) < 0.02);
+  pags_ground_destroy(&ground);
+  free(laser.points);
+}
+
+/* With nearly as many triangles as the lattice has, nearly all are used, and seen from above each turns left. */
+static void the_budget_is_used(void **state) {
+  (void)state;
+  enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
+  pags_ground ground = {.step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
+  pags_shell shell;
+  assert_true(ground.z && ground.known);
+  for (int i = 0; i < SIDE * SIDE; ++i) {
+    ground.known[i] = 1;
+    ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) + 0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
+  }
+  assert_int_equal(pags_ground_shell(&ground, BUDGET, &shell), PAGS_OK);
+  assert_in_range(shell.triangle_count, BUDGET * 3 / 4, BUDGET);
+  for (int64_t i = 0; i < shell.triangle_count; ++i) {
+    const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i], *b = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 1];
+    const float *c = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 2];
+    assert_true((b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]));
+  }
+  for (int64_t i = 0; i < shell.vertex_count; ++i)
+    assert_true(shell.positions[3 * i + 2] < 0.001f || shell.positions[3 * i + 2] >= 0.13f);
+  pags_shell_destroy(&shell);
+  pags_ground_destroy(&ground);
 }
 
 /* Without a laser the camera's pixels alone, and around them as high as they are. */
@@ -109,6 +178,9 @@ static void no_ground_is_none(void **state) {
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(rings_are_leapt_over),
+      cmocka_unit_test(walls_are_not_climbed),
+      cmocka_unit_test(the_laser_outweighs_pixels),
+      cmocka_unit_test(the_budget_is_used),
       cmocka_unit_test(pixels_are_enough),
       cmocka_unit_test(no_ground_is_none),
   };
