@@ -16,7 +16,6 @@ static const double farthest = 25, nearer = 10; /* depths beyond which a pixel i
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
 static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
 static const double laser_band = 0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
-static const float flat = 16; /* by which heights are divided while triangles are taken away */
 static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
 enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 }; /* windows of cells: what lies about one, how far laser rings lie apart */
 
@@ -377,32 +376,22 @@ static int single_valued(const pags_shell *s) {
   return 1;
 }
 
-/* For taking triangles away: collapses turn no triangle over, and where heights count little, that is so as seen from above. A power of two
- * loses no bit. Points in a row would make triangles without an area, which turn over unnoticed: places are moved by up to a millimetre. */
-static void lay_flat(pags_shell *s) {
+/* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn over unnoticed. */
+static void jitter(pags_shell *s) {
   uint32_t state = 1;
-  for (int64_t i = 0; i < s->vertex_count; ++i) {
-    for (int k = 0; k < 2; ++k) {
-      state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
-      s->positions[3 * i + k] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
-    }
-    s->positions[3 * i + 2] /= flat;
+  for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
+    state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
+    if (i % 3 < 2)
+      s->positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
   }
-}
-
-static void stand_up(pags_shell *s) {
-  for (int64_t i = 0; i < s->vertex_count; ++i)
-    s->positions[3 * i + 2] *= flat;
 }
 
 pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out) {
   pags_shell full;
   PAGS_TRY(mesh_lattice(ground, 1, &full));
-  lay_flat(&full);
+  jitter(&full);
   pags_result result = pags_shell_simplify(&full, budget, out);
   pags_shell_destroy(&full);
-  if (result == PAGS_OK)
-    stand_up(out);
   if (result == PAGS_OK && single_valued(out))
     return PAGS_OK;
   if (result == PAGS_OK)
