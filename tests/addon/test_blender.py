@@ -94,6 +94,7 @@ class Import(BlenderCase):
             self.assertAlmostEqual(self.track(1).matrix_world.translation.y, y, places=4)
             self.assertAlmostEqual(self.scene.camera.matrix_world.translation.x, frame - 1, places=4)
         self.assertAlmostEqual(self.scene.camera.data.lens, 100 * 36 / 101, places=3)
+        self.assertFalse(self.scene.camera.data.show_passepartout)
 
     def test_a_file_with_work_in_it_keeps_its_rate(self):
         bpy.ops.mesh.primitive_uv_sphere_add()
