@@ -28,6 +28,12 @@ static void look_down(pags_sight *sight, float depth[WIDE * WIDE]) {
     depth[i] = (float)eye;
 }
 
+static pags_laser no_points(void) {
+  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  assert_non_null(laser.points);
+  return laser;
+}
+
 /* Points every 5 cm of a rectangle, all as high as `z`. */
 static void measure(pags_laser *laser, double x0, double x1, double y0, double y1, double z) {
   int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
@@ -77,9 +83,8 @@ static double height(const pags_ground *ground, double x, double y) {
 /* A laser's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
 static void rings_are_leapt_over(void **state) {
   (void)state;
-  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_laser laser = no_points();
   pags_ground ground;
-  assert_non_null(laser.points);
   measure(&laser, -3, 3, -3, 3, 0);
   measure(&laser, -3, 3, 4, 5, -0.12); /* a pavement's dip */
   measure(&laser, -3, 3, 6, 7, -0.2);  /* on from there */
@@ -96,9 +101,8 @@ static void rings_are_leapt_over(void **state) {
 /* Where the laser meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
 static void walls_are_not_climbed(void **state) {
   (void)state;
-  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_laser laser = no_points();
   pags_ground ground;
-  assert_non_null(laser.points);
   measure(&laser, -3, 3, -3, 4, 0);
   for (int i = 0; i < 6; ++i)
     measure_wall(&laser, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
@@ -112,9 +116,8 @@ static void walls_are_not_climbed(void **state) {
 /* Between the laser's rings the ground goes on as they say, though pixels there say 5 cm more. */
 static void the_laser_outweighs_pixels(void **state) {
   (void)state;
-  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+  pags_laser laser = no_points();
   pags_ground ground;
-  assert_non_null(laser.points);
   for (int i = -3; i <= 3; ++i)
     measure(&laser, -3, 3, i - 0.1, i + 0.1, 0);
   find_seen(&laser, 0.05, &ground);
