@@ -5,16 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NX = 64, NY = 32, NZ = 32, POINTS = NX * NY * NZ };
+enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* 4 to 5 cm on a car: a wing mirror is 10 */
 static const double reach = 0.55; /* of the lattice, in sizes of the box */
 
 /* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
-static const double size_spread = 0.05, least_likeness = 0.02;
-static const float least_known = 0.1f; /* share of those alike that know a point */
+static const double size_spread = 0.04, least_likeness = 0.02;
 
-/* Of a form beside what was hardly seen: as much as this many views that see every step of the grid with a pixel, and nothing where there are
- * as many as the second. */
-static const double form_weight = 4, seen_well = 8;
+/* Weights are counted in views that see every step of the grid with a pixel. A form is sure of a point from `sure` such views on. What forms
+ * alike are together less sure of than `least_known` is nobody's: shadows, mostly. */
+static const double sure = 4;
+static const float least_known = 0.3f;
+
+/* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from `seen_well` views on. What
+ * far views show is no help: they all look from one side, and are wrong in depth alike. */
+static const double form_weight = 16, seen_well = 12;
 
 /* Unseen and lower than this over the box's lower face is the air under a vehicle; metres. */
 static const double clearance = 0.25;
@@ -67,7 +71,7 @@ pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t 
     if (at < 0 || !(grid->weight[at] > 0))
       continue;
     out->distance[i] = grid->distance[at];
-    out->known[i] = (float)fmin(1, (double)grid->weight[at]);
+    out->known[i] = (float)fmin(1, (double)grid->weight[at] / sure);
   }
   return PAGS_OK;
 }
@@ -99,7 +103,7 @@ pags_result pags_form_blend(const pags_form *forms, int64_t count, const double 
   }
   for (int i = 0; i < POINTS; ++i) {
     out->distance[i] /= out->known[i] > 0 ? out->known[i] : 1;
-    out->known[i] = out->known[i] < least_known * (float)total ? 0 : out->known[i] / (float)total;
+    out->known[i] = out->known[i] < least_known ? 0 : fminf(1, out->known[i]);
   }
   return PAGS_OK;
 }

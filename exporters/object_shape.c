@@ -11,10 +11,7 @@
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
 
 /* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side of the box. */
-typedef struct closeness {
-  int views, side, steps;
-} closeness;
-static const closeness full = {64, 320, 128}, rough = {24, 160, 64};
+enum { MOST_VIEWS = 64, MOST_SIDE = 320, STEPS = 128 };
 
 /* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
  * to be the object's; metres. */
@@ -24,6 +21,10 @@ static const double margin = 0.15, lift = 0.08;
  * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
  * level near the box's lower face; metres. */
 static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
+
+/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is one: a box is as wide
+ * as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the wheels; metres. */
+static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
   pags_gaussians_destroy(&shape->gaussians);
@@ -98,8 +99,7 @@ static double mean_s_sem(const pags_gaussians *g) {
 }
 
 /* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture. */
-static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], int most_side,
-                     pags_camera *out) {
+static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
   if (view->test || !pags_object_pose(object, camera.time, world_from_object))
@@ -111,8 +111,8 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
   if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
     return 0;
   int side = out->width > out->height ? out->width : out->height;
-  if (side > most_side) { /* finer than the grid by far */
-    camera = pags_camera_downscale(&camera, (double)side / most_side);
+  if (side > MOST_SIDE) { /* finer than the grid by far */
+    camera = pags_camera_downscale(&camera, (double)side / MOST_SIDE);
     if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
       return 0;
   }
@@ -132,11 +132,16 @@ static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
           below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
   double p[3], q[3], r[3], n[3];
   pags_sight_point(s, x, y, (double)s->depth[at], p);
+  double along = fabs(p[0]) / size[0], across = fabs(p[1]);
   if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
-    if (p[2] < floor + wall_height && fabs(p[1]) < 0.5 * size[1] - wheels)
+    if (p[2] < floor + wall_height && across < 0.5 * size[1] - wheels)
+      return 1;
+    if (p[2] < floor + sill && size[0] < longest_car && (along < wheels_from || along > wheels_to))
       return 1;
     limit = dark_shadow;
   }
+  if (across > 0.5 * size[1] - beside)
+    limit = footway;
   if (p[2] > floor + limit)
     return 0;
   if (!(s->depth[right] > 0 && s->depth[below] > 0))
@@ -171,17 +176,17 @@ static pags_result clear_shadow(pags_sight *s, const double size[3]) {
 }
 
 /* The views that have it in the picture; of too many an even choice. */
-static pags_result look(const pags_workshop *w, int64_t object, closeness care, const pags_part *part, const double reach[3],
+static pags_result look(const pags_workshop *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
   const pags_object *record = &w->scene->objects[object].record;
   int64_t count = 0, taken = 0;
   pags_camera camera;
   for (int64_t v = 0; v < w->scene->view_count; ++v)
-    count += camera_of(record, &w->scene->views[v], reach, care.side, &camera);
+    count += camera_of(record, &w->scene->views[v], reach, &camera);
   for (int64_t v = 0, seen = 0; v < w->scene->view_count; ++v) {
-    if (!camera_of(record, &w->scene->views[v], reach, care.side, &camera))
+    if (!camera_of(record, &w->scene->views[v], reach, &camera))
       continue;
-    if (count <= care.views || seen * care.views / count >= taken) {
+    if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
       ++taken;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
       PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
@@ -195,14 +200,14 @@ static pags_result look(const pags_workshop *w, int64_t object, closeness care, 
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_workshop *w, int64_t object, closeness care, const double model_pose[12], const double reach[3],
+static pags_result draw_views(const pags_workshop *w, int64_t object, const double model_pose[12], const double reach[3],
                               pags_object_shape *shape) {
   pags_clusters clusters;
   PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
   pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
   pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
   memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
-  pags_result result = look(w, object, care, &part, reach, shape);
+  pags_result result = look(w, object, &part, reach, shape);
   pags_clusters_destroy(&clusters);
   return result;
 }
@@ -215,10 +220,10 @@ static int64_t count_pixels(const pags_sights *sights) {
   return count;
 }
 
-static pags_result fuse(const pags_workshop *w, const pags_object *record, closeness care, const double reach[3],
-                        pags_object_shape *shape, pags_grid *grid) {
+static pags_result fuse(const pags_workshop *w, const pags_object *record, const double reach[3], pags_object_shape *shape,
+                        pags_grid *grid) {
   double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
-  shape->voxel = fmax(0.02, longest / care.steps);
+  shape->voxel = fmax(0.02, longest / STEPS);
   for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
     double half = ceil(reach[k] / shape->voxel) * shape->voxel;
     lo[k] = -half;
@@ -230,7 +235,7 @@ static pags_result fuse(const pags_workshop *w, const pags_object *record, close
 }
 
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
-static pags_result look_and_fuse(const pags_workshop *w, int64_t object, closeness care, pags_object_shape *shape, pags_grid *grid) {
+static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_scene_object *o = &w->scene->objects[object];
   double pose[12], model_pose[12], reach[3];
@@ -245,9 +250,9 @@ static pags_result look_and_fuse(const pags_workshop *w, int64_t object, closene
   shape->s_sem = mean_s_sem(&shape->gaussians);
   reach_of(&o->record, reach);
   if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS)
-    PAGS_TRY(draw_views(w, object, care, model_pose, reach, shape));
+    PAGS_TRY(draw_views(w, object, model_pose, reach, shape));
   shape->surface_pixels = count_pixels(&shape->sights);
-  return fuse(w, &o->record, care, reach, shape, grid);
+  return fuse(w, &o->record, reach, shape, grid);
 }
 
 static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
@@ -277,7 +282,7 @@ static pags_result make_surface(const pags_workshop *w, int64_t object, pags_obj
 pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape) {
   pags_grid grid = {0};
   *shape = (pags_object_shape){0};
-  pags_result result = look_and_fuse(workshop, object, full, shape, &grid);
+  pags_result result = look_and_fuse(workshop, object, shape, &grid);
   if (result == PAGS_OK)
     result = make_surface(workshop, object, shape, &grid);
   pags_grid_destroy(&grid);
@@ -288,7 +293,7 @@ pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object,
   pags_grid grid = {0};
   pags_object_shape shape = {0};
   *out = (pags_form){0};
-  pags_result result = look_and_fuse(workshop, object, rough, &shape, &grid);
+  pags_result result = look_and_fuse(workshop, object, &shape, &grid);
   if (result == PAGS_OK && shape.surface_pixels >= LEAST_PIXELS)
     result = pags_form_take(&grid, workshop->scene->objects[object].record.size, object, out);
   pags_grid_destroy(&grid);
@@ -302,7 +307,7 @@ double pags_object_pixels(const pags_workshop *workshop, int64_t object) {
   pags_camera camera;
   reach_of(record, reach);
   for (int64_t v = 0; v < workshop->scene->view_count; ++v)
-    if (camera_of(record, &workshop->scene->views[v], reach, rough.side, &camera))
+    if (camera_of(record, &workshop->scene->views[v], reach, &camera))
       sum += (double)camera.width * camera.height;
   return sum;
 }
