@@ -12,7 +12,7 @@
 #include "solid.h"
 #include "subdiv.h"
 
-enum { ROUNDS = 14, SIDE = 3, MOST_PULLS = 3000 };
+enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
 typedef struct cage {
   int n[3]; /* quads along x, y, z */
@@ -197,10 +197,10 @@ static pags_result round_of(fit *f, int round) {
     const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
     uint32_t sample;
     pags_solid_distance(cloud, target, &sample);
-    pull(f, sample, target, 0.5 * share);
+    pull(f, sample, target, 8 * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
-  add_smoothness(f, samples_each * 2 * pow(0.02, (double)round / (ROUNDS - 1)));
+  add_smoothness(f, samples_each * 2 * pow(0.01, (double)round / (ROUNDS - 1)));
   for (int i = 0; i < n; ++i) { /* stays where nothing else is asked */
     f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
     for (int k = 0; k < 3; ++k)

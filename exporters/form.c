@@ -20,8 +20,11 @@ static const float least_known = 0.3f;
  * far views show is no help: they all look from one side, and are wrong in depth alike. */
 static const double form_weight = 16, seen_well = 12;
 
-/* Unseen and lower than this over the box's lower face is the air under a vehicle; metres. */
-static const double clearance = 0.25;
+/* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be those of its mirrors; metres. */
+static const double seen_free = 1, mirrors = 0.12;
+
+/* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but body between its sides; metres. */
+static const double clearance = 0.25, body = 0.35;
 
 void pags_form_destroy(pags_form *form) {
   free(form->distance);
@@ -182,6 +185,27 @@ static void fill_point(pags_grid *grid, const float *own, const double size[3], 
   grid->distance[here] = (float)value;
 }
 
+/* Vehicles have no pits: between a left and a right side there is body, unless that was seen to be free. Cameras at the height of a roof don't see
+ * it, and forms of cars with a tail say that there is none. */
+static void fill_across(pags_grid *grid, const double size[3]) {
+  int outer = (int)ceil(fmax(0, (-0.5 * size[1] + mirrors - grid->origin[1]) / grid->step));
+  for (int z = 0; z < grid->n[2]; ++z) {
+    if (grid->origin[2] + z * grid->step < body - 0.5 * size[2])
+      continue;
+    for (int x = 0; x < grid->n[0]; ++x) {
+      int64_t row = grid->n[0], first = (int64_t)z * row * grid->n[1] + x;
+      int side = outer, other = grid->n[1] - 1 - outer; /* where both sides are solid: the grid is even about the middle */
+      while (side < other && !(grid->distance[first + side * row] < 0 && grid->distance[first + other * row] < 0)) {
+        ++side;
+        --other;
+      }
+      for (int y = side + 1; y < other; ++y)
+        if ((double)grid->weight[first + y * row] < seen_free)
+          grid->distance[first + y * row] = fminf(grid->distance[first + y * row], (float)-grid->step);
+    }
+  }
+}
+
 static void close_border(pags_grid *grid) {
   for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; ++i) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
@@ -202,6 +226,8 @@ pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicl
       for (at[0] = 0; at[0] < grid->n[0]; ++at[0])
         fill_point(grid, own, size, vehicle, form && form->distance ? form : NULL, at);
   free(own);
+  if (vehicle)
+    fill_across(grid, size);
   close_border(grid);
   PAGS_TRY(smooth(grid));
   close_border(grid);

@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "shadow.h"
+
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
 
 /* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side of the box. */
@@ -16,15 +18,6 @@ enum { MOST_VIEWS = 64, MOST_SIDE = 320, STEPS = 128 };
 /* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
  * to be the object's; metres. */
 static const double margin = 0.15, lift = 0.08;
-
-/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the wheels, from the side
- * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
- * level near the box's lower face; metres. */
-static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
-
-/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is one: a box is as wide
- * as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the wheels; metres. */
-static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
   pags_gaussians_destroy(&shape->gaussians);
@@ -125,56 +118,6 @@ static void reach_of(const pags_object *record, double reach[3]) {
     reach[k] = 0.5 * record->size[k] * 1.1 + margin;
 }
 
-static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
-  const uint8_t *rgb = s->rgb + 3 * ((int64_t)y * s->camera.width + x);
-  double floor = -0.5 * size[2], limit = shadow;
-  int64_t at = (int64_t)y * s->camera.width + x, right = at + (x + 1 < s->camera.width ? 1 : -1),
-          below = at + (y + 1 < s->camera.height ? s->camera.width : -s->camera.width);
-  double p[3], q[3], r[3], n[3];
-  pags_sight_point(s, x, y, (double)s->depth[at], p);
-  double along = fabs(p[0]) / size[0], across = fabs(p[1]);
-  if (0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark) {
-    if (p[2] < floor + wall_height && across < 0.5 * size[1] - wheels)
-      return 1;
-    if (p[2] < floor + sill && size[0] < longest_car && (along < wheels_from || along > wheels_to))
-      return 1;
-    limit = dark_shadow;
-  }
-  if (across > 0.5 * size[1] - beside)
-    limit = footway;
-  if (p[2] > floor + limit)
-    return 0;
-  if (!(s->depth[right] > 0 && s->depth[below] > 0))
-    return p[2] < floor + 0.5 * limit;
-  pags_sight_point(s, x + (int)(right - at), y, (double)s->depth[right], q);
-  pags_sight_point(s, x, below > at ? y + 1 : y - 1, (double)s->depth[below], r);
-  for (int k = 0; k < 3; ++k) {
-    q[k] -= p[k];
-    r[k] -= p[k];
-  }
-  for (int k = 0; k < 3; ++k)
-    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
-  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
-/* Rays that meet a vehicle's shadow are free as far as that. */
-static pags_result clear_shadow(pags_sight *s, const double size[3]) {
-  int64_t count = (int64_t)s->camera.width * s->camera.height;
-  uint8_t *marked = calloc((size_t)count, 1);
-  if (!marked)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
-  for (int64_t i = 0; i < count; ++i)
-    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
-  for (int64_t i = 0; i < count; ++i)
-    if (marked[i]) {
-      s->depth[i] = -s->depth[i];
-      s->cover[i] = 0;
-    }
-  free(marked);
-  pags_sight_bound(s);
-  return PAGS_OK;
-}
-
 /* The views that have it in the picture; of too many an even choice. */
 static pags_result look(const pags_workshop *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
@@ -193,7 +136,7 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
       pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
       pags_sight_hide(sight, &w->whole.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)
-        PAGS_TRY(clear_shadow(sight, record->size));
+        PAGS_TRY(pags_sight_clear_shadow(sight, record->size));
     }
     ++seen;
   }

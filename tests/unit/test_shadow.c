@@ -1,0 +1,76 @@
+/* What is told from a vehicle as its shadow, and what isn't. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include <cmocka.h>
+
+#include "exporters/shadow.h"
+
+enum { SIDE = 4, PIXELS = SIDE * SIDE };
+
+/* A view from `from` along `z`, x to the right, of a patch at one depth about a metre off; of one brightness. */
+static int is_cleared(const double size[3], const double place[3], int from_above, uint8_t brightness) {
+  static const double aside[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0}, above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* looks along +y; down */
+  float depth[PIXELS], bounds[2];
+  uint8_t cover[PIXELS], rgb[3 * PIXELS];
+  pags_sight sight = {.depth = depth, .cover = cover, .rgb = rgb, .cells_x = 1, .cells_y = 1, .lo = bounds, .hi = bounds + 1};
+  sight.camera = (pags_camera){.width = SIDE, .height = SIDE, .fx = 200, .fy = 200, .cx = 0.5 * SIDE, .cy = 0.5 * SIDE};
+  for (int i = 0; i < 9; ++i)
+    sight.camera.world_from_camera[4 * (i / 3) + i % 3] = from_above ? above[i] : aside[i];
+  for (int k = 0; k < 3; ++k)
+    sight.camera.world_from_camera[4 * k + 3] = place[k] - sight.camera.world_from_camera[4 * k + 2];
+  for (int i = 0; i < PIXELS; ++i) {
+    depth[i] = 1;
+    cover[i] = 255;
+    rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = brightness;
+  }
+  assert_int_equal(pags_sight_clear_shadow(&sight, size), PAGS_OK);
+  int64_t cleared = 0;
+  for (int i = 0; i < PIXELS; ++i) {
+    assert_true(fabsf(depth[i]) == 1.0f && (depth[i] < 0) == (cover[i] == 0));
+    cleared += depth[i] < 0;
+  }
+  assert_true(cleared == 0 || cleared == PIXELS);
+  return cleared > 0;
+}
+
+static const double car[3] = {4.5, 2, 1.5}, lorry[3] = {9, 2, 1.5};
+
+/* Height above the box's lower face, metres. */
+static int upright(const double size[3], double along, double across, double height, uint8_t brightness) {
+  const double place[3] = {along, across, height - 0.5 * size[2]};
+  return is_cleared(size, place, 0, brightness);
+}
+
+static int level(const double size[3], double along, double across, double height, uint8_t brightness) {
+  const double place[3] = {along, across, height - 0.5 * size[2]};
+  return is_cleared(size, place, 1, brightness);
+}
+
+static void test_dark_under_the_sill_is_air(void **state) {
+  (void)state;
+  assert_true(upright(car, 0, -0.9, 0.15, 30));   /* between the wheels, in the plane of the side */
+  assert_true(upright(car, 2, -0.9, 0.15, 30));   /* behind them */
+  assert_false(upright(car, 1.3, -0.9, 0.15, 30)); /* a wheel */
+  assert_true(upright(car, 1.3, -0.3, 0.15, 30)); /* between the left and the right one */
+  assert_false(upright(car, 0, -0.9, 0.35, 30));  /* the body */
+  assert_false(upright(car, 0, -0.9, 0.15, 120)); /* painted */
+  assert_false(upright(lorry, 0, -0.9, 0.15, 30)); /* wheels may be anywhere */
+}
+
+static void test_level_ground_is_no_part(void **state) {
+  (void)state;
+  assert_true(level(car, 0, 0, 0.08, 120));
+  assert_false(level(car, 0, 0, 0.2, 120)); /* too high for the road */
+  assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway beside it */
+  assert_false(level(car, 0, 0.95, 0.4, 120));
+  assert_false(upright(car, 0, -0.95, 0.2, 120)); /* its side */
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dark_under_the_sill_is_air), cmocka_unit_test(test_level_ground_is_no_part)};
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
