@@ -14,6 +14,10 @@
 
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
+/* Price of all pulls at the shell's vertices beside that of all at samples: what sticks out, a wheel, has few of the first and none of the second, which
+ * find something nearer. */
+static const double vertex_price = 8;
+
 typedef struct cage {
   int n[3]; /* quads along x, y, z */
   int vertex_count, quad_count;
@@ -197,7 +201,7 @@ static pags_result round_of(fit *f, int round) {
     const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
     uint32_t sample;
     pags_solid_distance(cloud, target, &sample);
-    pull(f, sample, target, 8 * share);
+    pull(f, sample, target, vertex_price * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
   add_smoothness(f, samples_each * 2 * pow(0.01, (double)round / (ROUNDS - 1)));

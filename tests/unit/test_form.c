@@ -88,7 +88,7 @@ static void test_the_well_seen_count(void **state) {
 
 /* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the middle. */
 static double between_sides(int vehicle, float weight) {
-  static const double left_lo[3] = {-1, 0.6, -0.3}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.3}, right_hi[3] = {1, -0.6, 0.5};
+  static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8}, right_hi[3] = {1, -0.6, 0.5};
   pags_form form = form_of(0.3f, 8, 1);
   pags_grid grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, weight);
