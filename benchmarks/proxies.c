@@ -10,7 +10,7 @@
  * own frame, the true surface as it is to the proxy at the middle of its track. Measured are the
  * distances from there to the proxy; from places spread evenly over the proxy to the true surface, apart by whether the nearest place
  * of it is observed; what both cover of each picture; the ground's heights against the street's surfaces
- * and against the laser's ground in held-out sweeps.
+ * and against the laser's ground in held-out sweeps; and objects' distances from the laser's points on them there.
  * The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th percentile of the ground of 0.05 m. */
 #include <math.h>
 #include <stdio.h>
@@ -18,6 +18,7 @@
 #include <string.h>
 
 #include <base/file.h>
+#include <exporters/laser.h>
 #include <exporters/solid.h>
 
 #include "laser_ground.h"
@@ -138,7 +139,70 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
   return result;
 }
 
-/* ---- */
+/* ---- Objects. ---- */
+
+static int64_t object_of(const pags_scene *scene, const char *track) {
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    if (!strcmp(scene->objects[i].record.id, track))
+      return i;
+  return -1;
+}
+
+/* Adds what is in `cloud` to what was found of others; NaN where there is no surface. */
+static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_cloud *cloud, double *distances) {
+  pags_shell shell = {0};
+  pags_solid *solid = NULL;
+  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &shell);
+  if (result == PAGS_OK)
+    result = pags_solid_of_shell(&shell, &solid);
+  for (int64_t i = 0; i < cloud->count && result == PAGS_OK; ++i) {
+    const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1], (double)cloud->points[3 * i + 2]};
+    distances[i] = pags_solid_distance(solid, p, NULL);
+  }
+  pags_solid_destroy(solid);
+  pags_shell_destroy(&shell);
+  return result;
+}
+
+/* Parked ones, then moving ones, against the laser where nothing was trained. */
+static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_laser *laser) {
+  static const char *const kinds[] = {"parked", "moving"};
+  for (int moving = 0; moving < 2; ++moving) {
+    double *distances = NULL;
+    int64_t count = 0, objects = 0;
+    for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
+      const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
+      int64_t o = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh") ? object_of(&self->scene, track->text) : -1;
+      if (o < 0 || self->scene.objects[o].record.moving != moving || !laser->objects[o].count)
+        continue;
+      double *grown = realloc(distances, (size_t)(count + laser->objects[o].count) * sizeof *grown);
+      pags_result result = grown ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for distances");
+      distances = grown ? grown : distances;
+      if (result == PAGS_OK)
+        result = add_distances(self, node, &laser->objects[o], distances + count);
+      if (result != PAGS_OK) {
+        free(distances);
+        return result;
+      }
+      count += laser->objects[o].count;
+      ++objects;
+    }
+    pags_proxy_distance d = pags_distance_summary(distances, count);
+    if (count)
+      printf("%lld %s objects against %lld points of held-out sweeps: %.3f (p95 %.3f, max %.2f) m\n", (long long)objects, kinds[moving],
+             (long long)count, d.mean, d.p95, d.max);
+    free(distances);
+  }
+  return PAGS_OK;
+}
+
+static pags_result measure_by_laser(pags_proxy_bench *self, const pags_json_value *nodes) {
+  pags_laser laser;
+  PAGS_TRY(pags_laser_read(&self->scene, 1, &laser));
+  pags_result result = laser.objects ? measure_objects(self, nodes, &laser) : PAGS_OK;
+  pags_laser_destroy(&laser);
+  return result;
+}
 
 static pags_result run(pags_proxy_bench *self) {
   const pags_json_value *nodes = pags_glb_member(self->file.root, "nodes");
@@ -171,6 +235,7 @@ static pags_result run(pags_proxy_bench *self) {
       PAGS_TRY(measure_ground(self, node));
     PAGS_TRY(measure_laser(self, node));
   }
+  PAGS_TRY(measure_by_laser(self, nodes));
   printf("%d of these exceed the bounds\n", self->failures);
   return PAGS_OK;
 }

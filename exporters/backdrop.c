@@ -160,12 +160,9 @@ static double *path_of(const pags_scene *scene) {
 }
 
 static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
-  pags_laser laser;
-  PAGS_TRY(pags_laser_read(w->scene, &laser));
   double *path = path_of(w->scene);
-  pags_result result = path ? pags_ground_find(&out->sights, &laser, path, w->scene->view_count, ground_reach, ground)
+  pags_result result = path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
-  pags_laser_destroy(&laser);
   free(path);
   PAGS_TRY(result);
   if (!ground->nx)

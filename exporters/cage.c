@@ -106,31 +106,34 @@ static void add_equation(equations *e, const int32_t *indices, const float *weig
   }
 }
 
-/* Cholesky, in place; the matrix is positive definite, for each control point has a price on it. */
+static double dot(const double *a, const double *b, int n) {
+  double sum[4] = {0};
+  int i = 0;
+  for (; i + 4 <= n; i += 4)
+    for (int k = 0; k < 4; ++k)
+      sum[k] += a[i + k] * b[i + k];
+  for (; i < n; ++i)
+    sum[0] += a[i] * b[i];
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+/* Cholesky by rows, in place; the matrix is positive definite, for each control point has a price on it. */
 static void solve(equations *e) {
-  int n = e->n;
-  double *m = e->matrix;
-  for (int j = 0; j < n; ++j) {
-    for (int k = 0; k < j; ++k) {
-      double l = m[(size_t)j * (size_t)n + (size_t)k];
-      for (int i = j; i < n && l != 0; ++i)
-        m[(size_t)i * (size_t)n + (size_t)j] -= m[(size_t)i * (size_t)n + (size_t)k] * l;
-    }
-    double pivot = sqrt(fmax(m[(size_t)j * (size_t)n + (size_t)j], 1e-12));
-    for (int i = j; i < n; ++i)
-      m[(size_t)i * (size_t)n + (size_t)j] /= pivot;
+  size_t n = (size_t)e->n;
+  for (size_t i = 0; i < n; ++i) {
+    double *row = e->matrix + i * n;
+    for (size_t j = 0; j < i; ++j)
+      row[j] = (row[j] - dot(row, e->matrix + j * n, (int)j)) / e->matrix[j * n + j];
+    row[i] = sqrt(fmax(row[i] - dot(row, row, (int)i), 1e-12));
   }
   for (int c = 0; c < 3; ++c) {
-    double *x = e->right + (size_t)c * (size_t)n;
-    for (int i = 0; i < n; ++i) {
-      for (int k = 0; k < i; ++k)
-        x[i] -= m[(size_t)i * (size_t)n + (size_t)k] * x[k];
-      x[i] /= m[(size_t)i * (size_t)n + (size_t)i];
-    }
-    for (int i = n - 1; i >= 0; --i) {
-      for (int k = i + 1; k < n; ++k)
-        x[i] -= m[(size_t)k * (size_t)n + (size_t)i] * x[k];
-      x[i] /= m[(size_t)i * (size_t)n + (size_t)i];
+    double *x = e->right + (size_t)c * n;
+    for (size_t i = 0; i < n; ++i)
+      x[i] = (x[i] - dot(e->matrix + i * n, x, (int)i)) / e->matrix[i * n + i];
+    for (size_t i = n; i-- > 0;) {
+      x[i] /= e->matrix[i * n + i];
+      for (size_t k = 0; k < i; ++k)
+        x[k] -= e->matrix[i * n + k] * x[i];
     }
   }
 }
@@ -204,7 +207,7 @@ static pags_result round_of(fit *f, int round) {
     pull(f, sample, target, vertex_price * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
-  add_smoothness(f, samples_each * 2 * pow(0.01, (double)round / (ROUNDS - 1)));
+  add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));
   for (int i = 0; i < n; ++i) { /* stays where nothing else is asked */
     f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
     for (int k = 0; k < 3; ++k)

@@ -9,7 +9,7 @@ enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* 4 to 5 cm on a ca
 static const double reach = 0.55; /* of the lattice, in sizes of the box */
 
 /* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
-static const double size_spread = 0.04, least_likeness = 0.02;
+static const double size_spread = 0.08, least_likeness = 0.02;
 
 /* Weights are counted in views that see every step of the grid with a pixel. A form is sure of a point from `sure` such views on. What forms
  * alike are together less sure of than `least_known` is nobody's: shadows, mostly. */
@@ -19,6 +19,14 @@ static const float least_known = 0.3f;
 /* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from `seen_well` views on. What
  * far views show is no help: they all look from one side, and are wrong in depth alike. */
 static const double form_weight = 16, seen_well = 12;
+
+/* Points of the laser, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of their grids), `tells` is what
+ * they are off by noise and by cars of a kind being different, and no more than `most_points` tell anything new. A form that fits badly keeps
+ * `least_weight`, for what no better one knows. */
+static const double far_off = 0.14, tells = 0.08, most_points = 60, least_weight = 0.03;
+
+/* Points farther from the completed surface are of something else, or of what was seen to be different; metres. */
+static const double laser_reach = 0.13;
 
 /* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be those of its mirrors; metres. */
 static const double seen_free = 1, mirrors = 0.12;
@@ -88,29 +96,6 @@ static double likeness(const double a[3], const double b[3]) {
   return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
-pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, pags_form *out) {
-  double total = 0;
-  *out = (pags_form){0};
-  for (int64_t f = 0; f < count; ++f)
-    if (forms[f].distance && forms[f].object != object)
-      total += likeness(forms[f].size, size);
-  if (!(total > 0))
-    return PAGS_OK;
-  PAGS_TRY(make_room(size, object, out));
-  for (int64_t f = 0; f < count; ++f) {
-    float like = (float)likeness(forms[f].size, size);
-    for (int i = 0; i < POINTS && forms[f].distance && forms[f].object != object; ++i) {
-      out->distance[i] += like * forms[f].known[i] * forms[f].distance[i];
-      out->known[i] += like * forms[f].known[i];
-    }
-  }
-  for (int i = 0; i < POINTS; ++i) {
-    out->distance[i] /= out->known[i] > 0 ? out->known[i] : 1;
-    out->known[i] = out->known[i] < least_known ? 0 : fminf(1, out->known[i]);
-  }
-  return PAGS_OK;
-}
-
 /* Between the lattice's points, of those known; returns how well it is known. */
 static double sample(const pags_form *form, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
@@ -132,6 +117,67 @@ static double sample(const pags_form *form, const double p[3], double *distance)
   }
   *distance = weight > 0 ? sum / weight : 0;
   return weight;
+}
+
+/* How badly the laser's points fit: the mean square of their distances to the surface, where it is known. */
+static double misfit(const pags_form *form, const double size[3], const pags_cloud *cloud) {
+  double sum = 0, weight = 0;
+  for (int64_t i = 0; i < cloud->count; ++i) {
+    double p[3], d;
+    for (int k = 0; k < 3; ++k)
+      p[k] = (double)cloud->points[3 * i + k] * form->size[k] / size[k];
+    double known = sample(form, p, &d);
+    sum += known * fmin(d * d, far_off * far_off);
+    weight += known;
+  }
+  return weight > 0 ? sum / weight : far_off * far_off;
+}
+
+/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates. */
+static void weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
+                           float *weights) {
+  double points = fmin((double)cloud->count, most_points), least = HUGE_VAL;
+  for (int64_t f = 0; f < count; ++f)
+    if (like[f] > 0)
+      least = fmin(least, weights[f] = (float)misfit(&forms[f], size, cloud));
+  for (int64_t f = 0; f < count; ++f)
+    if (like[f] > 0)
+      weights[f] = like[f] * (float)(least_weight + exp(-0.5 * points * ((double)weights[f] - least) / (tells * tells)));
+}
+
+/* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits. */
+static void add_forms(const pags_form *forms, int64_t count, const float *like, const float *weights, pags_form *out) {
+  for (int i = 0; i < POINTS; ++i) {
+    float sum = 0, total = 0, known = 0;
+    for (int64_t f = 0; f < count; ++f)
+      if (like[f] > 0) {
+        sum += weights[f] * forms[f].known[i] * forms[f].distance[i];
+        total += weights[f] * forms[f].known[i];
+        known += like[f] * forms[f].known[i];
+      }
+    out->distance[i] = total > 0 ? sum / total : 0;
+    out->known[i] = known < least_known ? 0 : fminf(1, known);
+  }
+}
+
+pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, const pags_cloud *cloud,
+                            pags_form *out) {
+  float total = 0, *like = calloc(2 * (size_t)count + 1, sizeof *like), *weights = like + count;
+  *out = (pags_form){0};
+  if (!like)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
+  for (int64_t f = 0; f < count; ++f) {
+    like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
+    weights[f] = like[f];
+    total += like[f];
+  }
+  if (cloud && cloud->count)
+    weigh_by_cloud(forms, count, size, like, cloud, weights);
+  pags_result result = total > 0 ? make_room(size, object, out) : PAGS_OK;
+  if (total > 0 && result == PAGS_OK)
+    add_forms(forms, count, like, weights, out);
+  free(like);
+  return result;
 }
 
 /* Signed distance to the labelled box, negative inside, without the air under a vehicle. */
@@ -214,7 +260,7 @@ static void close_border(pags_grid *grid) {
   }
 }
 
-pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form) {
+pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form, const pags_cloud *cloud) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   float *own = malloc(count * sizeof *own);
   int at[3];
@@ -230,6 +276,8 @@ pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicl
     fill_across(grid, size);
   close_border(grid);
   PAGS_TRY(smooth(grid));
+  if (cloud)
+    PAGS_TRY(pags_cloud_hold(cloud, grid, laser_reach));
   close_border(grid);
   return PAGS_OK;
 }

@@ -4,18 +4,22 @@
 
 #include <pags/scene.h>
 
+#include "cloud.h"
+
 #ifdef __cplusplus
 extern "C" {
 #endif
 
 typedef struct pags_laser {
   int64_t count;
-  float *points; /* 3 each, metres, relative to the scene's origin */
+  float *points;       /* outside of labelled boxes: 3 each, metres, relative to the scene's origin */
+  int64_t object_count;
+  pags_cloud *objects; /* in the box of each of the scene's objects; NULL: there is no laser */
 } pags_laser;
 
-/* The points of all sweeps but those of held-out time steps, outside of labelled boxes. None where there is no data set, or no laser, or where
- * it can't be read (a line in the log). */
-pags_result pags_laser_read(const pags_scene *scene, pags_laser *out);
+/* The points of the sweeps of time steps that are trained on, or with `held_out` of those that aren't. None where there is no data set, or no
+ * laser, or where it can't be read (a line in the log). */
+pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out);
 void pags_laser_destroy(pags_laser *laser); /* frees and zeroes */
 
 #ifdef __cplusplus

@@ -25,6 +25,8 @@ pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options
   pags_result result = pags_frame_create(tasks, &out->frame);
   if (result == PAGS_OK)
     result = pags_whole_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
+  if (result == PAGS_OK)
+    result = pags_laser_read(scene, 0, &out->laser);
   if (result != PAGS_OK)
     pags_workshop_close(out);
   return result;
@@ -35,6 +37,7 @@ void pags_workshop_close(pags_workshop *workshop) {
     pags_frame_destroy(workshop->frame);
   workshop->frame = NULL;
   pags_whole_destroy(&workshop->whole);
+  pags_laser_destroy(&workshop->laser);
 }
 
 static void mean_color(const pags_object_shape *shape, float out[3]) {

@@ -5,6 +5,7 @@
 #include <pags/export.h>
 
 #include "form.h"
+#include "laser.h"
 #include "whole.h"
 
 #ifdef __cplusplus
@@ -21,6 +22,7 @@ typedef struct pags_workshop {
   pags_frame *frame;
   pags_frame_options drawing; /* of the frame, origin zero */
   pags_whole whole;           /* what hides what */
+  pags_laser laser;           /* what it measured, where there is one */
   const pags_form *forms;     /* of vehicles that are well seen, for what no camera sees of others */
   int64_t form_count;
 } pags_workshop;

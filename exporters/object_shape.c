@@ -198,12 +198,16 @@ static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_ob
   return fuse(w, &o->record, reach, shape, grid);
 }
 
+static const pags_cloud *cloud_of(const pags_workshop *w, int64_t object) {
+  return w->laser.objects ? &w->laser.objects[object] : NULL;
+}
+
 static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
   const pags_object *record = &w->scene->objects[object].record;
   int vehicle = record->category == PAGS_CATEGORY_VEHICLE;
   pags_form form = {0};
   if (vehicle)
-    PAGS_TRY(pags_form_blend(w->forms, w->form_count, record->size, object, &form));
+    PAGS_TRY(pags_form_blend(w->forms, w->form_count, record->size, object, cloud_of(w, object), &form));
   int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || form.distance;
   int few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
   if (!enough && possible)
@@ -211,7 +215,7 @@ static pags_result make_surface(const pags_workshop *w, int64_t object, pags_obj
                       : "hardly seen by the training cameras: the form of vehicles of its size";
   else if (!enough)
     shape->note = few ? "too few Gaussians: the labelled box" : "hardly seen by the training cameras: the labelled box";
-  pags_result result = possible ? pags_form_complete(grid, record->size, vehicle, &form) : PAGS_OK;
+  pags_result result = possible ? pags_form_complete(grid, record->size, vehicle, &form, cloud_of(w, object)) : PAGS_OK;
   pags_form_destroy(&form);
   if (!possible || result != PAGS_OK)
     return result;

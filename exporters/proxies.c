@@ -20,7 +20,7 @@ enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
 
 pags_proxy_options pags_proxy_options_default(void) {
   return (pags_proxy_options){.level = PAGS_PROXY_MESH,
-                              .triangles = 2000,
+                              .triangles = 4000,
                               .ground_triangles = 60000,
                               .chunk_triangles = 200000,
                               .voxel = 0.15,

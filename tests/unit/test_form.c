@@ -60,7 +60,7 @@ static pags_form form_of(float distance, float weight, int64_t object) {
 static double middle_of(const pags_form *form, double *known) {
   pags_grid grid = empty_grid();
   say(&grid, all_lo, all_hi, 0, 1e-6f); /* next to nothing, as of a view far off */
-  assert_int_equal(pags_form_complete(&grid, size, 0, form), PAGS_OK);
+  assert_int_equal(pags_form_complete(&grid, size, 0, form, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
   pags_grid_destroy(&grid);
   *known = 0;
@@ -74,16 +74,67 @@ static void test_the_well_seen_count(void **state) {
   (void)state;
   pags_form forms[2] = {form_of(0.2f, 4, 1), form_of(-0.2f, 0.2f, 2)}, blended;
   double known, expected = 0.2 * (1 - 0.05) / (1 + 0.05);
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, &blended), PAGS_OK);
+  assert_int_equal(pags_form_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
   assert_true(fabs(middle_of(&blended, &known) - expected) < 0.002);
   assert_true(known == 1);
   pags_form_destroy(&blended);
-  assert_int_equal(pags_form_blend(forms, 2, size, 1, &blended), PAGS_OK); /* its own doesn't count */
+  assert_int_equal(pags_form_blend(forms, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
   middle_of(&blended, &known);
   assert_true(known == 0);
   pags_form_destroy(&blended);
   pags_form_destroy(&forms[0]);
   pags_form_destroy(&forms[1]);
+}
+
+/* A form on whose surface the points lie, one that is 0.2 m off, and one that fits, too, but knows next to nothing. */
+static void test_the_laser_chooses(void **state) {
+  (void)state;
+  pags_form forms[3] = {form_of(0, 4, 1), form_of(0.2f, 4, 2), form_of(0, 0.02f, 4)}, blended;
+  pags_cloud cloud = {0};
+  double known;
+  for (int i = 0; i < 40; ++i) {
+    const double p[3] = {-1.5 + 0.075 * i, 0.9, 0.2};
+    assert_int_equal(pags_cloud_add(&cloud, p), PAGS_OK);
+  }
+  assert_int_equal(pags_form_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
+  assert_true(fabs((double)blended.distance[0] - 0.1) < 1e-6);
+  pags_form_destroy(&blended);
+  assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_true(blended.distance[0] > 0 && (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
+  middle_of(&blended, &known);
+  assert_true(known == 1);
+  pags_form_destroy(&blended);
+  assert_int_equal(pags_form_blend(forms + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
+  middle_of(&blended, &known); /* what the worse one knows stays known */
+  assert_true(known == 1);
+  pags_form_destroy(&blended);
+  for (int i = 0; i < 3; ++i)
+    pags_form_destroy(&forms[i]);
+  pags_cloud_destroy(&cloud);
+}
+
+/* A level surface at z = 0 that many views saw, and points that say 0.06 m. */
+static void test_the_laser_is_held_to(void **state) {
+  (void)state;
+  pags_cloud cloud = {0};
+  pags_grid grid = empty_grid();
+  for (int i = -4; i <= 4; ++i)
+    for (int j = -4; j <= 4; ++j) {
+      const double p[3] = {0.1 * i, 0.1 * j, 0.06};
+      assert_int_equal(pags_cloud_add(&cloud, p), PAGS_OK);
+    }
+  for (int held = 0; held < 2; ++held) {
+    for (int z = 0; z < grid.n[2]; ++z) {
+      double height = grid.origin[2] + z * step;
+      const double lo[3] = {-9, -9, height}, hi[3] = {9, 9, height};
+      say(&grid, lo, hi, (float)height, 20);
+    }
+    assert_int_equal(pags_form_complete(&grid, size, 0, NULL, held ? &cloud : NULL), PAGS_OK);
+    assert_true(fabs((double)grid.distance[index_of(&grid, 0, 0, 0.05)] - (held ? -0.01 : 0.05)) < 0.002);
+    assert_true(grid.distance[index_of(&grid, 0, 0, -0.95)] > 0); /* the border stays outside */
+  }
+  pags_grid_destroy(&grid);
+  pags_cloud_destroy(&cloud);
 }
 
 /* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the middle. */
@@ -94,7 +145,7 @@ static double between_sides(int vehicle, float weight) {
   say(&grid, all_lo, all_hi, 0.3f, weight);
   say(&grid, left_lo, left_hi, -0.1f, 12);
   say(&grid, right_lo, right_hi, -0.1f, 12);
-  assert_int_equal(pags_form_complete(&grid, size, vehicle, &form), PAGS_OK);
+  assert_int_equal(pags_form_complete(&grid, size, vehicle, &form, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0.1)];
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0); /* over the roof */
   assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* where there are no sides */
@@ -119,14 +170,16 @@ static void test_sides_are_within_the_mirrors(void **state) {
   say(&grid, all_lo, all_hi, 0.3f, 0.1f);
   say(&grid, left_lo, left_hi, -0.1f, 12);
   say(&grid, right_lo, right_hi, -0.1f, 12);
-  assert_int_equal(pags_form_complete(&grid, size, 1, NULL), PAGS_OK);
+  assert_int_equal(pags_form_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.1)] > 0);
   assert_true(grid.distance[index_of(&grid, 0, 1, 0.1)] < 0);
   pags_grid_destroy(&grid);
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_well_seen_count), cmocka_unit_test(test_vehicles_have_no_pits),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_well_seen_count), cmocka_unit_test(test_the_laser_chooses),
+                                     cmocka_unit_test(test_the_laser_is_held_to),
+                                     cmocka_unit_test(test_vehicles_have_no_pits),
                                      cmocka_unit_test(test_sides_are_within_the_mirrors)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

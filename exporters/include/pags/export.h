@@ -34,7 +34,7 @@ typedef struct pags_proxy_options {
   const uint8_t *chosen;    /* one a scene's object: 1 is exported; NULL: all */
   int lod;                  /* 1: all levels in one file by MSFT_lod, finest first. Default 0 */
   pags_proxy_naming naming;
-  int64_t triangles;        /* most triangles of an object's mesh or hull, 12..10^7; default 2000 */
+  int64_t triangles;        /* most triangles of an object's mesh or hull, 12..10^7; default 4000 */
   int64_t ground_triangles; /* most of the ground, 2..10^8; default 60,000 */
   int64_t chunk_triangles;  /* most of the rest of the background, all chunks together; default 200,000 */
   double voxel;             /* of the background, metres, 0.02..2; default 0.15. Objects: a 128th of their length, at least 2 cm */

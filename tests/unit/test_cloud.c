@@ -1,0 +1,146 @@
+/* Laser points on objects: which they are, and surfaces that are held to them. */
+#include <pags/scene.h>
+
+#include "exporters/laser.h"
+#include "unit/driving_tree.h"
+
+static const double step = 0.05;
+
+/* A level surface at z = 0, cut off at four steps. */
+static pags_grid level_grid(void) {
+  static const double lo[3] = {-1, -1, -0.5}, hi[3] = {1, 1, 0.5};
+  pags_grid grid;
+  scratch_ok(pags_grid_create(&grid, lo, hi, step, 0));
+  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; ++i) {
+    double z = grid.origin[2] + (double)(i / grid.n[0] / grid.n[1]) * step;
+    grid.distance[i] = (float)fmin(fmax(z, -4 * step), 4 * step);
+  }
+  return grid;
+}
+
+/* Height of the surface over the lattice's point next to x, y. */
+static double height(const pags_grid *g, double x, double y) {
+  int64_t layer = (int64_t)g->n[0] * g->n[1];
+  int64_t at = (int64_t)floor((y - g->origin[1]) / step + 0.5) * g->n[0] + (int64_t)floor((x - g->origin[0]) / step + 0.5);
+  for (int z = 0; z + 1 < g->n[2]; ++z) {
+    double a = (double)g->distance[at + z * layer], b = (double)g->distance[at + (z + 1) * layer];
+    if (a < 0 && b >= 0)
+      return g->origin[2] + (z + a / (a - b)) * step;
+  }
+  return (double)NAN;
+}
+
+/* Points every 0.1 m over x, y of -0.3..0.3. */
+static pags_cloud patch_at(double z) {
+  pags_cloud cloud = {0};
+  for (int i = -3; i <= 3; ++i)
+    for (int j = -3; j <= 3; ++j) {
+      const double p[3] = {0.1 * i, 0.1 * j, z};
+      scratch_ok(pags_cloud_add(&cloud, p));
+    }
+  assert_int_equal(cloud.count, 49);
+  return cloud;
+}
+
+static void a_surface_comes_to_its_points(void **state) {
+  (void)state;
+  pags_grid grid = level_grid();
+  pags_cloud cloud = patch_at(0.06);
+  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  assert_true(fabs(height(&grid, 0, 0) - 0.06) < 0.002); /* half a millimetre is what the last neighbourhood's doubt leaves */
+  assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
+  assert_true(height(&grid, 0.5, 0) > 0 && height(&grid, 0.5, 0) < 0.06);
+  assert_true(fabs(height(&grid, -0.9, 0.9)) < 1e-6); /* 0.85 m from the nearest */
+  pags_cloud_destroy(&cloud);
+  pags_grid_destroy(&grid);
+}
+
+static void one_point_is_doubted(void **state) {
+  (void)state;
+  static const double p[3] = {0, 0, 0.06}, outside[3] = {5, 0, 0};
+  pags_grid grid = level_grid();
+  pags_cloud cloud = {0};
+  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13)); /* none */
+  scratch_ok(pags_cloud_add(&cloud, outside));
+  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
+  scratch_ok(pags_cloud_add(&cloud, p));
+  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  assert_true(height(&grid, 0, 0) > 0.04 && height(&grid, 0, 0) < 0.06);
+  pags_cloud_destroy(&cloud);
+  pags_grid_destroy(&grid);
+}
+
+static void what_is_far_off_is_passed_over(void **state) {
+  (void)state;
+  pags_grid grid = level_grid();
+  pags_cloud cloud = patch_at(0.15);
+  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
+  pags_cloud_destroy(&cloud);
+  pags_grid_destroy(&grid);
+}
+
+/* Where a point of the tree is in the world at a time step. */
+static void world_point(int frame, int index, double out[3]) {
+  double ego[12];
+  tree_ego(frame, ego);
+  pags_rigid_point(ego, tree_points[index], out);
+}
+
+/* Two boxes that go along with the laser's first point: it is in the upper half of the one, at the foot of the other. */
+static void follow(pags_object *object, pags_knot *knots, double above) {
+  *object = (pags_object){.category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
+  for (int t = 0; t < TREE_FRAMES; ++t) {
+    double p[3];
+    world_point(t, 0, p);
+    const double pose[12] = {0, -1, 0, p[0], 1, 0, 0, p[1] - 0.3, 0, 0, 1, p[2] - above};
+    knots[t] = (pags_knot){.frame = t, .trained = 1, .time = 100 + 0.5 * t};
+    memcpy(knots[t].world_from_object, pose, sizeof pose);
+  }
+}
+
+static void points_are_sorted_by_boxes(void **state) {
+  (void)state;
+  static const double expected[3] = {0.3, 0, 0.4};
+  const tree_kind kind = {"waymo", 1, 0, 0, 0, 14, 3};
+  pags_scene_object objects[2] = {{.model = -1}, {.model = -1}};
+  pags_scene_view views[TREE_FRAMES] = {0};
+  pags_knot knots[2][TREE_FRAMES];
+  scratch s;
+  scratch_begin(&s);
+  tree_write(&s, &kind);
+  tree_text(&s, "dataset.json", "{\"kind\": \"waymo\"}");
+  pags_scene scene = {.dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
+  follow(&objects[0].record, knots[0], 0.4);
+  follow(&objects[1].record, knots[1], -0.9);
+  for (int t = 0; t < TREE_FRAMES; ++t)
+    views[t] = (pags_scene_view){.frame = t, .test = t == 4};
+  scene.origin[0] = 7;
+  for (int held_out = 0; held_out < 2; ++held_out) {
+    pags_laser laser;
+    double first[3];
+    int64_t sweeps = held_out ? 1 : 4;
+    scratch_ok(pags_laser_read(&scene, held_out, &laser));
+    assert_true(laser.object_count == 2 && laser.objects[0].count == sweeps && laser.objects[1].count == 0);
+    for (int64_t i = 0; i < sweeps; ++i)
+      for (int k = 0; k < 3; ++k)
+        assert_true(fabs((double)laser.objects[0].points[3 * i + k] - expected[k]) < 1e-5);
+    assert_int_equal(laser.count, sweeps); /* the other point, which is in no box */
+    world_point(held_out ? 4 : 0, 1, first);
+    assert_true(fabs((double)laser.points[0] + 7 - first[0]) < 1e-5 && fabs((double)laser.points[2] - first[2]) < 1e-5);
+    pags_laser_destroy(&laser);
+    assert_null(laser.objects);
+  }
+  scratch_end(&s);
+}
+
+int main(void) {
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(a_surface_comes_to_its_points),
+      cmocka_unit_test(one_point_is_doubted),
+      cmocka_unit_test(what_is_far_off_is_passed_over),
+      cmocka_unit_test(points_are_sorted_by_boxes),
+  };
+  return cmocka_run_group_tests(tests, NULL, NULL);
+}
