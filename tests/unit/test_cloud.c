@@ -66,7 +66,7 @@ static void one_point_is_doubted(void **state) {
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
   scratch_ok(pags_cloud_add(&cloud, p));
   scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
-  assert_true(height(&grid, 0, 0) > 0.04 && height(&grid, 0, 0) < 0.06);
+  assert_true(height(&grid, 0, 0) > 0.04 && height(&grid, 0, 0) < 0.059); /* a third of what is left, thrice: 0.0578 */
   pags_cloud_destroy(&cloud);
   pags_grid_destroy(&grid);
 }
@@ -88,7 +88,7 @@ static void world_point(int frame, int index, double out[3]) {
   pags_rigid_point(ego, tree_points[index], out);
 }
 
-/* Two boxes that go along with the laser's first point: it is in the upper half of the one, at the foot of the other. */
+/* Two boxes that go along with the laser's first point: it is at the foot of the first, where something else may be, in the upper half of the other. */
 static void follow(pags_object *object, pags_knot *knots, double above) {
   *object = (pags_object){.category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
   for (int t = 0; t < TREE_FRAMES; ++t) {
@@ -112,8 +112,8 @@ static void points_are_sorted_by_boxes(void **state) {
   tree_write(&s, &kind);
   tree_text(&s, "dataset.json", "{\"kind\": \"waymo\"}");
   pags_scene scene = {.dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
-  follow(&objects[0].record, knots[0], 0.4);
-  follow(&objects[1].record, knots[1], -0.9);
+  follow(&objects[0].record, knots[0], -0.9);
+  follow(&objects[1].record, knots[1], 0.4);
   for (int t = 0; t < TREE_FRAMES; ++t)
     views[t] = (pags_scene_view){.frame = t, .test = t == 4};
   scene.origin[0] = 7;
@@ -122,10 +122,10 @@ static void points_are_sorted_by_boxes(void **state) {
     double first[3];
     int64_t sweeps = held_out ? 1 : 4;
     scratch_ok(pags_laser_read(&scene, held_out, &laser));
-    assert_true(laser.object_count == 2 && laser.objects[0].count == sweeps && laser.objects[1].count == 0);
+    assert_true(laser.object_count == 2 && laser.objects[0].count == 0 && laser.objects[1].count == sweeps);
     for (int64_t i = 0; i < sweeps; ++i)
       for (int k = 0; k < 3; ++k)
-        assert_true(fabs((double)laser.objects[0].points[3 * i + k] - expected[k]) < 1e-5);
+        assert_true(fabs((double)laser.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
     assert_int_equal(laser.count, sweeps); /* the other point, which is in no box */
     world_point(held_out ? 4 : 0, 1, first);
     assert_true(fabs((double)laser.points[0] + 7 - first[0]) < 1e-5 && fabs((double)laser.points[2] - first[2]) < 1e-5);

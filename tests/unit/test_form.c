@@ -105,8 +105,16 @@ static void test_the_laser_chooses(void **state) {
   assert_true(known == 1);
   pags_form_destroy(&blended);
   assert_int_equal(pags_form_blend(forms + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
-  middle_of(&blended, &known); /* what the worse one knows stays known */
+  assert_true((double)blended.distance[0] > 0.15); /* what the worse one knows better stays known */
+  middle_of(&blended, &known);
   assert_true(known == 1);
+  pags_form_destroy(&blended);
+  for (int k = 0; k < 3; ++k) /* as a smaller car's the form is stretched: the points are in it, just */
+    forms[0].size[k] *= 0.95;
+  for (int64_t i = 0; i < cloud.count; ++i)
+    cloud.points[3 * i] = (float)(0.53 * size[0]);
+  assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_true((double)blended.distance[0] < 0.02);
   pags_form_destroy(&blended);
   for (int i = 0; i < 3; ++i)
     pags_form_destroy(&forms[i]);
