@@ -463,8 +463,12 @@ static void print_size(char *text, size_t size, uint64_t bytes) {
   snprintf(text, size, "%llu%.1s", (unsigned long long)bytes, k ? &suffix[k] : "");
 }
 
-/* The shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001. */
+/* The shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001; but 20, not 2e+01. */
 static void print_real(char *text, size_t size, double value, bool single) {
+  if (value == floor(value) && fabs(value) < 1e6) {
+    snprintf(text, size, "%.0f", value);
+    return;
+  }
   for (int digits = 1; digits <= 17; ++digits) {
     snprintf(text, size, "%.*g", digits, value);
     double back = strtod(text, NULL);

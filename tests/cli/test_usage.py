@@ -94,6 +94,7 @@ class Usage(Case):
         self.assertIn("[steps; default 30000]", shown)
         self.assertIn("[px^2; default 0.3]", shown)
         self.assertIn("[default 0.2]", shown)
+        self.assertIn("[times the position rate; default 500000]", shown)  # not 5e+05
 
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
