@@ -73,9 +73,10 @@ pags_result pags_cloud_hold(const pags_cloud *cloud, pags_grid *grid, double rea
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   if (!cloud->count)
     return PAGS_OK;
-  float *sum = malloc(2 * count * sizeof *sum), *weight = sum + count;
+  float *sum = malloc(2 * count * sizeof *sum);
   if (!sum)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+  float *weight = sum + count;
   for (size_t level = 0; level < sizeof radii / sizeof *radii; ++level) {
     double residual, r = radii[level];
     memset(sum, 0, 2 * count * sizeof *sum);

@@ -138,8 +138,10 @@ static void weigh_by_cloud(const pags_form *forms, int64_t count, const double s
                            float *weights) {
   double points = fmin((double)cloud->count, most_points), least = HUGE_VAL;
   for (int64_t f = 0; f < count; ++f)
-    if (like[f] > 0)
-      least = fmin(least, weights[f] = (float)misfit(&forms[f], size, cloud));
+    if (like[f] > 0) {
+      weights[f] = (float)misfit(&forms[f], size, cloud);
+      least = fmin(least, (double)weights[f]);
+    }
   for (int64_t f = 0; f < count; ++f)
     if (like[f] > 0)
       weights[f] = like[f] * (float)(least_weight + exp(-0.5 * points * ((double)weights[f] - least) / (tells * tells)));
@@ -162,10 +164,11 @@ static void add_forms(const pags_form *forms, int64_t count, const float *like, 
 
 pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, const pags_cloud *cloud,
                             pags_form *out) {
-  float total = 0, *like = calloc(2 * (size_t)count + 1, sizeof *like), *weights = like + count;
+  float total = 0, *like = calloc(2 * (size_t)count + 1, sizeof *like);
   *out = (pags_form){0};
   if (!like)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
+  float *weights = like + count;
   for (int64_t f = 0; f < count; ++f) {
     like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
     weights[f] = like[f];
