@@ -40,6 +40,12 @@ void pags_proxy_bench_put(pags_json_writer *w, const char *key, const pags_proxy
   pags_json_put_numbers(w, key, values, 3);
 }
 
+/* A node's mesh, to be asked for distances; both are the caller's to destroy, whatever is returned. */
+static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_shell *shell, pags_solid **solid) {
+  PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), shell));
+  return pags_solid_of_shell(shell, solid);
+}
+
 /* ---- The ground. ---- */
 
 /* Height of the street below x, y (world), where that is no furniture, tree or actor; 0: none. */
@@ -65,9 +71,7 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
-  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &ground);
-  if (result == PAGS_OK)
-    result = pags_solid_of_shell(&ground, &solid);
+  pags_result result = open_mesh(self, node, &ground, &solid);
   for (int64_t i = 0; i < ground.vertex_count; ++i)
     for (int k = 0; k < 2; ++k) {
       lo[k] = fmin(lo[k], (double)ground.positions[3 * i + k]);
@@ -117,9 +121,7 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
   pags_shell ground = {0};
   pags_solid *solid = NULL;
   pags_laser_ground found;
-  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &ground);
-  if (result == PAGS_OK)
-    result = pags_solid_of_shell(&ground, &solid);
+  pags_result result = open_mesh(self, node, &ground, &solid);
   if (result == PAGS_OK)
     result = pags_laser_ground_measure(&self->scene, solid, &found);
   if (result == PAGS_OK && found.points) {
@@ -141,20 +143,11 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
 
 /* ---- Objects. ---- */
 
-static int64_t object_of(const pags_scene *scene, const char *track) {
-  for (int64_t i = 0; i < scene->object_count; ++i)
-    if (!strcmp(scene->objects[i].record.id, track))
-      return i;
-  return -1;
-}
-
-/* Adds what is in `cloud` to what was found of others; NaN where there is no surface. */
+/* How far each point of `cloud` is from a node's mesh. */
 static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_cloud *cloud, double *distances) {
   pags_shell shell = {0};
   pags_solid *solid = NULL;
-  pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &shell);
-  if (result == PAGS_OK)
-    result = pags_solid_of_shell(&shell, &solid);
+  pags_result result = open_mesh(self, node, &shell, &solid);
   for (int64_t i = 0; i < cloud->count && result == PAGS_OK; ++i) {
     const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1], (double)cloud->points[3 * i + 2]};
     distances[i] = pags_solid_distance(solid, p, NULL);
@@ -172,19 +165,21 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
     int64_t count = 0, objects = 0;
     for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
       const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
-      int64_t o = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh") ? object_of(&self->scene, track->text) : -1;
-      if (o < 0 || self->scene.objects[o].record.moving != moving || !laser->objects[o].count)
+      const pags_scene_object *object =
+          track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh") ? pags_scene_find_object(&self->scene, track->text) : NULL;
+      const pags_cloud *cloud = object ? &laser->objects[object - self->scene.objects] : NULL;
+      if (!object || object->record.moving != moving || !cloud->count)
         continue;
-      double *grown = realloc(distances, (size_t)(count + laser->objects[o].count) * sizeof *grown);
+      double *grown = realloc(distances, (size_t)(count + cloud->count) * sizeof *grown);
       pags_result result = grown ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for distances");
       distances = grown ? grown : distances;
       if (result == PAGS_OK)
-        result = add_distances(self, node, &laser->objects[o], distances + count);
+        result = add_distances(self, node, cloud, distances + count);
       if (result != PAGS_OK) {
         free(distances);
         return result;
       }
-      count += laser->objects[o].count;
+      count += cloud->count;
       ++objects;
     }
     pags_proxy_distance d = pags_distance_summary(distances, count);

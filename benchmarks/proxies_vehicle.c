@@ -6,6 +6,7 @@
 
 #include <base/file.h>
 #include <base/sort.h>
+#include <exporters/cloud.h>
 #include <exporters/solid.h>
 #include <pags/image.h>
 
@@ -55,29 +56,12 @@ typedef struct vehicle {
   double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
   pags_shell truth, proxy;
   pags_solid *truth_solid, *proxy_solid, *cloud_solid;
-  float *cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
-  int64_t cloud_count, cloud_capacity;
+  pags_cloud cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
   int64_t pixels;                  /* of the lattice that see it */
   int64_t both, either;            /* silhouettes of truth and proxy, each alone */
   int64_t seen_both, seen_either;  /* where nothing of the street hides them */
-  float *met;                      /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
-  int64_t met_count, met_capacity;
+  pags_cloud met;                  /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
 } vehicle;
-
-static pags_result keep_point(float **points, int64_t *count, int64_t *capacity, const double p[3]) {
-  if (*count == *capacity) {
-    int64_t wider = 2 * *capacity + 4096;
-    float *grown = realloc(*points, (size_t)wider * 3 * sizeof *grown);
-    if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)wider);
-    *points = grown;
-    *capacity = wider;
-  }
-  for (int k = 0; k < 3; ++k)
-    (*points)[3 * *count + k] = (float)p[k];
-  ++*count;
-  return PAGS_OK;
-}
 
 /* Where the vehicle is when a view is taken. */
 typedef struct frames {
@@ -111,11 +95,11 @@ static pags_result take_ray(vehicle *v, const frames *f, const double origin[3],
   if (!v->truth_solid && proxy > 0) {
     for (int k = 0; k < 3; ++k)
       p[k] = from[k] + proxy * along[k];
-    PAGS_TRY(keep_point(&v->met, &v->met_count, &v->met_capacity, p));
+    PAGS_TRY(pags_cloud_add(&v->met, p));
   }
   for (int k = 0; k < 3; ++k)
     p[k] = from[k] + distance * along[k];
-  return keep_point(&v->cloud, &v->cloud_count, &v->cloud_capacity, p);
+  return pags_cloud_add(&v->cloud, p);
 }
 
 typedef struct truth_pictures {
@@ -227,11 +211,11 @@ static int compare_points(const void *left, const void *right) {
 /* One point a cell, so that near views don't count for more. */
 static void thin(vehicle *v) {
   int64_t kept = 0;
-  pags_sort(v->cloud, v->cloud_count, 3 * sizeof(float), compare_points);
-  for (int64_t i = 0; i < v->cloud_count; ++i)
-    if (!kept || compare_points(v->cloud + 3 * (kept - 1), v->cloud + 3 * i) != 0)
-      memmove(v->cloud + 3 * kept++, v->cloud + 3 * i, 3 * sizeof(float));
-  v->cloud_count = kept;
+  pags_sort(v->cloud.points, v->cloud.count, 3 * sizeof(float), compare_points);
+  for (int64_t i = 0; i < v->cloud.count; ++i)
+    if (!kept || compare_points(v->cloud.points + 3 * (kept - 1), v->cloud.points + 3 * i) != 0)
+      memmove(v->cloud.points + 3 * kept++, v->cloud.points + 3 * i, 3 * sizeof(float));
+  v->cloud.count = kept;
 }
 
 static double triangle_area(const pags_shell *s, int64_t triangle) {
@@ -270,9 +254,9 @@ typedef struct spread {
 /* Even over the proxy's area. */
 static void measure_proxy(const vehicle *v, spread *out) {
   if (!v->truth_solid) {
-    int64_t step = v->met_count / PROXY_SAMPLES + 1;
-    for (int64_t i = 0; i < v->met_count; i += step) {
-      const double p[3] = {(double)v->met[3 * i], (double)v->met[3 * i + 1], (double)v->met[3 * i + 2]};
+    int64_t step = v->met.count / PROXY_SAMPLES + 1;
+    for (int64_t i = 0; i < v->met.count; i += step) {
+      const double p[3] = {(double)v->met.points[3 * i], (double)v->met.points[3 * i + 1], (double)v->met.points[3 * i + 2]};
       out->seen[out->seen_count++] = pags_solid_distance(v->cloud_solid, p, NULL);
     }
     return;
@@ -295,15 +279,15 @@ static void measure_proxy(const vehicle *v, spread *out) {
 }
 
 static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
-  double *from = malloc(((size_t)v->cloud_count + 1) * sizeof *from);
+  double *from = malloc(((size_t)v->cloud.count + 1) * sizeof *from);
   pags_shell_topology topology;
   if (!from)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud_count);
-  for (int64_t i = 0; i < v->cloud_count; ++i) {
-    const double p[3] = {(double)v->cloud[3 * i], (double)v->cloud[3 * i + 1], (double)v->cloud[3 * i + 2]};
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud.count);
+  for (int64_t i = 0; i < v->cloud.count; ++i) {
+    const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1], (double)v->cloud.points[3 * i + 2]};
     from[i] = pags_solid_distance(v->proxy_solid, p, NULL);
   }
-  pags_proxy_distance back = pags_distance_summary(from, v->cloud_count), seen = pags_distance_summary(to->seen, to->seen_count),
+  pags_proxy_distance back = pags_distance_summary(from, v->cloud.count), seen = pags_distance_summary(to->seen, to->seen_count),
                       rest = pags_distance_summary(to->rest, to->rest_count);
   free(from);
   PAGS_TRY(pags_shell_inspect(&v->proxy, &topology));
@@ -335,12 +319,12 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   for (int64_t i = 0; i < self->scene.view_count; ++i)
     if (!self->scene.views[i].test)
       PAGS_TRY(take_view(self, v, &self->scene.views[i]));
-  if (!v->cloud_count) {
+  if (!v->cloud.count) {
     printf("%-16s is seen by no training camera\n", v->record->id);
     return PAGS_OK;
   }
   thin(v);
-  PAGS_TRY(pags_solid_of_points(v->cloud, v->cloud_count, &v->cloud_solid));
+  PAGS_TRY(pags_solid_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
   spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)), .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
   pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   if (result == PAGS_OK) {
@@ -374,10 +358,8 @@ static pags_result relate(pags_proxy_bench *self, vehicle *v) {
 }
 
 pags_result pags_proxy_bench_vehicle(pags_proxy_bench *self, const pags_json_value *node, const char *track) {
-  vehicle v = {.actor = actor_of(self, track)};
-  for (int64_t i = 0; i < self->scene.object_count; ++i)
-    if (!strcmp(self->scene.objects[i].record.id, track))
-      v.record = &self->scene.objects[i].record;
+  const pags_scene_object *object = pags_scene_find_object(&self->scene, track);
+  vehicle v = {.record = object ? &object->record : NULL, .actor = actor_of(self, track)};
   if (!v.record || (v.actor < 0 && !self->pictures) || v.record->category != PAGS_CATEGORY_VEHICLE)
     return PAGS_OK;
   pags_result result = pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), &v.proxy);
@@ -396,7 +378,7 @@ pags_result pags_proxy_bench_vehicle(pags_proxy_bench *self, const pags_json_val
   pags_solid_destroy(v.cloud_solid);
   pags_shell_destroy(&v.truth);
   pags_shell_destroy(&v.proxy);
-  free(v.cloud);
-  free(v.met);
+  pags_cloud_destroy(&v.cloud);
+  pags_cloud_destroy(&v.met);
   return result;
 }

@@ -53,13 +53,6 @@ typedef struct reading {
   int64_t count, room;
 } reading;
 
-static const pags_scene_object *find_object(const pags_scene *scene, const char *id) {
-  for (int64_t i = 0; i < scene->object_count; ++i)
-    if (!strcmp(scene->objects[i].record.id, id))
-      return &scene->objects[i];
-  return NULL;
-}
-
 /* The numbers of a 4x4 matrix given as rows. */
 static pags_result read_pose(const reading *r, const pags_json_value *matrix, double out[12]) {
   int n = 0;
@@ -110,7 +103,7 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
   const char *id;
   const pags_json_value *annotations, *frames, *poses;
   PAGS_TRY(pags_json_string(r->json, entry, "id", &id));
-  const pags_scene_object *object = find_object(scene, id);
+  const pags_scene_object *object = pags_scene_find_object(scene, id);
   if (!object || object->model < 0)
     return PAGS_OK;
   PAGS_TRY(pags_json_object(r->json, entry, "frame_annotations", &annotations));

@@ -178,6 +178,13 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   return pags_text_copy(file);
 }
 
+const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id) {
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    if (!strcmp(scene->objects[i].record.id, id))
+      return &scene->objects[i];
+  return NULL;
+}
+
 void pags_scene_destroy(pags_scene *scene) {
   for (int64_t i = 0; i < scene->model_count; ++i) {
     free(scene->models[i].name);

@@ -70,6 +70,8 @@ PAGS_API pags_result pags_scene_load(const char *path, pags_scene *scene);
 PAGS_API pags_result pags_scene_save(const char *folder, const pags_scene *scene);
 PAGS_API void pags_scene_destroy(pags_scene *scene);
 PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
+/* The labelled object whose track has this id, owned by the scene; NULL: there is none. */
+PAGS_API const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id);
 
 /* How a camera of the rig exposes at a time (seconds), display-referred sRGB per channel: photograph = gain * picture + offset. Between
  * training views of that sensor linear in time, beyond them as at the last one; 1 and 0 where the scene has none. */
