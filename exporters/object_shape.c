@@ -220,7 +220,7 @@ static pags_result make_surface(const pags_workshop *w, int64_t object, pags_obj
   if (!possible || result != PAGS_OK)
     return result;
   PAGS_TRY(pags_grid_surface(grid, 0, &shape->surface));
-  PAGS_TRY(pags_shell_keep_parts(&shape->surface, 0.1));
+  PAGS_TRY(pags_shell_keep_parts(&shape->surface, 0.1, 0.1, record->size));
   if (!pags_shell_paint(&shape->surface, &shape->sights, 4 * shape->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   return PAGS_OK;

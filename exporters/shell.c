@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/sort.h"
+#include "solid.h"
 
 void pags_shell_destroy(pags_shell *surface) {
   free(surface->positions);
@@ -172,6 +173,9 @@ void pags_shell_normals(const pags_shell *surface, float *normals) {
   }
 }
 
+/* What is smaller, as a share of the largest part, hangs on nothing. */
+static const double crumb = 0.001;
+
 static uint32_t root_of(uint32_t *parent, uint32_t i) {
   while (parent[i] != i) {
     parent[i] = parent[parent[i]];
@@ -191,39 +195,85 @@ static void find_parts(const pags_shell *s, uint32_t *parent) {
     }
 }
 
-/* Keeps parts of at least `least` square metres, and of at least `share` of the largest's area. */
-static pags_result keep_parts(pags_shell *surface, double share, double least) {
-  uint32_t *parent = malloc(((size_t)surface->vertex_count + 1) * sizeof *parent);
-  double *area = calloc((size_t)surface->vertex_count + 1, sizeof *area), largest = 0;
-  if (!parent || !area) {
-    free(parent);
-    free(area);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
-  }
-  find_parts(surface, parent);
-  for (int64_t i = 0; i < surface->triangle_count; ++i) {
-    double n[3];
-    cross_of(surface, i, n);
-    area[root_of(parent, surface->triangles[3 * i])] += 0.5 * length_of(n);
-  }
-  for (int64_t i = 0; i < surface->vertex_count; ++i)
-    largest = fmax(largest, area[i]);
-  int64_t kept = 0;
-  for (int64_t i = 0; i < surface->triangle_count; ++i)
-    if (area[root_of(parent, surface->triangles[3 * i])] >= fmax(share * largest, least))
-      memmove(surface->triangles + 3 * kept++, surface->triangles + 3 * i, 3 * sizeof(uint32_t));
-  surface->triangle_count = kept;
-  free(parent);
-  free(area);
-  return pags_shell_compact(surface);
+/* Each vertex's part, and the area of each part that is named by a vertex. */
+typedef struct parts {
+  uint32_t *parent;
+  double *area, largest;
+} parts;
+
+static void forget_parts(parts *p) {
+  free(p->parent);
+  free(p->area);
 }
 
-pags_result pags_shell_keep_parts(pags_shell *surface, double share) {
-  return keep_parts(surface, share, 0);
+static pags_result measure_parts(const pags_shell *s, parts *out) {
+  size_t room = (size_t)s->vertex_count + 1;
+  *out = (parts){.parent = malloc(room * sizeof *out->parent), .area = calloc(room, sizeof *out->area)};
+  if (!out->parent || !out->area) {
+    forget_parts(out);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)s->vertex_count);
+  }
+  find_parts(s, out->parent);
+  for (int64_t i = 0; i < s->triangle_count; ++i) {
+    double n[3];
+    cross_of(s, i, n);
+    out->area[root_of(out->parent, s->triangles[3 * i])] += 0.5 * length_of(n);
+  }
+  for (int64_t i = 0; i < s->vertex_count; ++i)
+    out->largest = fmax(out->largest, out->area[i]);
+  return PAGS_OK;
+}
+
+/* Small parts count for large ones that they come close to. */
+static pags_result annex_parts(const pags_shell *s, parts *p, double large, double reach, const double size[3]) {
+  pags_shell main = *s;
+  pags_solid *solid = NULL;
+  main.triangle_count = 0;
+  main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
+  if (!main.triangles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
+      memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
+  pags_result result = pags_solid_of_shell(&main, &solid);
+  for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; ++i) {
+    const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1], (double)s->positions[3 * i + 2]};
+    double *area = &p->area[root_of(p->parent, (uint32_t)i)];
+    int within = fabs(at[0]) <= 0.5 * size[0] && fabs(at[1]) <= 0.5 * size[1] && fabs(at[2]) <= 0.5 * size[2];
+    if (within && *area < large && *area >= crumb * p->largest && pags_solid_distance(solid, at, NULL) < reach)
+      *area = large;
+  }
+  pags_solid_destroy(solid);
+  free(main.triangles);
+  return result;
+}
+
+static pags_result drop_parts(pags_shell *s, parts *p, double least) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    if (p->area[root_of(p->parent, s->triangles[3 * i])] >= least)
+      memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
+  s->triangle_count = kept;
+  return pags_shell_compact(s);
+}
+
+pags_result pags_shell_keep_parts(pags_shell *shell, double share, double reach, const double *size) {
+  parts p;
+  PAGS_TRY(measure_parts(shell, &p));
+  double large = share * p.largest;
+  pags_result result = size ? annex_parts(shell, &p, large, reach, size) : PAGS_OK;
+  if (result == PAGS_OK)
+    result = drop_parts(shell, &p, large);
+  forget_parts(&p);
+  return result;
 }
 
 pags_result pags_shell_drop_small(pags_shell *surface, double area) {
-  return keep_parts(surface, 0, area);
+  parts p;
+  PAGS_TRY(measure_parts(surface, &p));
+  pags_result result = drop_parts(surface, &p, area);
+  forget_parts(&p);
+  return result;
 }
 
 static int compare_edges(const void *left, const void *right) {

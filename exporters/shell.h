@@ -33,8 +33,9 @@ pags_result pags_shell_compact(pags_shell *shell);
 /* The box of this size about the origin: 8 vertices, 12 triangles. */
 pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out);
 
-/* Keeps the largest connected part (by area) and those with at least `share` of its area. */
-pags_result pags_shell_keep_parts(pags_shell *shell, double share);
+/* Keeps the largest connected part (by area), those with at least `share` of its area, and what else isn't a crumb, lies in the box of this size about
+ * the origin and comes closer to those than `reach` metres: wing mirrors, whose arms are too thin to be seen. NULL: nothing else. */
+pags_result pags_shell_keep_parts(pags_shell *shell, double share, double reach, const double *size);
 
 /* Drops connected parts of less than `area` square metres. */
 pags_result pags_shell_drop_small(pags_shell *shell, double area);

@@ -127,6 +127,46 @@ static void test_repair(void **state) {
   pags_shell_destroy(&s);
 }
 
+static void add_box(pags_shell *to, double side, double x, double z) {
+  const double size[3] = {side, side, side};
+  const float grey[3] = {0};
+  uint32_t first = (uint32_t)to->vertex_count;
+  pags_shell box;
+  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
+  for (int64_t i = 0; i < box.vertex_count; ++i) {
+    const float p[3] = {box.positions[3 * i] + (float)x, box.positions[3 * i + 1], box.positions[3 * i + 2] + (float)z};
+    pags_shell_vertex(to, p, grey, 0);
+  }
+  for (int64_t i = 0; i < box.triangle_count; ++i) {
+    const uint32_t *t = box.triangles + 3 * i;
+    pags_shell_triangle(to, first + t[0], first + t[1], first + t[2]);
+  }
+  pags_shell_destroy(&box);
+}
+
+/* A body, and five smaller parts: which of them are kept with it. */
+static void test_parts(void **state) {
+  (void)state;
+  const double size[3] = {1.6, 1.2, 1.05};
+  for (int annex = 0; annex < 2; ++annex) {
+    pags_shell s = {0};
+    add_box(&s, 1, 0, 0);
+    add_box(&s, 0.2, 0.65, 0);     /* a mirror, 0.05 from it */
+    add_box(&s, 0.2, -0.75, 0);    /* 0.15 from it */
+    add_box(&s, 0.2, 0, 0.65);     /* near, but beyond the box */
+    add_box(&s, 0.02, -0.55, 0);   /* a crumb, near */
+    add_box(&s, 0.5, 0, 3);        /* large, anywhere */
+    assert_int_equal(pags_shell_keep_parts(&s, 0.1, 0.1, annex ? size : NULL), PAGS_OK);
+    assert_int_equal(s.vertex_count, annex ? 24 : 16);
+    assert_near(inspect(&s).volume, 1 + 0.125 + (annex ? 0.008 : 0), 1e-5);
+    double right = 0;
+    for (int64_t i = 0; i < s.vertex_count; ++i)
+      right = fmax(right, (double)s.positions[3 * i]);
+    assert_near(right, annex ? 0.75 : 0.5, 1e-6);
+    pags_shell_destroy(&s);
+  }
+}
+
 static void test_hull(void **state) {
   (void)state;
   pags_shell shell = made_shell(0.1), hull;
@@ -158,7 +198,7 @@ static void test_cage(void **state) {
   static const double sticks_out[3] = {0, 0.0135, 0.043}; /* fewer quads of the cage itself, the higher the level */
   (void)state;
   pags_shell shell = made_shell(0.1), cage;
-  assert_int_equal(pags_shell_keep_parts(&shell, 0.9), PAGS_OK);
+  assert_int_equal(pags_shell_keep_parts(&shell, 0.9, 0, NULL), PAGS_OK);
   for (int level = 0; level <= 2; ++level) {
     assert_int_equal(pags_shell_cage(&shell, level, 3000, &cage), PAGS_OK);
     assert_true(cage.triangle_count <= 3000);
@@ -408,6 +448,31 @@ static void test_proxies_of_a_scene(void **state) {
   pags_tasks_destroy(tasks);
 }
 
+/* A small ball beside the large one, which nothing joins to it, is in the mesh. */
+static void test_what_stands_off_is_kept(void **state) {
+  (void)state;
+  char path[1024];
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_scene scene = made_scene();
+  pags_gaussians *g = &scene.models[1].gaussians;
+  pags_proxy_options options = pags_proxy_options_default();
+  pags_proxy_report report;
+  for (int64_t i = 0; i < g->count; i += 8)
+    for (int k = 0; k < 3; ++k)
+      pags_plane(g, PAGS_MEAN + k)[i] = pags_plane(g, PAGS_MEAN + k)[i] * 0.1f + (k == 0 ? 0.7f : 0);
+  for (int64_t i = 0; i < g->count; ++i)
+    if (i % 8)
+      for (int k = 0; k < 3; ++k)
+        pags_plane(g, PAGS_MEAN + k)[i] *= 0.65f;
+  snprintf(path, 1024, "%s/off.glb", scratch_folder);
+  assert_int_equal(pags_export_proxies(&scene, path, &options, tasks, NULL, NULL, &report), PAGS_OK);
+  assert_true(report.proxies[0].closed);
+  assert_true(report.proxies[0].from_gaussians.max < 0.1);
+  pags_proxy_report_destroy(&report);
+  pags_scene_destroy(&scene);
+  pags_tasks_destroy(tasks);
+}
+
 static void test_same_bytes(void **state) {
   (void)state;
   char path[2][1024];
@@ -452,6 +517,7 @@ int main(void) {
       cmocka_unit_test(test_surface_is_closed_and_where_it_should_be),
       cmocka_unit_test(test_budgets),
       cmocka_unit_test(test_repair),
+      cmocka_unit_test(test_parts),
       cmocka_unit_test(test_hull),
       cmocka_unit_test(test_cage),
       cmocka_unit_test(test_nearest_point),
@@ -459,6 +525,7 @@ int main(void) {
       cmocka_unit_test(test_turns_compose),
       cmocka_unit_test(test_splat_files),
       cmocka_unit_test(test_proxies_of_a_scene),
+      cmocka_unit_test(test_what_stands_off_is_kept),
       cmocka_unit_test(test_same_bytes),
       cmocka_unit_test(test_empty_scene),
   };
