@@ -32,7 +32,12 @@ static const double laser_reach = 0.13;
 static const double seen_free = 1, mirrors = 0.12;
 
 /* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but body between its sides; metres. */
-static const double clearance = 0.25, body = 0.35;
+static const double clearance = 0.20, body = 0.35;
+
+/* Boxes stand on the ground, to so much. What wheels are known from, over the box's lower face, how long they are there, how wide they are, and
+ * how many steps of that a view shows; metres. How far from the vehicle's middle they are at least, as a share of its length. */
+static const double sunk = 0.04, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22, off_middle = 0.15;
+enum { SEEN_DEPTH = 4 };
 
 void pags_form_destroy(pags_form *form) {
   free(form->distance);
@@ -57,16 +62,26 @@ static void point_of(const double size[3], int i, double p[3]) {
     p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
 }
 
-/* The grid's point next to a place; -1 outside. */
-static int64_t nearest_point(const pags_grid *g, const double p[3]) {
-  int64_t at[3];
+/* What is known of a place, between the grid's points; returns how well. */
+static double look_up(const pags_grid *g, const double p[3], double *distance) {
+  int64_t row = g->n[0], layer = row * g->n[1], at = 0;
+  const int64_t stride[3] = {1, row, layer};
+  double part[3], sum = 0, weight = 0;
   for (int k = 0; k < 3; ++k) {
-    double i = floor((p[k] - g->origin[k]) / g->step + 0.5);
-    if (!(i >= 0 && i < g->n[k]))
-      return -1;
-    at[k] = (int64_t)i;
+    double u = (p[k] - g->origin[k]) / g->step, low = fmin(floor(u), g->n[k] - 2);
+    if (!(low >= 0 && u <= g->n[k] - 1))
+      return 0;
+    part[k] = u - low;
+    at += (int64_t)low * stride[k];
   }
-  return (at[2] * g->n[1] + at[1]) * g->n[0] + at[0];
+  for (int c = 0; c < 8; ++c) {
+    int64_t i = at + (c & 1) + (c >> 1 & 1) * row + (c >> 2) * layer;
+    double w = (double)g->weight[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) * (c & 4 ? part[2] : 1 - part[2]);
+    sum += w * (double)g->distance[i];
+    weight += w;
+  }
+  *distance = weight > 0 ? sum / weight : 0;
+  return weight;
 }
 
 pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t object, pags_form *out) {
@@ -74,15 +89,14 @@ pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t 
   for (int i = 0; i < POINTS; ++i) {
     double p[3];
     point_of(size, i, p);
-    int64_t at = nearest_point(grid, p);
+    double distance, weight = look_up(grid, p, &distance);
     p[1] = -p[1];
-    int64_t mirror = nearest_point(grid, p);
-    if (at >= 0 && !(grid->weight[at] > 0))
-      at = mirror;
-    if (at < 0 || !(grid->weight[at] > 0))
+    if (!(weight > 0))
+      weight = look_up(grid, p, &distance);
+    if (!(weight > 0))
       continue;
-    out->distance[i] = grid->distance[at];
-    out->known[i] = (float)fmin(1, (double)grid->weight[at] / sure);
+    out->distance[i] = (float)distance;
+    out->known[i] = (float)fmin(1, weight / sure);
   }
   return PAGS_OK;
 }
@@ -255,6 +269,50 @@ static void fill_across(pags_grid *grid, const double size[3]) {
   }
 }
 
+/* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the row's end. */
+static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
+  for (; x + 1 < g->n[0]; ++x) {
+    double a = (double)g->distance[row + x], b = (double)g->distance[row + x + 1];
+    if ((a < 0) != (b < 0)) {
+      *place = g->origin[0] + (x + a / (a - b)) * g->step;
+      return x + 1;
+    }
+  }
+  return -1;
+}
+
+/* What is solid from `left` to `right` in a row of layer `top` stands on the ground by the circle through there that touches it, and goes on inwards
+ * as far as wheels are wide. */
+static void stand_wheel(pags_grid *g, int y, int top, double ground, double left, double right) {
+  double height = g->origin[2] + top * g->step - ground, half = 0.5 * (right - left), middle = 0.5 * (left + right);
+  double radius = (half * half + height * height) / (2 * height);
+  int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y, inwards = 2 * y < g->n[1] ? g->n[0] : -g->n[0];
+  int rows = (int)fmin(fmax(0, wheel_width / g->step - SEEN_DEPTH), (g->n[1] - 1) / 2);
+  for (int z = 0; z < top; ++z)
+    for (int x = 0; x < g->n[0]; ++x) {
+      double dx = g->origin[0] + x * g->step - middle, dz = g->origin[2] + z * g->step - ground - radius;
+      float round = (float)(sqrt(dx * dx + dz * dz) - radius), *here = g->distance + z * layer + row + x;
+      *here = fminf(*here, fmaxf(round, g->distance[top * layer + row + x]));
+      for (int i = 1; i <= rows; ++i)
+        here[i * inwards] = fminf(here[i * inwards], round);
+    }
+}
+
+/* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where wheels end. */
+static void stand_wheels(pags_grid *g, const double size[3]) {
+  double ground = -0.5 * size[2] - sunk, left, right;
+  int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
+  for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; ++y) {
+    int64_t row = ((int64_t)top * g->n[1] + y) * g->n[0];
+    int x = g->distance[row] < 0 ? next_change(g, row, 0, &left) : 0;
+    while (x >= 0 && (x = next_change(g, row, x, &left)) >= 0 && (x = next_change(g, row, x, &right)) >= 0)
+      if (right - left > shortest_wheel && right - left < longest_wheel && 0.5 * fabs(left + right) > off_middle * size[0])
+        stand_wheel(g, y, top, ground, left, right);
+  }
+  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i)
+    g->distance[i] = fmaxf(g->distance[i], (float)(ground - g->origin[2] - (double)(i / g->n[0] / g->n[1]) * g->step));
+}
+
 static void close_border(pags_grid *grid) {
   for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; ++i) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
@@ -279,6 +337,8 @@ pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicl
     fill_across(grid, size);
   close_border(grid);
   PAGS_TRY(smooth(grid));
+  if (vehicle)
+    stand_wheels(grid, size);
   if (cloud)
     PAGS_TRY(pags_cloud_hold(cloud, grid, laser_reach));
   close_border(grid);

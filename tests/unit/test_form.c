@@ -11,15 +11,19 @@
 
 static const double size[3] = {4, 2, 1.5}, step = 0.1;
 
-static pags_grid empty_grid(void) {
+static pags_grid grid_of(double spacing) {
   pags_grid grid;
   double lo[3], hi[3];
   for (int k = 0; k < 3; ++k) { /* even about the middle, 0.2 m beyond the box */
     hi[k] = 0.5 * size[k] + 0.2;
     lo[k] = -hi[k];
   }
-  assert_int_equal(pags_grid_create(&grid, lo, hi, step, 0), PAGS_OK);
+  assert_int_equal(pags_grid_create(&grid, lo, hi, spacing, 0), PAGS_OK);
   return grid;
+}
+
+static pags_grid empty_grid(void) {
+  return grid_of(step);
 }
 
 static int64_t index_of(const pags_grid *g, double x, double y, double z) {
@@ -184,10 +188,69 @@ static void test_sides_are_within_the_mirrors(void **state) {
   pags_grid_destroy(&grid);
 }
 
+/* Of a vehicle seen free below its body but for what is solid for `length` metres about x, at the left side and down to 0.1 m: the distance so far from
+ * that's middle along x, from the side inwards and over the box's lower face. */
+static double below_wheel_at(double x, double length, int vehicle, double along, double inwards, double height) {
+  const double lo[3] = {x - 0.5 * length, 0.9, -0.65}, hi[3] = {x + 0.5 * length, 0.98, -0.5};
+  const double body_lo[3] = {-1.9, -0.98, -0.5}, body_hi[3] = {1.9, 0.98, 0.6};
+  pags_grid grid = grid_of(0.04);
+  say(&grid, all_lo, all_hi, 0.12f, 20);
+  say(&grid, body_lo, body_hi, -0.12f, 20);
+  say(&grid, lo, hi, -0.12f, 20);
+  assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
+  double distance = (double)grid.distance[index_of(&grid, x + along, 0.98 - inwards, height - 0.75)];
+  pags_grid_destroy(&grid);
+  return distance;
+}
+
+static double below_wheel(double length, int vehicle, double along, double inwards, double height) {
+  return below_wheel_at(-1, length, vehicle, along, inwards, height);
+}
+
+/* The circle through both ends of 0.6 m at 0.16 m that touches 0.04 m below the box: its radius is 0.33 m. */
+static void test_wheels_stand_on_the_ground(void **state) {
+  (void)state;
+  assert_true(below_wheel(0.6, 1, 0, 0.06, 0.02) < 0);
+  assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* round */
+  assert_true(below_wheel(0.6, 1, 0, 0.06, -0.06) > 0);
+  assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0); /* as wide as a wheel, though seen free there */
+  assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
+  assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* no vehicle */
+  assert_true(below_wheel(0.2, 1, 0, 0.06, 0.02) > 0);
+  assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0); /* a skirt */
+  assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0); /* where no wheels are */
+}
+
+/* Nothing of a vehicle is far below its box's lower face, whatever was seen there; of others it is. */
+static void test_vehicles_end_at_the_ground(void **state) {
+  (void)state;
+  for (int vehicle = 0; vehicle < 2; ++vehicle) {
+    pags_grid grid = grid_of(0.04);
+    say(&grid, all_lo, all_hi, -0.12f, 20);
+    assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
+    assert_true((grid.distance[index_of(&grid, 0, 0, -0.83)] > 0) == vehicle);
+    assert_true(grid.distance[index_of(&grid, 0, 0, -0.75)] < 0);
+    pags_grid_destroy(&grid);
+  }
+}
+
+/* Of what nobody saw, a vehicle's body begins 0.2 m over its box's lower face. */
+static void test_air_under_vehicles(void **state) {
+  (void)state;
+  pags_grid grid = grid_of(0.04);
+  assert_int_equal(pags_form_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
+  assert_true(grid.distance[index_of(&grid, 0, 0, 0.24 - 0.75)] < 0);
+  assert_true(grid.distance[index_of(&grid, 0, 0, 0.16 - 0.75)] > 0);
+  pags_grid_destroy(&grid);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_well_seen_count), cmocka_unit_test(test_the_laser_chooses),
                                      cmocka_unit_test(test_the_laser_is_held_to),
                                      cmocka_unit_test(test_vehicles_have_no_pits),
-                                     cmocka_unit_test(test_sides_are_within_the_mirrors)};
+                                     cmocka_unit_test(test_sides_are_within_the_mirrors),
+                                     cmocka_unit_test(test_wheels_stand_on_the_ground),
+                                     cmocka_unit_test(test_vehicles_end_at_the_ground),
+                                     cmocka_unit_test(test_air_under_vehicles)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
