@@ -39,6 +39,8 @@ static const double clearance = 0.20, body = 0.35;
 static const double sunk = 0.04, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22, off_middle = 0.15;
 enum { SEEN_DEPTH = 4 };
 
+static const float meet = 0.02f; /* half a step of the lattice; metres */
+
 void pags_form_destroy(pags_form *form) {
   free(form->distance);
   free(form->known);
@@ -62,26 +64,50 @@ static void point_of(const double size[3], int i, double p[3]) {
     p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
 }
 
-/* What is known of a place, between the grid's points; returns how well. */
-static double look_up(const pags_grid *g, const double p[3], double *distance) {
-  int64_t row = g->n[0], layer = row * g->n[1], at = 0;
-  const int64_t stride[3] = {1, row, layer};
-  double part[3], sum = 0, weight = 0;
+/* Between a lattice's points, of those known; returns how well it is known: not at all where most of what is next to it isn't, or what is seen
+ * to be free would reach a step into what nobody sees. */
+static double between(const int n[3], const float *values, const float *known, const double u[3], double *value) {
+  int64_t stride[3] = {1, n[0], (int64_t)n[0] * n[1]}, at = 0;
+  double part[3], sum = 0, weight = 0, share = 0;
   for (int k = 0; k < 3; ++k) {
-    double u = (p[k] - g->origin[k]) / g->step, low = fmin(floor(u), g->n[k] - 2);
-    if (!(low >= 0 && u <= g->n[k] - 1))
+    double low = fmin(floor(u[k]), n[k] - 2);
+    if (!(low >= 0 && u[k] <= n[k] - 1))
       return 0;
-    part[k] = u - low;
+    part[k] = u[k] - low;
     at += (int64_t)low * stride[k];
   }
   for (int c = 0; c < 8; ++c) {
-    int64_t i = at + (c & 1) + (c >> 1 & 1) * row + (c >> 2) * layer;
-    double w = (double)g->weight[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) * (c & 4 ? part[2] : 1 - part[2]);
-    sum += w * (double)g->distance[i];
-    weight += w;
+    int64_t i = at + (c & 1) + (c >> 1 & 1) * stride[1] + (c >> 2) * stride[2];
+    double w = (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) * (c & 4 ? part[2] : 1 - part[2]);
+    share += known[i] > 0 ? w : 0;
+    sum += w * (double)known[i] * (double)values[i];
+    weight += w * (double)known[i];
   }
-  *distance = weight > 0 ? sum / weight : 0;
-  return weight;
+  *value = weight > 0 ? sum / weight : 0;
+  return share >= 0.5 ? weight : 0;
+}
+
+static double look_up(const pags_grid *g, const double p[3], double *distance) {
+  double u[3];
+  for (int k = 0; k < 3; ++k)
+    u[k] = (p[k] - g->origin[k]) / g->step;
+  return between(g->n, g->distance, g->weight, u, distance);
+}
+
+/* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The free point is as free as can be,
+ * which says nothing of how far the roof is, and would outvote the forms that know better. */
+static void meet_unknown(pags_form *form) {
+  for (int i = NX * NY; i < POINTS; ++i) {
+    int below = i - NX * NY;
+    double p[3];
+    point_of(form->size, below, p);
+    if (!(form->known[i] > 0) || form->known[below] > 0 || !(form->distance[i] > 0) || p[2] < body - 0.5 * form->size[2] || p[2] > 0.5 * form->size[2] ||
+        fabs(p[0]) > 0.5 * form->size[0] || fabs(p[1]) > 0.5 * form->size[1])
+      continue;
+    form->distance[i] = fminf(form->distance[i], meet);
+    form->distance[below] = -meet;
+    form->known[below] = form->known[i];
+  }
 }
 
 pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t object, pags_form *out) {
@@ -98,6 +124,7 @@ pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t 
     out->distance[i] = (float)distance;
     out->known[i] = (float)fmin(1, weight / sure);
   }
+  meet_unknown(out);
   return PAGS_OK;
 }
 
@@ -110,27 +137,12 @@ static double likeness(const double a[3], const double b[3]) {
   return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
-/* Between the lattice's points, of those known; returns how well it is known. */
 static double sample(const pags_form *form, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
-  int at[3];
-  double part[3], sum = 0, weight = 0;
-  for (int k = 0; k < 3; ++k) {
-    double u = (p[k] / (form->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
-    if (!(u >= 0 && u <= n[k] - 1))
-      return 0;
-    at[k] = u < n[k] - 2 ? (int)u : n[k] - 2;
-    part[k] = u - at[k];
-  }
-  for (int c = 0; c < 8; ++c) {
-    int i = ((at[2] + (c >> 2)) * NY + at[1] + (c >> 1 & 1)) * NX + at[0] + (c & 1);
-    double w = (double)form->known[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
-               (c & 4 ? part[2] : 1 - part[2]);
-    sum += w * (double)form->distance[i];
-    weight += w;
-  }
-  *distance = weight > 0 ? sum / weight : 0;
-  return weight;
+  double u[3];
+  for (int k = 0; k < 3; ++k)
+    u[k] = (p[k] / (form->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
+  return between(n, form->distance, form->known, u, distance);
 }
 
 /* How badly the laser's points fit: the mean square of their distances to the surface, where it is known. */

@@ -234,6 +234,32 @@ static void test_vehicles_end_at_the_ground(void **state) {
   }
 }
 
+/* How high the surface in the middle of an unseen vehicle is, whose kind were seen to be free from `free_from` up, and not at all below. */
+static double roof_below(double free_from) {
+  const double lo[3] = {-9, -9, free_from}, hi[3] = {9, 9, 9};
+  pags_grid seen = empty_grid(), grid = grid_of(0.04);
+  pags_form form;
+  say(&seen, lo, hi, 0.4f, 20); /* four steps: as far as can be */
+  assert_int_equal(pags_form_take(&seen, size, 1, &form), PAGS_OK);
+  assert_int_equal(pags_form_complete(&grid, size, 1, &form, NULL), PAGS_OK);
+  int64_t layer = (int64_t)grid.n[0] * grid.n[1], at = index_of(&grid, 0, 0, 0);
+  double height = grid.origin[2] + (double)(at / layer) * 0.04;
+  for (; grid.distance[at + layer] < 0; at += layer)
+    height += 0.04;
+  double below = (double)grid.distance[at], above = (double)grid.distance[at + layer];
+  pags_form_destroy(&form);
+  pags_grid_destroy(&seen);
+  pags_grid_destroy(&grid);
+  return height + 0.04 * below / (below - above);
+}
+
+/* Between the lowest point that is known and the highest that isn't, to half a step of the lattice of forms, 0.0175 m, and what smoothing takes. */
+static void test_roofs_are_half_way(void **state) {
+  (void)state;
+  for (int i = 0; i < 5; ++i)
+    assert_true(fabs(roof_below(0.25 + 0.1 * i) - (0.2 + 0.1 * i)) < 0.022);
+}
+
 /* Of what nobody saw, a vehicle's body begins 0.2 m over its box's lower face. */
 static void test_air_under_vehicles(void **state) {
   (void)state;
@@ -251,6 +277,6 @@ int main(void) {
                                      cmocka_unit_test(test_sides_are_within_the_mirrors),
                                      cmocka_unit_test(test_wheels_stand_on_the_ground),
                                      cmocka_unit_test(test_vehicles_end_at_the_ground),
-                                     cmocka_unit_test(test_air_under_vehicles)};
+                                     cmocka_unit_test(test_roofs_are_half_way), cmocka_unit_test(test_air_under_vehicles)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
