@@ -247,7 +247,7 @@ static pags_result shape(const char *path) {
     note(hull.positions, 12 * (size_t)hull.vertex_count);
     pags_shell_destroy(&hull);
   }
-  if (result == PAGS_OK && (result = pags_shell_keep_parts(&shell, 0.9, 0, NULL)) == PAGS_OK &&
+  if (result == PAGS_OK && (result = pags_shell_keep_parts(&shell, 0.9, 0.1, hi)) == PAGS_OK &&
       (result = pags_shell_cage(&shell, 1, 200, &cage)) == PAGS_OK) {
     note(cage.positions, 12 * (size_t)cage.vertex_count);
     pags_shell_destroy(&cage);
