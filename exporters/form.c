@@ -24,6 +24,7 @@ static const double form_weight = 16, seen_well = 12;
  * they are off by noise and by cars of a kind being different, and no more than `most_points` tell anything new. A form that fits badly keeps
  * `least_weight`, for what no better one knows. */
 static const double far_off = 0.14, tells = 0.08, most_points = 60, least_weight = 0.03;
+enum { ROUNDS = 3 }; /* of choosing by whom those that know less are measured */
 
 /* Points farther from the completed surface are of something else, or of what was seen to be different; metres. */
 static const double laser_reach = 0.13;
@@ -145,32 +146,53 @@ static double sample(const pags_form *form, const double p[3], double *distance)
   return between(n, form->distance, form->known, u, distance);
 }
 
-/* How badly the laser's points fit: the mean square of their distances to the surface, where it is known. */
-static double misfit(const pags_form *form, const double size[3], const pags_cloud *cloud) {
-  double sum = 0, weight = 0;
-  for (int64_t i = 0; i < cloud->count; ++i) {
-    double p[3], d;
-    for (int k = 0; k < 3; ++k)
-      p[k] = (double)cloud->points[3 * i + k] * form->size[k] / size[k];
-    double known = sample(form, p, &d);
-    sum += known * fmin(d * d, far_off * far_off);
-    weight += known;
-  }
-  return weight > 0 ? sum / weight : far_off * far_off;
+/* How far a point of the laser is off a form's surface, squared; returns how well the form knows. */
+static double point_misfit(const pags_form *form, const double size[3], const float *point, double *square) {
+  double p[3], d = 0;
+  for (int k = 0; k < 3; ++k)
+    p[k] = (double)point[k] * form->size[k] / size[k];
+  double known = sample(form, p, &d);
+  *square = fmin(d * d, far_off * far_off);
+  return known;
 }
 
-/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates. */
-static void weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
-                           float *weights) {
-  double points = fmin((double)cloud->count, most_points), least = HUGE_VAL;
+/* Adds to each form's misfit that of a point. For points that it knows nothing of, a form answers as the others do that count (`trust`), or those that
+ * were hardly seen would win. */
+static void add_misfits(const pags_form *forms, int64_t count, const double size[3], const float *trust, const float *point, float *misfits) {
+  double sum = 0, weight = 0, square;
   for (int64_t f = 0; f < count; ++f)
-    if (like[f] > 0) {
-      weights[f] = (float)misfit(&forms[f], size, cloud);
-      least = fmin(least, (double)weights[f]);
+    if (trust[f] > 0) {
+      double known = (double)trust[f] * point_misfit(&forms[f], size, point, &square);
+      sum += known * square;
+      weight += known;
     }
+  double mean = weight > 0 ? sum / weight : far_off * far_off;
   for (int64_t f = 0; f < count; ++f)
-    if (like[f] > 0)
-      weights[f] = like[f] * (float)(least_weight + exp(-0.5 * points * ((double)weights[f] - least) / (tells * tells)));
+    if (trust[f] > 0) {
+      double known = point_misfit(&forms[f], size, point, &square);
+      misfits[f] += (float)(mean + known * (square - mean));
+    }
+}
+
+/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates. Who counts follows from
+ * who fits: first all do that are alike, then by what came of that. `misfits` is room for `count`. */
+static void weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
+                           float *weights, float *misfits) {
+  double points = fmin((double)cloud->count, most_points);
+  memcpy(weights, like, (size_t)count * sizeof *weights);
+  for (int round = 0; round < ROUNDS; ++round) {
+    double least = HUGE_VAL;
+    memset(misfits, 0, (size_t)count * sizeof *misfits);
+    for (int64_t i = 0; i < cloud->count; ++i)
+      add_misfits(forms, count, size, weights, cloud->points + 3 * i, misfits);
+    for (int64_t f = 0; f < count; ++f)
+      if (like[f] > 0)
+        least = fmin(least, (double)misfits[f]);
+    for (int64_t f = 0; f < count; ++f) {
+      double worse = ((double)misfits[f] - least) / (double)cloud->count;
+      weights[f] = like[f] > 0 ? like[f] * (float)(least_weight + exp(-0.5 * points * worse / (tells * tells))) : 0;
+    }
+  }
 }
 
 /* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits. */
@@ -190,21 +212,20 @@ static void add_forms(const pags_form *forms, int64_t count, const float *like, 
 
 pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, const pags_cloud *cloud,
                             pags_form *out) {
-  float total = 0, *like = calloc(2 * (size_t)count + 1, sizeof *like);
+  float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
   *out = (pags_form){0};
   if (!like)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
   float *weights = like + count;
   for (int64_t f = 0; f < count; ++f) {
     like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
-    weights[f] = like[f];
     total += like[f];
   }
   if (cloud && cloud->count)
-    weigh_by_cloud(forms, count, size, like, cloud, weights);
+    weigh_by_cloud(forms, count, size, like, cloud, weights, weights + count);
   pags_result result = total > 0 ? make_room(size, object, out) : PAGS_OK;
   if (total > 0 && result == PAGS_OK)
-    add_forms(forms, count, like, weights, out);
+    add_forms(forms, count, like, cloud && cloud->count ? weights : like, out);
   free(like);
   return result;
 }
