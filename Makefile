@@ -1,7 +1,7 @@
 # A thin front for CMake's presets.
 #   make         configure and build (build/pags)
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
-#   make demo    set up, build, and record, train and render a street of our own making
+#   make demo    set up, build, and record, train, render and export a street of our own making
 #   make check   set up, build, run all tests
 #   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/fuzzing.md)
 #   make fuzz-long  the same at length: 5 minutes, and 30

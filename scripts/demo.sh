@@ -1,6 +1,6 @@
 #!/bin/sh
 # The main job from end to end, with no download: records a drive along a ray-traced street, trains on it, renders the drive and the
-# same drive from the lane to the right, and compares with pictures that training never saw. OUT=FOLDER chooses where results go,
+# same drive from the lane to the right, compares with pictures that training never saw, and exports proxies for other tools. OUT=FOLDER chooses where results go,
 # ITERATIONS=N how long to train.
 set -eu
 cd "$(dirname "$0")/.."
@@ -23,14 +23,15 @@ step $pags render "$out/scene" --path ego -o "$out/drive"
 step $pags render "$out/scene" --path ego --shift 2 -o "$out/drive_right"
 step $pags eval "$out/scene" --shift --images "$out/compared" --split test --json "$out/eval.json"
 step $pags info "$out/scene"
+step $pags export "$out/scene" "$out/proxies.glb" --json "$out/export.json"
 
 printf '\nResults of the demo:\n'
 printf '  %-24s %s\n' "recording and truth" "$out/data" "trained scene" "$out/scene" "the drive" "$out/drive" \
   "two metres to the right" "$out/drive_right" "held-out views, truth" "$out/compared" "training's figures" "$out/train.json" \
-  "quality, held-out views" "$out/eval.json"
+  "quality, held-out views" "$out/eval.json" "proxies, glTF" "$out/proxies.glb" "their errors" "$out/export.json"
 python3 - "$out" <<'END'
 import json, sys
-train, scores = (json.load(open(f"{sys.argv[1]}/{name}.json")) for name in ("train", "eval"))
+train, scores, export = (json.load(open(f"{sys.argv[1]}/{name}.json")) for name in ("train", "eval", "export"))
 test = scores["test"]
 print(f"  {train['gaussians']} Gaussians after {train['iterations']} steps in {train['seconds']:.0f} s, "
       f"{train['iterations_per_second']:.0f} steps a second at the end")
@@ -38,4 +39,9 @@ print(f"  held-out views: PSNR {test['psnr']:.2f} dB, SSIM {test['ssim']:.4f}; w
       f"what moves {test['psnr_moving']:.2f} dB")
 for shift in scores["shift"]:
     print(f"  camera moved, {shift['name']}: PSNR {shift['psnr']:.2f} dB, SSIM {shift['ssim']:.4f}")
+critical = [proxy for proxy in export["proxies"] if proxy["critical"]]
+off = sorted(proxy["error"]["proxy_to_gaussians"]["mean"] for proxy in critical if "proxy_to_gaussians" in proxy["error"])
+print(f"  proxies of {len(critical)} cars, pedestrians and cyclists, {sum(proxy['watertight'] for proxy in critical)} of them closed, "
+      f"and {len(export['proxies']) - len(critical)} of what stands still in {export['seconds']:.0f} s; "
+      f"{off[len(off) // 2]:.3f} m off the Gaussians' surface (median of {len(off)})")
 END
