@@ -35,9 +35,9 @@ static const double seen_free = 1, mirrors = 0.12;
 /* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but body between its sides; metres. */
 static const double clearance = 0.20, body = 0.35;
 
-/* Boxes stand on the ground, to so much. What wheels are known from, over the box's lower face, how long they are there, how wide they are, and
- * how many steps of that a view shows; metres. How far from the vehicle's middle they are at least, as a share of its length. */
-static const double sunk = 0.04, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22, off_middle = 0.15;
+/* Boxes stand on the ground, and tyres are flat by so much there. What wheels are known from, over the box's lower face, how long they are there, how
+ * wide they are, and how many steps of that a view shows; metres. How far from the vehicle's middle they are at least, as a share of its length. */
+static const double flat = 0.02, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22, off_middle = 0.15;
 enum { SEEN_DEPTH = 4 };
 
 static const float meet = 0.02f; /* half a step of the lattice; metres */
@@ -314,16 +314,16 @@ static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
   return -1;
 }
 
-/* What is solid from `left` to `right` in a row of layer `top` stands on the ground by the circle through there that touches it, and goes on inwards
- * as far as wheels are wide. */
-static void stand_wheel(pags_grid *g, int y, int top, double ground, double left, double right) {
-  double height = g->origin[2] + top * g->step - ground, half = 0.5 * (right - left), middle = 0.5 * (left + right);
+/* What is solid from `left` to `right` in a row of layer `top` goes on down to `lowest` by the circle through there, and inwards as far as wheels are
+ * wide. */
+static void stand_wheel(pags_grid *g, int y, int top, double lowest, double left, double right) {
+  double height = g->origin[2] + top * g->step - lowest, half = 0.5 * (right - left), middle = 0.5 * (left + right);
   double radius = (half * half + height * height) / (2 * height);
   int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y, inwards = 2 * y < g->n[1] ? g->n[0] : -g->n[0];
   int rows = (int)fmin(fmax(0, wheel_width / g->step - SEEN_DEPTH), (g->n[1] - 1) / 2);
   for (int z = 0; z < top; ++z)
     for (int x = 0; x < g->n[0]; ++x) {
-      double dx = g->origin[0] + x * g->step - middle, dz = g->origin[2] + z * g->step - ground - radius;
+      double dx = g->origin[0] + x * g->step - middle, dz = g->origin[2] + z * g->step - lowest - radius;
       float round = (float)(sqrt(dx * dx + dz * dz) - radius), *here = g->distance + z * layer + row + x;
       *here = fminf(*here, fmaxf(round, g->distance[top * layer + row + x]));
       for (int i = 1; i <= rows; ++i)
@@ -333,14 +333,14 @@ static void stand_wheel(pags_grid *g, int y, int top, double ground, double left
 
 /* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where wheels end. */
 static void stand_wheels(pags_grid *g, const double size[3]) {
-  double ground = -0.5 * size[2] - sunk, left, right;
+  double ground = -0.5 * size[2], left, right;
   int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
   for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; ++y) {
     int64_t row = ((int64_t)top * g->n[1] + y) * g->n[0];
     int x = g->distance[row] < 0 ? next_change(g, row, 0, &left) : 0;
     while (x >= 0 && (x = next_change(g, row, x, &left)) >= 0 && (x = next_change(g, row, x, &right)) >= 0)
       if (right - left > shortest_wheel && right - left < longest_wheel && 0.5 * fabs(left + right) > off_middle * size[0])
-        stand_wheel(g, y, top, ground, left, right);
+        stand_wheel(g, y, top, ground - flat, left, right);
   }
   for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i)
     g->distance[i] = fmaxf(g->distance[i], (float)(ground - g->origin[2] - (double)(i / g->n[0] / g->n[1]) * g->step));

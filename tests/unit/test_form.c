@@ -239,12 +239,12 @@ static double below_wheel(double length, int vehicle, double along, double inwar
   return below_wheel_at(-1, length, vehicle, along, inwards, height);
 }
 
-/* The circle through both ends of 0.6 m at 0.16 m that touches 0.04 m below the box: its radius is 0.33 m. */
+/* The circle through both ends of 0.64 m at 0.16 m that would end 0.02 m below the box: its radius is 0.37 m. */
 static void test_wheels_stand_on_the_ground(void **state) {
   (void)state;
   assert_true(below_wheel(0.6, 1, 0, 0.06, 0.02) < 0);
   assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* round */
-  assert_true(below_wheel(0.6, 1, 0, 0.06, -0.06) > 0);
+  assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) < 0.01); /* -0.006 if the circle ended at the box, -0.05 if 0.06 m lower */
   assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0); /* as wide as a wheel, though seen free there */
   assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
   assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* no vehicle */
@@ -253,15 +253,16 @@ static void test_wheels_stand_on_the_ground(void **state) {
   assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0); /* where no wheels are */
 }
 
-/* Nothing of a vehicle is far below its box's lower face, whatever was seen there; of others it is. */
+/* Nothing of a vehicle is below its box's lower face, whatever was seen there; of others it is. */
 static void test_vehicles_end_at_the_ground(void **state) {
   (void)state;
   for (int vehicle = 0; vehicle < 2; ++vehicle) {
     pags_grid grid = grid_of(0.04);
     say(&grid, all_lo, all_hi, -0.12f, 20);
     assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
-    assert_true((grid.distance[index_of(&grid, 0, 0, -0.83)] > 0) == vehicle);
-    assert_true(grid.distance[index_of(&grid, 0, 0, -0.75)] < 0);
+    int64_t below = index_of(&grid, 0, 0, -0.78);
+    double z = grid.origin[2] + (double)(below / grid.n[0] / grid.n[1]) * grid.step, expected = vehicle ? -0.75 - z : -0.12;
+    assert_true(fabs((double)grid.distance[below] - expected) < 1e-6);
     pags_grid_destroy(&grid);
   }
 }
