@@ -146,45 +146,53 @@ static double sample(const pags_form *form, const double p[3], double *distance)
   return between(n, form->distance, form->known, u, distance);
 }
 
-/* How far a point of the laser is off a form's surface, squared; returns how well the form knows. */
-static double point_misfit(const pags_form *form, const double size[3], const float *point, double *square) {
+/* How a point of the laser lies to a form: how well the form knows, and how far off its surface that is, squared. */
+typedef struct fit {
+  double known, square;
+} fit;
+
+static fit fit_point(const pags_form *form, const double size[3], const float *point) {
   double p[3], d = 0;
   for (int k = 0; k < 3; ++k)
     p[k] = (double)point[k] * form->size[k] / size[k];
   double known = sample(form, p, &d);
-  *square = fmin(d * d, far_off * far_off);
-  return known;
+  return (fit){known, fmin(d * d, far_off * far_off)};
 }
 
 /* Adds to each form's misfit that of a point. For points that it knows nothing of, a form answers as the others do that count (`trust`), or those that
  * were hardly seen would win. */
-static void add_misfits(const pags_form *forms, int64_t count, const double size[3], const float *trust, const float *point, float *misfits) {
-  double sum = 0, weight = 0, square;
+static void add_misfits(const fit *fits, int64_t count, const float *trust, float *misfits) {
+  double sum = 0, weight = 0;
   for (int64_t f = 0; f < count; ++f)
     if (trust[f] > 0) {
-      double known = (double)trust[f] * point_misfit(&forms[f], size, point, &square);
-      sum += known * square;
+      double known = (double)trust[f] * fits[f].known;
+      sum += known * fits[f].square;
       weight += known;
     }
   double mean = weight > 0 ? sum / weight : far_off * far_off;
   for (int64_t f = 0; f < count; ++f)
-    if (trust[f] > 0) {
-      double known = point_misfit(&forms[f], size, point, &square);
-      misfits[f] += (float)(mean + known * (square - mean));
-    }
+    if (trust[f] > 0)
+      misfits[f] += (float)(mean + fits[f].known * (fits[f].square - mean));
 }
 
 /* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates. Who counts follows from
- * who fits: first all do that are alike, then by what came of that. `misfits` is room for `count`. */
-static void weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
-                           float *weights, float *misfits) {
+ * who fits: first all do that are alike, then by what came of that. `weights` has room for twice `count`. */
+static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
+                                  float *weights) {
   double points = fmin((double)cloud->count, most_points);
+  float *misfits = weights + count;
+  fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
+  if (!fits)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points of the laser", (long long)cloud->count);
+  for (int64_t i = 0; i < cloud->count * count; ++i)
+    if (like[i % count] > 0)
+      fits[i] = fit_point(&forms[i % count], size, cloud->points + 3 * (i / count));
   memcpy(weights, like, (size_t)count * sizeof *weights);
   for (int round = 0; round < ROUNDS; ++round) {
     double least = HUGE_VAL;
     memset(misfits, 0, (size_t)count * sizeof *misfits);
     for (int64_t i = 0; i < cloud->count; ++i)
-      add_misfits(forms, count, size, weights, cloud->points + 3 * i, misfits);
+      add_misfits(fits + i * count, count, weights, misfits);
     for (int64_t f = 0; f < count; ++f)
       if (like[f] > 0)
         least = fmin(least, (double)misfits[f]);
@@ -193,6 +201,8 @@ static void weigh_by_cloud(const pags_form *forms, int64_t count, const double s
       weights[f] = like[f] > 0 ? like[f] * (float)(least_weight + exp(-0.5 * points * worse / (tells * tells))) : 0;
     }
   }
+  free(fits);
+  return PAGS_OK;
 }
 
 /* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits. */
@@ -216,16 +226,18 @@ pags_result pags_form_blend(const pags_form *forms, int64_t count, const double 
   *out = (pags_form){0};
   if (!like)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
-  float *weights = like + count;
   for (int64_t f = 0; f < count; ++f) {
     like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
     total += like[f];
   }
-  if (cloud && cloud->count)
-    weigh_by_cloud(forms, count, size, like, cloud, weights, weights + count);
-  pags_result result = total > 0 ? make_room(size, object, out) : PAGS_OK;
+  float *weights = like;
+  pags_result result = PAGS_OK;
+  if (total > 0 && cloud && cloud->count)
+    result = weigh_by_cloud(forms, count, size, like, cloud, weights = like + count);
   if (total > 0 && result == PAGS_OK)
-    add_forms(forms, count, like, cloud && cloud->count ? weights : like, out);
+    result = make_room(size, object, out);
+  if (total > 0 && result == PAGS_OK)
+    add_forms(forms, count, like, weights, out);
   free(like);
   return result;
 }

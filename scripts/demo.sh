@@ -1,7 +1,7 @@
 #!/bin/sh
 # The main job from end to end, with no download: records a drive along a ray-traced street, trains on it, renders the drive and the
-# same drive from the lane to the right, compares with pictures that training never saw, and exports proxies for other tools. OUT=FOLDER chooses where results go,
-# ITERATIONS=N how long to train.
+# same drive from the lane to the right, compares with pictures that training never saw, and exports proxies for other tools.
+# OUT=FOLDER chooses where results go, ITERATIONS=N how long to train.
 set -eu
 cd "$(dirname "$0")/.."
 
