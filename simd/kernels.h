@@ -107,6 +107,8 @@ typedef struct pags_raster_in {
   const pags_splat *splats;
   const pags_entry *entries; /* front to back */
   int64_t count;
+  const pags_entry *ahead; /* ahead_count entries that will be drawn next: their splats are fetched meanwhile; changes no result */
+  int64_t ahead_count;
   int x0, y0;          /* of the tile, px */
   int width, height;   /* of the picture: pixels outside count as stopped */
   int exp_degree;      /* 3 or 5 */

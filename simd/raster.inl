@@ -99,18 +99,46 @@ static inline vm block_inside(vf px, vf py, int width, int height) {
   return m_and(v_lt(px, v_set((float)width)), v_lt(py, v_set((float)height)));
 }
 
-/* Masks of the blocks of the tile at (x0, y0) that each splat of the chunk can change. */
-static inline void chunk_masks(const pags_splat *chunk, int count, int x0, int y0, unsigned active, uint16_t *masks) {
+typedef struct block_corners { /* centres of the blocks' top left pixels */
+  vf x, y;
+} block_corners;
+
+static inline block_corners corners_of(int x0, int y0) {
   static const float lane_x[V_LANES] = {0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12};
   static const float lane_y[V_LANES] = {0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12};
-  const vf left = v_add(v_load(lane_x), v_set((float)x0 + 0.5f)), top = v_add(v_load(lane_y), v_set((float)y0 + 0.5f));
-  const vf side = v_set(3.0f);
+  return (block_corners){v_add(v_load(lane_x), v_set((float)x0 + 0.5f)), v_add(v_load(lane_y), v_set((float)y0 + 0.5f))};
+}
+
+/* The blocks of the tile that a splat can change. */
+V_INLINE uint16_t block_mask(const pags_splat *s, const block_corners *corners, unsigned active) {
+  const vf side = v_set(3.0f), x = v_sub(corners->x, v_set(s->x)), y = v_sub(corners->y, v_set(s->y));
+  const vf q = quadratic_min(quadratic_of(s), x, v_add(x, side), y, v_add(y, side));
+  return (uint16_t)(m_bits(v_ge(v_set(cut_off(s)), q)) & active);
+}
+
+/* Copies splats and finds the masks of their blocks, in one loop, so that masks are worked out while splats come from memory. Masks are
+ * padded with zeros to whole vectors. */
+V_INLINE void load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
+                         unsigned active, pags_splat *chunk, uint16_t *masks) {
   for (int i = 0; i < count; i++) {
-    const pags_splat *const s = chunk + i;
-    const vf x = v_sub(left, v_set(s->x)), y = v_sub(top, v_set(s->y));
-    const vf q = quadratic_min(quadratic_of(s), x, v_add(x, side), y, v_add(y, side));
-    masks[i] = (uint16_t)(m_bits(v_ge(v_set(cut_off(s)), q)) & active);
+    const pags_splat *const s = splats + entries[i].splat;
+    if (i + 24 < count)
+      __builtin_prefetch(splats + entries[i + 24].splat);
+    chunk[i] = *s;
+    masks[i] = block_mask(s, corners, active);
   }
+  memset(masks + count, 0, (size_t)((V_LANES - count % V_LANES) % V_LANES) * sizeof *masks);
+}
+
+/* While a chunk's blocks are blended the splats of the next chunk, or of the next tile's first, are fetched into the second-level cache, a
+ * sixteenth beside each block: they lie anywhere, and there are too few in flight while they are copied. */
+V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next, int block) {
+  enum { PART = RASTER_CHUNK / PAGS_TILE_BLOCKS };
+  const bool more = next < in->count;
+  const pags_entry *const entries = more ? in->entries + next : in->ahead;
+  const int64_t count = more ? in->count - next : in->ahead_count;
+  for (int i = PART * block; i < PART * (block + 1) && i < count; i++)
+    __builtin_prefetch(in->splats + entries[i].splat, 0, 2);
 }
 
 V_INLINE bool raster_stopped(const raster_state *state, raster_how how) {
@@ -229,22 +257,17 @@ V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, co
 V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
   raster_state state[PAGS_TILE_BLOCKS];
   unsigned active = raster_begin(state, in, out, how);
+  const block_corners corners = corners_of(in->x0, in->y0);
   pags_splat chunk[RASTER_CHUNK];
   uint16_t masks[RASTER_CHUNK];
   int64_t start = 0;
   for (; start < in->count && active; start += RASTER_CHUNK) {
     const int count = in->count - start < RASTER_CHUNK ? (int)(in->count - start) : RASTER_CHUNK;
-    const pags_entry *const entries = in->entries + start;
-    for (int i = 0; i < count; i++) {
-      if (i + 12 < count)
-        __builtin_prefetch(in->splats + entries[i + 12].splat);
-      chunk[i] = in->splats[entries[i].splat];
-    }
-    chunk_masks(chunk, count, in->x0, in->y0, active, masks);
-    memset(masks + count, 0, (size_t)((V_LANES - count % V_LANES) % V_LANES) * sizeof *masks);
+    load_chunk(in->splats, in->entries + start, count, &corners, active, chunk, masks);
     for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
       if (!(active >> b & 1u))
         continue;
+      fetch_ahead(in, start + RASTER_CHUNK, b);
       const int stopped_at =
           raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), how, in->pairs);
       if (stopped_at < count || raster_stopped(state + b, how)) {
@@ -306,14 +329,13 @@ static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
 #define RASTER_COVERS (-1.0f) /* log2 of the alpha at which an occluder writes its depth */
 
 static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride, float farthest[PAGS_TILE_BLOCKS]) {
+  const block_corners corners = corners_of(in->x0, in->y0);
   vf nearest[PAGS_TILE_BLOCKS];
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
     nearest[b] = v_set(INFINITY);
   for (int64_t i = 0; i < in->count; i++) {
     const pags_splat *const s = in->splats + in->entries[i].splat;
-    uint16_t masks[1];
-    chunk_masks(s, 1, in->x0, in->y0, 0xFFFFu, masks);
-    for (unsigned left = masks[0]; left; left &= left - 1) {
+    for (unsigned left = block_mask(s, &corners, 0xFFFFu); left; left &= left - 1) {
       const int b = __builtin_ctz(left);
       vf u, v;
       const vm covers = v_ge(raster_exponent(s, block_x(b, in->x0), block_y(b, in->y0), &u, &v), v_set(RASTER_COVERS));

@@ -99,8 +99,13 @@ V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute
   backward_tile tile;
   backward_load(&tile, in, depth);
   for (int64_t i = 0; i < in->count; i++) {
-    if (i + 4 < in->count)
-      __builtin_prefetch(in->splats + in->entries[i + 4].splat);
+    if (i + 8 < in->count) /* where the slot is, then the slot itself: they lie anywhere */
+      __builtin_prefetch(in->slot_start + in->entries[i + 8].splat);
+    if (i + 4 < in->count) {
+      const pags_entry soon = in->entries[i + 4];
+      __builtin_prefetch(in->splats + soon.splat);
+      __builtin_prefetch(in->slots + (in->slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
+    }
     const pags_splat *const s = in->splats + in->entries[i].splat;
     float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SLOT_FLOATS;
     unsigned blocks = in->block_masks[i];

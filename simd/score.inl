@@ -70,6 +70,7 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
 }
 
 V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
+  const block_corners corners = corners_of(in->x0, in->y0);
   score_tile tile;
   score_load(&tile, in, loss);
   for (int64_t i = 0; i < in->count; i++) {
@@ -79,7 +80,7 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
     float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SCORE_SUMS;
     uint16_t blocks = in->block_masks[i];
     if (overlap) /* what lies behind counts, too */
-      chunk_masks(s, 1, in->x0, in->y0, 0xFFFFu, &blocks);
+      blocks = block_mask(s, &corners, 0xFFFFu);
     vf sum[3] = {v_zero(), v_zero(), v_zero()};
     for (unsigned left = blocks; left; left &= left - 1)
       score_step(&tile, s, __builtin_ctz(left), overlap, loss, sum);

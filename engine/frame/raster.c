@@ -1,6 +1,8 @@
 /* Runs the blending kernel over the tiles. */
 #include "stages.h"
 
+enum { TILES_AT_A_TIME = 4 };
+
 typedef struct raster_context {
   pags_frame *frame;
   int64_t (*counts)[8]; /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
@@ -27,13 +29,16 @@ static bool tile_rests(const pags_frame *f, int64_t tile) {
   return f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
 }
 
-static void raster_tile(const raster_context *c, int64_t tile, int worker) {
+/* `goes_on`: the same worker draws the next tile after this one. */
+static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int worker) {
   const pags_frame *const f = c->frame;
   const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
   const int64_t start = f->tile_start[tile];
   const pags_raster_in in = {.splats = f->splats,
                              .entries = f->entries + start,
                              .count = f->tile_start[tile + 1] - start,
+                             .ahead = f->entries + f->tile_start[tile + 1],
+                             .ahead_count = goes_on ? f->tile_start[tile + 2] - f->tile_start[tile + 1] : 0,
                              .x0 = x0,
                              .y0 = y0,
                              .width = f->camera.width,
@@ -66,7 +71,7 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
   const raster_context *const c = context;
   for (int64_t tile = begin; tile < end; tile++)
     if (!tile_rests(c->frame, tile))
-      raster_tile(c, tile, worker);
+      raster_tile(c, tile, tile + 1 < end, worker);
 }
 
 pags_result pags_stage_raster(pags_frame *frame) {
@@ -77,7 +82,7 @@ pags_result pags_stage_raster(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
   for (int w = 0; w < workers; w++)
     c.counts[w][0] = c.counts[w][1] = c.counts[w][2] = 0;
-  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, raster_tiles, &c));
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, raster_tiles, &c));
   for (int w = 0; w < workers; w++) {
     frame->stats.pairs_evaluated += c.counts[w][0];
     frame->stats.pairs_blended += c.counts[w][1];
