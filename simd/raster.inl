@@ -44,9 +44,9 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_
   if (how.hard)
     cover.contributes = m_and(cover.contributes, v_le(v_set(s->z), state->hard));
   const vf next = v_fnma(state->t, cover.alpha, state->t);
-  vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
-  if (how.bounded) /* whatever remains weighs no more than eps: stop */
-    blends = m_and(blends, v_gt(state->t, v_set(how.eps)));
+  if (how.bounded) /* whatever remains weighs no more than eps: stop. Told while `next` is under way */
+    cover.contributes = m_and(cover.contributes, v_gt(state->t, v_set(how.eps)));
+  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
   const vf w = v_maskz(blends, v_mul(cover.alpha, state->t));
   state->r = v_fma(w, v_set(s->r), state->r);
   state->g = v_fma(w, v_set(s->g), state->g);
