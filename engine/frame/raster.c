@@ -1,7 +1,7 @@
 /* Runs the blending kernel over the tiles. */
 #include "stages.h"
 
-enum { TILES_AT_A_TIME = 4 };
+enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leave some workers without any at the end */
 
 typedef struct raster_context {
   pags_frame *frame;
