@@ -35,6 +35,7 @@ const pags_kernels pags_kernels_scalar = {
     .raster_depth = raster_depth,
     .raster_backward = raster_backward,
     .raster_score = raster_score,
+    .sky_find = sky_find,
     .sky_blend = sky_blend,
     .sky_cells = sky_cells,
     .project_backward = project_backward,

@@ -114,7 +114,7 @@ typedef struct pags_raster_in {
   int exp_degree;      /* 3 or 5 */
   uint16_t *block_masks; /* count entries: blocks of the tile that each pair may still change; written; may be NULL */
   int64_t *pairs; /* [2], lanes evaluated and lanes blended, added to; NULL: not counted */
-  int64_t *looked_at; /* entries before the tile was full, in steps of some hundred, added to; may be NULL */
+  int64_t *looked_at; /* entries before the tile was full, in steps of some ten, added to; may be NULL */
   bool resume;         /* go on from what the planes hold, not from nothing */
   bool unfinished;     /* more may follow: don't finish the tile unless all of its pixels have stopped */
   float eps;           /* > 0: a pixel also stops as soon as its transmittance is <= eps */
@@ -163,6 +163,12 @@ typedef struct pags_sky_rays {
   float cx, cy; /* px */
   int32_t size; /* of the cube map, texels a side, >= 1 */
 } pags_sky_rays;
+
+/* Where a tile's pixels, row after row, meet the cube map: the top left texel of four and how far they are from it, 0..1. */
+typedef struct pags_sky_tile {
+  int32_t texel[PAGS_TILE_PIXELS];
+  float along[PAGS_TILE_PIXELS], down[PAGS_TILE_PIXELS];
+} pags_sky_tile;
 
 /* dL/d(raw parameters) of up to 16 neighbouring rows and what densification asks for. */
 typedef struct pags_row_gradient {
@@ -234,8 +240,10 @@ typedef struct pags_kernels {
   void (*raster_backward)(const pags_raster_back *in);
   void (*raster_score)(const pags_raster_score *in);
 
-  /* rgb += transmittance * sky over a whole tile with its top left pixel at (x0, y0), to which the planes point; sky.inl. */
-  void (*sky_blend)(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,
+  /* Fills `tile` for the tile with its top left pixel at (x0, y0) and has the texels fetched, which takes a while. */
+  void (*sky_find)(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile);
+  /* rgb += transmittance * sky over a whole tile, to whose top left pixel the planes point; sky.inl. */
+  void (*sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                     const float *transmittance, float *const rgb[3]);
   /* What sky_blend takes for the tile's rows y0, y0 + step, ... (1 + 15 / step of them): of each pixel, row after row, the top left texel of
    * four (the others: + 1, + size, + size + 1; at size 1 it stands for all) and the four weights, weight[k] that of the k-th. */

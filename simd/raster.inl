@@ -1,13 +1,15 @@
 /* Front-to-back blending of a tile (Kerbl et al. 2023), organised for vectors.
  *
  * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it can change
- * are found at once (bin.inl's exact test, one lane a block); then block after block runs down its own splats with
- * transmittance and colour in registers. A stopped pixel carries its transmittance with the sign set, so that no separate
- * mask is kept: what would be blended next turns out below the stop threshold by itself. */
+ * are found at once (bin.inl's exact test, one lane a block) and written down as pairs of splat and block, which one loop then blends.
+ * Neighbouring pairs are mostly of different blocks, so that several blocks' chains of transmittance are under way at once. A stopped
+ * pixel carries its transmittance with the sign set, so that no separate mask is kept: what would be blended next turns out below the
+ * stop threshold by itself. */
 
-enum { RASTER_CHUNK = 256 };
+enum { RASTER_CHUNK = 32 }; /* splats. Blocks are looked at for having stopped once a chunk: with twice as many, two per cent more pairs come after the stop */
 
 typedef struct raster_state { /* of one block */
+  vf px, py; /* pixel centres */
   vf t, r, g, b;
   vf depth, weight, best; /* extra channels only */
   vi id;
@@ -22,13 +24,9 @@ V_INLINE vf raster_exponent(const pags_splat *s, vf px, vf py, vf *u, vf *v) {
   return v_fnma(*u, *u, v_fnma(*v, *v, v_set(s->log2_opacity)));
 }
 
-typedef struct raster_cover { /* what a splat takes away, before transmittance */
-  vf alpha;
-  vm contributes;
-} raster_cover;
-
-V_INLINE raster_cover raster_alpha(vf exponent, int degree) {
-  return (raster_cover){v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)), v_ge(exponent, v_set(-PAGS_LOG2_255))};
+/* What a splat takes away, before transmittance; 0 where it does not contribute. */
+V_INLINE vf raster_alpha(vf exponent, int degree) {
+  return v_maskz(v_ge(exponent, v_set(-PAGS_LOG2_255)), v_min(v_set(PAGS_ALPHA_MAX), v_exp2(exponent, degree)));
 }
 
 /* What one call of the rasteriser does throughout. */
@@ -40,14 +38,15 @@ typedef struct raster_how {
 
 /* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel that has stopped,
  * for either reason, would stop there whatever came in between. */
-V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_cover cover, raster_how how) {
+V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alpha, raster_how how) {
+  const vf t = state->t;
   if (how.hard)
-    cover.contributes = m_and(cover.contributes, v_le(v_set(s->z), state->hard));
-  const vf next = v_fnma(state->t, cover.alpha, state->t);
-  if (how.bounded) /* whatever remains weighs no more than eps: stop. Told while `next` is under way */
-    cover.contributes = m_and(cover.contributes, v_gt(state->t, v_set(how.eps)));
-  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
-  const vf w = v_maskz(blends, v_mul(cover.alpha, state->t));
+    alpha = v_maskz(v_le(v_set(s->z), state->hard), alpha);
+  if (how.bounded) /* whatever remains weighs no more than eps: stop */
+    alpha = v_maskz(v_gt(t, v_set(how.eps)), alpha);
+  const vf next = v_fnma(t, alpha, t);
+  const vm goes_on = v_ge(next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(goes_on, v_mul(alpha, t));
   state->r = v_fma(w, v_set(s->r), state->r);
   state->g = v_fma(w, v_set(s->g), state->g);
   state->b = v_fma(w, v_set(s->b), state->b);
@@ -59,31 +58,37 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, raster_
     state->best = v_select(heavier, w, state->best);
     state->id = i_select(heavier, i_set(s->id), state->id);
   }
-  state->t = v_select(blends, next, v_or_sign(cover.contributes, state->t));
-  return how.counted ? (unsigned)__builtin_popcount(m_bits(blends)) : 0;
+  state->t = v_select(goes_on, next, v_minus_abs(t));
+  return how.counted ? (unsigned)__builtin_popcount(m_bits(v_gt(w, v_zero()))) : 0;
 }
 
-/* Three splats are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A splat's chain of
+/* A splat and a block that it can change. */
+typedef struct raster_pair {
+  const pags_splat *splat;
+  raster_state *block;
+} raster_pair;
+
+V_INLINE vf pair_exponent(raster_pair pair) {
+  vf u, v;
+  return raster_exponent(pair.splat, pair.block->px, pair.block->py, &u, &v);
+}
+
+/* Three pairs are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A pair's chain of
  * dependent operations is some 70 cycles long, more than the scheduler's window covers when they are written one after another. */
 typedef struct raster_pipeline {
-  raster_cover now;
-  vf next;
-  const pags_splat *splat, *next_splat; /* whose they are */
+  vf now, next;
+  raster_pair pair, next_pair; /* whose they are */
 } raster_pipeline;
 
-V_INLINE raster_pipeline raster_prime(const pags_splat *first, const pags_splat *second, vf px, vf py, int degree) {
-  vf u, v;
-  return (raster_pipeline){raster_alpha(raster_exponent(first, px, py, &u, &v), degree),
-                           raster_exponent(second, px, py, &u, &v), first, second};
+V_INLINE raster_pipeline raster_prime(raster_pair first, raster_pair second, int degree) {
+  return (raster_pipeline){raster_alpha(pair_exponent(first), degree), pair_exponent(second), first, second};
 }
 
-V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_state *state, const pags_splat *after_next, vf px, vf py,
-                              raster_how how) {
-  vf u, v;
-  const vf exponent = raster_exponent(after_next, px, py, &u, &v);
-  const raster_cover cover = raster_alpha(pipe->next, how.degree);
-  const unsigned blends = raster_blend(state, pipe->splat, pipe->now, how);
-  *pipe = (raster_pipeline){cover, exponent, pipe->next_splat, after_next};
+V_INLINE unsigned raster_step(raster_pipeline *pipe, raster_pair after_next, raster_how how) {
+  const vf exponent = pair_exponent(after_next);
+  const vf alpha = raster_alpha(pipe->next, how.degree);
+  const unsigned blends = raster_blend(pipe->pair.block, pipe->pair.splat, pipe->now, how);
+  *pipe = (raster_pipeline){alpha, exponent, pipe->next_pair, after_next};
   return blends;
 }
 
@@ -110,76 +115,68 @@ static inline block_corners corners_of(int x0, int y0) {
 }
 
 /* The blocks of the tile that a splat can change. */
-V_INLINE uint16_t block_mask(const pags_splat *s, const block_corners *corners, unsigned active) {
+V_INLINE vm blocks_touched(const pags_splat *s, const block_corners *corners) {
   const vf side = v_set(3.0f), x = v_sub(corners->x, v_set(s->x)), y = v_sub(corners->y, v_set(s->y));
   const vf q = quadratic_min(quadratic_of(s), x, v_add(x, side), y, v_add(y, side));
-  return (uint16_t)(m_bits(v_ge(v_set(cut_off(s)), q)) & active);
+  return v_ge(v_set(cut_off(s)), q);
+}
+static inline uint16_t block_mask(const pags_splat *s, const block_corners *corners) {
+  return (uint16_t)m_bits(blocks_touched(s, corners));
 }
 
-/* Copies splats and finds the masks of their blocks, in one loop, so that masks are worked out while splats come from memory. Masks are
- * padded with zeros to whole vectors. */
-V_INLINE void load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
-                         unsigned active, pags_splat *chunk, uint16_t *masks) {
-  for (int i = 0; i < count; i++) {
+typedef struct raster_chunk {
+  pags_splat splats[RASTER_CHUNK] __attribute__((aligned(64)));
+  uint16_t masks[RASTER_CHUNK]; /* active blocks that each can change */
+  int32_t pairs[RASTER_CHUNK * PAGS_TILE_BLOCKS + V_LANES]; /* 16 splat + block; 2 more than there are can be read */
+} raster_chunk;
+
+/* Copies splats and lists their pairs in one loop, so that these are worked out while splats come from memory. Returns how many
+ * there are. */
+V_INLINE int load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
+                         unsigned active, raster_chunk *chunk) {
+  const vm blocks = m_from_bits(active);
+  int pairs = 0;
+  vi code = v_to_i(v_iota());
+  for (int i = 0; i < count; i++, code = i_add(code, i_set(PAGS_TILE_BLOCKS))) {
     const pags_splat *const s = splats + entries[i].splat;
-    if (i + 24 < count)
-      __builtin_prefetch(splats + entries[i + 24].splat);
-    chunk[i] = *s;
-    masks[i] = block_mask(s, corners, active);
+    chunk->splats[i] = *s;
+    const vm touched = m_and(blocks_touched(s, corners), blocks);
+    chunk->masks[i] = (uint16_t)m_bits(touched);
+    pairs += i_compress(chunk->pairs + pairs, touched, code);
   }
-  memset(masks + count, 0, (size_t)((V_LANES - count % V_LANES) % V_LANES) * sizeof *masks);
+  chunk->pairs[pairs] = chunk->pairs[pairs + 1] = 0;
+  return pairs;
 }
 
-/* While a chunk's blocks are blended the splats of the next chunk, or of the next tile's first, are fetched into the second-level cache, a
- * sixteenth beside each block: they lie anywhere, and there are too few in flight while they are copied. */
-V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next, int block) {
-  enum { PART = RASTER_CHUNK / PAGS_TILE_BLOCKS };
+V_INLINE raster_pair pair_of(const raster_chunk *chunk, raster_state *state, int k) {
+  const unsigned code = (unsigned)chunk->pairs[k];
+  return (raster_pair){chunk->splats + code / PAGS_TILE_BLOCKS, state + code % PAGS_TILE_BLOCKS};
+}
+
+V_INLINE void raster_pairs(raster_state *state, const raster_chunk *chunk, int pairs, raster_how how, int64_t *counts) {
+  if (pairs == 0)
+    return;
+  raster_pipeline pipe = raster_prime(pair_of(chunk, state, 0), pair_of(chunk, state, 1), how.degree);
+  int64_t blends = 0;
+  for (int k = 0; k < pairs; k++)
+    blends += raster_step(&pipe, pair_of(chunk, state, k + 2), how);
+  if (how.counted && counts) {
+    counts[0] += (int64_t)pairs * V_LANES;
+    counts[1] += blends;
+  }
+}
+
+/* Splats lie anywhere in memory: those after the chunk are fetched while it is blended. */
+V_INLINE void fetch_ahead(const pags_raster_in *in, int64_t next) {
   const bool more = next < in->count;
   const pags_entry *const entries = more ? in->entries + next : in->ahead;
   const int64_t count = more ? in->count - next : in->ahead_count;
-  for (int i = PART * block; i < PART * (block + 1) && i < count; i++)
-    __builtin_prefetch(in->splats + entries[i].splat, 0, 2);
+  for (int i = 0; i < RASTER_CHUNK && i < count; i++)
+    __builtin_prefetch(in->splats + entries[i].splat);
 }
 
 V_INLINE bool raster_stopped(const raster_state *state, raster_how how) {
-  unsigned stopped = v_sign_bits(state->t);
-  if (how.bounded)
-    stopped |= m_bits(v_le(state->t, v_set(how.eps)));
-  return stopped == 0xFFFFu;
-}
-
-/* Blends the chunk's splats with bit `block` set into one block. Returns the chunk position from which on the block no longer
- * changes (count if it may). */
-V_INLINE int raster_block(raster_state *block_state, const pags_splat *chunk, int count, uint16_t *masks, int block, vf px,
-                               vf py, raster_how how, int64_t *pairs) {
-  int32_t list[RASTER_CHUNK + V_LANES];
-  int n = 0;
-  vi index = v_to_i(v_iota());
-  for (int i = 0; i < count; i += V_LANES, index = i_add(index, i_set(V_LANES)))
-    n += i_compress(list + n, m_test_u16(masks + i, block), index);
-  if (n == 0)
-    return count;
-  list[n] = list[n + 1] = list[n - 1]; /* fetched by the pipeline, never blended */
-  raster_state state = *block_state;
-  raster_pipeline pipe = raster_prime(chunk + list[0], chunk + list[1], px, py, how.degree);
-  int64_t blends = 0;
-  int stopped_at = count, done = n;
-  for (int k = 0; k < n;) {
-    const int end = k + 8 < n ? k + 8 : n; /* stopping is looked for every 8 splats */
-    for (; k < end; k++)
-      blends += raster_step(&pipe, &state, chunk + list[k + 2], px, py, how);
-    if (raster_stopped(&state, how)) {
-      stopped_at = list[k - 1] + 1;
-      done = k;
-      break;
-    }
-  }
-  *block_state = state;
-  if (how.counted && pairs) {
-    pairs[0] += (int64_t)done * V_LANES;
-    pairs[1] += blends;
-  }
-  return stopped_at;
+  return m_bits(v_le(state->t, v_set(how.bounded ? how.eps : 0.0f))) == 0xFFFFu;
 }
 
 static inline int64_t block_at(const pags_raster_out *out, int block) {
@@ -236,9 +233,11 @@ V_INLINE void raster_resume(const pags_raster_out *out, raster_state *state, int
 V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
   unsigned active = 0;
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-    const vm inside = block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height);
-    state[b] = (raster_state){.r = v_zero(), .g = v_zero(), .b = v_zero()};
+    state[b].px = block_x(b, in->x0);
+    state[b].py = block_y(b, in->y0);
+    const vm inside = block_inside(state[b].px, state[b].py, in->width, in->height);
     state[b].t = v_select(inside, v_set(1.0f), v_set(-1.0f));
+    state[b].r = state[b].g = state[b].b = v_zero();
     if (how.sum)
       state[b].depth = v_zero();
     if (how.extra) {
@@ -256,28 +255,20 @@ V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, co
 
 V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
   raster_state state[PAGS_TILE_BLOCKS];
+  raster_chunk chunk;
   unsigned active = raster_begin(state, in, out, how);
   const block_corners corners = corners_of(in->x0, in->y0);
-  pags_splat chunk[RASTER_CHUNK];
-  uint16_t masks[RASTER_CHUNK];
   int64_t start = 0;
   for (; start < in->count && active; start += RASTER_CHUNK) {
     const int count = in->count - start < RASTER_CHUNK ? (int)(in->count - start) : RASTER_CHUNK;
-    load_chunk(in->splats, in->entries + start, count, &corners, active, chunk, masks);
-    for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
-      if (!(active >> b & 1u))
-        continue;
-      fetch_ahead(in, start + RASTER_CHUNK, b);
-      const int stopped_at =
-          raster_block(state + b, chunk, count, masks, b, block_x(b, in->x0), block_y(b, in->y0), how, in->pairs);
-      if (stopped_at < count || raster_stopped(state + b, how)) {
-        active &= ~(1u << b);
-        for (int i = stopped_at; i < count; i++)
-          masks[i] = (uint16_t)(masks[i] & ~(1u << b));
-      }
-    }
+    const int pairs = load_chunk(in->splats, in->entries + start, count, &corners, active, &chunk);
+    fetch_ahead(in, start + RASTER_CHUNK);
+    raster_pairs(state, &chunk, pairs, how, in->pairs);
+    for (unsigned left = active; left; left &= left - 1)
+      if (raster_stopped(state + __builtin_ctz(left), how))
+        active ^= left & (0u - left); /* the lowest bit */
     if (in->block_masks)
-      memcpy(in->block_masks + start, masks, (size_t)count * sizeof *masks);
+      memcpy(in->block_masks + start, chunk.masks, (size_t)count * sizeof *chunk.masks);
   }
   if (in->looked_at)
     *in->looked_at += start < in->count ? start : in->count;
@@ -335,7 +326,7 @@ static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride,
     nearest[b] = v_set(INFINITY);
   for (int64_t i = 0; i < in->count; i++) {
     const pags_splat *const s = in->splats + in->entries[i].splat;
-    for (unsigned left = block_mask(s, &corners, 0xFFFFu); left; left &= left - 1) {
+    for (unsigned left = block_mask(s, &corners); left; left &= left - 1) {
       const int b = __builtin_ctz(left);
       vf u, v;
       const vm covers = v_ge(raster_exponent(s, block_x(b, in->x0), block_y(b, in->y0), &u, &v), v_set(RASTER_COVERS));
@@ -354,15 +345,19 @@ static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride,
 
 /* The same steps with nothing to fetch: the block moves by a hair each step so that no part of one is invariant. */
 V_INLINE float roofline_steps(const pags_splat *splats, int64_t steps, int degree) {
-  raster_state state = {.t = v_set(1.0f), .r = v_zero(), .g = v_zero(), .b = v_zero()};
-  vf px = block_x(0, 0), py = block_y(0, 0);
-  const vf hair = v_set(1e-6f);
   const pags_splat s = *splats;
-  raster_pipeline pipe = raster_prime(&s, &s, px, py, degree);
+  raster_state state;
+  const raster_pair pair = {&s, &state};
+  state.px = block_x(0, 0);
+  state.py = block_y(0, 0);
+  state.t = v_set(1.0f);
+  state.r = state.g = state.b = v_zero();
+  const vf hair = v_set(1e-6f);
+  raster_pipeline pipe = raster_prime(pair, pair, degree);
   for (int64_t i = 0; i < steps; i++) {
-    raster_step(&pipe, &state, &s, px, py, (raster_how){.degree = degree});
-    px = v_add(px, hair);
-    py = v_add(py, hair);
+    raster_step(&pipe, pair, (raster_how){.degree = degree});
+    state.px = v_add(state.px, hair);
+    state.py = v_add(state.py, hair);
   }
   return v_sum(state.r) + v_sum(state.g) + v_sum(state.b) + v_sum(state.t);
 }

@@ -44,10 +44,11 @@ V_INLINE void score_load(score_tile *tile, const pags_raster_score *in, bool los
 V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool overlap, bool loss, vf sum[3]) {
   vf u, v;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &u, &v);
-  const raster_cover cover = raster_alpha(exponent, 5);
-  const vf t = tile->t[b], next = v_fnma(t, cover.alpha, t);
-  const vm blends = v_ge_and(cover.contributes, next, v_set(PAGS_T_STOP));
-  const vf w = v_maskz(blends, v_mul(cover.alpha, t));
+  const vf alpha = raster_alpha(exponent, 5);
+  const vm contributes = v_gt(alpha, v_zero());
+  const vf t = tile->t[b], next = v_fnma(t, alpha, t);
+  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(blends, v_mul(alpha, t));
   vf shine;
   if (loss) {
     shine = v_mul(tile->g[2][b], v_set(s->b));
@@ -57,13 +58,13 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
     shine = v_set(s->r + s->g + s->b);
   }
   const vf behind = v_fnma(w, shine, tile->behind[b]);
-  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(cover.contributes, blends));
+  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(contributes, blends));
   tile->t[b] = v_select(blends, next, v_maskz(going, t));
   tile->behind[b] = v_maskz(going, behind);
 
-  const vf seen = overlap ? v_maskz(cover.contributes, cover.alpha) : w;
+  const vf seen = overlap ? v_maskz(contributes, alpha) : w;
   const vf by_alpha =
-      v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), cover.alpha))));
+      v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha))));
   sum[0] = v_fma(seen, tile->counted[b], sum[0]);
   sum[1] = v_fma(seen, tile->critical[b], sum[1]);
   sum[2] = v_fma(v_mul(by_alpha, by_alpha), tile->counted[b], sum[2]);
@@ -80,7 +81,7 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
     float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SCORE_SUMS;
     uint16_t blocks = in->block_masks[i];
     if (overlap) /* what lies behind counts, too */
-      blocks = block_mask(s, &corners, 0xFFFFu);
+      blocks = block_mask(s, &corners);
     vf sum[3] = {v_zero(), v_zero(), v_zero()};
     for (unsigned left = blocks; left; left &= left - 1)
       score_step(&tile, s, __builtin_ctz(left), overlap, loss, sum);

@@ -65,9 +65,30 @@ static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32
   }
 }
 
+/* Texels lie in a map of tens of megabytes: without this, waiting for them is two thirds of the blending. Enough of a row's are asked for
+ * to name each cache line that a row of one texel a pixel or fewer comes to. */
+V_INLINE void sky_fetch(const float *texels, const int32_t *texel, int below) {
+  for (int k = 0; k < V_LANES; k += 5) {
+    const float *const at = texels + 3 * (int64_t)texel[k];
+    __builtin_prefetch(at, 0, 2);
+    __builtin_prefetch(at + 3 * below, 0, 2);
+  }
+}
+
+static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int y0, pags_sky_tile *tile) {
+  for (int y = 0; y < PAGS_TILE; y++) {
+    const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
+    int32_t *const texel = tile->texel + y * PAGS_TILE;
+    i_store(texel, cells.texel);
+    v_store(tile->along + y * PAGS_TILE, cells.along);
+    v_store(tile->down + y * PAGS_TILE, cells.down);
+    sky_fetch(texels, texel, rays->size > 1 ? rays->size : 0);
+  }
+}
+
 /* Pixel by pixel, red, green, blue and what comes after them at once: gathers of a lane each take five times as long. After the map's very
  * last texel nothing comes, so that the cell it belongs to is copied first. */
-static void sky_blend(const pags_sky_rays *rays, const float *texels, int x0, int y0, int64_t stride,
+static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                       const float *transmittance, float *const rgb[3]) {
   const int right = rays->size > 1, below = right * rays->size;
   const int32_t last = 6 * rays->size * rays->size - 1 - right - below;
@@ -77,11 +98,10 @@ static void sky_blend(const pags_sky_rays *rays, const float *texels, int x0, in
     corner[2][k] = texels[3 * (int64_t)(last + below) + k], corner[3][k] = texels[3 * (int64_t)(last + below + right) + k];
   }
   for (int y = 0; y < PAGS_TILE; y++) {
-    const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
-    int32_t texel[V_LANES];
+    const int32_t *const texel = tile->texel + y * PAGS_TILE;
+    const sky_cells16 cells = {i_load(texel), v_load(tile->along + y * PAGS_TILE), v_load(tile->down + y * PAGS_TILE)};
     float weight[4 * V_LANES], colour[4 * V_LANES];
     float *const to[4] = {weight, weight + 16, weight + 32, weight + 48};
-    i_store(texel, cells.texel);
     sky_weights(&cells, v_load(transmittance + y * stride), to);
     for (int k = 0; k < V_LANES; k++) {
       const float *const at = texels + 3 * (int64_t)texel[k], *const under = at + 3 * below;

@@ -12,6 +12,7 @@
  *   sums            ((lane i + lane i+8) + 4) + 2) + 1, always that tree
  *   loads, stores   need no alignment
  *   v_mix4          out[j] = a[j] w[0] + b[j] w[16] + c[j] w[32] + d[j] w[48], j < 4, summed in this order with v_fma
+ *   i_compress      appends the lanes that m chooses; writes up to 16 numbers, returns how many count
  *   v_columns3      16 groups of four floats: the first, second and third of each
  * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
 #ifndef PAGS_SIMD_VEC_H
@@ -26,6 +27,28 @@ enum { V_LANES = 16 };
 
 /* For kernels whose constant arguments choose what is compiled: gcc's own judgement leaves the choice in the inner loop. */
 #define V_INLINE static inline __attribute__((always_inline))
+
+/* Where the bytes of four lanes go when those of set bits are moved together; 128: nowhere. */
+#if defined(PAGS_ISA_AVX2) || defined(PAGS_ISA_NEON)
+static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
+    {128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
+    {4, 5, 6, 7, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 4, 5, 6, 7, 128, 128, 128, 128, 128, 128, 128, 128},
+    {8, 9, 10, 11, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 8, 9, 10, 11, 128, 128, 128, 128, 128, 128, 128, 128},
+    {4, 5, 6, 7, 8, 9, 10, 11, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 128, 128, 128, 128},
+    {12, 13, 14, 15, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 12, 13, 14, 15, 128, 128, 128, 128, 128, 128, 128, 128},
+    {4, 5, 6, 7, 12, 13, 14, 15, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 4, 5, 6, 7, 12, 13, 14, 15, 128, 128, 128, 128},
+    {8, 9, 10, 11, 12, 13, 14, 15, 128, 128, 128, 128, 128, 128, 128, 128},
+    {0, 1, 2, 3, 8, 9, 10, 11, 12, 13, 14, 15, 128, 128, 128, 128},
+    {4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 128, 128, 128, 128},
+    {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15},
+};
+#endif
 
 #if defined(PAGS_ISA_AVX512)
 #include "vec_avx512.h"

@@ -30,9 +30,9 @@ static inline vf v_abs(vf x) {
   const __m256 s = _mm256_set1_ps(-0.0f);
   return (vf){_mm256_andnot_ps(s, x.a), _mm256_andnot_ps(s, x.b)};
 }
-static inline vf v_or_sign(vm m, vf x) {
+static inline vf v_minus_abs(vf x) {
   const __m256 s = _mm256_set1_ps(-0.0f);
-  return (vf){_mm256_or_ps(x.a, _mm256_and_ps(m.a, s)), _mm256_or_ps(x.b, _mm256_and_ps(m.b, s))};
+  return (vf){_mm256_or_ps(x.a, s), _mm256_or_ps(x.b, s)};
 }
 
 #define M_COMPARE(x, y, how) ((vm){_mm256_cmp_ps((x).a, (y).a, how), _mm256_cmp_ps((x).b, (y).b, how)})
@@ -51,7 +51,6 @@ static inline vm m_from_bits(unsigned bits) {
   const __m256i hi = _mm256_and_si256(_mm256_set1_epi32((int)(bits >> 8 & 255u)), lane);
   return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(lo, lane)), _mm256_castsi256_ps(_mm256_cmpeq_epi32(hi, lane))};
 }
-static inline unsigned v_sign_bits(vf x) { return m_bits((vm){x.a, x.b}); }
 static inline vf v_select(vm m, vf yes, vf no) {
   return (vf){_mm256_blendv_ps(no.a, yes.a, m.a), _mm256_blendv_ps(no.b, yes.b, m.b)};
 }
@@ -93,20 +92,17 @@ static inline void v_store_4x4(float *p, int64_t stride, vf x) {
   _mm_storeu_ps(p + 2 * stride, _mm256_castps256_ps128(x.b));
   _mm_storeu_ps(p + 3 * stride, _mm256_extractf128_ps(x.b, 1));
 }
-static inline int i_compress(int32_t *out, vm m, vi index) {
-  int32_t lanes[V_LANES];
-  i_store(lanes, index);
-  int n = 0;
-  for (unsigned bits = m_bits(m); bits; bits &= bits - 1)
-    out[n++] = lanes[__builtin_ctz(bits)];
-  return n;
+static inline int i_compress4(int32_t *out, unsigned bits, __m128i index) {
+  const __m128i order = _mm_load_si128((const __m128i *)(const void *)v_compress4[bits & 15u]);
+  _mm_storeu_si128((__m128i *)(void *)out, _mm_shuffle_epi8(index, order));
+  return __builtin_popcount(bits & 15u);
 }
-static inline vm m_test_u16(const uint16_t *masks, int b) {
-  const __m256i bit = _mm256_set1_epi32(1 << b);
-  const __m256i lo = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)masks));
-  const __m256i hi = _mm256_cvtepu16_epi32(_mm_loadu_si128((const __m128i *)(const void *)(masks + 8)));
-  return (vm){_mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(lo, bit), bit)),
-              _mm256_castsi256_ps(_mm256_cmpeq_epi32(_mm256_and_si256(hi, bit), bit))};
+static inline int i_compress(int32_t *out, vm m, vi index) {
+  const unsigned bits = m_bits(m);
+  int n = i_compress4(out, bits, _mm256_castsi256_si128(index.a));
+  n += i_compress4(out + n, bits >> 4, _mm256_extracti128_si256(index.a, 1));
+  n += i_compress4(out + n, bits >> 8, _mm256_castsi256_si128(index.b));
+  return n + i_compress4(out + n, bits >> 12, _mm256_extracti128_si256(index.b, 1));
 }
 
 #if defined(PAGS_FUSED)

@@ -24,7 +24,7 @@ static inline vf v_fma(vf a, vf b, vf c) { return _mm512_add_ps(_mm512_mul_ps(a,
 static inline vf v_fnma(vf a, vf b, vf c) { return _mm512_sub_ps(c, _mm512_mul_ps(a, b)); }
 #endif
 static inline vf v_abs(vf a) { return _mm512_abs_ps(a); }
-static inline vf v_or_sign(vm m, vf a) { return _mm512_mask_or_ps(a, m, a, _mm512_set1_ps(-0.0f)); }
+static inline vf v_minus_abs(vf a) { return _mm512_or_ps(a, _mm512_set1_ps(-0.0f)); }
 
 static inline vm v_lt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
 static inline vm v_le(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
@@ -36,7 +36,6 @@ static inline vm m_or(vm a, vm b) { return (vm)(a | b); }
 static inline vm m_andnot(vm a, vm b) { return (vm)(a & ~b); }
 static inline unsigned m_bits(vm a) { return a; }
 static inline vm m_from_bits(unsigned bits) { return (vm)bits; }
-static inline unsigned v_sign_bits(vf a) { return (unsigned)_mm512_movepi32_mask(_mm512_castps_si512(a)); }
 static inline vf v_select(vm m, vf yes, vf no) { return _mm512_mask_blend_ps(m, no, yes); }
 static inline vf v_maskz(vm m, vf a) { return _mm512_maskz_mov_ps(m, a); }
 
@@ -71,15 +70,9 @@ static inline void v_store_4x4(float *p, int64_t stride, vf a) {
   _mm_storeu_ps(p + 2 * stride, _mm512_extractf32x4_ps(a, 2));
   _mm_storeu_ps(p + 3 * stride, _mm512_extractf32x4_ps(a, 3));
 }
-/* Appends the lanes of `index` chosen by m; writes up to 16 entries, returns how many count. */
 static inline int i_compress(int32_t *out, vm m, vi index) {
   _mm512_storeu_si512(out, _mm512_maskz_compress_epi32(m, index));
   return __builtin_popcount((unsigned)m);
-}
-/* 16 masks of 16 bits: truth of bit `b` in each. */
-static inline vm m_test_u16(const uint16_t *masks, int b) {
-  const __m512i wide = _mm512_cvtepu16_epi32(_mm256_loadu_si256((const __m256i *)(const void *)masks));
-  return _mm512_test_epi32_mask(wide, _mm512_set1_epi32(1 << b));
 }
 
 #if defined(PAGS_FUSED)

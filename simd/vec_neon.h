@@ -34,9 +34,7 @@ static inline vf v_fma(vf x, vf y, vf z) { return v_add(v_mul(x, y), z); }
 static inline vf v_fnma(vf x, vf y, vf z) { return v_sub(z, v_mul(x, y)); }
 #endif
 static inline vf v_abs(vf x) { V_DO(vf, vabsq_f32(x.r[k])); }
-static inline vf v_or_sign(vm m, vf x) {
-  V_DO(vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vandq_u32(m.r[k], vdupq_n_u32(0x80000000u)))));
-}
+static inline vf v_minus_abs(vf x) { V_DO(vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vdupq_n_u32(0x80000000u)))); }
 
 static inline vm v_lt(vf x, vf y) { V_DO(vm, vcltq_f32(x.r[k], y.r[k])); }
 static inline vm v_le(vf x, vf y) { V_DO(vm, vcleq_f32(x.r[k], y.r[k])); }
@@ -58,12 +56,6 @@ static inline vm m_from_bits(unsigned bits) {
   static const uint32_t weights[4] = {1, 2, 4, 8};
   const uint32x4_t w = vld1q_u32(weights);
   V_DO(vm, vceqq_u32(vandq_u32(vdupq_n_u32(bits >> 4 * k), w), w));
-}
-static inline unsigned v_sign_bits(vf x) {
-  vm m;
-  for (int k = 0; k < 4; k++)
-    m.r[k] = vreinterpretq_u32_s32(vshrq_n_s32(vreinterpretq_s32_f32(x.r[k]), 31));
-  return m_bits(m);
 }
 static inline vf v_select(vm m, vf yes, vf no) { V_DO(vf, vbslq_f32(m.r[k], yes.r[k], no.r[k])); }
 static inline vf v_maskz(vm m, vf x) { V_DO(vf, vreinterpretq_f32_u32(vandq_u32(m.r[k], vreinterpretq_u32_f32(x.r[k])))); }
@@ -101,16 +93,15 @@ static inline void v_store_4x4(float *p, int64_t stride, vf x) {
     vst1q_f32(p + k * stride, x.r[k]);
 }
 static inline int i_compress(int32_t *out, vm m, vi index) {
-  int32_t lanes[V_LANES];
-  i_store(lanes, index);
+  const unsigned bits = m_bits(m);
   int n = 0;
-  for (unsigned bits = m_bits(m); bits; bits &= bits - 1)
-    out[n++] = lanes[__builtin_ctz(bits)];
+  for (int k = 0; k < 4; k++) {
+    const unsigned four = bits >> 4 * k & 15u;
+    const uint8x16_t lanes = vqtbl1q_u8(vreinterpretq_u8_s32(index.r[k]), vld1q_u8(v_compress4[four]));
+    vst1q_s32(out + n, vreinterpretq_s32_u8(lanes));
+    n += __builtin_popcount(four);
+  }
   return n;
-}
-static inline vm m_test_u16(const uint16_t *masks, int b) {
-  const uint32x4_t bit = vdupq_n_u32(1u << b);
-  V_DO(vm, vtstq_u32(vmovl_u16(vld1_u16(masks + 4 * k)), bit));
 }
 
 #if defined(PAGS_FUSED)

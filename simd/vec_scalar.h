@@ -50,13 +50,6 @@ static inline unsigned m_bits(vm x) {
   return bits;
 }
 static inline vm m_from_bits(unsigned bits) { V_DO(vm, 0u - (bits >> k & 1u)); }
-static inline unsigned v_sign_bits(vf x) {
-  unsigned bits = 0;
-  const vi b = v_bits(x);
-  for (int k = 0; k < V_LANES; k++)
-    bits |= ((uint32_t)b.l[k] >> 31) << k;
-  return bits;
-}
 static inline vi i_set(int32_t x) { V_DO(vi, x); }
 static inline vi i_load(const int32_t *p) { V_DO(vi, p[k]); }
 static inline void i_store(int32_t *p, vi x) { memcpy(p, x.l, sizeof x.l); }
@@ -73,13 +66,7 @@ static inline vi i_shl(vi x, int n) { V_DO(vi, (int32_t)((uint32_t)x.l[k] << n))
 static inline vi i_shr(vi x, int n) { V_DO(vi, (int32_t)((uint32_t)x.l[k] >> n)); }
 static inline vf v_select(vm m, vf yes, vf no) { return v_from_bits(i_select(m, v_bits(yes), v_bits(no))); }
 static inline vf v_maskz(vm m, vf x) { return v_select(m, x, v_zero()); }
-static inline vf v_or_sign(vm m, vf x) {
-  const vi b = v_bits(x);
-  vi out;
-  for (int k = 0; k < V_LANES; k++)
-    out.l[k] = (int32_t)((uint32_t)b.l[k] | (m.l[k] & 0x80000000u));
-  return v_from_bits(out);
-}
+static inline vf v_minus_abs(vf x) { V_DO(vf, -fabsf(x.l[k])); }
 static inline vi v_to_i(vf x) { V_DO(vi, (int32_t)lrintf(x.l[k])); }
 static inline vf i_to_v(vi x) { V_DO(vf, (float)x.l[k]); }
 
@@ -96,7 +83,6 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
       out[n++] = index.l[k];
   return n;
 }
-static inline vm m_test_u16(const uint16_t *masks, int b) { V_DO(vm, 0u - (uint32_t)(masks[k] >> b & 1)); }
 
 static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
   for (int j = 0; j < 4; j++)

@@ -52,6 +52,9 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
                              .unfinished = f->full && !f->last_slab,
                              .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
   const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
+  pags_sky_tile sky;
+  if (f->has_sky && !in.unfinished)
+    pags_frame_find_sky(f, tile, &sky); /* whose texels come while Gaussians are blended */
   const unsigned open = f->kernels->raster(&in, &out);
   if (f->full) {
     f->full->tile_begun[tile] = 1;
@@ -61,8 +64,10 @@ static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int
   }
   if (in.unfinished && open)
     return;
+  if (f->has_sky && in.unfinished)
+    pags_frame_find_sky(f, tile, &sky);
   if (f->has_sky) /* while the tile is in the cache */
-    pags_frame_blend_sky(f, tile);
+    pags_frame_blend_sky(f, tile, &sky);
   if (f->options.exposed)
     pags_frame_expose(f, tile);
 }

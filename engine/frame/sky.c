@@ -38,12 +38,14 @@ void pags_frame_prepare_sky(pags_frame *frame) {
 static int tile_x(const pags_frame *frame, int64_t tile) { return (int)(tile % frame->tiles_x) * PAGS_TILE; }
 static int tile_y(const pags_frame *frame, int64_t tile) { return (int)(tile / frame->tiles_x) * PAGS_TILE; }
 
-void pags_frame_blend_sky(const pags_frame *frame, int64_t tile) {
-  const int x0 = tile_x(frame, tile), y0 = tile_y(frame, tile);
-  const int64_t at = (int64_t)y0 * frame->stride + x0;
+void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
+  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, tile_x(frame, tile), tile_y(frame, tile), out);
+}
+
+void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found) {
+  const int64_t at = (int64_t)tile_y(frame, tile) * frame->stride + tile_x(frame, tile);
   float *const rgb[3] = {frame_plane(frame, PLANE_R) + at, frame_plane(frame, PLANE_G) + at, frame_plane(frame, PLANE_B) + at};
-  frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, x0, y0, frame->stride, frame_plane(frame, PLANE_T) + at,
-                            rgb);
+  frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, found, frame->stride, frame_plane(frame, PLANE_T) + at, rgb);
 }
 
 /* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */

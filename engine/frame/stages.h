@@ -119,10 +119,11 @@ void pags_frame_box_members(const pags_frame *frame, int64_t first, int count);
 /* Sorts by key, stable; returns whichever of `keys` and `spare` holds the result. */
 depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count);
 
-/* Of the sky (sky.c): directions, before anything is drawn; a tile that has just been blended over zeros; the way back, which adds to the
- * gradient's texels. */
+/* Of the sky (sky.c): directions, before anything is drawn; what a tile sees of it, best before its Gaussians are blended; the tile when
+ * they have been blended over zeros; the way back, which adds to the gradient's texels. */
 void pags_frame_prepare_sky(pags_frame *frame);
-void pags_frame_blend_sky(const pags_frame *frame, int64_t tile);
+void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out);
+void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found);
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient);
 
 void pags_frame_expose(const pags_frame *frame, int64_t tile); /* when all else is in it */

@@ -83,7 +83,10 @@ static tile make_tile(void) {
 }
 
 static void blend(const pags_kernels *k, const sky_case *s, const tile *t) {
-  k->sky_blend(&s->rays, s->texels, X0, Y0, STRIDE, t->plane[3], t->plane);
+  pags_sky_tile *const found = CHECK_NEW(pags_sky_tile, 1);
+  k->sky_find(&s->rays, s->texels, X0, Y0, found);
+  check_freeze(found);
+  k->sky_blend(&s->rays, s->texels, found, STRIDE, t->plane[3], t->plane);
 }
 
 static void check_colours(const sky_case *s, const tile *before, const tile *after, int *checked) {

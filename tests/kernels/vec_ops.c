@@ -54,12 +54,6 @@ static unsigned first(int count) {
 static unsigned from_and_to_bits(unsigned bits) {
   return m_bits(m_from_bits(bits));
 }
-static unsigned sign_bits(const float *in) {
-  return v_sign_bits(v_load(in));
-}
-static unsigned test_u16(const uint16_t *masks, int bit) {
-  return m_bits(m_test_u16(masks, bit));
-}
 static int compress(int32_t *out, unsigned chosen, const int32_t *in) {
   return i_compress(out, m_from_bits(chosen), i_load(in));
 }
@@ -115,8 +109,6 @@ const vec_ops vec_ops_scalar = {
     .iota = iota,
     .first = first,
     .from_and_to_bits = from_and_to_bits,
-    .sign_bits = sign_bits,
-    .test_u16 = test_u16,
     .compress = compress,
     .mix4 = mix4,
     .columns3 = columns3,

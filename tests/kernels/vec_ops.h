@@ -25,7 +25,7 @@
   X(v_dot3, f, v_dot3(x, y, z, y, z, x), plain_fma(x, y, plain_fma(y, z, z *x, fused), fused))      \
   X(v_select, f, v_select(m, x, y), m ? x : y)                                                      \
   X(v_maskz, f, v_maskz(m, x), m ? x : 0.0f)                                                        \
-  X(v_or_sign, f, v_or_sign(m, x), m ? -fabsf(x) : x)                                               \
+  X(v_minus_abs, f, v_minus_abs(x), -fabsf(x))                                                      \
   X(v_from_bits, f, v_from_bits(i_add(i, j)), plain_float((int32_t)((uint32_t)i + (uint32_t)j)))    \
   X(i_to_v, f, i_to_v(i), (float)i)                                                                 \
   X(v_lt, m, v_lt(x, y), x < y)                                                                     \
@@ -64,8 +64,6 @@ typedef struct vec_ops {
   void (*iota)(float *out);
   unsigned (*first)(int count);
   unsigned (*from_and_to_bits)(unsigned bits);
-  unsigned (*sign_bits)(const float *in);
-  unsigned (*test_u16)(const uint16_t *masks, int bit);
   int (*compress)(int32_t *out, unsigned chosen, const int32_t *in);
   void (*mix4)(float *out, const float *a, const float *b, const float *c, const float *d, const float *w);
   void (*columns3)(const float *in, float *out); /* 64 floats to 48 */
