@@ -46,22 +46,21 @@ V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
   return c;
 }
 
-/* Times `t`; 16 floats from weight to weight where the caller has no say. */
-V_INLINE void sky_weights(const sky_cells16 *c, vf t, float *const weight[4]) {
-  const vf lower = v_mul(t, c->down), upper = v_sub(t, lower);
-  v_store(weight[0], v_fnma(upper, c->along, upper));
-  v_store(weight[1], v_mul(upper, c->along));
-  v_store(weight[2], v_fnma(lower, c->along, lower));
-  v_store(weight[3], v_mul(lower, c->along));
+/* Of a cell's corners, times `t`. */
+V_INLINE void sky_weights(vf along, vf down, vf t, vf weight[4]) {
+  const vf lower = v_mul(t, down), upper = v_sub(t, lower);
+  weight[0] = v_fnma(upper, along, upper), weight[1] = v_mul(upper, along);
+  weight[2] = v_fnma(lower, along, lower), weight[3] = v_mul(lower, along);
 }
 
 static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *texel, float *const weight[4]) {
   for (int row = 0; row * step < PAGS_TILE; row++) {
     const sky_cells16 c = sky_cells_of(rays, x0, y0 + row * step);
-    float *const to[4] = {weight[0] + row * PAGS_TILE, weight[1] + row * PAGS_TILE, weight[2] + row * PAGS_TILE,
-                          weight[3] + row * PAGS_TILE};
+    vf of_row[4];
+    sky_weights(c.along, c.down, v_set(1.0f), of_row);
     i_store(texel + row * PAGS_TILE, c.texel);
-    sky_weights(&c, v_set(1.0f), to);
+    for (int k = 0; k < 4; k++)
+      v_store(weight[k] + row * PAGS_TILE, of_row[k]);
   }
 }
 
@@ -86,31 +85,43 @@ static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int
   }
 }
 
-/* Pixel by pixel, red, green, blue and what comes after them at once: gathers of a lane each take five times as long. After the map's very
- * last texel nothing comes, so that the cell it belongs to is copied first. */
+/* The four corners of four pixels' cells, each a texel and one float more; `right` and `below` floats on. After the map's very last texel
+ * nothing comes: where a cell belongs to it, it is taken from `ending`. */
+typedef struct sky_corners {
+  const float *at[4], *last[4];
+} sky_corners;
+
+V_INLINE sky_corners sky_corners_of(const float *texels, const int32_t *texel, int64_t right, int64_t below, int32_t ending_texel,
+                                    const float *ending) {
+  sky_corners c;
+  for (int k = 0; k < 4; k++) {
+    c.at[k] = texels + 3 * (int64_t)texel[k];
+    c.last[k] = texel[k] == ending_texel ? ending : c.at[k] + right + below;
+  }
+  return c;
+}
+
+V_INLINE vf sky_load(const float *const at[4], int64_t on) { return v_load_fours(at[0] + on, at[1] + on, at[2] + on, at[3] + on); }
+
+/* Four pixels at a time, red, green, blue and what comes after them in a group of lanes: gathers of a lane each take five times as long. */
 static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                       const float *transmittance, float *const rgb[3]) {
-  const int right = rays->size > 1, below = right * rays->size;
-  const int32_t last = 6 * rays->size * rays->size - 1 - right - below;
-  float corner[4][4] = {{0.0f}};
-  for (int k = 0; k < 3; k++) {
-    corner[0][k] = texels[3 * (int64_t)last + k], corner[1][k] = texels[3 * (int64_t)(last + right) + k];
-    corner[2][k] = texels[3 * (int64_t)(last + below) + k], corner[3][k] = texels[3 * (int64_t)(last + below + right) + k];
-  }
+  const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size, last = 18 * (int64_t)rays->size * rays->size - 3;
+  float all[20] = {0.0f}, ending[4] = {texels[last], texels[last + 1], texels[last + 2]};
+  const int32_t ending_texel = (int32_t)((last - right - below) / 3);
+  if (rays->size == 1) /* all of a cell's corners are one texel, the last's as well */
+    texels = memcpy(all, texels, 18 * sizeof *all);
   for (int y = 0; y < PAGS_TILE; y++) {
-    const int32_t *const texel = tile->texel + y * PAGS_TILE;
-    const sky_cells16 cells = {i_load(texel), v_load(tile->along + y * PAGS_TILE), v_load(tile->down + y * PAGS_TILE)};
-    float weight[4 * V_LANES], colour[4 * V_LANES];
-    float *const to[4] = {weight, weight + 16, weight + 32, weight + 48};
-    sky_weights(&cells, v_load(transmittance + y * stride), to);
-    for (int k = 0; k < V_LANES; k++) {
-      const float *const at = texels + 3 * (int64_t)texel[k], *const under = at + 3 * below;
-      if (texel[k] == last)
-        v_mix4(colour + 4 * k, corner[0], corner[1], corner[2], corner[3], weight + k);
-      else
-        v_mix4(colour + 4 * k, at, at + 3 * right, under, under + 3 * right, weight + k);
+    const int row = y * PAGS_TILE;
+    vf weight[4], colour[4], sky[3];
+    sky_weights(v_load(tile->along + row), v_load(tile->down + row), v_load(transmittance + y * stride), weight);
+    for (int k = 0; k < 4; k++) {
+      const sky_corners c = sky_corners_of(texels, tile->texel + row + 4 * k, right, below, ending_texel, ending);
+      colour[k] = v_mul(sky_load(c.at, 0), v_spread(weight[0], k));
+      colour[k] = v_fma(sky_load(c.at, right), v_spread(weight[1], k), colour[k]);
+      colour[k] = v_fma(sky_load(c.at, below), v_spread(weight[2], k), colour[k]);
+      colour[k] = v_fma(sky_load(c.last, 0), v_spread(weight[3], k), colour[k]);
     }
-    vf sky[3];
     v_columns3(colour, &sky[0], &sky[1], &sky[2]);
     for (int c = 0; c < 3; c++)
       v_store(rgb[c] + y * stride, v_add(v_load(rgb[c] + y * stride), sky[c]));

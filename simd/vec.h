@@ -11,9 +11,10 @@
  *   v_to_i          rounds to the nearest, ties to even; |x| < 2^31 is the caller's duty
  *   sums            ((lane i + lane i+8) + 4) + 2) + 1, always that tree
  *   loads, stores   need no alignment
- *   v_mix4          out[j] = a[j] w[0] + b[j] w[16] + c[j] w[32] + d[j] w[48], j < 4, summed in this order with v_fma
+ *   v_load_fours    four floats from each of four places
+ *   v_spread        lanes 4 k, ..., 4 k + 3, each four times
  *   i_compress      appends the lanes that m chooses; writes up to 16 numbers, returns how many count
- *   v_columns3      16 groups of four floats: the first, second and third of each
+ *   v_columns3      16 groups of four lanes: the first, second and third of each
  * vf = 16 floats, vi = 16 int32, vm = 16 truth values. */
 #ifndef PAGS_SIMD_VEC_H
 #define PAGS_SIMD_VEC_H
@@ -61,6 +62,11 @@ static const uint8_t v_compress4[16][16] __attribute__((aligned(16))) = {
 #else
 #error "compile kernels through simd/CMakeLists.txt, which names the ISA"
 #endif
+
+/* Four rows of four floats, `stride` floats apart. */
+static inline vf v_load_4x4(const float *p, int64_t stride) {
+  return v_load_fours(p, p + stride, p + 2 * stride, p + 3 * stride);
+}
 
 /* 0, 1, ..., 15 */
 static inline vf v_iota(void) {

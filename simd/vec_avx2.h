@@ -82,9 +82,9 @@ static inline vf v_load_u8(const uint8_t *p) {
   return (vf){_mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes)),
               _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(_mm_srli_si128(bytes, 8)))};
 }
-static inline vf v_load_4x4(const float *p, int64_t stride) {
-  return (vf){_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1),
-              _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)), _mm_loadu_ps(p + 3 * stride), 1)};
+static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
+  return (vf){_mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(a)), _mm_loadu_ps(b), 1),
+              _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(c)), _mm_loadu_ps(d), 1)};
 }
 static inline void v_store_4x4(float *p, int64_t stride, vf x) {
   _mm_storeu_ps(p, _mm256_castps256_ps128(x.a));
@@ -105,30 +105,25 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n + i_compress4(out + n, bits >> 12, _mm256_extracti128_si256(index.b, 1));
 }
 
-#if defined(PAGS_FUSED)
-#define V_FMA4(x, y, z) _mm_fmadd_ps(x, y, z)
-#else
-#define V_FMA4(x, y, z) _mm_add_ps(_mm_mul_ps(x, y), z)
-#endif
-static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
-  __m128 sum = _mm_mul_ps(_mm_loadu_ps(a), _mm_set1_ps(w[0]));
-  sum = V_FMA4(_mm_loadu_ps(b), _mm_set1_ps(w[16]), sum);
-  sum = V_FMA4(_mm_loadu_ps(c), _mm_set1_ps(w[32]), sum);
-  _mm_storeu_ps(out, V_FMA4(_mm_loadu_ps(d), _mm_set1_ps(w[48]), sum));
+static inline vf v_spread(vf x, int k) {
+  const __m256 half = k < 2 ? x.a : x.b;
+  const __m256i lo = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1), shift = _mm256_set1_epi32(k % 2 * 4), two = _mm256_set1_epi32(2);
+  const __m256i first = _mm256_add_epi32(lo, shift);
+  return (vf){_mm256_permutevar8x32_ps(half, first), _mm256_permutevar8x32_ps(half, _mm256_add_epi32(first, two))};
 }
-/* Eight groups: rows of four are paired across the halves, so that two rounds of unpacking give columns in order. */
-static inline void v_columns3_8(const float *p, __m256 *x, __m256 *y, __m256 *z) {
-  __m256 r[4]; /* group k and k + 4 */
-  for (int k = 0; k < 4; k++)
-    r[k] = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 4 * k)), _mm_loadu_ps(p + 4 * k + 16), 1);
-  const __m256 xy02 = _mm256_unpacklo_ps(r[0], r[2]), xy13 = _mm256_unpacklo_ps(r[1], r[3]);
+/* Eight groups, of which rows[0] and rows[1] hold four each: k is paired with k + 4 across the halves, so that two rounds of unpacking give
+ * columns in order. */
+static inline void v_columns3_8(const vf *rows, __m256 *x, __m256 *y, __m256 *z) {
+  const __m256 r0 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x20), r1 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x31);
+  const __m256 r2 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x20), r3 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x31);
+  const __m256 xy02 = _mm256_unpacklo_ps(r0, r2), xy13 = _mm256_unpacklo_ps(r1, r3);
   *x = _mm256_unpacklo_ps(xy02, xy13);
   *y = _mm256_unpackhi_ps(xy02, xy13);
-  *z = _mm256_unpacklo_ps(_mm256_unpackhi_ps(r[0], r[2]), _mm256_unpackhi_ps(r[1], r[3]));
+  *z = _mm256_unpacklo_ps(_mm256_unpackhi_ps(r0, r2), _mm256_unpackhi_ps(r1, r3));
 }
-static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
-  v_columns3_8(p, &x->a, &y->a, &z->a);
-  v_columns3_8(p + 32, &x->b, &y->b, &z->b);
+static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
+  v_columns3_8(rows, &x->a, &y->a, &z->a);
+  v_columns3_8(rows + 2, &x->b, &y->b, &z->b);
 }
 
 static inline __m128 v_quarter(vf x) {

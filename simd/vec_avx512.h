@@ -58,10 +58,9 @@ static inline vf i_to_v(vi a) { return _mm512_cvtepi32_ps(a); }
 static inline vf v_load_u8(const uint8_t *p) {
   return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)(const void *)p)));
 }
-/* Four rows of four floats, `stride` floats apart. */
-static inline vf v_load_4x4(const float *p, int64_t stride) {
-  const __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p)), _mm_loadu_ps(p + stride), 1);
-  const __m256 hi = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(p + 2 * stride)), _mm_loadu_ps(p + 3 * stride), 1);
+static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
+  const __m256 lo = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(a)), _mm_loadu_ps(b), 1);
+  const __m256 hi = _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(c)), _mm_loadu_ps(d), 1);
   return _mm512_insertf32x8(_mm512_castps256_ps512(lo), hi, 1);
 }
 static inline void v_store_4x4(float *p, int64_t stride, vf a) {
@@ -75,24 +74,17 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return __builtin_popcount((unsigned)m);
 }
 
-#if defined(PAGS_FUSED)
-#define V_FMA4(x, y, z) _mm_fmadd_ps(x, y, z)
-#else
-#define V_FMA4(x, y, z) _mm_add_ps(_mm_mul_ps(x, y), z)
-#endif
-static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
-  __m128 sum = _mm_mul_ps(_mm_loadu_ps(a), _mm_set1_ps(w[0]));
-  sum = V_FMA4(_mm_loadu_ps(b), _mm_set1_ps(w[16]), sum);
-  sum = V_FMA4(_mm_loadu_ps(c), _mm_set1_ps(w[32]), sum);
-  _mm_storeu_ps(out, V_FMA4(_mm_loadu_ps(d), _mm_set1_ps(w[48]), sum));
+static inline vf v_spread(vf a, int k) {
+  const __m512i quarters = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
+  return _mm512_permutexvar_ps(_mm512_add_epi32(quarters, _mm512_set1_epi32(4 * k)), a);
 }
-static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
   const __m512i first = _mm512_setr_epi32(0, 4, 8, 12, 16, 20, 24, 28, 0, 4, 8, 12, 16, 20, 24, 28);
-  const vf a = v_load(p), b = v_load(p + 16), c = v_load(p + 32), d = v_load(p + 48);
   vf *const out[3] = {x, y, z};
   for (int k = 0; k < 3; k++) {
     const __m512i at = _mm512_add_epi32(first, _mm512_set1_epi32(k));
-    *out[k] = _mm512_shuffle_f32x4(_mm512_permutex2var_ps(a, at, b), _mm512_permutex2var_ps(c, at, d), 0x44);
+    *out[k] = _mm512_shuffle_f32x4(_mm512_permutex2var_ps(rows[0], at, rows[1]),
+                                    _mm512_permutex2var_ps(rows[2], at, rows[3]), 0x44);
   }
 }
 

@@ -87,7 +87,9 @@ static inline vf v_load_u8(const uint8_t *p) {
   return (vf){{vcvtq_f32_u32(vmovl_u16(vget_low_u16(lo))), vcvtq_f32_u32(vmovl_u16(vget_high_u16(lo))),
                vcvtq_f32_u32(vmovl_u16(vget_low_u16(hi))), vcvtq_f32_u32(vmovl_u16(vget_high_u16(hi)))}};
 }
-static inline vf v_load_4x4(const float *p, int64_t stride) { V_DO(vf, vld1q_f32(p + k * stride)); }
+static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
+  return (vf){{vld1q_f32(a), vld1q_f32(b), vld1q_f32(c), vld1q_f32(d)}};
+}
 static inline void v_store_4x4(float *p, int64_t stride, vf x) {
   for (int k = 0; k < 4; k++)
     vst1q_f32(p + k * stride, x.r[k]);
@@ -104,21 +106,18 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n;
 }
 
-#if defined(PAGS_FUSED)
-#define V_FMA4(x, y, z) vfmaq_n_f32(z, x, y)
-#else
-#define V_FMA4(x, y, z) vaddq_f32(vmulq_n_f32(x, y), z)
-#endif
-static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
-  float32x4_t sum = vmulq_n_f32(vld1q_f32(a), w[0]);
-  sum = V_FMA4(vld1q_f32(b), w[16], sum);
-  sum = V_FMA4(vld1q_f32(c), w[32], sum);
-  vst1q_f32(out, V_FMA4(vld1q_f32(d), w[48], sum));
+static inline vf v_spread(vf x, int quarter) {
+  float lanes[4];
+  vst1q_f32(lanes, x.r[quarter]);
+  V_DO(vf, vdupq_n_f32(lanes[k]));
 }
-static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
+static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
   for (int k = 0; k < 4; k++) {
-    const float32x4x4_t columns = vld4q_f32(p + 16 * k);
-    x->r[k] = columns.val[0], y->r[k] = columns.val[1], z->r[k] = columns.val[2];
+    const float32x4_t *const r = rows[k].r;
+    const float32x4_t xy02 = vzip1q_f32(r[0], r[2]), xy13 = vzip1q_f32(r[1], r[3]);
+    x->r[k] = vzip1q_f32(xy02, xy13);
+    y->r[k] = vzip2q_f32(xy02, xy13);
+    z->r[k] = vzip1q_f32(vzip2q_f32(r[0], r[2]), vzip2q_f32(r[1], r[3]));
   }
 }
 

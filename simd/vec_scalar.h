@@ -71,7 +71,10 @@ static inline vi v_to_i(vf x) { V_DO(vi, (int32_t)lrintf(x.l[k])); }
 static inline vf i_to_v(vi x) { V_DO(vf, (float)x.l[k]); }
 
 static inline vf v_load_u8(const uint8_t *p) { V_DO(vf, (float)p[k]); }
-static inline vf v_load_4x4(const float *p, int64_t stride) { V_DO(vf, p[(k >> 2) * stride + (k & 3)]); }
+static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
+  const float *const from[4] = {a, b, c, d};
+  V_DO(vf, from[k >> 2][k & 3]);
+}
 static inline void v_store_4x4(float *p, int64_t stride, vf x) {
   for (int k = 0; k < V_LANES; k++)
     p[(k >> 2) * stride + (k & 3)] = x.l[k];
@@ -84,13 +87,12 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n;
 }
 
-static inline void v_mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
-  for (int j = 0; j < 4; j++)
-    out[j] = d[j] * w[48] + (c[j] * w[32] + (b[j] * w[16] + a[j] * w[0]));
-}
-static inline void v_columns3(const float *p, vf *x, vf *y, vf *z) {
-  for (int k = 0; k < V_LANES; k++)
-    x->l[k] = p[4 * k], y->l[k] = p[4 * k + 1], z->l[k] = p[4 * k + 2];
+static inline vf v_spread(vf x, int quarter) { V_DO(vf, x.l[4 * quarter + (k >> 2)]); }
+static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
+  for (int k = 0; k < V_LANES; k++) {
+    const float *const group = rows[k >> 2].l + 4 * (k & 3);
+    x->l[k] = group[0], y->l[k] = group[1], z->l[k] = group[2];
+  }
 }
 
 static inline float v_sum(vf x) {

@@ -156,24 +156,20 @@ static void test_memory(const pags_kernels *k) {
 
 static void test_rows_of_four(const pags_kernels *k) {
   const vec_ops *const ops = ops_of(k);
-  float *const rows = CHECK_NEW(float, 64), *const columns = CHECK_NEW(float, 48), *const out = CHECK_NEW(float, 4);
-  float *const weights = CHECK_NEW(float, 49);
-  for (int round = 0; round < 200; round++) {
-    for (int i = 0; i < 64; i++)
-      rows[i] = check_normal();
-    for (int i = 0; i < 49; i++)
-      weights[i] = check_normal();
-    ops->columns3(rows, columns);
-    for (int i = 0; i < 48; i++)
-      CHECK(columns[i] == rows[4 * (i % 16) + i / 16]);
-    ops->mix4(out, rows + 1, rows + 30, rows + 17, rows + 60, weights);
-    for (int j = 0; j < 4; j++) {
-      float want = rows[1 + j] * weights[0];
-      want = plain_fma(rows[30 + j], weights[16], want, ops->fused);
-      want = plain_fma(rows[17 + j], weights[32], want, ops->fused);
-      want = plain_fma(rows[60 + j], weights[48], want, ops->fused);
-      CHECK_SAME("mix4", out + j, &want, 1);
-    }
+  float *const rows = CHECK_NEW(float, 64), *const columns = CHECK_NEW(float, 48), *const out = CHECK_NEW(float, VEC_LANES);
+  for (int i = 0; i < 64; i++)
+    rows[i] = (float)i;
+  ops->columns3(rows, columns);
+  for (int i = 0; i < 48; i++)
+    CHECK(columns[i] == rows[4 * (i % 16) + i / 16]);
+  const int from[4] = {60, 1, 30, 17};
+  ops->load_fours(rows + from[0], rows + from[1], rows + from[2], rows + from[3], out);
+  for (int l = 0; l < VEC_LANES; l++)
+    CHECK(out[l] == (float)(from[l / 4] + l % 4));
+  for (int quarter = 0; quarter < 4; quarter++) {
+    ops->spread(rows, quarter, out);
+    for (int l = 0; l < VEC_LANES; l++)
+      CHECK(out[l] == (float)(4 * quarter + l / 4));
   }
 }
 

@@ -57,12 +57,16 @@ static unsigned from_and_to_bits(unsigned bits) {
 static int compress(int32_t *out, unsigned chosen, const int32_t *in) {
   return i_compress(out, m_from_bits(chosen), i_load(in));
 }
-static void mix4(float *out, const float *a, const float *b, const float *c, const float *d, const float *w) {
-  v_mix4(out, a, b, c, d, w);
+static void spread(const float *in, int quarter, float *out) {
+  v_store(out, v_spread(v_load(in), quarter));
+}
+static void load_fours(const float *a, const float *b, const float *c, const float *d, float *out) {
+  v_store(out, v_load_fours(a, b, c, d));
 }
 static void columns3(const float *in, float *out) {
+  const vf rows[4] = {v_load(in), v_load(in + 16), v_load(in + 32), v_load(in + 48)};
   vf x, y, z;
-  v_columns3(in, &x, &y, &z);
+  v_columns3(rows, &x, &y, &z);
   v_store(out, x);
   v_store(out + V_LANES, y);
   v_store(out + 2 * V_LANES, z);
@@ -110,7 +114,8 @@ const vec_ops vec_ops_scalar = {
     .first = first,
     .from_and_to_bits = from_and_to_bits,
     .compress = compress,
-    .mix4 = mix4,
+    .spread = spread,
+    .load_fours = load_fours,
     .columns3 = columns3,
     .load_u8 = load_u8,
     .load_4x4 = load_4x4,

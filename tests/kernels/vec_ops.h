@@ -65,7 +65,8 @@ typedef struct vec_ops {
   unsigned (*first)(int count);
   unsigned (*from_and_to_bits)(unsigned bits);
   int (*compress)(int32_t *out, unsigned chosen, const int32_t *in);
-  void (*mix4)(float *out, const float *a, const float *b, const float *c, const float *d, const float *w);
+  void (*spread)(const float *in, int quarter, float *out);
+  void (*load_fours)(const float *a, const float *b, const float *c, const float *d, float *out);
   void (*columns3)(const float *in, float *out); /* 64 floats to 48 */
   void (*load_u8)(const uint8_t *in, float *out);
   void (*load_4x4)(const float *in, int64_t stride, float *out);
