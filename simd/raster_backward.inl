@@ -43,39 +43,33 @@ V_INLINE void backward_load(backward_tile *tile, const pags_raster_back *in, boo
 }
 
 typedef struct backward_cover { /* of one splat over one block: independent of what lies in front */
-  vf u, v, raw;
-  vm contributes;
+  vf u, v, alpha;
 } backward_cover;
 
 V_INLINE backward_cover backward_alpha(const backward_tile *tile, const pags_splat *s, int b) {
   backward_cover c;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &c.u, &c.v);
-  c.contributes = v_ge(exponent, v_set(-PAGS_LOG2_255));
-  c.raw = v_exp2(exponent, 5);
+  c.alpha = raster_alpha(exponent, 5);
   return c;
 }
 
 V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const backward_cover *cover, int b, bool depth,
                             bool absolute, vf *sum) {
-  const vf u = cover->u, v = cover->v, raw = cover->raw;
-  const vm contributes = cover->contributes;
-  const vf alpha = v_min(v_set(PAGS_ALPHA_MAX), raw);
+  const vf u = cover->u, v = cover->v, alpha = cover->alpha;
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
-  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
-  const vf w = v_maskz(blends, v_mul(alpha, t));
+  const vm goes_on = v_ge(next, v_set(PAGS_T_STOP));
+  const vf w = v_maskz(goes_on, v_mul(alpha, t));
   vf shine = v_mul(tile->g[2][b], v_set(s->b)); /* colour . dL/dC */
   shine = v_fma(tile->g[1][b], v_set(s->g), shine);
   shine = v_fma(tile->g[0][b], v_set(s->r), shine);
   if (depth)
     shine = v_fma(tile->g[3][b], v_set(s->z), shine);
   const vf behind = v_fnma(w, shine, tile->behind[b]);
-  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(contributes, blends));
-  tile->t[b] = v_select(blends, next, v_maskz(going, t));
-  tile->behind[b] = v_maskz(going, behind);
+  tile->t[b] = v_maskz(goes_on, next);
+  tile->behind[b] = v_maskz(goes_on, behind);
 
   const vf dalpha = v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha)));
-  const vm uncapped = v_ge_and(blends, v_set(PAGS_ALPHA_MAX), raw);
-  const vf ds = v_maskz(uncapped, v_mul(alpha, dalpha));
+  const vf ds = v_maskz(m_and(goes_on, v_lt(alpha, v_set(PAGS_ALPHA_MAX))), v_mul(alpha, dalpha));
   const vf su = v_mul(ds, u), sv = v_mul(ds, v);
   sum[PAGS_SLOT_S] = v_add(sum[PAGS_SLOT_S], ds);
   sum[PAGS_SLOT_SU] = v_add(sum[PAGS_SLOT_SU], su);

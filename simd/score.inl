@@ -45,10 +45,9 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
   vf u, v;
   const vf exponent = raster_exponent(s, tile->px[b], tile->py[b], &u, &v);
   const vf alpha = raster_alpha(exponent, 5);
-  const vm contributes = v_gt(alpha, v_zero());
   const vf t = tile->t[b], next = v_fnma(t, alpha, t);
-  const vm blends = v_ge_and(contributes, next, v_set(PAGS_T_STOP));
-  const vf w = v_maskz(blends, v_mul(alpha, t));
+  const vm goes_on = v_ge(next, v_set(PAGS_T_STOP)), blends = m_and(goes_on, v_gt(alpha, v_zero()));
+  const vf w = v_maskz(goes_on, v_mul(alpha, t));
   vf shine;
   if (loss) {
     shine = v_mul(tile->g[2][b], v_set(s->b));
@@ -58,11 +57,10 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
     shine = v_set(s->r + s->g + s->b);
   }
   const vf behind = v_fnma(w, shine, tile->behind[b]);
-  const vm going = m_andnot(m_from_bits(0xFFFFu), m_andnot(contributes, blends));
-  tile->t[b] = v_select(blends, next, v_maskz(going, t));
-  tile->behind[b] = v_maskz(going, behind);
+  tile->t[b] = v_maskz(goes_on, next);
+  tile->behind[b] = v_maskz(goes_on, behind);
 
-  const vf seen = overlap ? v_maskz(contributes, alpha) : w;
+  const vf seen = overlap ? alpha : w;
   const vf by_alpha =
       v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha))));
   sum[0] = v_fma(seen, tile->counted[b], sum[0]);

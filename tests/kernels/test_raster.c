@@ -8,7 +8,7 @@
 
 enum { STRIDE = 19, PLANE = 15 * STRIDE + 16 };
 
-static const int counts[] = {0, 1, 2, 7, 8, 9, 15, 16, 17, 63, 64, 255, 256, 257, 600};
+static const int counts[] = {0, 1, 2, 15, 16, 17, 31, 32, 33, 63, 64, 65, 255, 256, 257, 600};
 
 typedef struct scene {
   pags_splat *splats;
