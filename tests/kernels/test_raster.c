@@ -15,6 +15,7 @@ typedef struct scene {
   pags_entry *entries;
   int64_t count;
   int x0, y0, width, height;
+  const float *hard; /* a plane, or NULL */
 } scene;
 
 /* Output of one call, in buffers of exactly what may be written. */
@@ -70,7 +71,8 @@ static picture blend(const pags_kernels *k, const scene *s, int degree, int chan
                              .height = s->height,
                              .exp_degree = degree,
                              .block_masks = p.masks,
-                             .pairs = counted ? p.pairs : NULL};
+                             .pairs = counted ? p.pairs : NULL,
+                             .hard = s->hard};
   k->raster(&in, &out);
   return p;
 }
@@ -280,6 +282,45 @@ static void test_strangers(const pags_kernels *k) {
   }
 }
 
+/* Differs from pixel to pixel and from block to block. */
+static int side_of(int i) { return (i % STRIDE + i % STRIDE / 4 + i / STRIDE / 4) % 2; }
+
+/* What the hard test leaves of each pixel's list, drawn from a list of no more. */
+static void test_hard(const pags_kernels *k) {
+  for (int round = 0; round < 8; round++) {
+    scene s = make_scene(200, round % 2 ? &splats_opaque : &splats_awkward, round & 2);
+    const int degree = round & 4 ? 3 : 5;
+    const float limit[2] = {s.splats[0].z, s.splats[1].z};
+    picture nearer[2];
+    for (int side = 0; side < 2; side++) {
+      scene kept = s;
+      kept.entries = CHECK_NEW(pags_entry, s.count);
+      kept.count = 0;
+      for (int64_t i = 0; i < s.count; i++)
+        if (s.splats[s.entries[i].splat].z <= limit[side])
+          kept.entries[kept.count++] = s.entries[i];
+      CHECK(kept.count > 0);
+      nearer[side] = blend(k, &kept, degree, true, false);
+    }
+    float *const hard = CHECK_NEW(float, PLANE);
+    for (int i = 0; i < PLANE; i++)
+      hard[i] = limit[side_of(i)];
+    s.hard = hard;
+    const picture got = blend(k, &s, degree, true, false);
+    for (int i = 0; i < PLANE; i++) {
+      const picture *const want = nearer + side_of(i);
+      if (!inside(&s, i))
+        continue;
+      for (int c = 0; c < 3; c++)
+        CHECK_SAME("rgb", got.rgb[c] + i, want->rgb[c] + i, 1);
+      CHECK_SAME("transmittance", got.transmittance + i, want->transmittance + i, 1);
+      CHECK_SAME("depth", got.depth + i, want->depth + i, 1);
+      CHECK(got.id[i] == want->id[i]);
+    }
+    check_release();
+  }
+}
+
 /* A pixel's own list: only those splats that are above the cut-off there. */
 static void test_own_list(const pags_kernels *k) {
   for (int round = 0; round < 4; round++) {
@@ -397,7 +438,7 @@ static void test_roofline(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"raster scalar", test_scalar},       {"raster plainly", test_plainly},   {"raster variants", test_variants},
-      {"raster strangers", test_strangers}, {"raster own list", test_own_list}, {"raster masks", test_masks}, {"raster resume", test_resume},
+      {"raster strangers", test_strangers}, {"raster hard", test_hard}, {"raster own list", test_own_list}, {"raster masks", test_masks}, {"raster resume", test_resume},
       {"raster bench", test_bench},         {"roofline", test_roofline},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
