@@ -283,22 +283,23 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
 }
 
 /* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
- * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. The hard test, which is there to be
- * compared with, always has both. */
+ * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
 #define RASTER_VARIANT(name, degree, extra, bounded, hard)                          \
   static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
     return raster_tile(in, out, (raster_how){degree, extra, extra, extra, bounded, hard, in->eps}); \
   }
 RASTER_VARIANT(raster_5, 5, false, false, false)
 RASTER_VARIANT(raster_5_extra, 5, true, false, false)
-RASTER_VARIANT(raster_3, 3, false, false, false)
-RASTER_VARIANT(raster_3_extra, 3, true, false, false)
 RASTER_VARIANT(raster_5_bounded, 5, false, true, false)
 RASTER_VARIANT(raster_5_extra_bounded, 5, true, true, false)
+RASTER_VARIANT(raster_5_hard, 5, false, false, true)
+RASTER_VARIANT(raster_5_extra_hard, 5, true, false, true)
+RASTER_VARIANT(raster_3, 3, false, false, false)
+RASTER_VARIANT(raster_3_extra, 3, true, false, false)
 RASTER_VARIANT(raster_3_bounded, 3, false, true, false)
 RASTER_VARIANT(raster_3_extra_bounded, 3, true, true, false)
-RASTER_VARIANT(raster_5_hard, 5, true, false, true)
-RASTER_VARIANT(raster_3_hard, 3, true, false, true)
+RASTER_VARIANT(raster_3_hard, 3, false, false, true)
+RASTER_VARIANT(raster_3_extra_hard, 3, true, false, true)
 
 /* What training asks for. */
 static unsigned raster_5_sum(const pags_raster_in *in, const pags_raster_out *out) {
@@ -307,14 +308,14 @@ static unsigned raster_5_sum(const pags_raster_in *in, const pags_raster_out *ou
 
 static unsigned raster(const pags_raster_in *in, const pags_raster_out *out) {
   typedef unsigned variant(const pags_raster_in *, const pags_raster_out *);
-  static variant *const variants[2][2][2] = {{{raster_3, raster_3_bounded}, {raster_3_extra, raster_3_extra_bounded}},
-                                             {{raster_5, raster_5_bounded}, {raster_5_extra, raster_5_extra_bounded}}};
-  const int exact = in->exp_degree >= 5;
-  if (in->hard)
-    return (exact ? raster_5_hard : raster_3_hard)(in, out);
-  if (exact && out->depth_sum && !out->depth && !in->pairs && !(in->eps > 0.0f))
+  static variant *const variants[2][2][3] = {
+      {{raster_3, raster_3_bounded, raster_3_hard}, {raster_3_extra, raster_3_extra_bounded, raster_3_extra_hard}},
+      {{raster_5, raster_5_bounded, raster_5_hard}, {raster_5_extra, raster_5_extra_bounded, raster_5_extra_hard}}};
+  const bool exact = in->exp_degree >= 5;
+  const int stop = in->hard ? 2 : in->eps > 0.0f;
+  if (exact && out->depth_sum && !out->depth && !in->pairs && stop == 0)
     return raster_5_sum(in, out);
-  return variants[exact][out->depth_sum || in->pairs][in->eps > 0.0f](in, out);
+  return variants[exact][out->depth_sum || in->pairs][stop](in, out);
 }
 
 #define RASTER_COVERS (-1.0f) /* log2 of the alpha at which an occluder writes its depth */

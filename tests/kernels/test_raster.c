@@ -306,7 +306,8 @@ static void test_hard(const pags_kernels *k) {
     for (int i = 0; i < PLANE; i++)
       hard[i] = limit[side_of(i)];
     s.hard = hard;
-    const picture got = blend(k, &s, degree, true, false);
+    const picture got = blend(k, &s, degree, true, false), plain = blend(k, &s, degree, false, false);
+    check_same_picture(&got, &plain, &s);
     for (int i = 0; i < PLANE; i++) {
       const picture *const want = nearer + side_of(i);
       if (!inside(&s, i))
