@@ -6,7 +6,9 @@
  * pixel carries its transmittance with the sign set, so that no separate mask is kept: what would be blended next turns out below the
  * stop threshold by itself. */
 
-enum { RASTER_CHUNK = 32 }; /* splats. Blocks are looked at for having stopped once a chunk: with twice as many, two per cent more pairs come after the stop */
+/* In splats. Blocks are looked at for having stopped once a chunk: with twice as many splats three per cent more pairs are blended for
+ * nothing, with half as many the loops are left too often. */
+enum { RASTER_CHUNK = 32 };
 
 typedef struct raster_state { /* of one block */
   vf px, py; /* pixel centres */
