@@ -128,14 +128,13 @@ static inline uint16_t block_mask(const pags_splat *s, const block_corners *corn
 
 typedef struct raster_chunk {
   pags_splat splats[RASTER_CHUNK] __attribute__((aligned(64)));
-  uint16_t masks[RASTER_CHUNK]; /* active blocks that each can change */
   int32_t pairs[RASTER_CHUNK * PAGS_TILE_BLOCKS + V_LANES]; /* 16 splat + block; 2 more than there are can be read */
 } raster_chunk;
 
 /* Copies splats and lists their pairs in one loop, so that these are worked out while splats come from memory. Returns how many
- * there are. */
+ * there are; masks[i], unless NULL, receives the active blocks that splat i can change. */
 V_INLINE int load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
-                         unsigned active, raster_chunk *chunk) {
+                         unsigned active, raster_chunk *chunk, uint16_t *masks) {
   const vm blocks = m_from_bits(active);
   int pairs = 0;
   vi code = v_to_i(v_iota());
@@ -143,7 +142,8 @@ V_INLINE int load_chunk(const pags_splat *splats, const pags_entry *entries, int
     const pags_splat *const s = splats + entries[i].splat;
     chunk->splats[i] = *s;
     const vm touched = m_and(blocks_touched(s, corners), blocks);
-    chunk->masks[i] = (uint16_t)m_bits(touched);
+    if (masks)
+      masks[i] = (uint16_t)m_bits(touched);
     pairs += i_compress(chunk->pairs + pairs, touched, code);
   }
   chunk->pairs[pairs] = chunk->pairs[pairs + 1] = 0;
@@ -263,14 +263,13 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
   int64_t start = 0;
   for (; start < in->count && active; start += RASTER_CHUNK) {
     const int count = in->count - start < RASTER_CHUNK ? (int)(in->count - start) : RASTER_CHUNK;
-    const int pairs = load_chunk(in->splats, in->entries + start, count, &corners, active, &chunk);
+    uint16_t *const masks = in->block_masks ? in->block_masks + start : NULL;
+    const int pairs = load_chunk(in->splats, in->entries + start, count, &corners, active, &chunk, masks);
     fetch_ahead(in, start + RASTER_CHUNK);
     raster_pairs(state, &chunk, pairs, how, in->pairs);
     for (unsigned left = active; left; left &= left - 1)
       if (raster_stopped(state + __builtin_ctz(left), how))
         active ^= left & (0u - left); /* the lowest bit */
-    if (in->block_masks)
-      memcpy(in->block_masks + start, chunk.masks, (size_t)count * sizeof *chunk.masks);
   }
   if (in->looked_at)
     *in->looked_at += start < in->count ? start : in->count;
