@@ -134,20 +134,16 @@ static int best_strength(const scores *s, int kind) {
 
 /* Rotation vector of `m` relative to the run's first knot, continued from `before` without jumps of a turn. */
 static void rotation_from(const double first[12], const double m[12], const double before[3], double out[3]) {
-  double back[12], relative[12], q[4];
+  double back[12], relative[12], least[3], best = INFINITY;
   pags_rigid_inverse(first, back);
   pags_rigid_multiply(back, m, relative);
-  double r[9];
-  for (int i = 0; i < 9; i++)
-    r[i] = relative[i / 3 * 4 + i % 3];
-  pags_quaternion_from_rotation(r, q);
-  double sine = sqrt(q[1] * q[1] + q[2] * q[2] + q[3] * q[3]), angle = 2.0 * atan2(sine, q[0]);
-  double scale = sine > 1e-12 ? angle / sine : 2.0, best = INFINITY;
-  double turn = sine > 1e-12 ? 6.283185307179586 / sine : 0.0;
+  pags_increment_rotation(relative, least);
+  double angle = sqrt(least[0] * least[0] + least[1] * least[1] + least[2] * least[2]);
+  double turn = angle > 1e-12 ? 6.283185307179586 / angle : 0.0;
   for (int n = -2; n <= 2; n++) { /* the same rotation, whole turns apart */
     double apart = 0.0, v[3];
     for (int i = 0; i < 3; i++) {
-      v[i] = q[1 + i] * (scale + n * turn);
+      v[i] = least[i] * (1.0 + n * turn);
       apart += (v[i] - before[i]) * (v[i] - before[i]);
     }
     if (apart < best) {
@@ -182,7 +178,7 @@ static void take_increments(run *r) {
       pose[4 * k + 3] = first[4 * k + 3] + r->smooth[i][3 + k];
     pags_rigid_inverse(knot->world_from_object, back);
     pags_rigid_multiply(back, pose, increment);
-    rotation_from((const double[12]){1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, increment, zero, knot->rotation);
+    pags_increment_rotation(increment, knot->rotation);
     for (int k = 0; k < 3; k++)
       knot->translation[k] = increment[4 * k + 3];
   }

@@ -36,6 +36,7 @@ PAGS_API void pags_rigid_point(const double m[12], const double p[3], double out
 PAGS_API void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]);
 /* Rotation part (row-major 3x3) of a quaternion w x y z, normalised here; identity for a zero quaternion. */
 PAGS_API void pags_rotation_from_quaternion(const double q[4], double r[9]);
+/* The other way; w >= 0. */
 PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);
 
 /* One camera, or a path. A camera file is JSON: width height fx fy cx cy camera_from_world_quaternion_wxyz

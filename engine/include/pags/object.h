@@ -28,7 +28,7 @@ PAGS_API pags_category pags_category_of(const char *class_name);
 /* Vehicles, pedestrians and cyclists: what the paper calls critical. */
 static inline int pags_category_is_critical(pags_category category) { return category != PAGS_CATEGORY_OTHER; }
 
-/* One labelled pose of a track and what training adds to it. The pose used is world_from_object * exp(increment):
+/* One labelled pose of a track and what training adds to it. A trained knot's pose is world_from_object * exp(increment):
  * p_world = R (Exp(rotation) p + translation) + t. */
 typedef struct pags_knot {
   int32_t frame;                /* time step of the data set */
@@ -60,12 +60,16 @@ PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t fr
 /* Where the object is at `time`; returns 0, and leaves `out` alone, when it isn't there.
  * At a knot (within 1e-6 s) the label is taken as it stands, between two knots at most 1.5 times the track's median spacing apart the
  * labels are interpolated (translation linear, rotation along the shorter arc); up to half a median spacing beyond an end or into a
- * longer gap the nearest knot holds. The increment is interpolated linearly between the trained knots on either side
- * (beyond them: the nearest trained one's; none trained: zero). */
+ * longer gap the nearest knot holds. That is the pose where no increment is. Where one of the trained knots on either side has an increment,
+ * these at most 2.5 median spacings apart, the pose is on the cubic through the trained poses, whatever a held-out knot between them
+ * says (docs/driving.md, "Held-out poses"); otherwise the label is multiplied by the increment, interpolated linearly between them
+ * (beyond them: the nearest trained one's). */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 
 /* out = exp(increment): 3x4 [Exp(rotation) | translation]. */
 PAGS_API void pags_increment_matrix(const double rotation[3], const double translation[3], double out[12]);
+/* Its inverse for rotations: the axis times the angle, 0 to pi, of m's rotation. */
+PAGS_API void pags_increment_rotation(const double m[12], double rotation[3]);
 
 #ifdef __cplusplus
 }
