@@ -142,8 +142,8 @@ static int bridges(const pags_object *object, const pags_knot *a, const pags_kno
   return a && b && b->time - a->time > same_time && median_reaches(object, (b->time - a->time) / longest_bridge);
 }
 
-/* How a trained knot's pose differs from `from`, seconds before it, a second. */
-static void velocity(const double from[12], const pags_knot *k, double seconds, double out[CHANNELS]) {
+/* A trained knot's pose relative to `from`: rotation vector, then translation along the world's axes. */
+static void displacement(const double from[12], const pags_knot *k, double out[CHANNELS]) {
   double to[12], back[12], between[12];
   trained_pose(k, to);
   pags_rigid_inverse(from, back);
@@ -151,36 +151,34 @@ static void velocity(const double from[12], const pags_knot *k, double seconds, 
   pags_increment_rotation(between, out);
   for (int i = 0; i < 3; i++)
     out[3 + i] = to[4 * i + 3] - from[4 * i + 3];
-  for (int i = 0; i < CHANNELS; i++)
-    out[i] /= seconds;
 }
 
-/* The curve between trained knots a and b; all that follows is relative to a's pose. */
+/* The velocity at the middle one of three knots of the parabola through them; v0 and v1 are the mean velocities before and behind it,
+ * over h0 and h1 seconds. */
+static double middle_velocity(double v0, double h0, double v1, double h1) {
+  return (v0 * h1 + v1 * h0) / (h0 + h1);
+}
+
+/* The curve between trained knots a and b. Where a knot has none before or behind it to take its velocity from, the parabola through the
+ * other three goes on, or a straight line through the two. */
 static void curve_at(const pags_object *object, const pags_knot *a, const pags_knot *b, double time, double out[12]) {
   const pags_knot *before = last_trained(object, a - object->knots), *behind = first_trained(object, b - object->knots + 1);
-  double pose[12], turn[12], mean[CHANNELS], from[CHANNELS], to[CHANNELS], x[CHANNELS];
-  const double gap = b->time - a->time, u = (time - a->time) / gap, zero[3] = {0, 0, 0};
-  trained_pose(a, pose);
-  velocity(pose, b, gap, mean);
   const int has_before = bridges(object, before, a), has_behind = bridges(object, b, behind);
-  if (has_before) {
-    double other = a->time - before->time, share = gap / (gap + other);
-    velocity(pose, before, -other, from);
-    for (int i = 0; i < CHANNELS; i++)
-      from[i] = share * from[i] + (1 - share) * mean[i];
-  }
-  if (has_behind) {
-    double other = behind->time - b->time, share = gap / (gap + other);
-    velocity(pose, behind, gap + other, to);
-    for (int i = 0; i < CHANNELS; i++) {
-      double after = (to[i] * (gap + other) - mean[i] * gap) / other; /* from b to behind */
-      to[i] = share * after + (1 - share) * mean[i];
-    }
-  }
-  for (int i = 0; i < CHANNELS; i++) { /* at an end the parabola through the other side's three, or a straight line */
-    double v = has_before ? from[i] : has_behind ? 2 * mean[i] - to[i] : mean[i];
-    double w = has_behind ? to[i] : has_before ? 2 * mean[i] - from[i] : mean[i];
-    x[i] = gap * u * ((1 - u) * (1 - u) * v + (3 - 2 * u) * u * mean[i] - u * (1 - u) * w);
+  const double gap = b->time - a->time, u = (time - a->time) / gap, zero[3] = {0, 0, 0};
+  double pose[12], turn[12], to_b[CHANNELS], to_before[CHANNELS], to_behind[CHANNELS], x[CHANNELS];
+  trained_pose(a, pose);
+  displacement(pose, b, to_b);
+  if (has_before)
+    displacement(pose, before, to_before);
+  if (has_behind)
+    displacement(pose, behind, to_behind);
+  for (int i = 0; i < CHANNELS; i++) {
+    const double mean = to_b[i] / gap, h0 = has_before ? a->time - before->time : 0, h1 = has_behind ? behind->time - b->time : 0;
+    double v = has_before ? middle_velocity(-to_before[i] / h0, h0, mean, gap) : mean;
+    double w = has_behind ? middle_velocity(mean, gap, (to_behind[i] - to_b[i]) / h1, h1) : 2 * mean - v;
+    if (!has_before)
+      v = 2 * mean - w;
+    x[i] = gap * u * ((1 - u) * (1 - u) * v + (3 - 2 * u) * u * mean - u * (1 - u) * w);
   }
   pags_increment_matrix(x, zero, turn);
   pags_rigid_multiply(pose, turn, out);
