@@ -26,9 +26,13 @@ static double length(const double p[3]) {
   return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
 }
 
+static void add_offset(pags_pose_error *sum, int labelled, const double p[3], double degrees) {
+  *(labelled ? &sum->label_metres : &sum->metres) += length(p);
+  *(labelled ? &sum->label_degrees : &sum->degrees) += fabs(degrees);
+}
+
 /* Sums of what the offsets of a track are, and of what they are about their mean. */
-static void add_track(const offset *offsets, int64_t count, double *metres, double *degrees, double *relative_metres,
-                      double *relative_degrees) {
+static void add_track(const offset *offsets, int64_t count, int labelled, pags_pose_errors *out) {
   offset mean = {{0, 0, 0}, 0};
   for (int64_t i = 0; i < count; ++i) {
     for (int k = 0; k < 3; ++k)
@@ -39,10 +43,8 @@ static void add_track(const offset *offsets, int64_t count, double *metres, doub
     double rest[3];
     for (int k = 0; k < 3; ++k)
       rest[k] = offsets[i].p[k] - mean.p[k];
-    *metres += length(offsets[i].p);
-    *degrees += fabs(offsets[i].degrees);
-    *relative_metres += length(rest);
-    *relative_degrees += fabs(offsets[i].degrees - mean.degrees);
+    add_offset(&out->absolute, labelled, offsets[i].p, offsets[i].degrees);
+    add_offset(&out->relative, labelled, rest, offsets[i].degrees - mean.degrees);
   }
 }
 
@@ -77,23 +79,37 @@ static pags_result read_pose(const reading *r, const pags_json_value *matrix, do
   return PAGS_OK;
 }
 
-static pags_result add_knot(reading *r, const pags_knot *knot, const pags_json_value *matrix) {
-  double truth[12], increment[12], pose[12];
-  if (r->count == r->room) {
-    int64_t room = 2 * r->room + 64;
-    offset *labelled = realloc(r->labelled, (size_t)room * sizeof *labelled);
-    r->labelled = labelled ? labelled : r->labelled;
-    offset *trained = realloc(r->trained, (size_t)room * sizeof *trained);
-    r->trained = trained ? trained : r->trained;
-    if (!labelled || !trained)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld poses", (long long)room);
-    r->room = room;
-  }
+static pags_result make_room(reading *r) {
+  int64_t room = 2 * r->room + 64;
+  if (r->count < r->room)
+    return PAGS_OK;
+  offset *labelled = realloc(r->labelled, (size_t)room * sizeof *labelled);
+  r->labelled = labelled ? labelled : r->labelled;
+  offset *trained = realloc(r->trained, (size_t)room * sizeof *trained);
+  r->trained = trained ? trained : r->trained;
+  if (!labelled || !trained)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld poses", (long long)room);
+  r->room = room;
+  return PAGS_OK;
+}
+
+/* Those of trained knots are kept until the track's mean is known. */
+static pags_result add_knot(reading *r, const pags_object *object, const pags_knot *knot, const pags_json_value *matrix,
+                            pags_pose_errors *out) {
+  double truth[12], pose[12];
   PAGS_TRY(read_pose(r, matrix, truth));
-  pags_increment_matrix(knot->rotation, knot->translation, increment);
-  pags_rigid_multiply(knot->world_from_object, increment, pose);
-  r->labelled[r->count] = offset_of(truth, knot->world_from_object);
-  r->trained[r->count++] = offset_of(truth, pose);
+  if (!pags_object_pose(object, knot->time, pose))
+    return PAGS_OK;
+  const offset labelled = offset_of(truth, knot->world_from_object), drawn = offset_of(truth, pose);
+  if (!knot->trained) {
+    add_offset(&out->held_out, 1, labelled.p, labelled.degrees);
+    add_offset(&out->held_out, 0, drawn.p, drawn.degrees);
+    out->held_out_knots++;
+    return PAGS_OK;
+  }
+  PAGS_TRY(make_room(r));
+  r->labelled[r->count] = labelled;
+  r->trained[r->count++] = drawn;
   return PAGS_OK;
 }
 
@@ -115,16 +131,15 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
     double number;
     PAGS_TRY(pags_json_as_number(r->json, frame, "an entry of 'frame_idx'", &number));
     const pags_knot *knot = pags_object_knot(&object->record, (int64_t)number);
-    if (knot && knot->trained)
-      PAGS_TRY(add_knot(r, knot, pose));
+    if (knot)
+      PAGS_TRY(add_knot(r, &object->record, knot, pose, out));
   }
   if (!r->count)
     return PAGS_OK;
   ++out->objects;
   out->knots += r->count;
-  add_track(r->labelled, r->count, &out->label_metres, &out->label_degrees, &out->label_relative_metres,
-            &out->label_relative_degrees);
-  add_track(r->trained, r->count, &out->metres, &out->degrees, &out->relative_metres, &out->relative_degrees);
+  add_track(r->labelled, r->count, 1, out);
+  add_track(r->trained, r->count, 0, out);
   return PAGS_OK;
 }
 
@@ -146,11 +161,10 @@ static pags_result read_forward(const char *dataset, int *forward_y) {
   return result;
 }
 
-static void divide(pags_pose_errors *e) {
-  double *sums[] = {&e->label_metres,          &e->label_degrees,          &e->metres,          &e->degrees,
-                    &e->label_relative_metres, &e->label_relative_degrees, &e->relative_metres, &e->relative_degrees};
-  for (size_t i = 0; e->knots && i < sizeof sums / sizeof sums[0]; ++i)
-    *sums[i] /= (double)e->knots;
+static void divide(pags_pose_error *sum, int64_t knots) {
+  double *sums[] = {&sum->label_metres, &sum->label_degrees, &sum->metres, &sum->degrees};
+  for (size_t i = 0; knots && i < sizeof sums / sizeof sums[0]; ++i)
+    *sums[i] /= (double)knots;
 }
 
 static pags_result measure(const char *path, const char *dataset, const pags_scene *scene, pags_pose_errors *out) {
@@ -165,7 +179,9 @@ static pags_result measure(const char *path, const char *dataset, const pags_sce
   free(r.labelled);
   free(r.trained);
   pags_json_destroy(json);
-  divide(out);
+  divide(&out->absolute, out->knots);
+  divide(&out->relative, out->knots);
+  divide(&out->held_out, out->held_out_knots);
   return result;
 }
 
@@ -184,18 +200,16 @@ static double recovered(double labelled, double trained) {
   return labelled > 0 ? 1 - trained / labelled : (double)NAN;
 }
 
-static void put_kind(pags_json_writer *writer, const char *key, double metres, double degrees, double label_metres,
-                     double label_degrees) {
+static void put_kind(pags_json_writer *writer, const char *key, const pags_pose_error *e) {
   pags_json_begin_object(writer, key);
-  pags_json_put_number(writer, "label_metres", label_metres);
-  pags_json_put_number(writer, "metres", metres);
+  pags_json_put_number(writer, "label_metres", e->label_metres);
+  pags_json_put_number(writer, "metres", e->metres);
   pags_json_put_number(writer, "recovered_metres",
-                       label_metres > least_metres ? recovered(label_metres, metres) : (double)NAN);
-  pags_json_put_number(writer, "label_degrees", label_degrees);
-  pags_json_put_number(writer, "degrees", degrees);
-  pags_json_put_number(
-      writer, "recovered_degrees",
-      label_degrees > least_degrees ? recovered(label_degrees, degrees) : (double)NAN);
+                       e->label_metres > least_metres ? recovered(e->label_metres, e->metres) : (double)NAN);
+  pags_json_put_number(writer, "label_degrees", e->label_degrees);
+  pags_json_put_number(writer, "degrees", e->degrees);
+  pags_json_put_number(writer, "recovered_degrees",
+                       e->label_degrees > least_degrees ? recovered(e->label_degrees, e->degrees) : (double)NAN);
   pags_json_end_object(writer);
 }
 
@@ -207,8 +221,12 @@ void pags_pose_errors_put_json(pags_json_writer *writer, const pags_pose_errors 
   pags_json_begin_object(writer, "poses");
   pags_json_put_integer(writer, "objects", e->objects);
   pags_json_put_integer(writer, "knots", e->knots);
-  put_kind(writer, "absolute", e->metres, e->degrees, e->label_metres, e->label_degrees);
-  put_kind(writer, "relative", e->relative_metres, e->relative_degrees, e->label_relative_metres,
-           e->label_relative_degrees);
+  put_kind(writer, "absolute", &e->absolute);
+  put_kind(writer, "relative", &e->relative);
+  pags_json_put_integer(writer, "held_out_knots", e->held_out_knots);
+  if (e->held_out_knots)
+    put_kind(writer, "held_out", &e->held_out);
+  else
+    pags_json_put_null(writer, "held_out");
   pags_json_end_object(writer);
 }

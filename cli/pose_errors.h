@@ -5,14 +5,18 @@
 #include <base/json.h>
 #include <pags/scene.h>
 
-/* Means over the trained knots of moving objects. The `relative` ones are after each track's mean error, in the object's frame, has been taken
- * away: where in its box a thing stands is a matter of convention, which no photograph decides. */
-typedef struct pags_pose_errors {
-  int64_t objects, knots;             /* 0: there is no truth */
+/* Means over knots. */
+typedef struct pags_pose_error {
   double label_metres, label_degrees; /* of the poses as labelled */
-  double metres, degrees;             /* of the poses as trained */
-  double label_relative_metres, label_relative_degrees;
-  double relative_metres, relative_degrees;
+  double metres, degrees;             /* of the poses as the scene has them */
+} pags_pose_error;
+
+/* Of moving objects. `relative` is after each track's mean error, in the object's frame, has been taken away: where in its box a thing stands is
+ * a matter of convention, which no photograph decides. */
+typedef struct pags_pose_errors {
+  int64_t objects, knots, held_out_knots; /* objects 0: there is no truth */
+  pags_pose_error absolute, relative;     /* trained knots */
+  pags_pose_error held_out;               /* the others, whose time training never saw */
 } pags_pose_errors;
 
 /* Reads truth/instances/instances_info.json of the data set; all zero where there is none. */

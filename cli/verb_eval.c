@@ -280,10 +280,13 @@ static void print_poses(const pags_session *session, const pags_pose_errors *e) 
     return;
   pags_say(session,
            "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-           (long long)e->objects, e->label_metres, e->label_degrees, e->metres, e->degrees);
+           (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres, e->absolute.degrees);
   pags_say(session,
            "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-           e->label_relative_metres, e->label_relative_degrees, e->relative_metres, e->relative_degrees);
+           e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
+  if (e->held_out_knots)
+    pags_say(session, "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
+             e->held_out.label_metres, e->held_out.label_degrees, e->held_out.metres, e->held_out.degrees);
 }
 
 static double percent(int64_t part, int64_t whole) { return whole ? 100 * (double)part / (double)whole : 0; }

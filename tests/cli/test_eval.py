@@ -52,9 +52,15 @@ class Eval(fixtures.Case):
         self.assertLess(poses["absolute"]["label_metres"], 0.25)
         self.assertGreater(poses["absolute"]["label_degrees"], 0.7)
         self.assertLess(poses["absolute"]["label_degrees"], 3.5)
-        for kind in ["absolute", "relative"]:
+        for kind in ["absolute", "relative", "held_out"]:
             of = poses[kind]
             self.assertAlmostEqual(of["recovered_metres"], 1 - of["metres"] / of["label_metres"], places=9)
+        with open(os.path.join(self.scene, "scene.json")) as file:
+            modelled = [o for o in json.load(file)["objects"] if o.get("model") is not None]
+        knots = [k["trained"] for o in modelled for k in o["knots"]]
+        self.assertEqual((poses["knots"], poses["held_out_knots"]), (knots.count(True), knots.count(False)))
+        self.assertGreater(poses["held_out"]["label_metres"], 0.06)
+        self.assertLess(poses["held_out"]["metres"], 0.3)
 
     def test_priorities_beside_the_truth(self):
         figures = json.loads(self.succeeds("eval", self.scene, "--split", "test", "--json", "-").stdout)["priorities"]
