@@ -149,6 +149,7 @@ static pags_result bench_scene(const bench_arguments *arguments, scene_bench *be
                           .markdown = arguments->markdown,
                           .progress = show_progress,
                           .progress_user = &progress};
+  view.options.early_z = PAGS_EARLY_Z_OFF; /* each stage with all of its work */
   pags_compose(composition, cameras->some[0].time, &parts, &view.part_count);
   view.parts = parts;
   pags_json_writer_init(&json, 2);

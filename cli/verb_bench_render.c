@@ -74,6 +74,7 @@ typedef struct render_bench {
 
 static pags_result parse_modes(render_bench *self) {
   pags_frame_options standard = pags_composition_options(self->composition);
+  standard.early_z = PAGS_EARLY_Z_OFF;
   standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
   return pags_bench_modes_parse(self->arguments->modes, &standard, &self->modes);
 }

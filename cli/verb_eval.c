@@ -379,7 +379,7 @@ static void destroy(evaluation *self) {
 
 int pags_verb_eval(int argc, char **argv) {
   eval_arguments arguments = {
-      .early_z = "off", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
+      .early_z = "lossless", .options = pags_dataset_options_default(), .image_cache = (uint64_t)256 << 20};
   evaluation self = {.arguments = &arguments};
   pags_parsed parsed;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);

@@ -473,7 +473,7 @@ int pags_verb_render(int argc, char **argv) {
   pags_frame_options standard = pags_frame_options_default();
   render_arguments arguments = {.path = "orbit",
                                 .channels = "color",
-                                .early_z = "off",
+                                .early_z = "lossless",
                                 .frames = 120,
                                 .bits = 8,
                                 .exposure = 1,

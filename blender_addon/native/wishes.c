@@ -199,7 +199,7 @@ native_wishes native_default_wishes(void) {
                          .background = Py_None,
                          .exposure = Py_None,
                          .mode = "rgb",
-                         .early_z = "off",
+                         .early_z = "lossless",
                          .antialiased = -1,
                          .sh_degree = 3,
                          .exp_degree = 5,

@@ -83,7 +83,7 @@ class PagsScene(bpy.types.PropertyGroup):
             ("lossless", "Lossless", "The same picture to the bit"),
             ("bounded", "Bounded", "No colour channel off by more than the bound"),
         ],
-        default="off",
+        default="lossless",
         update=draw_again,
     )
     early_z_eps: FloatProperty(

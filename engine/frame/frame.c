@@ -7,7 +7,8 @@
 #include "stages.h"
 
 pags_frame_options pags_frame_options_default(void) {
-  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5, .early_z_eps = 1.0f / 255.0f};
+  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5, .early_z = PAGS_EARLY_Z_LOSSLESS,
+                              .early_z_eps = 1.0f / 255.0f};
 }
 
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
@@ -180,15 +181,12 @@ static void guess_first(pags_frame *frame) {
   frame->guessed |= frame->options.early_z != PAGS_EARLY_Z_OFF;
 }
 
-/* Slabs pay where much hides (docs/rendering.md has the figures behind these): else all is drawn at once. What hid in one frame tells
- * of the next. */
 static bool wants_slabs(const pags_frame *frame) {
-  const double enough = 0.35;
   if (frame->options.tiles)
     return true;
   if (frame->options.early_z == PAGS_EARLY_Z_OFF || frame->options.order != PAGS_ORDER_DEPTH)
     return false;
-  return frame->options.slab_size > 0 || frame->hiding > enough;
+  return frame->options.slab_size > 0 || frame_hides_enough(frame);
 }
 
 /* After a frame drawn at once: of its pairs, those that no pixel came to. */

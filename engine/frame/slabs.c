@@ -291,6 +291,8 @@ static int64_t slab_budget(const pags_frame *f) {
     return INT64_MAX;
   if (f->options.slab_size > 0)
     return f->options.slab_size;
+  if (!frame_hides_enough(f))
+    return INT64_MAX;
   return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
 }
 

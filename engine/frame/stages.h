@@ -84,6 +84,9 @@ struct pags_frame {
 enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_BEST, PLANE_ID, PLANE_COUNT };
 static inline float *frame_plane(const pags_frame *frame, int plane) { return frame->planes + plane * frame->plane_size; }
 
+/* Slabs pay where much hides (docs/rendering.md has the figures behind this), else all is drawn at once. What hid in one frame tells of the next. */
+static inline bool frame_hides_enough(const pags_frame *frame) { return frame->hiding > 0.35; }
+
 /* In the order in which frame.c runs them; each returns PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY. */
 pags_result pags_stage_cull(pags_frame *frame, bool bounded);                     /* -> clusters, bounds */
 pags_result pags_stage_touch(pags_frame *frame, pags_touch_fn *touch, void *user);

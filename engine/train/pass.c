@@ -204,6 +204,7 @@ pags_frame_options pags_pass_options(const pags_trainer *t, int64_t step) {
   o.near_plane = (float)c->near_plane;
   o.low_pass = (float)c->low_pass;
   o.antialiased = c->antialiased;
+  o.early_z = PAGS_EARLY_Z_OFF; /* the view before says nothing of the next one */
   o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
   o.sky = t->state.sky.sky.size > 0 ? &t->state.sky.sky : NULL;
   return o;

@@ -132,6 +132,7 @@ static void scene_create(scene *s, recipe r, int64_t count) {
   s->camera = (pags_camera){.width = width, .height = height, .fx = width * (double)uniform(0.5f, 1.5f), .fy = height * (double)uniform(0.5f, 1.5f),
                             .cx = width * 0.5, .cy = height * 0.5, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   s->options = pags_frame_options_default();
+  s->options.early_z = PAGS_EARLY_Z_OFF;
   for (int c = 0; c < 3; c++)
     s->options.background[c] = uniform(0, 1);
   for (size_t i = 0; i < sizeof s->sky_texels / sizeof *s->sky_texels; i++)
@@ -286,9 +287,9 @@ static void test_every_recipe(void **unused) {
 static void test_parse(void **unused) {
   (void)unused;
   pags_frame_options o = pags_frame_options_default();
-  assert_int_equal(o.early_z, PAGS_EARLY_Z_OFF);
-  assert_int_equal(pags_early_z_parse("lossless", &o), PAGS_OK);
   assert_int_equal(o.early_z, PAGS_EARLY_Z_LOSSLESS);
+  assert_int_equal(pags_early_z_parse("off", &o), PAGS_OK);
+  assert_int_equal(o.early_z, PAGS_EARLY_Z_OFF);
   assert_int_equal(pags_early_z_parse("bounded=0.01", &o), PAGS_OK);
   assert_int_equal(o.early_z, PAGS_EARLY_Z_BOUNDED);
   assert_float_equal(o.early_z_eps, 0.01f, 0);

@@ -58,7 +58,7 @@ typedef struct pags_part {
 /* What is hidden can be left out before it is read, shaded, sorted or binned: docs/rendering.md. */
 typedef enum pags_early_z {
   PAGS_EARLY_Z_OFF,      /* draw everything; a pixel stops where it is full */
-  PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id */
+  PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id; drawn as OFF where little hides */
   PAGS_EARLY_Z_BOUNDED,  /* a pixel stops as soon as T <= eps; no colour channel is off from OFF's by more than eps x the largest
                             of shaded colours, sky and background, transmittance by eps (before clamping; plus rounding); depth and
                             ids carry no bound */
@@ -90,7 +90,7 @@ typedef struct pags_frame_options {
   int exposed;           /* 1: rgb becomes gain * rgb + offset per channel, as a camera of that exposure shows it (pags_scene_exposure).
                             Not with keep_for_backward. Default 0 */
   float gain[3], offset[3];
-  pags_early_z early_z; /* default OFF. A render with keep_for_backward is always drawn with OFF */
+  pags_early_z early_z; /* default LOSSLESS. A render with keep_for_backward is always drawn with OFF */
   float early_z_eps;    /* of BOUNDED: 0 < eps < 1, default 1/255 */
   pags_order order;     /* default DEPTH. PAPER is not for keep_for_backward */
   int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen by
