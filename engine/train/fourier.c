@@ -38,17 +38,29 @@ static int64_t model_of_id(const pags_trainer *t, int32_t id) {
   return 0;
 }
 
-static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, object_error *errors) {
+/* The mean of factor x factor pixels of a plane; -1 where the mask leaves one of them out. */
+static double target_at(const pags_photo *photo, int c, int x, int y, int factor) {
+  const int64_t stride = photo->stride, plane = c * photo->height * stride;
+  double sum = 0.0;
+  for (int64_t j = (int64_t)y * factor; j < ((int64_t)y + 1) * factor; j++)
+    for (int64_t i = (int64_t)x * factor; i < ((int64_t)x + 1) * factor; i++) {
+      if (photo->mask && !photo->mask[j * stride + i])
+        return -1.0;
+      sum += photo->rgb[plane + j * stride + i];
+    }
+  return sum / (255.0 * factor * factor);
+}
+
+static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, int factor, object_error *errors) {
   int32_t background = (int32_t)t->state.models[0].gaussians.count;
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {
-      int64_t at = (int64_t)y * p->stride + x, there = (int64_t)y * photo->stride + x;
-      if (p->id[at] < background || (photo->mask && !photo->mask[there]))
+      int64_t at = (int64_t)y * p->stride + x;
+      if (p->id[at] < background || target_at(photo, 0, x, y, factor) < 0.0)
         continue;
       object_error *e = &errors[model_of_id(t, p->id[at])];
       for (int c = 0; c < 3; c++) {
-        double target = photo->rgb[(int64_t)c * photo->height * photo->stride + there] / 255.0;
-        double error = target - (double)p->rgb[c][at];
+        double error = target_at(photo, c, x, y, factor) - (double)p->rgb[c][at];
         e->sum[c] += error;
         e->squares += error * error;
       }
@@ -106,21 +118,23 @@ static double gain_of(const object_fit *f) {
   return f->squares > 0.0 ? -10.0 * log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
 }
 
-static pags_result add_view(pags_trainer *t, int64_t view, object_error *errors, object_fit *fits) {
-  int64_t step = t->state.step;
+static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors, object_fit *fits) {
+  const pags_view *view = pags_dataset_view(t->dataset, t->views[index]);
+  int level;
   pags_photo photo;
   pags_picture picture;
-  pags_frame_options options = pags_pass_options(t, step);
+  pags_frame_options options = pags_pass_options(t, t->state.step);
   options.extra_channels = 1;
-  pags_pass_compose(t, view);
+  pags_pass_compose(t, t->views[index]);
   if (t->pass.part_count < 2)
     return PAGS_OK;
-  PAGS_TRY(pags_photo_cache_get(t->cache, view, SHRINK, &photo));
-  pags_camera camera = pags_camera_downscale(&pags_dataset_view(t->dataset, view)->camera, SHRINK);
-  PAGS_TRY(pags_pass_render(t, step + 1, &camera, &options, &picture));
+  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  int factor = level < SHRINK ? SHRINK / level : 1;
+  pags_camera camera = pags_camera_downscale(&view->camera, level * factor);
+  PAGS_TRY(pags_pass_render(t, t->state.step + 1, &camera, &options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
-  add_picture(t, &picture, &photo, errors);
-  add_errors(t, pags_dataset_view(t->dataset, view)->frame, errors, fits);
+  add_picture(t, &picture, &photo, factor, errors);
+  add_errors(t, view->frame, errors, fits);
   return PAGS_OK;
 }
 
@@ -132,7 +146,7 @@ pags_result pags_fourier_decide(pags_trainer *t) {
   for (size_t i = 0; result == PAGS_OK && i < models; i++)
     fits[i].last_frame = -1;
   for (int64_t i = 0; result == PAGS_OK && i < t->view_count; i++)
-    result = add_view(t, t->views[i], errors, fits);
+    result = add_view(t, i, errors, fits);
   int64_t given = 0;
   for (size_t i = 1; result == PAGS_OK && i < models; i++) {
     pags_train_model *m = &t->state.models[i];

@@ -57,14 +57,16 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-/* A photograph's pixels count where it has any to compare with. */
-static void fill_planes(score_pass *p, const pags_photo *photo) {
-  int64_t pixels = (int64_t)photo->stride * photo->height;
+/* A photograph's pixels count where it has any to compare with; of `factor` x `factor` of them one is asked. */
+static void fill_planes(score_pass *p, const pags_photo *photo, const pags_picture *picture, int factor) {
   p->critical = p->counted + p->plane_floats;
   p->labelled = photo->labels != NULL;
-  for (int64_t i = 0; i < pixels; i++) {
-    p->counted[i] = !photo->mask || photo->mask[i] ? 1.0f : 0.0f;
-    p->critical[i] = photo->labels && photo->labels[i] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
+  for (int y = 0; y < picture->height; y++) {
+    int64_t from = (int64_t)(y * factor + factor / 2) * photo->stride + factor / 2, to = (int64_t)y * picture->stride;
+    for (int x = 0; x < picture->width; x++, from += factor, to++) {
+      p->counted[to] = !photo->mask || photo->mask[from] ? 1.0f : 0.0f;
+      p->critical[to] = photo->labels && photo->labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
+    }
   }
 }
 
@@ -80,45 +82,36 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   }
 }
 
-static pags_result add_view(score_pass *p, int64_t view, int level) {
+/* Rough is half the size of training's pictures, unless that is smaller than they ever are. */
+static int factor_of(const pags_trainer *t, const pags_camera *camera, int level) {
+  int shorter = camera->width < camera->height ? camera->width : camera->height;
+  return level < 4 && shorter / (2 * level) >= t->state.schedule.config.resolution_floor ? 2 : 1;
+}
+
+static pags_result add_view(score_pass *p, int64_t index, int rough) {
   pags_trainer *t = p->trainer;
+  int level;
   pags_photo photo;
   pags_picture picture;
   pags_frame_options options = pags_pass_options(t, t->state.step);
   options.keep_for_backward = 1;
-  pags_camera camera = pags_camera_downscale(&pags_dataset_view(t->dataset, view)->camera, level);
-  PAGS_TRY(pags_photo_cache_get(t->cache, view, level, &photo));
-  pags_pass_compose(t, view);
+  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
+  int factor = rough ? factor_of(t, whole, level) : 1;
+  pags_camera camera = pags_camera_downscale(whole, level * factor);
+  pags_pass_compose(t, t->views[index]);
   PAGS_TRY(pags_pass_render(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
-  fill_planes(p, &photo);
+  fill_planes(p, &photo, &picture, factor);
   pags_score_planes planes = {.counted = p->counted,
                               .critical = p->critical,
                               .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
   return pags_frame_scores(t->pass.frame, &planes, add_cluster, p);
 }
 
-/* What comes next is decoded while a view is drawn. */
-static void announce(pags_trainer *t, int64_t next, int level) {
-  int64_t count = t->view_count - next < PAGS_TRAIN_AHEAD ? t->view_count - next : PAGS_TRAIN_AHEAD;
-  pags_photo_cache_prefetch(t->cache, t->views + next, count, level);
-}
-
-/* The training's level, or twice that where a rougher picture will do and isn't smaller than training's ever are. */
-static int level_of(const pags_trainer *t, const pags_camera *camera, int rough) {
-  const pags_schedule *s = &t->state.schedule;
-  int level = pags_schedule_level(s, t->state.step, camera->width, camera->height);
-  int shorter = camera->width < camera->height ? camera->width : camera->height;
-  return rough && level < 4 && shorter / (2 * level) >= s->config.resolution_floor ? 2 * level : level;
-}
-
 static pags_result add_views(score_pass *p, int rough) {
-  pags_trainer *t = p->trainer;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    int level = level_of(t, &pags_dataset_view(t->dataset, t->views[i])->camera, rough);
-    announce(t, i, level);
-    PAGS_TRY(add_view(p, t->views[i], level));
-  }
+  for (int64_t i = 0; i < p->trainer->view_count; i++)
+    PAGS_TRY(add_view(p, i, rough));
   return PAGS_OK;
 }
 

@@ -61,6 +61,13 @@ static void announce(pags_trainer *t, int64_t step, int level) {
   pags_photo_cache_prefetch(t->cache, ahead, count, level);
 }
 
+pags_result pags_trainer_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {
+  int64_t left = t->view_count - index;
+  *level = level_of(t, t->state.step, t->views[index]);
+  pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
+  return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
+}
+
 typedef struct unseen_job {
   pags_train_model *model;
   pags_guard *guard;

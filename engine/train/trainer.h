@@ -45,6 +45,10 @@ typedef struct pags_step_view {
 /* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
 pags_result pags_trainer_pass(pags_trainer *trainer, int64_t step, pags_step_view *v);
 
+/* The photograph of training view `index` as training sees it at the step done, for what looks at all of them in turn: those that follow
+ * are decoded meanwhile. At any other level than `*level` each would have to be decoded anew, and again for the next step. */
+pags_result pags_trainer_photo(pags_trainer *trainer, int64_t index, int *level, pags_photo *photo);
+
 /* What a run takes: s = step_seconds * steps + scoring_seconds. */
 typedef struct pags_estimate {
   double step_seconds;    /* mean over the schedule */
