@@ -15,7 +15,11 @@
 
 #include "base/file.h"
 #include "scratch_folder.h"
+#include "dataset/internal.h"
+#include "train/config.h"
 #include "train/exposure.h"
+#include "train/fourier.h"
+#include "train/scores.h"
 
 enum { FRAMES = 12, ITERATIONS = 120 };
 
@@ -316,6 +320,85 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   pags_dataset_close(pair);
 }
 
+/* A run as it stands before its last step, in which photographs are seen in full. */
+static void begin_run(const pags_train_options *options, pags_trainer *t) {
+  const pags_train_config asked = quick(), config = pags_config_resolve(&asked, 1);
+  *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks};
+  assert_int_equal(pags_trainer_list_views(t), PAGS_OK);
+  assert_int_equal(pags_photo_cache_create(t->dataset, t->tasks, options->image_cache, &t->cache), PAGS_OK);
+  assert_int_equal(pags_trainer_start(t, &config), PAGS_OK);
+  assert_int_equal(pags_pass_create(t), PAGS_OK);
+  pags_state_set_step(&t->state, ITERATIONS - 1);
+}
+
+static void end_run(pags_trainer *t) {
+  pags_photo_cache_destroy(t->cache);
+  pags_pass_destroy(t);
+  pags_state_destroy(&t->state);
+  free(t->views);
+  free(t->order);
+}
+
+static uint64_t decoded_by(const pags_trainer *t) {
+  uint64_t used, peak, decoded;
+  pags_photo_cache_figures(t->cache, &used, &peak, &decoded);
+  return decoded;
+}
+
+/* At half size a Gaussian has a quarter of the pixels, and some more as the low-pass is as wide in pixels (9 per cent here), and shows what it
+ * shows: of those that are seen well, the shares agree but for pixels at outlines. No photograph is decoded twice for it, nor for the test of colour over time. */
+static void half_size_scores_alike_from_the_same_photographs(void **unused) {
+  (void)unused;
+  pags_train_options options = pags_train_options_default();
+  options.dataset = dataset;
+  options.tasks = tasks;
+  pags_trainer t;
+  pags_scores whole, rough;
+  begin_run(&options, &t);
+  const uint64_t before = decoded_by(&t); /* the sky's start may have looked at some, smaller */
+  assert_int_equal(pags_scores_measure(&t, 0, &whole), PAGS_OK);
+  const uint64_t once = decoded_by(&t);
+  assert_true(once - before <= (uint64_t)t.view_count);
+  assert_int_equal(pags_scores_measure(&t, 1, &rough), PAGS_OK);
+  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  assert_int_equal(decoded_by(&t), once);
+  assert_int_equal(whole.count, rough.count);
+  double seen = 0.0, critical = 0.0, half_seen = 0.0, half_critical = 0.0, off = 0.0;
+  int64_t rows = 0;
+  for (int64_t i = 0; i < whole.count; i++) {
+    seen += whole.seen[i], critical += whole.critical[i];
+    half_seen += rough.seen[i], half_critical += rough.critical[i];
+    if (rough.seen[i] < 4.0)
+      continue;
+    off += fabs(whole.critical[i] / whole.seen[i] - rough.critical[i] / rough.seen[i]);
+    rows++;
+  }
+  assert_true(critical > 100.0 && rows > 100);
+  assert_true(fabs(4.0 * half_seen / seen - 1.0) < 0.15);
+  assert_true(fabs(half_critical / half_seen - critical / seen) < 0.003);
+  assert_true(off / (double)rows < 0.02);
+  pags_scores_destroy(&whole);
+  pags_scores_destroy(&rough);
+  end_run(&t);
+}
+
+/* Colours are compared at half size: averaged over photographs of full size, or decoded at half, they promise the same. */
+static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
+  (void)unused;
+  pags_train_options options = pags_train_options_default();
+  options.dataset = dataset;
+  options.tasks = tasks;
+  pags_trainer t;
+  begin_run(&options, &t);
+  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  const double whole = t.state.models[1].fourier_gain;
+  pags_state_set_step(&t.state, ITERATIONS / 6);
+  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  assert_true(whole > 0.01);
+  assert_true(fabs(t.state.models[1].fourier_gain / whole - 1.0) < 0.02); /* bytes are rounded before or after */
+  end_run(&t);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(scene_has_what_the_street_has),
@@ -325,6 +408,8 @@ int main(void) {
       cmocka_unit_test(pruning_changes_no_bit_of_a_resumed_run),
       cmocka_unit_test(parts_can_be_left_out),
       cmocka_unit_test(a_bound_holds_for_all_models),
+      cmocka_unit_test(half_size_scores_alike_from_the_same_photographs),
+      cmocka_unit_test(colour_over_time_is_judged_alike_at_any_level),
   };
   return cmocka_run_group_tests(tests, make_street, remove_street);
 }
