@@ -192,15 +192,17 @@ typedef struct pags_loss_rows {
   int begin, end;           /* rows of the band */
   int64_t stride;
   const float *prediction;
+  float exposure[2];        /* gain and offset: what is compared is gain * prediction + offset. 1, 0: as it is */
   const uint8_t *target;    /* 0..255 for 0..1; readable to the stride */
   const uint8_t *mask;      /* 0: neither picture is seen there and nothing counts; NULL: every pixel does */
   const uint8_t *emphasis;  /* how often a pixel counts: 1 + emphasis * gain; NULL: once */
   float gain;
-  float *gradient;          /* rows [begin, end) written, zero beyond the width */
+  float *gradient;          /* by the prediction: rows [begin, end) written, zero beyond the width */
   float l1_scale, ssim_scale; /* d(loss)/d(sum |x - y|), d(loss)/d(sum of SSIM values), of pixels that count once */
   float *scratch;           /* pags_loss_scratch(stride) floats, aligned to 64 bytes */
   double l1, squared, ssim; /* out: sums over the band's counted pixels, each once; `squared` of x clamped to [0, 1] */
   double more_l1, more_dssim; /* out: sums of what pixels count more than once: |x - y| and 1 - SSIM, times emphasis and gain */
+  double by_exposure[2];      /* out: the band's part of the gradient by the exposure */
 } pags_loss_rows;
 
 /* Floats from row to row of the scratch: an odd number of cache lines, so that rows don't fall into the same set. */

@@ -31,7 +31,7 @@ typedef struct loss_state {
   float *x, *y;         /* rings of LOSS_RING rows, times the mask */
   float *derivative[3]; /* rings of dS/dmx, dS/dq, dS/dp, times ssim_scale, the mask and how often the pixel counts */
   float *sums[2][4];    /* what the pass down the columns leaves for the one along the row */
-  double l1, squared, ssim, more_l1, more_dssim;
+  double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
 } loss_state;
 
 static inline float *loss_ring(const loss_state *s, float *ring, int row) {
@@ -64,12 +64,13 @@ static void loss_load(loss_state *s, int row) {
     memset(y, 0, (size_t)io->stride * sizeof *y);
     return;
   }
-  const vf scale = v_set(1.0f / 255.0f);
+  const vf scale = v_set(1.0f / 255.0f), gain = v_set(io->exposure[0]), offset = v_set(io->exposure[1]);
   vf l1 = v_zero(), squared = v_zero(), more = v_zero();
   for (int i = 0; i < io->width; i += V_LANES) {
     const vm use = loss_counted(io, row, i);
     /* Products of four values must stay floats; a NaN becomes the lower bound. */
-    const vf bounded = v_min(v_max(v_load(io->prediction + row * io->stride + i), v_set(-PAGS_COLOUR_MAX)), v_set(PAGS_COLOUR_MAX));
+    const vf exposed = v_fma(v_load(io->prediction + row * io->stride + i), gain, offset);
+    const vf bounded = v_min(v_max(exposed, v_set(-PAGS_COLOUR_MAX)), v_set(PAGS_COLOUR_MAX));
     const vf a = v_maskz(use, bounded);
     const vf b = v_maskz(use, v_mul(v_load_u8(io->target + row * io->stride + i), scale));
     const vf d = v_sub(v_clamp(a, v_zero(), v_set(1.0f)), b);
@@ -213,12 +214,14 @@ static void loss_derivatives(loss_state *s, int row) {
   }
 }
 
-/* The gradient of one row from the sums of its derivatives; zero in the padding and where nothing counts. */
-static void loss_gradient(const loss_state *s, int row, float *const sums[3]) {
+/* The gradient of one row from the sums of its derivatives, by the prediction and summed up by its exposure; zero in the padding and where
+ * nothing counts. */
+static void loss_gradient(loss_state *s, int row, float *const sums[3]) {
   const pags_loss_rows *io = s->io;
   const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);
   float *out = io->gradient + row * io->stride;
-  const vf scale = v_set(io->l1_scale);
+  const vf scale = v_set(io->l1_scale), gain = v_set(io->exposure[0]);
+  vf by_gain = v_zero(), by_offset = v_zero();
   memset(out + loss_padded(io), 0, (size_t)(io->stride - loss_padded(io)) * sizeof *out);
   for (int i = 0; i < io->width; i += V_LANES) {
     const vf a = v_load(x + i), b = v_load(y + i);
@@ -226,8 +229,14 @@ static void loss_gradient(const loss_state *s, int row, float *const sums[3]) {
     const vf sign = v_select(v_gt(a, b), l1, v_maskz(v_lt(a, b), v_sub(v_zero(), l1)));
     const vf dq = loss_along(sums[1] + i), dp = loss_along(sums[2] + i);
     const vf ssim = v_fma(v_add(a, a), dq, v_fma(b, dp, loss_along(sums[0] + i)));
-    v_store(out + i, v_maskz(loss_counted(io, row, i), v_add(sign, ssim)));
+    const vm use = loss_counted(io, row, i);
+    const vf g = v_maskz(use, v_add(sign, ssim));
+    by_gain = v_fma(g, v_maskz(use, v_load(io->prediction + row * io->stride + i)), by_gain);
+    by_offset = v_add(by_offset, g);
+    v_store(out + i, v_mul(g, gain));
   }
+  s->by_exposure[0] += (double)v_sum(by_gain);
+  s->by_exposure[1] += (double)v_sum(by_offset);
 }
 
 static loss_state loss_begin(const pags_loss_rows *io) {
@@ -265,4 +274,6 @@ static void loss_rows(pags_loss_rows *io) {
   io->ssim = s.ssim;
   io->more_l1 = s.more_l1;
   io->more_dssim = s.more_dssim;
+  io->by_exposure[0] = s.by_exposure[0];
+  io->by_exposure[1] = s.by_exposure[1];
 }

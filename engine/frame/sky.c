@@ -122,7 +122,8 @@ typedef struct texel_run {
 } texel_run;
 
 static void add_texel(const texel_run *run, int32_t texel, const float *colour) {
-  if (texel < run->first || texel >= run->last)
+  const bool any = colour[0] != 0.0f || colour[1] != 0.0f || colour[2] != 0.0f;
+  if (!any || texel < run->first || texel >= run->last)
     return;
   float *const to = run->gradient + 3 * (int64_t)texel;
   to[0] += colour[0], to[1] += colour[1], to[2] += colour[2];
@@ -130,13 +131,16 @@ static void add_texel(const texel_run *run, int32_t texel, const float *colour) 
     run->blocks[texel / PAGS_SKY_BLOCK] = 1;
 }
 
-/* `corner`: what a cell's four texels get, red, green, blue and nothing. */
-static void add_cell(const texel_run *run, int32_t texel, float corner[4][4]) {
-  const int right = run->size > 1, below = right * run->size;
-  add_texel(run, texel, corner[0]);
-  add_texel(run, texel + right, corner[1]);
-  add_texel(run, texel + below, corner[2]);
-  add_texel(run, texel + below + right, corner[3]);
+/* What the texels on a cell's left and right get: above and below, each red, green, blue and nothing. */
+typedef struct cell_side {
+  float above[4], below[4];
+} cell_side;
+
+/* `column`: 0 of the cell's left side, 1 of its right one. */
+static void add_side(const texel_run *run, int32_t texel, int column, const cell_side *side) {
+  const int right = run->size > 1 ? column : 0, below = run->size > 1 ? run->size : 0;
+  add_texel(run, texel + right, side->above);
+  add_texel(run, texel + right + below, side->below);
 }
 
 /* T dL/drgb of a tile's row, channel by channel, nothing where T is below the cut; values that aren't finite count for nothing, as with
@@ -152,19 +156,31 @@ static void row_colours(const sky_context *c, int64_t at, float colour[3][PAGS_T
   }
 }
 
-/* Neighbours in a cell are summed before they go to memory. weight[k * PAGS_TILE_PIXELS]: of corner k. */
+/* Neighbours in a cell are summed before they go to memory, and a side that the next cell shares waits for its part. weight[k *
+ * PAGS_TILE_PIXELS]: of corner k. */
 static void add_row(const texel_run *run, int width, const int32_t *texel, const float *weight,
                     float colour[3][PAGS_TILE]) {
-  for (int x = 0; x < width;) {
-    const int32_t here = texel[x];
-    float corner[4][4] = {{0.0f}};
-    do {
-      const float rgb[4] = {colour[0][x], colour[1][x], colour[2][x], 0.0f};
-      for (int k = 0; k < 4; k++)
-        for (int j = 0; j < 4; j++)
-          corner[k][j] += weight[k * PAGS_TILE_PIXELS + x] * rgb[j];
-    } while (++x < width && texel[x] == here);
-    add_cell(run, here, corner);
+  static const cell_side nothing = {{0.0f}, {0.0f}};
+  cell_side side[2] = {nothing, nothing};
+  for (int x = 0; x < width; x++) {
+    const float rgb[4] = {colour[0][x], colour[1][x], colour[2][x], 0.0f};
+    for (int j = 0; j < 4; j++) {
+      side[0].above[j] += weight[x] * rgb[j];
+      side[1].above[j] += weight[PAGS_TILE_PIXELS + x] * rgb[j];
+      side[0].below[j] += weight[2 * PAGS_TILE_PIXELS + x] * rgb[j];
+      side[1].below[j] += weight[3 * PAGS_TILE_PIXELS + x] * rgb[j];
+    }
+    const int32_t here = texel[x], on = x + 1 < width ? texel[x + 1] - here : 2;
+    if (on == 0)
+      continue;
+    const bool to_right = on == 1 && run->size > 1, to_left = on == -1 && run->size > 1;
+    const cell_side shared = side[to_right];
+    if (!to_left)
+      add_side(run, here, 0, side);
+    if (!to_right)
+      add_side(run, here, 1, side + 1);
+    side[0] = to_right ? shared : nothing;
+    side[1] = to_left ? shared : nothing;
   }
 }
 

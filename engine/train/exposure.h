@@ -29,12 +29,6 @@ void pags_exposures_destroy(pags_exposures *exposures);
 /* Of a training view: gains, then offsets. Of those held out nothing is known but by their neighbours: pags_scene_exposure. */
 void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *dataset, int64_t view, double value[6]);
 
-/* out = gain * picture + offset; planes of the picture's stride. */
-pags_result pags_exposure_apply(const double value[6], const pags_picture *picture, pags_tasks *tasks, float *const out[3]);
-/* From the gradient by the exposed picture to that by the picture (in place), and by gains and offsets. Sums are by row, in order. */
-pags_result pags_exposure_backward(const double value[6], const pags_picture *picture, pags_tasks *tasks,
-                                   float *const gradient[3], double out[6]);
-
 /* Adam for one view and its camera, then the means over the training views put back. Returns 0 where the gradient
  * isn't finite, which moves nothing. */
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view, const double gradient[6],

@@ -3,6 +3,7 @@
 #include "train/loss.h"
 
 #include <assert.h>
+#include <string.h>
 
 #include "kernels.h"
 
@@ -10,7 +11,7 @@
 enum { BAND = 48 };
 
 typedef struct band_sums {
-  double l1, squared, ssim, more_l1, more_dssim;
+  double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
   int done;
 } band_sums;
 
@@ -19,7 +20,7 @@ typedef struct loss_job {
   pags_tasks *tasks;
   const pags_picture *picture;
   const pags_photo *photo;
-  const pags_emphasis *emphasis;
+  const pags_comparison *how;
   float *const *gradient;
   float l1_scale, ssim_scale;
   band_sums *sums; /* per block */
@@ -49,10 +50,11 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
       .end = begin + BAND < photo->height ? begin + BAND : photo->height,
       .stride = photo->stride,
       .prediction = job->picture->rgb[channel],
+      .exposure = {(float)job->how->exposure[channel], (float)job->how->exposure[3 + channel]},
       .target = photo->rgb + (int64_t)channel * photo->height * photo->stride,
       .mask = photo->mask,
-      .emphasis = job->emphasis->pixels,
-      .gain = (float)(job->emphasis->times - 1.0),
+      .emphasis = job->how->emphasis,
+      .gain = (float)(job->how->times - 1.0),
       .gradient = job->gradient[channel],
       .l1_scale = job->l1_scale,
       .ssim_scale = job->ssim_scale,
@@ -60,7 +62,7 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
   };
   if (rows.scratch) {
     job->kernels->loss_rows(&rows);
-    job->sums[block] = (band_sums){rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, 1};
+    job->sums[block] = (band_sums){rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, {rows.by_exposure[0], rows.by_exposure[1]}, 1};
   }
   pags_arena_release(arena, mark);
 }
@@ -70,8 +72,9 @@ static void run_blocks(void *context, int64_t begin, int64_t end, int worker) {
     run_block(context, block, worker);
 }
 
-static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weight, int64_t counted, pags_loss *out) {
-  double l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
+static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, pags_loss *out) {
+  const double ssim_weight = job->how->ssim_weight;
+  double by_exposure[6] = {0.0}, l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
   for (int64_t b = 0; b < blocks; b++) {
     if (!job->sums[b].done)
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels wide", job->photo->width);
@@ -80,8 +83,11 @@ static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weigh
     ssim += job->sums[b].ssim;
     more_l1 += job->sums[b].more_l1;
     more_dssim += job->sums[b].more_dssim;
+    for (int k = 0; k < 2; k++)
+      by_exposure[3 * k + b % 3] += job->sums[b].by_exposure[k];
   }
   *out = (pags_loss){.counted = counted};
+  memcpy(out->by_exposure, by_exposure, sizeof by_exposure);
   if (counted) {
     const double values = 3.0 * (double)counted;
     out->l1 = l1 / values;
@@ -93,7 +99,8 @@ static pags_result add_up(const loss_job *job, int64_t blocks, double ssim_weigh
   return PAGS_OK;
 }
 
-static pags_result evaluate(loss_job *job, double ssim_weight, pags_loss *out) {
+static pags_result evaluate(loss_job *job, pags_loss *out) {
+  const double ssim_weight = job->how->ssim_weight;
   const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND), counted = pags_photo_counted(job->photo);
   if (counted) {
     job->l1_scale = (float)((1.0 - ssim_weight) / (3.0 * (double)counted));
@@ -106,27 +113,24 @@ static pags_result evaluate(loss_job *job, double ssim_weight, pags_loss *out) {
     job->sums[b].done = 0;
   if (!pags_parallel_for(job->tasks, blocks, 1, run_blocks, job))
     return pags_fail(PAGS_CANCELLED, "cancelled");
-  return add_up(job, blocks, ssim_weight, counted, out);
+  return add_up(job, blocks, counted, out);
 }
 
 pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
-                               const pags_emphasis *emphasis, double ssim_weight, float *const gradient[3],
-                               pags_loss *out) {
-  assert(emphasis->times >= 1.0);
-  assert(ssim_weight >= 0.0 && ssim_weight <= 1.0);
+                               const pags_comparison *how, float *const gradient[3], pags_loss *out) {
+  assert(how->times >= 1.0 && how->ssim_weight >= 0.0 && how->ssim_weight <= 1.0);
   if (picture->width != photo->width || picture->height != photo->height || picture->stride != photo->stride)
     return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
                      picture->width, picture->height, photo->width, photo->height);
   const char *why = "no vector kernels";
   loss_job job = {
-      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .emphasis = emphasis,
-      .gradient = gradient};
+      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .how = how, .gradient = gradient};
   if (!job.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   /* Blocks of this very loop stack their scratch on top of what the calling thread, worker 0, allocates here. */
   pags_arena *arena = pags_tasks_arena(tasks, 0);
   const pags_arena_mark mark = pags_arena_save(arena);
-  pags_result result = evaluate(&job, ssim_weight, out);
+  pags_result result = evaluate(&job, out);
   pags_arena_release(arena, mark);
   return result;
 }

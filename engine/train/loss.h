@@ -12,11 +12,13 @@
 #include <pags/frame.h>
 #include <pags/tasks.h>
 
-/* What counts more than once. */
-typedef struct pags_emphasis {
-  const uint8_t *pixels; /* 0, or 1 where it does; stride as the photograph's; NULL: nowhere */
-  double times;          /* how often, >= 1; 1 where pixels is NULL */
-} pags_emphasis;
+/* How a picture is held against its photograph. */
+typedef struct pags_comparison {
+  double ssim_weight;      /* w, 0..1 */
+  double exposure[6];      /* the photograph's gains, then offsets, per channel: gain * picture + offset is compared. 1 and 0: the picture */
+  const uint8_t *emphasis; /* 1 where a pixel counts `times` times, otherwise 0; stride as the photograph's; NULL: nowhere */
+  double times;            /* >= 1; 1 where emphasis is NULL */
+} pags_comparison;
 
 typedef struct pags_loss {
   double loss;
@@ -24,14 +26,14 @@ typedef struct pags_loss {
   double mse;      /* mean square of clamped x - y: PSNR = -10 log10(mse) */
   double ssim;     /* mean */
   int64_t counted; /* pixels; where 0, everything else is 0, too */
+  double by_exposure[6]; /* the gradient by gains and offsets */
 } pags_loss;
 
-/* `photo` has the picture's size. gradient[c] receives planes of the picture's stride and height; padding is set to
+/* `photo` has the picture's size. gradient[c], by the picture as it is unexposed, receives planes of its stride and height; padding is set to
  * zero. The same bits for any number of threads. PAGS_ERROR_ARGUMENT on different sizes, PAGS_ERROR_MEMORY,
  * PAGS_CANCELLED, PAGS_ERROR_UNSUPPORTED when PAGS_CPU asks for kernels that can't run here. */
 pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
-                               const pags_emphasis *emphasis, double ssim_weight, float *const gradient[3],
-                               pags_loss *out);
+                               const pags_comparison *how, float *const gradient[3], pags_loss *out);
 
 /* Pixels that the photograph's mask lets count. */
 int64_t pags_photo_counted(const pags_photo *photo);

@@ -18,7 +18,7 @@
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 enum { OBJECTS_EVERY = 4 }; /* steps: the objects' own picture changes slowly, and costs a tenth of a step */
-enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, EXPOSED, ZEROS = 8, ONES, PLANES };
+enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, PLANES };
 
 /* Memory. */
 
@@ -393,44 +393,34 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
 }
 
 /* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts as it is. */
-static pags_emphasis emphasis_of(pags_trainer *t, const pags_photo *photo) {
+static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison *how) {
   double times = t->state.schedule.config.critical_weight;
   if (!photo->labels || !(times > 1.0) || t->measuring)
-    return (pags_emphasis){.times = 1.0};
+    return;
   int64_t count = (int64_t)photo->stride * photo->height;
   for (int64_t i = 0; i < count; i++)
     t->pass.emphasis[i] = (photo->labels[i] & PAGS_LABEL_CRITICAL) != 0;
-  return (pags_emphasis){t->pass.emphasis, times};
+  how->emphasis = t->pass.emphasis;
+  how->times = times;
 }
 
-static pags_result photometric(pags_trainer *t, pags_step_view *v, double exposure_gradient[6]) {
-  pags_pass *p = &t->pass;
-  pags_picture exposed = v->picture;
-  int modelled = t->state.exposures.count > 0;
-  double value[6];
-  if (modelled) {
-    pags_exposures_value(&t->state.exposures, t->dataset, v->view, value);
-    PAGS_TRY(pags_exposure_apply(value, &v->picture, t->tasks, p->plane + EXPOSED));
-    for (int c = 0; c < 3; c++)
-      exposed.rgb[c] = p->plane[EXPOSED + c];
-  }
-  pags_emphasis emphasis = emphasis_of(t, &v->photo);
-  PAGS_TRY(pags_loss_evaluate(t->tasks, &exposed, &v->photo, &emphasis, t->state.schedule.config.ssim_weight,
-                              p->plane + GRADIENT, &v->loss));
-  return modelled ? pags_exposure_backward(value, &v->picture, t->tasks, p->plane + GRADIENT, exposure_gradient)
-                  : PAGS_OK;
+static pags_result photometric(pags_trainer *t, pags_step_view *v) {
+  pags_comparison how = {.ssim_weight = t->state.schedule.config.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
+  if (t->state.exposures.count > 0)
+    pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
+  emphasise(t, &v->photo, &how);
+  return pags_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->pass.plane + GRADIENT, &v->loss);
 }
 
 /* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */
-static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, double exposure_gradient[6],
-                          pags_picture_gradient *gradient) {
+static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
   pags_pass *p = &t->pass;
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
   if (late && c->object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
-  PAGS_TRY(photometric(t, v, exposure_gradient));
+  PAGS_TRY(photometric(t, v));
   *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};
   int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->sky_weight > 0.0;
   int depth = v->picture.depth_sum && p->depth[v->view].count > 0;
@@ -480,7 +470,7 @@ static void update_tracks(pags_trainer *t, int64_t step) {
 
 pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) {
   const pags_train_config *config = &t->state.schedule.config;
-  double clock = pags_clock_ms(), exposure_gradient[6];
+  double clock = pags_clock_ms();
   pass_context context = {t, step, 0};
   pags_frame_options options = pags_pass_options(t, step);
   pags_picture_gradient gradient;
@@ -497,7 +487,7 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
-  PAGS_TRY(losses(t, step, v, exposure_gradient, &gradient));
+  PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, NULL));
@@ -508,7 +498,7 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
     if (t->state.sky.sky.size > 0)
       PAGS_TRY(pags_sky_fit_update(&t->state.sky, &t->state.schedule, step, t->tasks));
     if (t->state.exposures.count > 0 &&
-        !pags_exposures_update(&t->state.exposures, t->dataset, v->view, exposure_gradient, &t->state.schedule, step))
+        !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
       pags_guard_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
   }
   t->ms.backward += pags_clock_lap_ms(&clock);

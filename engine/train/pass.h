@@ -23,7 +23,7 @@ typedef struct pags_pass {
   float **held;         /* per model: gradients by the object opacity term, waiting for the others: planes as the frame's */
   int32_t **held_step;  /* per cluster: the step they belong to */
   int64_t *held_room;   /* floats; clusters = floats / (planes * cluster size) */
-  float *plane[10];     /* gradient R G B, T, sum(w z); exposed R G B; zeros; ones */
+  float *plane[7];      /* gradient R G B, T, sum(w z); zeros; ones */
   uint8_t *emphasis;    /* 1 where the training view shows something critical; as long as a plane */
   int64_t plane_floats; /* room in each */
   struct {

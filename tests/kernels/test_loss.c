@@ -7,7 +7,7 @@
 typedef struct picture {
   int width, height;
   int64_t stride;
-  float *prediction;
+  float *prediction, exposure[2];
   uint8_t *target, *mask; /* mask NULL: every pixel counts */
   uint8_t *emphasis;      /* with a mask: how often pixels count is 1 + gain times this */
 } picture;
@@ -20,6 +20,8 @@ typedef enum content { NOISE, NEAR, EQUAL, HUGE_VALUES, ABSURD } content;
 static picture make_picture(int width, int height, bool masked, content what) {
   picture p = {.width = width, .height = height, .stride = (width + 15) / 16 * 16 + 16 * check_below(2)};
   p.prediction = CHECK_NEW(float, p.stride *height);
+  p.exposure[0] = what == EQUAL ? 1.0f : check_uniform(0.8f, 1.2f);
+  p.exposure[1] = what == EQUAL ? 0.0f : check_uniform(-0.05f, 0.05f);
   p.target = CHECK_NEW(uint8_t, p.stride * height);
   p.mask = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
   p.emphasis = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
@@ -49,7 +51,7 @@ static picture make_picture(int width, int height, bool masked, content what) {
 
 typedef struct result {
   float *gradient;
-  double l1, squared, ssim, more_l1, more_dssim;
+  double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];
 } result;
 
 static void run(const pags_kernels *k, const picture *p, int begin, int end, result *r) {
@@ -60,6 +62,7 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
                        .end = end,
                        .stride = p->stride,
                        .prediction = p->prediction,
+                       .exposure = {p->exposure[0], p->exposure[1]},
                        .target = p->target,
                        .mask = p->mask,
                        .emphasis = p->emphasis,
@@ -75,6 +78,8 @@ static void run(const pags_kernels *k, const picture *p, int begin, int end, res
   r->ssim += io.ssim;
   r->more_l1 += io.more_l1;
   r->more_dssim += io.more_dssim;
+  for (int i = 0; i < 2; i++)
+    r->by_exposure[i] += io.by_exposure[i];
 }
 
 /* In bands of `rows` rows. */
@@ -92,6 +97,8 @@ static void check_sums(const result *got, const result *want, const picture *p, 
   CHECK(fabs(got->ssim - want->ssim) <= share * pixels);
   CHECK(fabs(got->more_l1 - want->more_l1) <= share * fmax(want->more_l1, 1e-3 * pixels));
   CHECK(fabs(got->more_dssim - want->more_dssim) <= share * pixels);
+  for (int i = 0; i < 2; i++)
+    CHECK(fabs(got->by_exposure[i] - want->by_exposure[i]) <= share * pixels);
 }
 
 /* ---- In double ---- */
@@ -128,7 +135,7 @@ static void fill(const picture *p, double *const planes[5]) {
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {
       const int64_t at = y * p->stride + x;
-      const double a = counted(p, x, y) ? (double)p->prediction[at] : 0.0,
+      const double a = counted(p, x, y) ? (double)p->exposure[0] * (double)p->prediction[at] + (double)p->exposure[1] : 0.0,
                    b = counted(p, x, y) ? p->target[at] / 255.0 : 0.0;
       const double values[5] = {a, b, a * a, b * b, a * b};
       for (int j = 0; j < 5; j++)
@@ -159,6 +166,7 @@ static void check_plainly(const picture *p, const result *got) {
     planes[j] = CHECK_NEW(double, p->width * p->height);
   fill(p, planes);
   result want = {.l1 = 0.0};
+  const double exposed_by = (double)p->exposure[0];
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {
       const double a = planes[0][y * p->width + x], b = planes[1][y * p->width + x], d = fmin(fmax(a, 0.0), 1.0) - b;
@@ -167,6 +175,11 @@ static void check_plainly(const picture *p, const result *got) {
       const double ssim = counted(p, x, y) ? ssim_at(p, planes, x, y) : 0.0;
       want.ssim += ssim;
       want.more_l1 += more(p, x, y) * fabs(a - b);
+      if (counted(p, x, y)) { /* the gradient, which is checked below, once more by the exposure */
+        const double g = (double)got->gradient[y * p->stride + x] / exposed_by;
+        want.by_exposure[0] += g * (double)p->prediction[y * p->stride + x];
+        want.by_exposure[1] += g;
+      }
       want.more_dssim += counted(p, x, y) ? more(p, x, y) * (1.0 - ssim) : 0.0;
     }
   check_sums(got, &want, p, 2e-5);
@@ -176,7 +189,7 @@ static void check_plainly(const picture *p, const result *got) {
     if (fabs(a - b) < 1e-6)
       continue;
     const double l1 = (a > b ? 0.8 : -0.8) * (1.0 + more(p, x, y)), ssim = -0.1 * ssim_gradient(p, planes, x, y);
-    const double should = counted(p, x, y) ? (double)(float)l1 + ssim : 0.0,
+    const double should = counted(p, x, y) ? exposed_by * ((double)(float)l1 + ssim) : 0.0,
                  is = (double)got->gradient[y * p->stride + x];
     if (!(fabs(is - should) <= 2e-4 * fmax(fabs(ssim), 0.1) + 1e-6))
       CHECK_FAIL("gradient at (%d, %d) of %d x %d: %.9g, should be %.9g", x, y, p->width, p->height, is, should);
@@ -258,6 +271,7 @@ static void test_bench(const pags_kernels *k) {
                        .end = p.height,
                        .stride = p.stride,
                        .prediction = p.prediction,
+                       .exposure = {1.0f, 0.0f},
                        .target = p.target,
                        .gradient = r.gradient,
                        .l1_scale = 0.8f,

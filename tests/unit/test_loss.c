@@ -20,6 +20,7 @@
 typedef struct pair {
   int width, height, stride;
   float *planes, *gradient;
+  double exposure[6];
   uint8_t *rgb, *mask, *emphasis; /* emphasis NULL: every pixel counts once */
   pags_picture picture;
   pags_photo photo;
@@ -59,6 +60,8 @@ static pair make_pair(int width, int height, uint64_t seed, int masked) {
       for (int x = 0; x < width; x++)
         p.mask[(int64_t)y * p.stride + x] = (x - 20) * (x - 20) + (y - 14) * (y - 14) > 80 && x < width - 3 ? 255 : 0;
   }
+  for (int c = 0; c < 3; c++)
+    p.exposure[c] = 1.0;
   p.picture = (pags_picture){.width = width, .height = height, .stride = p.stride};
   for (int c = 0; c < 3; c++)
     p.picture.rgb[c] = p.planes + c * plane;
@@ -88,8 +91,9 @@ static pags_result evaluate(pair *p, pags_tasks *tasks, double weight, pags_loss
   float *gradient[3];
   for (int c = 0; c < 3; c++)
     gradient[c] = p->gradient + (int64_t)c * p->height * p->stride;
-  pags_emphasis emphasis = {p->emphasis, p->emphasis ? times : 1.0};
-  return pags_loss_evaluate(tasks, &p->picture, &p->photo, &emphasis, weight, gradient, out);
+  pags_comparison how = {.ssim_weight = weight, .emphasis = p->emphasis, .times = p->emphasis ? times : 1.0};
+  memcpy(how.exposure, p->exposure, sizeof how.exposure);
+  return pags_loss_evaluate(tasks, &p->picture, &p->photo, &how, gradient, out);
 }
 
 /* ------------------------------------------------------------------------------------------------ plain evaluation */
@@ -283,6 +287,51 @@ static void test_finite_differences(void **state) {
   free_pair(&p);
 }
 
+/* An exposed picture is compared as if its planes held gain * x + offset; the gradient is by what they hold, and by gains and offsets. */
+static void test_exposure(void **state) {
+  (void)state;
+  static const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.01};
+  pair p = make_pair(75, 52, 6, 1);
+  emphasise(&p);
+  const int64_t plane = (int64_t)p.stride * p.height, count = 3 * plane;
+  float *gradient = malloc((size_t)count * sizeof *gradient), *picture = malloc((size_t)count * sizeof *picture);
+  pags_tasks *tasks = pags_tasks_create(2);
+  pags_loss exposed, written;
+  double by[6] = {0.0};
+  memcpy(p.exposure, value, sizeof value);
+  assert_int_equal(evaluate(&p, tasks, 0.2, &exposed), PAGS_OK);
+  memcpy(gradient, p.gradient, (size_t)count * sizeof *gradient);
+  memcpy(picture, p.planes, (size_t)count * sizeof *picture);
+  for (int64_t i = 0; i < count; i++)
+    p.planes[i] = (float)(value[i / plane] * (double)p.planes[i] + value[3 + i / plane]);
+  for (int k = 0; k < 6; k++)
+    p.exposure[k] = k < 3;
+  assert_int_equal(evaluate(&p, tasks, 0.2, &written), PAGS_OK);
+  assert_near(exposed.loss, written.loss, 1e-6); /* flat parts have a variance of rounding */
+  for (int64_t i = 0; i < count; i++) {
+    assert_near(gradient[i], value[i / plane] * (double)p.gradient[i], 1e-7); /* L1 alone is 8e-5 */
+    if (p.gradient[i] != 0.0f)
+      by[i / plane] += (double)p.gradient[i] * (double)picture[i];
+    by[3 + i / plane] += (double)p.gradient[i];
+  }
+  memcpy(p.planes, picture, (size_t)count * sizeof *picture);
+  for (int k = 0; k < 6; k++) {
+    const double step = 1e-3; /* many signs of x - y change within it, each by little */
+    pags_loss above, below;
+    assert_near(exposed.by_exposure[k], by[k], 1e-6);
+    memcpy(p.exposure, value, sizeof value);
+    p.exposure[k] = value[k] + step;
+    assert_int_equal(evaluate(&p, tasks, 0.2, &above), PAGS_OK);
+    p.exposure[k] = value[k] - step;
+    assert_int_equal(evaluate(&p, tasks, 0.2, &below), PAGS_OK);
+    assert_near((above.loss - below.loss) / (2.0 * step), by[k], 2e-3);
+  }
+  pags_tasks_destroy(tasks);
+  free(gradient);
+  free(picture);
+  free_pair(&p);
+}
+
 static void test_threads(void **state) {
   (void)state;
   pair p = make_pair(150, 333, 3, 1);
@@ -322,6 +371,7 @@ static void test_unseen_pixels(void **state) {
   assert_int_equal(evaluate(&p, tasks, 0.2, &after), PAGS_OK);
   assert_memory_equal(first, p.gradient, count * sizeof *first);
   assert_true(before.loss == after.loss && before.mse == after.mse);
+  assert_memory_equal(before.by_exposure, after.by_exposure, sizeof before.by_exposure);
   memset(p.mask, 0, count / 3);
   assert_int_equal(evaluate(&p, tasks, 0.2, &after), PAGS_OK);
   assert_true(after.loss == 0.0 && after.counted == 0);
@@ -363,6 +413,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_plain),        cmocka_unit_test(test_finite_differences),
       cmocka_unit_test(test_threads),      cmocka_unit_test(test_unseen_pixels),
+      cmocka_unit_test(test_exposure),
       cmocka_unit_test(test_huge_colours), cmocka_unit_test(test_sizes_must_agree),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -16,40 +16,6 @@
 #include "train/exposure.h"
 #include "train/tracks.h"
 
-enum { WIDTH = 21, HEIGHT = 9, STRIDE = 32, FLOATS = STRIDE * HEIGHT };
-
-static float noise(uint64_t purpose, int i) {
-  return (float)pags_rng_uniform(5, purpose, (uint64_t)i);
-}
-
-/* Loss = sum of weight * (gain x + offset): its gradients are sums that can be written down. */
-static void exposure_gradient_is_that_of_its_sums(void **unused) {
-  (void)unused;
-  static float x[3][FLOATS], g[3][FLOATS], out[3][FLOATS];
-  float *planes[3] = {g[0], g[1], g[2]}, *exposed[3] = {out[0], out[1], out[2]};
-  const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.0};
-  pags_picture picture = {.width = WIDTH, .height = HEIGHT, .stride = STRIDE, .rgb = {x[0], x[1], x[2]}};
-  double wanted[6] = {0.0}, found[6];
-  pags_tasks *tasks = pags_tasks_create(2);
-  for (int c = 0; c < 3; c++)
-    for (int y = 0; y < HEIGHT; y++)
-      for (int i = 0; i < WIDTH; i++) {
-        int at = y * STRIDE + i;
-        x[c][at] = noise((uint64_t)c, at);
-        g[c][at] = noise(3 + (uint64_t)c, at) - 0.5f;
-        wanted[c] += (double)g[c][at] * (double)x[c][at];
-        wanted[3 + c] += (double)g[c][at];
-      }
-  float before = g[1][3 * STRIDE + 7];
-  assert_int_equal(pags_exposure_apply(value, &picture, tasks, exposed), PAGS_OK);
-  assert_true(fabsf(out[1][40] - (0.9f * x[1][40] - 0.02f)) < 1e-6f);
-  assert_int_equal(pags_exposure_backward(value, &picture, tasks, planes, found), PAGS_OK);
-  for (int k = 0; k < 6; k++)
-    assert_true(fabs(found[k] - wanted[k]) < 1e-5);
-  assert_true(fabsf(g[1][3 * STRIDE + 7] - 0.9f * before) < 1e-6f);
-  pags_tasks_destroy(tasks);
-}
-
 static pags_tracks one_track(void) {
   pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
   t.objects[0] = (pags_object){.knot_count = 3, .knots = calloc(3, sizeof(pags_knot))};
@@ -161,7 +127,6 @@ static void jitter_goes_and_motion_stays(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(exposure_gradient_is_that_of_its_sums),
       cmocka_unit_test(poses_are_found),
       cmocka_unit_test(jitter_goes_and_motion_stays),
   };
