@@ -321,7 +321,10 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
 }
 
 /* A run as it stands before its last step, in which photographs are seen in full. */
-static void begin_run(const pags_train_options *options, pags_trainer *t) {
+static void begin_run(pags_train_options *options, pags_trainer *t) {
+  *options = pags_train_options_default();
+  options->dataset = dataset;
+  options->tasks = tasks;
   const pags_train_config asked = quick(), config = pags_config_resolve(&asked, 1);
   *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks};
   assert_int_equal(pags_trainer_list_views(t), PAGS_OK);
@@ -349,9 +352,7 @@ static uint64_t decoded_by(const pags_trainer *t) {
  * shows: of those that are seen well, the shares agree but for pixels at outlines. No photograph is decoded twice for it, nor for the test of colour over time. */
 static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   (void)unused;
-  pags_train_options options = pags_train_options_default();
-  options.dataset = dataset;
-  options.tasks = tasks;
+  pags_train_options options;
   pags_trainer t;
   pags_scores whole, rough;
   begin_run(&options, &t);
@@ -385,9 +386,7 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
 /* Colours are compared at half size: averaged over photographs of full size, or decoded at half, they promise the same. */
 static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   (void)unused;
-  pags_train_options options = pags_train_options_default();
-  options.dataset = dataset;
-  options.tasks = tasks;
+  pags_train_options options;
   pags_trainer t;
   begin_run(&options, &t);
   assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
