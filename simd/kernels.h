@@ -247,9 +247,10 @@ typedef struct pags_kernels {
   /* rgb += transmittance * sky over a whole tile, to whose top left pixel the planes point; sky.inl. */
   void (*sky_blend)(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                     const float *transmittance, float *const rgb[3]);
-  /* What sky_blend takes for the tile's rows y0, y0 + step, ... (1 + 15 / step of them): of each pixel, row after row, the top left texel of
-   * four (the others: + 1, + size, + size + 1; at size 1 it stands for all) and the four weights, weight[k] that of the k-th. */
-  void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *texel, float *const weight[4]);
+  /* What sky_blend takes for the tile's rows y0, y0 + step, ... (1 + 15 / step of them): of each pixel, row after row, where the top left
+   * texel of four is (texel = row * size + column, rows counting on from face to face; the others: + 1, + size, + size + 1; at size 1 it
+   * stands for all) and the four weights, weight[k] that of the k-th. */
+  void (*sky_cells)(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column, float *const weight[4]);
 
   /* Sums `slots` of each drawn row and goes on to the raw parameters (shade's and project's backward). Rows whose key is
    * UINT32_MAX or whose splat has no tiles get zeros. Returns how many rows were not finite (and set to zero). */

@@ -5,7 +5,7 @@
  * directions onto the cell's edge. A map of one texel a side has one cell a face, all of whose corners are that texel. */
 
 typedef struct sky_cells16 {
-  vi texel; /* top left */
+  vi row, column; /* of the top left texel; rows count on from face to face */
   vf along, down;
 } sky_cells16;
 
@@ -40,9 +40,8 @@ V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
                            i_select(on_y, i_select(minus[1], i_set(3), i_set(2)), i_select(minus[2], i_set(5), i_set(4))));
   const vf inverse = v_div(v_set(1.0f), major);
   sky_cells16 c;
-  const vi column = sky_axis(v_mul(s, inverse), rays->size, &c.along), row = sky_axis(v_mul(t, inverse), rays->size, &c.down);
-  const vi size = i_set(rays->size);
-  c.texel = i_add(i_mul(i_add(i_mul(face, size), row), size), column);
+  c.column = sky_axis(v_mul(s, inverse), rays->size, &c.along);
+  c.row = i_add(i_mul(face, i_set(rays->size)), sky_axis(v_mul(t, inverse), rays->size, &c.down));
   return c;
 }
 
@@ -53,14 +52,15 @@ V_INLINE void sky_weights(vf along, vf down, vf t, vf weight[4]) {
   weight[2] = v_fnma(lower, along, lower), weight[3] = v_mul(lower, along);
 }
 
-static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *texel, float *const weight[4]) {
-  for (int row = 0; row * step < PAGS_TILE; row++) {
-    const sky_cells16 c = sky_cells_of(rays, x0, y0 + row * step);
+static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column, float *const weight[4]) {
+  for (int y = 0; y * step < PAGS_TILE; y++) {
+    const sky_cells16 c = sky_cells_of(rays, x0, y0 + y * step);
     vf of_row[4];
     sky_weights(c.along, c.down, v_set(1.0f), of_row);
-    i_store(texel + row * PAGS_TILE, c.texel);
+    i_store(row + y * PAGS_TILE, c.row);
+    i_store(column + y * PAGS_TILE, c.column);
     for (int k = 0; k < 4; k++)
-      v_store(weight[k] + row * PAGS_TILE, of_row[k]);
+      v_store(weight[k] + y * PAGS_TILE, of_row[k]);
   }
 }
 
@@ -78,7 +78,7 @@ static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int
   for (int y = 0; y < PAGS_TILE; y++) {
     const sky_cells16 cells = sky_cells_of(rays, x0, y0 + y);
     int32_t *const texel = tile->texel + y * PAGS_TILE;
-    i_store(texel, cells.texel);
+    i_store(texel, i_add(i_mul(cells.row, i_set(rays->size)), cells.column));
     v_store(tile->along + y * PAGS_TILE, cells.along);
     v_store(tile->down + y * PAGS_TILE, cells.down);
     sky_fetch(texels, texel, rays->size > 1 ? rays->size : 0);

@@ -5,8 +5,10 @@
  * Every pixel of the picture takes part: blending stops before T falls below 1e-4, so that none has lost all of the sky.
  *
  * On the way back the cube map is cut into at most 64 runs of texels. First each tile finds out which runs it sees, then each run is
- * one task that goes through its tiles in order: a texel's terms are added in the same order for any number of threads. */
+ * one task that goes through its tiles in order and is received: a texel's terms are added in the same order for any number of threads,
+ * and a run's gradient stays in the cache. */
 #include <math.h>
+#include <string.h>
 
 #include "stages.h"
 
@@ -17,6 +19,8 @@ typedef struct sky_context {
   const pags_picture_gradient *gradient;
   uint64_t *runs_seen; /* per tile: bit r, it sees run r */
   int run_bits;        /* a run is 2^run_bits texels */
+  float *runs;         /* per worker: the gradient of a run */
+  uint8_t *seen;       /* per worker: of a run's blocks */
 } sky_context;
 
 void pags_frame_prepare_sky(pags_frame *frame) {
@@ -82,28 +86,28 @@ static uint64_t tile_runs(const sky_context *c, int64_t tile) {
     return 0;
   const pags_frame *const f = c->frame;
   const int size = f->rays.size, x0 = tile_x(f, tile), y0 = tile_y(f, tile);
-  const int64_t face_texels = (int64_t)size * size;
-  int32_t texel[PAGS_TILE_PIXELS];
+  int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS];
   float unused[4][PAGS_TILE_PIXELS];
   float *const weight[4] = {unused[0], unused[1], unused[2], unused[3]};
-  f->kernels->sky_cells(&f->rays, x0, y0, LAST, texel, weight);
-  const int32_t corner[4] = {texel[0], texel[LAST], texel[PAGS_TILE], texel[PAGS_TILE + LAST]};
-  const int64_t face = corner[0] / face_texels;
+  f->kernels->sky_cells(&f->rays, x0, y0, LAST, row, column, weight);
+  const int32_t corner[4] = {row[0], row[LAST], row[PAGS_TILE], row[PAGS_TILE + LAST]};
   int64_t first = corner[0], last = corner[0];
   bool one_face = true;
   for (int k = 1; k < 4; k++) {
-    one_face &= corner[k] / face_texels == face;
+    one_face &= corner[k] / size == corner[0] / size;
     first = corner[k] < first ? corner[k] : first;
     last = corner[k] > last ? corner[k] : last;
   }
   if (one_face) {
-    first -= 2 * size, last += 3 * size;
-    return runs_between(first > 0 ? first : 0, last < 6 * face_texels ? last : 6 * face_texels - 1, c->run_bits);
+    first = first > 2 ? first - 2 : 0, last = last + 2 < 6 * size ? last + 2 : 6 * size - 1;
+    return runs_between(first * size, (last + 1) * size - 1, c->run_bits);
   }
   uint64_t seen = 0;
-  f->kernels->sky_cells(&f->rays, x0, y0, 1, texel, weight);
-  for (int i = 0; i < PAGS_TILE_PIXELS; i++) /* those beyond the picture's edge do no harm */
-    seen |= runs_between(texel[i], texel[i] + cell_reach(size), c->run_bits);
+  f->kernels->sky_cells(&f->rays, x0, y0, 1, row, column, weight);
+  for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* those beyond the picture's edge do no harm */
+    const int64_t texel = (int64_t)row[i] * size + column[i];
+    seen |= runs_between(texel, texel + cell_reach(size), c->run_bits);
+  }
   return seen;
 }
 
@@ -117,112 +121,190 @@ static void find_runs(void *context, int64_t begin, int64_t end, int worker) {
 typedef struct texel_run {
   int32_t first, last; /* texels [first, last) */
   int size;
-  float *gradient;     /* of all texels */
-  uint8_t *blocks;     /* as in pags_picture_gradient; runs hold whole blocks */
+  float *gradient; /* of its texels, in blocks that are written when they are seen first */
+  uint8_t *seen;   /* per block */
 } texel_run;
 
-static void add_texel(const texel_run *run, int32_t texel, const float *colour) {
-  const bool any = colour[0] != 0.0f || colour[1] != 0.0f || colour[2] != 0.0f;
-  if (!any || texel < run->first || texel >= run->last)
-    return;
-  float *const to = run->gradient + 3 * (int64_t)texel;
-  to[0] += colour[0], to[1] += colour[1], to[2] += colour[2];
-  if (run->blocks)
-    run->blocks[texel / PAGS_SKY_BLOCK] = 1;
-}
+enum { PATCH_TEXELS = 1024 };
 
-/* What the texels on a cell's left and right get: above and below, each red, green, blue and nothing. */
-typedef struct cell_side {
-  float above[4], below[4];
-} cell_side;
+/* What a tile's pixels add to the sky: row after row, the cells they see, the weights of a cell's corners, and T dL/drgb, zero where the
+ * sky doesn't count. */
+typedef struct tile_terms {
+  int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS]; /* of the cell's top left texel; rows count on from face to face */
+  float weight[4][PAGS_TILE_PIXELS];
+  float colour[PAGS_TILE_PIXELS][4]; /* the fourth is nothing */
+  bool shows[PAGS_TILE]; /* per row: whether any of its pixels counts */
+} tile_terms;
 
-/* `column`: 0 of the cell's left side, 1 of its right one. */
-static void add_side(const texel_run *run, int32_t texel, int column, const cell_side *side) {
-  const int right = run->size > 1 ? column : 0, below = run->size > 1 ? run->size : 0;
-  add_texel(run, texel + right, side->above);
-  add_texel(run, texel + right + below, side->below);
-}
+typedef struct pixel_box {
+  int x0, y0, x1, y1; /* pixels of a tile, [x0, x1) by [y0, y1) */
+} pixel_box;
 
-/* T dL/drgb of a tile's row, channel by channel, nothing where T is below the cut; values that aren't finite count for nothing, as with
- * Gaussians. */
-static void row_colours(const sky_context *c, int64_t at, float colour[3][PAGS_TILE]) {
-  const float *const t = frame_plane(c->frame, PLANE_T) + at;
-  for (int k = 0; k < 3; k++) {
-    const float *const gradient = c->gradient->rgb[k] + at;
-    for (int x = 0; x < PAGS_TILE; x++) {
-      const float product = t[x] * gradient[x];
-      colour[k][x] = fabsf(product) < 3e38f && t[x] >= c->gradient->sky_cut ? product : 0.0f;
+typedef struct texel_patch {
+  int32_t row, column, rows, columns;
+} texel_patch;
+
+/* All the texels that pixels add to, and what lies between them. */
+static texel_patch patch_of(const tile_terms *t, const pixel_box *box, int size) {
+  int32_t least[2] = {INT32_MAX, INT32_MAX}, most[2] = {0, 0};
+  for (int y = box->y0; y < box->y1; y++)
+    for (int x = box->x0; x < box->x1; x++) {
+      const int32_t at[2] = {t->row[y * PAGS_TILE + x], t->column[y * PAGS_TILE + x]};
+      for (int k = 0; k < 2; k++) {
+        least[k] = at[k] < least[k] ? at[k] : least[k];
+        most[k] = at[k] > most[k] ? at[k] : most[k];
+      }
     }
+  const int32_t beyond = size > 1 ? 2 : 1;
+  return (texel_patch){least[0], least[1], most[0] - least[0] + beyond, most[1] - least[1] + beyond};
+}
+
+static void sum_patch(const tile_terms *t, const pixel_box *box, const texel_patch *p, int size, float (*sum)[4]) {
+  const int32_t right = size > 1 ? 1 : 0, below = size > 1 ? p->columns : 0, corner[4] = {0, right, below, below + right};
+  memset(sum, 0, (size_t)p->rows * (size_t)p->columns * sizeof *sum);
+  for (int y = box->y0; y < box->y1; y++)
+    for (int x = box->x0; t->shows[y] && x < box->x1; x++) {
+      const int i = y * PAGS_TILE + x;
+      float(*const at)[4] = sum + (t->row[i] - p->row) * p->columns + t->column[i] - p->column;
+      for (int k = 0; k < 4; k++)
+        for (int j = 0; j < 4; j++)
+          at[corner[k]][j] += t->weight[k][i] * t->colour[i][j];
+    }
+}
+
+/* Blocks of the run from texel `first` on, up to `last`, are there to be added to. */
+static void see_blocks(const texel_run *run, int32_t first, int32_t last) {
+  for (int32_t block = first / PAGS_SKY_BLOCK; block <= last / PAGS_SKY_BLOCK; block++)
+    if (!run->seen[block]) {
+      memset(run->gradient + 3 * PAGS_SKY_BLOCK * (int64_t)block, 0, 3 * PAGS_SKY_BLOCK * sizeof(float));
+      run->seen[block] = 1;
+    }
+}
+
+static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4]) {
+  for (int32_t i = 0; i < p->rows; i++, sum += p->columns) {
+    const int32_t row = (p->row + i) * run->size + p->column - run->first, all = run->last - run->first; /* texels of the run */
+    const int32_t begin = row < 0 ? -row : 0, end = row + p->columns > all ? all - row : p->columns; /* columns in the run */
+    if (begin >= end)
+      continue;
+    see_blocks(run, row + begin, row + end - 1);
+    float *to = run->gradient + 3 * (int64_t)(row + begin);
+    for (int32_t j = begin; j < end; j++, to += 3)
+      for (int k = 0; k < 3; k++)
+        to[k] += sum[j][k];
   }
 }
 
-/* Neighbours in a cell are summed before they go to memory, and a side that the next cell shares waits for its part. weight[k *
- * PAGS_TILE_PIXELS]: of corner k. */
-static void add_row(const texel_run *run, int width, const int32_t *texel, const float *weight,
-                    float colour[3][PAGS_TILE]) {
-  static const cell_side nothing = {{0.0f}, {0.0f}};
-  cell_side side[2] = {nothing, nothing};
-  for (int x = 0; x < width; x++) {
-    const float rgb[4] = {colour[0][x], colour[1][x], colour[2][x], 0.0f};
-    for (int j = 0; j < 4; j++) {
-      side[0].above[j] += weight[x] * rgb[j];
-      side[1].above[j] += weight[PAGS_TILE_PIXELS + x] * rgb[j];
-      side[0].below[j] += weight[2 * PAGS_TILE_PIXELS + x] * rgb[j];
-      side[1].below[j] += weight[3 * PAGS_TILE_PIXELS + x] * rgb[j];
+/* Neighbouring pixels share texels: they are summed up in a patch of the map before they go to memory. Where the patch would be large, as
+ * between faces or where texels are much smaller than pixels, each half of the pixels has its own. */
+static void add_pixels(const texel_run *run, const tile_terms *t, const pixel_box *box) {
+  const texel_patch patch = patch_of(t, box, run->size);
+  if ((int64_t)patch.rows * patch.columns <= PATCH_TEXELS) {
+    float sum[PATCH_TEXELS][4];
+    sum_patch(t, box, &patch, run->size, sum);
+    add_patch(run, &patch, sum);
+    return;
+  }
+  pixel_box half[2] = {*box, *box};
+  if (box->x1 - box->x0 > box->y1 - box->y0)
+    half[0].x1 = half[1].x0 = (box->x0 + box->x1) / 2;
+  else
+    half[0].y1 = half[1].y0 = (box->y0 + box->y1) / 2;
+  add_pixels(run, t, half);
+  add_pixels(run, t, half + 1);
+}
+
+/* Of one row. Values that aren't finite count for nothing, as with Gaussians. */
+static void find_colours(const sky_context *c, int64_t at, float (*restrict colour)[4]) {
+  const float *const restrict t = frame_plane(c->frame, PLANE_T) + at;
+  const float cut = c->gradient->sky_cut;
+  float product[3][PAGS_TILE];
+  for (int k = 0; k < 3; k++) {
+    const float *const restrict gradient = c->gradient->rgb[k] + at;
+    for (int x = 0; x < PAGS_TILE; x++) {
+      const float p = t[x] * gradient[x];
+      product[k][x] = (fabsf(p) < 3e38f) & (t[x] >= cut) ? p : 0.0f;
     }
-    const int32_t here = texel[x], on = x + 1 < width ? texel[x + 1] - here : 2;
-    if (on == 0)
-      continue;
-    const bool to_right = on == 1 && run->size > 1, to_left = on == -1 && run->size > 1;
-    const cell_side shared = side[to_right];
-    if (!to_left)
-      add_side(run, here, 0, side);
-    if (!to_right)
-      add_side(run, here, 1, side + 1);
-    side[0] = to_right ? shared : nothing;
-    side[1] = to_left ? shared : nothing;
+  }
+  for (int x = 0; x < PAGS_TILE; x++) {
+    colour[x][0] = product[0][x];
+    colour[x][1] = product[1][x];
+    colour[x][2] = product[2][x];
+    colour[x][3] = 0.0f;
   }
 }
 
 static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
   const pags_frame *const f = c->frame;
   const int x0 = tile_x(f, tile), y0 = tile_y(f, tile), width = f->camera.width - x0, height = f->camera.height - y0;
-  int32_t texel[PAGS_TILE_PIXELS];
-  float weight[4 * PAGS_TILE_PIXELS];
-  float *const corners[4] = {weight, weight + PAGS_TILE_PIXELS, weight + 2 * PAGS_TILE_PIXELS, weight + 3 * PAGS_TILE_PIXELS};
-  f->kernels->sky_cells(&f->rays, x0, y0, 1, texel, corners);
-  for (int y = 0; y < PAGS_TILE && y < height; y++) {
+  pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
+  tile_terms terms;
+  float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
+  f->kernels->sky_cells(&f->rays, x0, y0, 1, terms.row, terms.column, weight);
+  for (int y = 0; y < box.y1; y++) {
     const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
-    float colour[3][PAGS_TILE];
-    if (!row_shows_sky(c, at))
-      continue;
-    row_colours(c, at, colour);
-    add_row(run, width < PAGS_TILE ? width : PAGS_TILE, texel + y * PAGS_TILE,
-            weight + y * PAGS_TILE, colour);
+    terms.shows[y] = row_shows_sky(c, at);
+    if (terms.shows[y])
+      find_colours(c, at, terms.colour + y * PAGS_TILE);
   }
+  while (box.y0 < box.y1 && !terms.shows[box.y0])
+    box.y0++;
+  while (box.y0 < box.y1 && !terms.shows[box.y1 - 1])
+    box.y1--;
+  if (box.y0 < box.y1)
+    add_pixels(run, &terms, &box);
+}
+
+static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
+  const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y;
+  while (tile < tiles && !(c->runs_seen[tile] >> run & 1))
+    tile++;
+  return tile;
+}
+
+/* A tile's rows lie a picture's width apart, too far for a processor to guess the next one. */
+static void fetch_tile(const sky_context *c, int64_t tile) {
+  const pags_frame *const f = c->frame;
+  const int64_t at = (int64_t)tile_y(f, tile) * f->stride + tile_x(f, tile);
+  const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1], c->gradient->rgb[2]};
+  for (int y = 0; y < PAGS_TILE; y++)
+    for (int k = 0; k < 4; k++)
+      __builtin_prefetch(planes[k] + at + y * f->stride);
+}
+
+static void add_run(const sky_context *c, int64_t index, int worker) {
+  const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y, texels = (int64_t)1 << c->run_bits;
+  const texel_run run = {(int32_t)(index * texels), (int32_t)((index + 1) * texels), c->frame->rays.size,
+                         c->runs + 3 * texels * worker, c->seen + texels / PAGS_SKY_BLOCK * worker};
+  int64_t tile = next_tile(c, 0, index);
+  if (tile == tiles)
+    return;
+  memset(run.seen, 0, (size_t)(texels / PAGS_SKY_BLOCK));
+  for (int64_t next; tile < tiles; tile = next) {
+    next = next_tile(c, tile + 1, index);
+    if (next < tiles)
+      fetch_tile(c, next);
+    add_tile(c, &run, tile);
+  }
+  const pags_sky_gradient out = {.first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};
+  c->gradient->sky(c->gradient->sky_user, &out, worker);
 }
 
 static void add_runs(void *context, int64_t begin, int64_t end, int worker) {
-  const sky_context *const c = context;
-  const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y;
-  (void)worker;
-  for (int64_t r = begin; r < end; r++) {
-    const texel_run run = {(int32_t)(r << c->run_bits), (int32_t)((r + 1) << c->run_bits), c->frame->rays.size,
-                           c->gradient->sky, c->gradient->sky_blocks};
-    for (int64_t tile = 0; tile < tiles; tile++)
-      if (c->runs_seen[tile] >> r & 1)
-        add_tile(c, &run, tile);
-  }
+  for (int64_t run = begin; run < end; run++)
+    add_run(context, run, worker);
 }
 
 pags_result pags_frame_sky_backward(pags_frame *frame, const pags_picture_gradient *gradient) {
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  const int64_t texels = 6 * (int64_t)frame->rays.size * frame->rays.size;
+  const int64_t texels = 6 * (int64_t)frame->rays.size * frame->rays.size, workers = pags_tasks_workers(frame->tasks);
   sky_context c = {.frame = frame, .gradient = gradient, .run_bits = LEAST_RUN_BITS};
   while (texels > (int64_t)MOST_RUNS << c.run_bits)
     c.run_bits++;
   c.runs_seen = pags_frame_alloc(frame, tiles, sizeof *c.runs_seen, "sky's tiles");
-  if (!c.runs_seen)
+  c.runs = pags_frame_alloc(frame, 3 * workers << c.run_bits, sizeof *c.runs, "sky's gradient");
+  c.seen = pags_frame_alloc(frame, (workers << c.run_bits) / PAGS_SKY_BLOCK, 1, "sky's blocks");
+  if (!c.runs_seen || !c.runs || !c.seen)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, tiles, 16, find_runs, &c));
   return pags_frame_for(frame, ((texels - 1) >> c.run_bits) + 1, 1, add_runs, &c);

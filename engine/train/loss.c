@@ -8,7 +8,7 @@
 #include "kernels.h"
 
 /* Rows of a band: halves what the 20 rows around a band cost, yet leaves enough bands to share out. */
-enum { BAND = 48 };
+enum { BAND = 96 };
 
 typedef struct band_sums {
   double l1, squared, ssim, more_l1, more_dssim, by_exposure[2];

@@ -438,7 +438,7 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
                              &v->terms.depth));
   }
   if (t->state.sky.sky.size > 0 && !t->measuring)
-    pags_sky_fit_receive(&t->state.sky, gradient);
+    PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
   return PAGS_OK;
 }
 
@@ -495,8 +495,6 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
     PAGS_TRY(pags_scores_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);
-    if (t->state.sky.sky.size > 0)
-      PAGS_TRY(pags_sky_fit_update(&t->state.sky, &t->state.schedule, step, t->tasks));
     if (t->state.exposures.count > 0 &&
         !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
       pags_guard_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024, BLOCK_GRAIN = 256 };
+enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
 static const double final_share = 0.01; /* of the rate, at the schedule's end */
 
@@ -55,18 +55,14 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
   return PAGS_OK;
 }
 
-static int64_t block_count(int size) { return (6 * (int64_t)size * size + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK; }
-
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   *fit = (pags_sky_fit){0};
   PAGS_TRY(pags_sky_create(&fit->sky, size));
   size_t floats = (size_t)18 * (size_t)size * (size_t)size;
   fit->first = calloc(floats, sizeof(float));
   fit->second = calloc(floats, sizeof(float));
-  fit->gradient = calloc(floats, sizeof(float));
   fit->visits = calloc(floats / 3, sizeof *fit->visits);
-  fit->blocks = calloc((size_t)block_count(size), 1);
-  if (!fit->first || !fit->second || !fit->gradient || !fit->visits || !fit->blocks) {
+  if (!fit->first || !fit->second || !fit->visits) {
     pags_sky_fit_destroy(fit);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side", size);
   }
@@ -77,85 +73,77 @@ void pags_sky_fit_destroy(pags_sky_fit *fit) {
   pags_sky_destroy(&fit->sky);
   free(fit->first);
   free(fit->second);
-  free(fit->gradient);
   free(fit->visits);
   free(fit->correction);
-  free(fit->blocks);
   *fit = (pags_sky_fit){0};
 }
 
-void pags_sky_fit_receive(pags_sky_fit *fit, pags_picture_gradient *gradient) {
-  gradient->sky = fit->gradient;
-  gradient->sky_blocks = fit->blocks;
-  gradient->sky_cut = 1.0f / 255.0f;
-}
-
 enum { CORRECTIONS = 8192 }; /* by visits, the last for all beyond: 1 / (1 - beta1^k), 1 / (1 - beta2^k) */
+enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK, FLOATS_A_LINE = 16 };
 
-typedef struct update_job {
-  pags_sky_fit *fit;
-  float beta1, beta2, rate, epsilon;
-} update_job;
-
-enum { BLOCK_FLOATS = 3 * PAGS_SKY_BLOCK };
+static const float epsilon = 1e-15f;
 
 typedef struct block_factors { /* per float; what leaves it as it is where no pixel saw the texel */
-  float keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
+  float gradient[BLOCK_FLOATS], keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
 } block_factors;
 
-static int is_seen(float *g) {
-  int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
-  for (int k = 0; k < 3 && !finite; k++)
-    g[k] = 0.0f;
-  return g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f;
-}
-
-static void find_factors(const update_job *job, int64_t first, int64_t count, block_factors *out) {
-  pags_sky_fit *f = job->fit;
-  for (int64_t i = 0; i < count; i++) {
-    uint16_t *visits = f->visits + first + i;
-    int seen = is_seen(f->gradient + 3 * (first + i));
-    if (seen && *visits < UINT16_MAX)
-      ++*visits;
-    const float *c = f->correction[*visits < CORRECTIONS ? *visits : CORRECTIONS - 1];
-    for (int64_t k = 3 * i; k < 3 * i + 3; k++) {
-      out->keep1[k] = seen ? job->beta1 : 1.0f;
-      out->keep2[k] = seen ? job->beta2 : 1.0f;
-      out->rate[k] = seen ? job->rate * c[0] : 0.0f;
-      out->correction[k] = c[1];
+/* A gradient that isn't finite counts for nothing. */
+static void find_factors(const pags_sky_fit *f, const float *gradient, uint16_t *visits, int64_t texels, block_factors *out) {
+  for (int64_t i = 0; i < texels; i++) {
+    const float *g = gradient + 3 * i;
+    const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
+    const int seen = finite && (g[0] != 0.0f || g[1] != 0.0f || g[2] != 0.0f);
+    if (seen && visits[i] < UINT16_MAX)
+      visits[i]++;
+    const float *c = f->correction[visits[i] < CORRECTIONS ? visits[i] : CORRECTIONS - 1];
+    for (int64_t k = 0; k < 3; k++) {
+      out->gradient[3 * i + k] = seen ? g[k] : 0.0f;
+      out->keep1[3 * i + k] = seen ? f->beta1 : 1.0f;
+      out->keep2[3 * i + k] = seen ? f->beta2 : 1.0f;
+      out->rate[3 * i + k] = seen ? f->rate * c[0] : 0.0f;
+      out->correction[3 * i + k] = c[1];
     }
   }
 }
 
 /* Without a branch, for compilers to make vectors of. */
-static void update_block(const update_job *job, int64_t first_texel, int64_t texels) {
-  pags_sky_fit *f = job->fit;
-  const int64_t at = 3 * first_texel, count = 3 * texels;
-  const float epsilon = job->epsilon;
+static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
+  const int64_t at = 3 * first_texel;
   block_factors by;
   float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
-  float *restrict gradient = f->gradient + at;
-  find_factors(job, first_texel, texels, &by);
-  for (int64_t i = 0; i < count; i++) {
-    const float g = gradient[i];
+  find_factors(f, gradient, f->visits + first_texel, texels, &by);
+  for (int64_t i = 0; i < 3 * texels; i++) {
+    const float g = by.gradient[i];
     first[i] = by.keep1[i] * first[i] + (1.0f - by.keep1[i]) * g;
     second[i] = by.keep2[i] * second[i] + (1.0f - by.keep2[i]) * g * g;
     colour[i] -= by.rate[i] * first[i] / (sqrtf(second[i] * by.correction[i]) + epsilon);
-    gradient[i] = 0.0f;
   }
 }
 
-static void update_blocks(void *context, int64_t begin, int64_t end, int worker) {
-  const update_job *job = context;
-  pags_sky_fit *f = job->fit;
-  int64_t texels = 6 * (int64_t)f->sky.size * f->sky.size;
+static int64_t next_seen(const pags_sky_gradient *g, int64_t block) {
+  while (block < g->blocks && !g->seen[block])
+    block++;
+  return block;
+}
+
+/* Blocks seen lie too far apart for a processor to guess the next one. */
+static void fetch_block(const pags_sky_fit *f, int64_t first_texel) {
+  const float *const arrays[] = {f->first, f->second, f->sky.texels};
+  for (size_t a = 0; a < sizeof arrays / sizeof *arrays; a++)
+    for (int k = 0; k < BLOCK_FLOATS; k += FLOATS_A_LINE)
+      __builtin_prefetch(arrays[a] + 3 * first_texel + k, 1);
+}
+
+static void update(void *user, const pags_sky_gradient *g, int worker) {
+  pags_sky_fit *f = user;
+  const int64_t all = 6 * (int64_t)f->sky.size * f->sky.size;
   (void)worker;
-  for (int64_t block = begin; block < end; block++) {
-    int64_t first = block * PAGS_SKY_BLOCK, last = first + PAGS_SKY_BLOCK < texels ? first + PAGS_SKY_BLOCK : texels;
-    if (!f->blocks[block])
-      continue;
-    update_block(job, first, last - first);
-    f->blocks[block] = 0;
+  for (int64_t block = next_seen(g, 0), next; block < g->blocks; block = next) {
+    const int64_t first = g->first + block * PAGS_SKY_BLOCK, left = all - first;
+    next = next_seen(g, block + 1);
+    if (next < g->blocks)
+      fetch_block(f, g->first + next * PAGS_SKY_BLOCK);
+    update_block(f, first, left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK, g->data + block * BLOCK_FLOATS);
   }
 }
 
@@ -174,17 +162,16 @@ static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *
   return PAGS_OK;
 }
 
-pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks) {
+pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_picture_gradient *gradient) {
   const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0);
+  const double t = fmin((double)step / (double)schedule->length, 1.0);
   if (!fit->correction)
     PAGS_TRY(make_corrections(fit, c));
-  update_job job = {.fit = fit,
-                    .beta1 = (float)c->beta1,
-                    .beta2 = (float)c->beta2,
-                    .rate = (float)(c->sky_rate * pow(final_share, t)),
-                    .epsilon = 1e-15f};
-  return pags_parallel_for(tasks, block_count(fit->sky.size), BLOCK_GRAIN, update_blocks, &job)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "cancelled");
+  fit->beta1 = (float)c->beta1;
+  fit->beta2 = (float)c->beta2;
+  fit->rate = (float)(c->sky_rate * pow(final_share, t));
+  gradient->sky = update;
+  gradient->sky_user = fit;
+  gradient->sky_cut = 1.0f / 255.0f;
+  return PAGS_OK;
 }

@@ -5,7 +5,6 @@
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/sky.h>
-#include <pags/tasks.h>
 
 #include "train/schedule.h"
 
@@ -13,9 +12,8 @@ typedef struct pags_sky_fit {
   pags_sky sky;          /* size 0: the scene has none */
   float *first, *second; /* Adam's moments, laid out as the texels; they move only when a gradient arrives */
   uint16_t *visits;      /* per texel: gradients so far, which is what the moments' bias is corrected by; stays at 65535 */
-  float *gradient;       /* of one step; all zero between steps */
-  float (*correction)[2]; /* of the moments, by visits; made at the first update. Derived */
-  uint8_t *blocks;       /* per PAGS_SKY_BLOCK texels: 1 where the gradient has been added to; all zero between steps */
+  float (*correction)[2]; /* of the moments, by visits; made at the first step. Derived */
+  float beta1, beta2, rate; /* of the step under way */
 } pags_sky_fit;
 
 /* Decides by the labels of the training photographs, seen at an eighth of their size: below a thousandth of all pixels there is
@@ -26,10 +24,8 @@ pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, 
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 
-/* Has the gradient of a step added up in the fit, of pixels that show at least a 255th of the sky: by Adam's measure the rest would
- * move what lies behind walls as fast as what is seen. */
-void pags_sky_fit_receive(pags_sky_fit *fit, pags_picture_gradient *gradient);
-/* One Adam step with fit->gradient where fit->blocks says that there is any; both are zeroed. */
-pags_result pags_sky_fit_update(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_tasks *tasks);
+/* Has the sky take one Adam step while a frame goes back, by pixels that show at least a 255th of it: by Adam's measure the rest would
+ * move what lies behind walls as fast as what is seen. PAGS_ERROR_MEMORY. */
+pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_picture_gradient *gradient);
 
 #endif

@@ -168,18 +168,20 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   return reference_render(parts, part_count, camera, options);
 }
 
-/* Blocks that aren't marked have no gradient; a camera doesn't see all of them. */
+/* Blocks that aren't marked have no gradient; a camera doesn't see all of them, but for the one or two of the smallest maps. */
 static void check_blocks(const frame_result *drawn) {
   int64_t marked = 0, blocks = (drawn->sky_floats / 3 + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
   for (int64_t k = 0; k < drawn->sky_floats; k++)
     assert_true(drawn->sky[k] == 0.0f || drawn->sky_blocks[k / 3 / PAGS_SKY_BLOCK]);
   for (int64_t b = 0; b < blocks; b++)
     marked += drawn->sky_blocks[b];
-  assert_true(marked > 0 && (marked < blocks || blocks == 1));
+  assert_true(marked > 0 && (marked < blocks || blocks <= 2));
 }
 
-/* Rounding only: a texel's gradient is a sum of thousands of terms. */
+/* Rounding only: a texel's gradient is a sum of thousands of terms. Where texels are smaller than pixels it is one pixel's, by its place
+ * between texels, of which floats leave some 1e-4, and most texels have none, which lowers the floor thirtyfold. */
 static void check_sky(const frame_result *drawn, const double *exact) {
+  const double bound = drawn->sky_floats > 18 * 100 * 100 ? 2e-2 : 1e-3;
   double square = 0, worst = 0;
   for (int64_t k = 0; k < drawn->sky_floats; k++)
     square += exact[k] * exact[k];
@@ -187,7 +189,7 @@ static void check_sky(const frame_result *drawn, const double *exact) {
   for (int64_t k = 0; k < drawn->sky_floats; k++)
     worst = fmax(worst, fabs((double)drawn->sky[k] - exact[k]) / fmax(fabs(exact[k]), floor));
   print_message("    sky        %6d, largest %.1e\n", (int)drawn->sky_floats, worst);
-  assert_true(square > 0 && worst < 1e-3);
+  assert_true(square > 0 && worst < bound);
 }
 
 static void check_dropped(const reference_part *part, const frame_part_result *drawn) {
@@ -337,6 +339,8 @@ static void test_street(void **state) {
                      5e-3, .street = 40};
   run_case(&c, NULL);
   c.plain = 1, c.scenes = 1;
+  run_case(&c, NULL);
+  c.street = 400; /* texels much smaller than pixels */
   run_case(&c, NULL);
   for (c.street = 1, c.scenes = 5; c.street <= 2; c.street++) /* all of a cell is one texel; the smallest cell */
     run_case(&c, NULL);

@@ -200,6 +200,18 @@ static float *pad_plane(const pags_picture *picture, const double *from) {
   return to;
 }
 
+static void receive_sky(void *user, const pags_sky_gradient *gradient, int worker) {
+  const frame_result *const result = user;
+  (void)worker;
+  for (int64_t block = 0; block < gradient->blocks; block++) {
+    const int64_t floats = 3 * PAGS_SKY_BLOCK, at = 3 * gradient->first + floats * block, left = result->sky_floats - at;
+    if (!gradient->seen[block])
+      continue;
+    result->sky_blocks[at / floats]++;
+    memcpy(result->sky + at, gradient->data + floats * block, (size_t)(left < floats ? left : floats) * sizeof(float));
+  }
+}
+
 static void go_back(pags_frame *frame, run_context *context, const pags_picture *picture,
                     const reference_picture_gradient *gradient) {
   int64_t pixels = (int64_t)picture->width * picture->height;
@@ -211,9 +223,9 @@ static void go_back(pags_frame *frame, run_context *context, const pags_picture 
   const pags_picture_gradient padded = {.rgb = {planes[0], planes[1], planes[2]},
                                         .transmittance = planes[3],
                                         .depth_sum = planes[4],
-                                        .sky = context->result->sky_floats ? context->result->sky : NULL,
-                                        .sky_cut = context->scene->sky_cut,
-                                        .sky_blocks = context->result->sky_blocks};
+                                        .sky = context->result->sky_floats ? receive_sky : NULL,
+                                        .sky_user = context->result,
+                                        .sky_cut = context->scene->sky_cut};
   check(pags_frame_backward(frame, &padded, receive, context, &context->result->bad_rows));
   for (int k = 0; k < 5; k++)
     free(planes[k]);

@@ -162,16 +162,29 @@ PAGS_API pags_result pags_frame_render(pags_frame *frame, const pags_part *parts
                                        const pags_frame_options *options, pags_touch_fn *touch, void *user,
                                        pags_picture *out);
 
+enum { PAGS_SKY_BLOCK = 16 }; /* texels of the sky that follow each other */
+
+/* Gradients of neighbouring texels of the sky, in the worker's scratch: read them before returning. */
+typedef struct pags_sky_gradient {
+  int64_t first;       /* the first texel, a multiple of PAGS_SKY_BLOCK; the last block may reach beyond the sky's end */
+  int64_t blocks;
+  const uint8_t *seen; /* per block: 1 where a pixel sees it or lies close by, 0 where data isn't written */
+  const float *data;   /* [blocks * PAGS_SKY_BLOCK][3] dLoss/d(texel) */
+} pags_sky_gradient;
+
+/* Called with every texel that a pixel adds to, from several threads at once, at most once each. The same bits for any number of
+ * threads. */
+typedef void pags_sky_receive_fn(void *user, const pags_sky_gradient *gradient, int worker);
+
 /* dLoss/d(picture); each plane has the picture's stride and its height rounded up to 16 rows (the last
  * are not used but must be readable). NULL planes mean zero; rgb must be given. */
 typedef struct pags_picture_gradient {
   const float *rgb[3];
   const float *transmittance;
   const float *depth_sum; /* by sum(w z), not by the quotient; asks for a render with extra_channels or depth_sum */
-  float *sky;             /* out: dLoss/d(texel) is added to it, laid out as the sky's texels; NULL: not wanted. The only plane
-                             written; the same bits for any number of threads */
-  float sky_cut;          /* pixels with less transmittance add nothing to `sky`; 0: all do */
-  uint8_t *sky_blocks;    /* out, with `sky`: 1 is written at texel / PAGS_SKY_BLOCK for each texel added to; NULL: not wanted */
+  pags_sky_receive_fn *sky; /* called for the sky's gradient; NULL: not wanted */
+  void *sky_user;
+  float sky_cut; /* pixels with less transmittance add nothing to the sky's; 0: all do */
 } pags_picture_gradient;
 
 /* Gradients of the Gaussians of one cluster, in the worker's scratch: read them before returning. */

@@ -17,8 +17,6 @@ typedef struct pags_sky {
   float *texels; /* [6][size][size][3] display-referred sRGB; NULL when size is 0 */
 } pags_sky;
 
-enum { PAGS_SKY_BLOCK = 64 }; /* texels that follow each other, which training looks at together */
-
 PAGS_API pags_result pags_sky_create(pags_sky *sky, int size); /* zeros */
 PAGS_API void pags_sky_destroy(pags_sky *sky);                 /* frees and zeroes; a zeroed struct is allowed */
 
