@@ -10,6 +10,7 @@
 #include "score.inl"
 #include "project_backward.inl"
 #include "ssim.inl"
+#include "opacity.inl"
 #include "sky.inl"
 #include "adam.inl"
 
@@ -44,5 +45,6 @@ const pags_kernels pags_kernels_scalar = {
     .adam_check = adam_check,
     .adam_reach = adam_reach,
     .loss_rows = loss_rows,
+    .opacity_row = opacity_row,
     .roofline = roofline,
 };

@@ -205,6 +205,16 @@ typedef struct pags_loss_rows {
   double by_exposure[2];      /* out: the band's part of the gradient by the exposure */
 } pags_loss_rows;
 
+typedef struct pags_opacity_row {
+  int width;
+  const float *transmittance;   /* this and what follows up to the next multiple of 16 pixels readable, `gradient` writable */
+  const uint8_t *labels, *mask; /* mask: 0 doesn't count; NULL: every pixel does */
+  uint8_t chosen;               /* pixels with any of these labels are to be empty and the others full; */
+  bool unsure;                  /* or, where it is true: they may be either, and the others are to be empty */
+  float *gradient;              /* by the transmittance, times `scale`: added to */
+  float scale;
+} pags_opacity_row;
+
 /* Floats from row to row of the scratch: an odd number of cache lines, so that rows don't fall into the same set. */
 static inline int64_t pags_loss_pitch(int64_t stride) { return 16 * ((stride + 2 * 16) / 16 | 1); }
 static inline int64_t pags_loss_scratch(int64_t stride) { return (5 * 16 + 8) * pags_loss_pitch(stride); }
@@ -271,6 +281,8 @@ typedef struct pags_kernels {
 
   /* L1 + D-SSIM and their gradient (ssim.inl). */
   void (*loss_rows)(pags_loss_rows *io);
+  /* Cross-entropy (of those that may be either: entropy) of a row of pixels; opacity.inl. Returns its sum, without `scale`. */
+  double (*opacity_row)(const pags_opacity_row *in);
 
   /* Peak blended lanes: `steps` Gaussians over one 4x4 block, all from registers. Returns something to keep. */
   float (*roofline)(const pags_splat *splats, int64_t steps, int exp_degree);

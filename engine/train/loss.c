@@ -7,7 +7,7 @@
 
 #include "kernels.h"
 
-/* Rows of a band: halves what the 20 rows around a band cost, yet leaves enough bands to share out. */
+/* Rows of a band: few enough to share out, enough that the 20 around a band cost little. */
 enum { BAND = 96 };
 
 typedef struct band_sums {

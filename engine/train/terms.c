@@ -4,8 +4,8 @@
  *   sky      -(w/n) log T where the label says sky, -(w/n) log(1 - T) elsewhere     d/dT = -(w/n) / T, (w/n) / (1 - T)
  *   objects  -(w/n) log T outside of the boxes, (w/n) H(T) within them              dH/dT = log((1 - T) / T)
  *   depth    (w/m) |D / alpha - sample|, m samples kept                             d/dD = s (w/m) / alpha, d/dT = s (w/m) D / alpha^2
- * Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero. Sums of logarithms are logarithms of
- * products, which cost a multiplication a pixel. Every row has its own sum, added in order. */
+ * Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero: simd/opacity.inl. Every row has its
+ * own sum, added in order. */
 #include "train/terms.h"
 
 #include <assert.h>
@@ -13,113 +13,32 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "kernels.h"
 #include "train/loss.h"
 
-enum { IN_MOVING_BOX = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST, STRIP = 64, LANES = 4 };
+enum { IN_MOVING_BOX = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST };
 
-static const float least = 1e-6f, most = 1.0f - 1e-6f;
 static const float least_alpha = 0.05f; /* of a pixel whose depth counts */
 
-typedef struct strip { /* neighbouring pixels of a row */
-  const float *transmittance;
-  const uint8_t *labels, *mask; /* mask: NULL, all count */
-  float *gradient;              /* added to */
-  int count;                    /* <= STRIP */
-  float scale;                  /* w/n */
-} strip;
-
-/* The sum over a strip of -log; what doesn't count is 1. STRIP / LANES factors of at least 1e-6 stay far above the smallest double. */
-static double minus_log_of_product(const float factor[STRIP]) {
-  double product[LANES], sum = 0.0;
-  for (int l = 0; l < LANES; l++)
-    product[l] = 1.0;
-  for (int i = 0; i < STRIP; i += LANES)
-    for (int l = 0; l < LANES; l++)
-      product[l] *= (double)factor[i + l];
-  for (int l = 0; l < LANES; l++)
-    sum -= log(product[l]);
-  return sum;
-}
-
-static float clamped(float x) { return x < least ? least : x > most ? most : x; }
-
-/* Adds the gradient of -scale log(argument) to a strip and returns the sum of the logarithms: argument = T where `sign` is -1, 1 - T
- * where it is 1, nothing where it is 0. */
-static double take_logs(const strip *s, const float sign[STRIP]) {
-  float factor[STRIP], slope[STRIP];
-  const float *const t = s->transmittance, scale = s->scale;
-  for (int i = s->count; i < STRIP; i++)
-    factor[i] = 1.0f;
-  for (int i = 0; i < s->count; i++) {
-    const float argument = sign[i] > 0.0f ? 1.0f - t[i] : t[i], x = clamped(argument);
-    slope[i] = x == argument ? sign[i] * scale / x : 0.0f;
-    factor[i] = sign[i] == 0.0f ? 1.0f : x;
-  }
-  for (int i = 0; i < s->count; i++)
-    s->gradient[i] += slope[i];
-  return minus_log_of_product(factor);
-}
-
-/* Zero where a pixel doesn't count. */
-static void mask_signs(const strip *s, float sign[STRIP]) {
-  for (int i = 0; s->mask && i < s->count; i++)
-    sign[i] = s->mask[i] ? sign[i] : 0.0f;
-}
-
-static double sky_strip(const strip *s) {
-  float sign[STRIP];
-  for (int i = 0; i < s->count; i++)
-    sign[i] = s->labels[i] & PAGS_LABEL_SKY ? -1.0f : 1.0f;
-  mask_signs(s, sign);
-  return take_logs(s, sign);
-}
-
-static double add_entropy(const strip *s, int i) {
-  const float x = clamped(s->transmittance[i]);
-  const double t = (double)x, log_t = log(t), log_alpha = log(1.0 - t);
-  if (x == s->transmittance[i])
-    s->gradient[i] += (float)((double)s->scale * (log_alpha - log_t));
-  return -t * log_t - (1.0 - t) * log_alpha;
-}
-
-static double objects_strip(const strip *s) {
-  float sign[STRIP];
-  double sum = 0.0;
-  for (int i = 0; i < s->count; i++)
-    sign[i] = s->labels[i] & IN_MOVING_BOX ? 0.0f : -1.0f;
-  mask_signs(s, sign);
-  for (int i = 0; i < s->count; i++)
-    if (s->labels[i] & IN_MOVING_BOX && (!s->mask || s->mask[i]))
-      sum += add_entropy(s, i);
-  return sum + take_logs(s, sign);
-}
-
 typedef struct term {
+  const pags_kernels *kernels;
   const pags_picture *picture;
   const pags_photo *photo;
-  float *gradient;
-  float scale;
-  double (*strip_sum)(const strip *s);
-  double *sums; /* per row */
+  pags_opacity_row row; /* what is the same of all rows */
+  double *sums;         /* per row */
 } term;
 
 static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
   const term *const t = context;
   (void)worker;
   for (int64_t y = begin; y < end; y++) {
-    double sum = 0.0;
-    for (int x = 0; x < t->photo->width; x += STRIP) {
-      const int64_t at = y * t->photo->stride + x;
-      const int left = t->photo->width - x;
-      const strip s = {t->picture->transmittance + at,
-                       t->photo->labels + at,
-                       t->photo->mask ? t->photo->mask + at : NULL,
-                       t->gradient + at,
-                       left < STRIP ? left : STRIP,
-                       t->scale};
-      sum += t->strip_sum(&s);
-    }
-    t->sums[y] = sum;
+    const int64_t at = y * t->photo->stride;
+    pags_opacity_row row = t->row;
+    row.transmittance = t->picture->transmittance + at;
+    row.labels = t->photo->labels + at;
+    row.mask = t->photo->mask ? t->photo->mask + at : NULL;
+    row.gradient += at;
+    t->sums[y] = t->kernels->opacity_row(&row);
   }
 }
 
@@ -131,12 +50,17 @@ static pags_result check_sizes(const pags_picture *picture, const pags_photo *ph
 }
 
 static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *value) {
+  const char *why = "no vector kernels";
   *value = 0.0;
   PAGS_TRY(check_sizes(t->picture, t->photo));
   const int64_t counted = t->photo->labels ? pags_photo_counted(t->photo) : 0;
   if (counted == 0 || weight == 0.0)
     return PAGS_OK;
-  t->scale = (float)(weight / (double)counted);
+  t->kernels = pags_kernels_get(&why);
+  if (!t->kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  t->row.width = t->photo->width;
+  t->row.scale = (float)(weight / (double)counted);
   pags_arena *const arena = pags_tasks_arena(tasks, 0);
   const pags_arena_mark mark = pags_arena_save(arena);
   t->sums = pags_arena_alloc(arena, (size_t)t->photo->height, sizeof *t->sums);
@@ -155,13 +79,15 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
 
 pags_result pags_term_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
                           float *transmittance_gradient, double *value) {
-  term t = {.picture = picture, .photo = photo, .gradient = transmittance_gradient, .strip_sum = sky_strip};
+  term t = {.picture = picture, .photo = photo, .row = {.chosen = PAGS_LABEL_SKY, .gradient = transmittance_gradient}};
   return sum_term(tasks, &t, weight, value);
 }
 
 pags_result pags_term_objects(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
                               float *transmittance_gradient, double *value) {
-  term t = {.picture = picture, .photo = photo, .gradient = transmittance_gradient, .strip_sum = objects_strip};
+  term t = {.picture = picture,
+            .photo = photo,
+            .row = {.chosen = IN_MOVING_BOX, .unsure = true, .gradient = transmittance_gradient}};
   return sum_term(tasks, &t, weight, value);
 }
 

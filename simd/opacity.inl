@@ -1,0 +1,48 @@
+/* Cross-entropy and entropy of a row of pixels' transmittance T, and their slopes (engine/train/terms.h):
+ *
+ *   empty    -log T            d/dT = -1 / T
+ *   full     -log(1 - T)       d/dT = 1 / (1 - T)
+ *   unsure   -T log T - (1 - T) log(1 - T)     d/dT = log((1 - T) / T)
+ *
+ * Arguments of the first two logarithms and the third's T are clamped to [1e-6, 1 - 1e-6], outside of which the slope is zero. */
+
+V_INLINE vf opacity_log(vf x) { return v_mul(v_log2(x), v_set(0.693147181f)); }
+
+/* The clamped argument; `within`: that it needed no clamp. */
+V_INLINE vf opacity_argument(vf x, vm *within) {
+  const vf least = v_set(1e-6f), most = v_set(1.0f - 1e-6f);
+  *within = v_ge_and(v_ge(x, least), most, x);
+  return v_clamp(x, least, most);
+}
+
+/* Sixteen pixels: `chosen` are unsure and the others empty, or empty and the others full. */
+V_INLINE vf opacity_pixels(vf t, vm chosen, bool unsure, vf *slope) {
+  const vf zero = v_zero(), one = v_set(1.0f);
+  vm within;
+  if (unsure) {
+    const vf x = opacity_argument(t, &within), y = v_sub(one, x), log_x = opacity_log(x), log_y = opacity_log(y);
+    const vf empty = v_div(v_set(-1.0f), x);
+    *slope = v_maskz(within, v_select(chosen, v_sub(log_y, log_x), empty));
+    return v_sub(zero, v_select(chosen, v_fma(x, log_x, v_mul(y, log_y)), log_x));
+  }
+  const vf x = opacity_argument(v_select(chosen, t, v_sub(one, t)), &within);
+  *slope = v_maskz(within, v_div(v_select(chosen, v_set(-1.0f), one), x));
+  return v_sub(zero, opacity_log(x));
+}
+
+V_INLINE double opacity_all(const pags_opacity_row *in, bool unsure) {
+  vf sum = v_zero();
+  for (int i = 0; i < in->width; i += V_LANES) {
+    vm use = m_first(in->width - i);
+    if (in->mask)
+      use = m_and(use, v_gt(v_load_u8(in->mask + i), v_zero()));
+    const vi labels = i_and(v_to_i(v_load_u8(in->labels + i)), i_set(in->chosen));
+    vf slope;
+    const vf value = opacity_pixels(v_load(in->transmittance + i), v_gt(i_to_v(labels), v_zero()), unsure, &slope);
+    sum = v_add(sum, v_maskz(use, value));
+    v_store(in->gradient + i, v_fma(v_maskz(use, slope), v_set(in->scale), v_load(in->gradient + i)));
+  }
+  return (double)v_sum(sum);
+}
+
+static double opacity_row(const pags_opacity_row *in) { return in->unsure ? opacity_all(in, true) : opacity_all(in, false); }
