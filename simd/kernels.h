@@ -121,6 +121,8 @@ typedef struct pags_raster_in {
   const float *hard;   /* a plane as the output's: a splat with z > hard changes no pixel there; NULL: none. Not with eps */
 } pags_raster_in;
 
+enum { PAGS_BACK_PLANES = 10 }; /* that a tile reads at most */
+
 typedef struct pags_raster_back {
   const pags_splat *splats;
   const pags_entry *entries;
@@ -138,6 +140,9 @@ typedef struct pags_raster_back {
   const float *depth_gradient;         /* NULL: zero */
   int32_t absolute; /* 1: fill the absolute sums too, else zeros */
   float background[3];
+  /* What the same worker goes on with, to be fetched meanwhile. */
+  int64_t next_count;                  /* entries that follow these */
+  const float *next[PAGS_BACK_PLANES]; /* planes at the tile's top left pixel, NULL: none */
 } pags_raster_back;
 
 enum { PAGS_SCORE_SEEN, PAGS_SCORE_CRITICAL, PAGS_SCORE_SQUARED, PAGS_SCORE_SUMS }; /* of one (Gaussian, tile) pair; score.inl */

@@ -89,17 +89,35 @@ V_INLINE void backward_step(backward_tile *tile, const pags_splat *s, const back
   }
 }
 
+enum { BACKWARD_SOON = 8, BACKWARD_LATER = 16 }; /* splats from here */
+
+/* Where the slot is, then the slot itself and the splat: they lie anywhere. */
+V_INLINE void backward_fetch(const pags_raster_back *in, int64_t i) {
+  const int64_t count = in->count + in->next_count;
+  if (i + BACKWARD_LATER < count)
+    __builtin_prefetch(in->slot_start + in->entries[i + BACKWARD_LATER].splat);
+  if (i + BACKWARD_SOON < count) {
+    const pags_entry soon = in->entries[i + BACKWARD_SOON];
+    __builtin_prefetch(in->splats + soon.splat);
+    __builtin_prefetch(in->slots + (in->slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
+  }
+}
+
+/* Rows of the next tile's planes, two a splat: a picture's width apart, too far for a processor to guess the next one, and all at once they
+ * would only be waited for. */
+V_INLINE void backward_fetch_row(const pags_raster_back *in, int64_t i) {
+  const int64_t pair = i / PAGS_TILE, row = i % PAGS_TILE * in->stride;
+  for (int64_t k = 2 * pair; k < 2 * pair + 2 && k < PAGS_BACK_PLANES; k++)
+    if (in->next[k])
+      __builtin_prefetch(in->next[k] + row);
+}
+
 V_INLINE void backward_all(const pags_raster_back *in, bool depth, bool absolute) {
   backward_tile tile;
   backward_load(&tile, in, depth);
   for (int64_t i = 0; i < in->count; i++) {
-    if (i + 8 < in->count) /* where the slot is, then the slot itself: they lie anywhere */
-      __builtin_prefetch(in->slot_start + in->entries[i + 8].splat);
-    if (i + 4 < in->count) {
-      const pags_entry soon = in->entries[i + 4];
-      __builtin_prefetch(in->splats + soon.splat);
-      __builtin_prefetch(in->slots + (in->slot_start[soon.splat] + soon.rank) * PAGS_SLOT_FLOATS, 1);
-    }
+    backward_fetch(in, i);
+    backward_fetch_row(in, i);
     const pags_splat *const s = in->splats + in->entries[i].splat;
     float *const slot = in->slots + (in->slot_start[in->entries[i].splat] + in->entries[i].rank) * PAGS_SLOT_FLOATS;
     unsigned blocks = in->block_masks[i];

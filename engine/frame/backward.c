@@ -21,6 +21,7 @@ typedef struct backward_context {
 } backward_context;
 
 enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
+enum { TILES_AT_A_TIME = 4 }; /* as in raster.c */
 
 static const float *at_tile(const float *plane, int64_t at) { return plane ? plane + at : NULL; }
 
@@ -35,13 +36,28 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
   return NULL;
 }
 
+static int64_t tile_at(const pags_frame *f, int64_t tile) {
+  return tile / f->tiles_x * PAGS_TILE * f->stride + tile % f->tiles_x * PAGS_TILE;
+}
+
+static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
+  const pags_frame *const f = c->frame;
+  const pags_picture_gradient *const g = c->gradient;
+  const float *const planes[PAGS_BACK_PLANES] = {
+      frame_plane(f, PLANE_R), frame_plane(f, PLANE_G), frame_plane(f, PLANE_B), frame_plane(f, PLANE_T), g->rgb[0], g->rgb[1], g->rgb[2],
+      g->transmittance,        g->depth_sum,            g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
+  in->next_count = f->tile_start[tile + 1] - f->tile_start[tile];
+  for (int k = 0; k < PAGS_BACK_PLANES; k++)
+    in->next[k] = at_tile(planes[k], tile_at(f, tile));
+}
+
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
   const backward_context *const c = context;
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
     const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-    const int64_t start = f->tile_start[tile], at = (int64_t)y0 * f->stride + x0;
+    const int64_t start = f->tile_start[tile], at = tile_at(f, tile);
     pags_raster_back in = {.splats = f->splats,
                            .entries = f->entries + start,
                            .block_masks = f->block_masks + start,
@@ -63,6 +79,8 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
       in.rgb_gradient[k] = c->gradient->rgb[k] + at;
       in.background[k] = f->options.background[k];
     }
+    if (tile + 1 < end)
+      name_next(c, tile + 1, &in);
     f->kernels->raster_backward(&in);
   }
 }
@@ -116,7 +134,7 @@ pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *
   if (!c.slots || !c.scratch || !c.drawn || !c.bad)
     return PAGS_ERROR_MEMORY;
   const double t0 = pags_clock_ms();
-  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 1, tiles_backward, &c));
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, tiles_backward, &c));
   if (frame->has_sky && gradient->sky)
     PAGS_TRY(pags_frame_sky_backward(frame, gradient));
   const double t1 = pags_clock_ms();
