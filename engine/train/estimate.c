@@ -8,6 +8,7 @@
 
 #include "base/clock.h"
 #include "train/scores.h"
+#include "train/sky_fit.h"
 #include "train/trainer.h"
 
 enum { PROBES = 4 };
@@ -66,7 +67,8 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
       height = camera->height;
     }
   }
-  return pags_train_bytes(gaussians, t->state.schedule.config.sh_degree, width, height) + t->options->image_cache;
+  return pags_train_bytes(gaussians, t->state.schedule.config.sh_degree, width, height) + t->options->image_cache +
+         pags_sky_fit_bytes(t->state.sky.sky.size);
 }
 
 /* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each Gaussian

@@ -33,6 +33,13 @@ static int choose_size(const pags_dataset *dataset) {
   return size;
 }
 
+uint64_t pags_sky_fit_bytes(int size) {
+  const uint64_t texels = 6 * (uint64_t)size * (uint64_t)size;
+  return texels * (3 * 3 * sizeof(float) + sizeof(uint16_t));
+}
+
+uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset) { return pags_sky_fit_bytes(choose_size(dataset)); }
+
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share) {
   double colour[3] = {0.0, 0.0, 0.0};
   int64_t sky = 0, all = 0;

@@ -20,7 +20,10 @@ typedef struct pags_sky_fit {
  * no sky (size 0). Else texels as large as one to two pixels of the sharpest camera, 64 to 1024 a side, of the mean colour of what is
  * labelled sky. `share` receives that share of pixels. */
 pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share);
-/* Zero moments and buffers for a sky of `size`, as loaded from a checkpoint. */
+/* Memory that a sky of `size` takes in training, and that of the data set's where it has one. */
+uint64_t pags_sky_fit_bytes(int size);
+uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset);
+/* Zero moments for a sky of `size`, as loaded from a checkpoint. */
 pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size);
 void pags_sky_fit_destroy(pags_sky_fit *fit);
 

@@ -83,6 +83,8 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
     return most;
   largest_picture(t, &width, &height);
   uint64_t fixed = pags_train_bytes(0, config->sh_degree, width, height) + t->options->image_cache;
+  if (config->sky && pags_dataset_fps(t->dataset) > 0.0)
+    fixed += pags_sky_fit_most_bytes(t->dataset);
   uint64_t each =
       (pags_train_bytes(1 << 20, config->sh_degree, 1, 1) - pags_train_bytes(0, config->sh_degree, 1, 1)) >> 20;
   uint64_t room = memory > fixed ? (memory - fixed) / each : 0;

@@ -257,8 +257,8 @@ typedef struct pags_train_result {
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
-/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache left out:
- * the statement that max_memory is converted by. */
+/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache and sky left out:
+ * the statement that max_memory, less these, is converted by. */
 PAGS_API uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height);
 
 #ifdef __cplusplus
