@@ -20,6 +20,7 @@
 #include "train/exposure.h"
 #include "train/fourier.h"
 #include "train/scores.h"
+#include "train/sky_fit.h"
 
 enum { FRAMES = 12, ITERATIONS = 120 };
 
@@ -238,6 +239,36 @@ static void a_bound_holds_for_all_models(void **unused) {
   }
 }
 
+static int64_t within_memory(int sky, uint64_t bytes) {
+  pags_train_config config = quick();
+  pags_train_options options = pags_train_options_default();
+  pags_train_result result;
+  config.iterations = 10;
+  config.sky = sky;
+  options.dataset = dataset;
+  options.output = scratch("fitted");
+  options.tasks = tasks;
+  options.preview_every = 0;
+  options.image_cache = 1 << 20;
+  options.max_memory = options.image_cache + bytes;
+  assert_int_equal(pags_train(&config, &options, &result), PAGS_OK);
+  assert_int_equal(pags_remove_tree(scratch("fitted")), PAGS_OK);
+  return result.gaussians;
+}
+
+/* A sky leaves room for so many Gaussians fewer. */
+static void a_bound_of_memory_counts_the_sky(void **unused) {
+  (void)unused;
+  pags_scene scene;
+  assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
+  const int degree = quick().sh_degree;
+  const uint64_t sky = pags_sky_fit_bytes(scene.sky.size), room = sky + pags_train_bytes(2000, degree, 96, 64);
+  const int64_t with = within_memory(1, room), without = within_memory(0, room);
+  assert_in_range(with, 1500, 2000);
+  assert_true(without > with && sky + pags_train_bytes(with, degree, 96, 64) <= room);
+  pags_scene_destroy(&scene);
+}
+
 /* Exposures of held-out views lie between their neighbours', and the mean over training views stays what it was. */
 static void exposures_keep_their_mean(void **unused) {
   (void)unused;
@@ -407,6 +438,7 @@ int main(void) {
       cmocka_unit_test(pruning_changes_no_bit_of_a_resumed_run),
       cmocka_unit_test(parts_can_be_left_out),
       cmocka_unit_test(a_bound_holds_for_all_models),
+      cmocka_unit_test(a_bound_of_memory_counts_the_sky),
       cmocka_unit_test(half_size_scores_alike_from_the_same_photographs),
       cmocka_unit_test(colour_over_time_is_judged_alike_at_any_level),
   };
