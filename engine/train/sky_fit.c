@@ -133,14 +133,6 @@ static int64_t next_seen(const pags_sky_gradient *g, int64_t block) {
   return block;
 }
 
-/* Blocks seen lie too far apart for a processor to guess the next one. */
-static void fetch_block(const pags_sky_fit *f, int64_t first_texel) {
-  const float *const arrays[] = {f->first, f->second, f->sky.texels};
-  for (size_t a = 0; a < sizeof arrays / sizeof *arrays; a++)
-    for (int k = 0; k < BLOCK_FLOATS; k += FLOATS_A_LINE)
-      __builtin_prefetch(arrays[a] + 3 * first_texel + k, 1);
-}
-
 static void update(void *user, const pags_sky_gradient *g, int worker) {
   pags_sky_fit *f = user;
   const int64_t all = 6 * (int64_t)f->sky.size * f->sky.size;
@@ -148,8 +140,6 @@ static void update(void *user, const pags_sky_gradient *g, int worker) {
   for (int64_t block = next_seen(g, 0), next; block < g->blocks; block = next) {
     const int64_t first = g->first + block * PAGS_SKY_BLOCK, left = all - first;
     next = next_seen(g, block + 1);
-    if (next < g->blocks)
-      fetch_block(f, g->first + next * PAGS_SKY_BLOCK);
     update_block(f, first, left < PAGS_SKY_BLOCK ? left : PAGS_SKY_BLOCK, g->data + block * BLOCK_FLOATS);
   }
 }
