@@ -49,13 +49,10 @@ static const pags_option options[] = {
     PAGS_VALUE("iterations", 'n', INT64, AT(iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL,
                "how long to train each row"),
     PAGS_TEXT("rows", 0, AT(rows), "NAME,...", default_rows,
-              "rows of the table; NAME*K: with K seeds. Parts joined by '+', later ones win: baseline, sp, sd, spr, "
-              "pdr, no-objects, "
-              "no-tracks, no-fourier, no-sky, no-lidar-start, no-lidar-loss, no-exposure, sh=N; of spr where no other "
-              "is named: "
-              "alpha=X, rate=A/B, preset=NAME, beta=X, gamma=X, s-sem=NAME, s-grad=NAME, s-grad-from=NAME; any option "
-              "of pags train: "
-              "--NAME=VALUE"),
+              "rows of the table; NAME*K: with K seeds. Parts joined by '+', later ones win: baseline, sp, sd, spr, lean, "
+              "pdr, no-objects, no-tracks, no-fourier, no-sky, no-lidar-start, no-lidar-loss, no-exposure, sh=N; of spr "
+              "where no other is named: alpha=X, rate=A/B, preset=NAME, beta=X, gamma=X, hybrid=NAME, critical-weight=W, "
+              "s-sem=NAME, s-grad=NAME, s-grad-from=NAME; any option of pags train: --NAME=VALUE"),
     PAGS_VALUE("seeds", 0, INT, AT(seeds), 1, PAGS_ABLATION_SEEDS, "K", NULL, NULL,
                "repeat each row so often, for the spread; differences within it are called none"),
     PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "the first seed"),

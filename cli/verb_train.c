@@ -374,6 +374,8 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   return status;
 }
 
+static bool is_prune_rate(double share) { return share >= 0.0 && share <= 0.99; }
+
 /* "0.6/0.3" */
 static int read_prune_rate(train_arguments *arguments) {
   const char *text = arguments->prune_rate;
@@ -384,7 +386,7 @@ static int read_prune_rate(train_arguments *arguments) {
   if (end != text && *end == '/') {
     text = end + 1;
     arguments->config.prune_late = pags_text_to_double(text, &end);
-    if (end != text && !*end && arguments->config.prune_early >= 0 && arguments->config.prune_late >= 0)
+    if (end != text && !*end && is_prune_rate(arguments->config.prune_early) && is_prune_rate(arguments->config.prune_late))
       return PAGS_EXIT_OK;
   }
   return pags_usage_error(&verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",

@@ -93,9 +93,11 @@ pags_result pags_budget_start(const pags_dataset *dataset, pags_train_state *s, 
   PAGS_TRY(pags_budget_rows(dataset, s, &bytes));
   int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].gaussians.count;
   int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
-  if (kept < least_background && kept < count)
-    return pags_fail(PAGS_ERROR_LIMIT, "target_size: %g MB leaves room for %lld bytes of Gaussians beside cameras, tracks and sky",
-                     s->schedule.config.target_size, (long long)bytes);
+  const int64_t least = count < least_background ? count : least_background;
+  if (kept < least)
+    return pags_fail(PAGS_ERROR_LIMIT, "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
+                     s->schedule.config.target_size, (long long)least,
+                     ceil(1e3 * s->schedule.config.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
   if (kept == count || is_later(s))
     return PAGS_OK;
   pags_log(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size", (long long)kept,

@@ -90,6 +90,7 @@ class Eval(fixtures.Case):
         self.assertEqual(sum(name.endswith("_heat.png") for name in os.listdir(frames)), 2)
         self.fails(["train", self.street, "-o", out, "--prune-rate", "0.5"], "--prune-rate", "'0.5'", code=2)
         self.fails(["train", self.street, "-o", out, "--prune-rate=-1/0.2"], "--prune-rate", "'-1/0.2'", code=2)
+        self.fails(["train", self.street, "-o", out, "--prune-rate", "1/0.2"], "--prune-rate", "'1/0.2'", code=2)
         self.fails(["train", self.street, "-o", out, "--preset", "short", "--strategy", "mcmc"], "preset", code=2)
 
     def test_lidar_draws_gaussians_to_surfaces(self):
