@@ -89,8 +89,9 @@ void pags_deadline_say(const pags_deadline *d, const pags_session *session) {
   for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
     const pags_budget_step *step = &pags_budget_steps()[k];
     if (d->at_step[k])
-      pags_say(session, "  %5.1f %% of frames: the rest at 1/%g of the size, %d degrees of colour less, without what is below %g px\n",
-               100 * (double)d->at_step[k] / n, (double)step->scale, step->sh_less, (double)step->cut);
+      pags_say(session, "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below %g px\n",
+               100 * (double)d->at_step[k] / n, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size",
+               step->sh_less, (double)step->cut);
   }
   pags_say(session, "  %.0f %% of tiles in full size; against full quality (%lld frames)", 100 * d->sum_full_tiles / n,
            (long long)d->checked);
@@ -123,7 +124,8 @@ void pags_deadline_put(const pags_deadline *d, pags_json_writer *json) {
   for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
     const pags_budget_step *step = &pags_budget_steps()[k];
     pags_json_begin_object(json, NULL);
-    pags_json_put_number(json, "scale", (double)step->scale);
+    pags_json_put_number(json, "eps", (double)step->eps);
+    pags_json_put_integer(json, "scale", step->sampled ? 4 : 1);
     pags_json_put_integer(json, "sh_less", step->sh_less);
     pags_json_put_number(json, "cut", (double)step->cut);
     pags_json_put_integer(json, "frames", d->at_step[k]);

@@ -294,8 +294,7 @@ static pags_result draw(renderer *self, int64_t index) {
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
   if (self->facts) {
     PAGS_TRY(pags_deadline_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture, &self->facts[index]));
-    self->stats[index] = self->facts[index].full;
-    pags_frame_stats_add(&self->stats[index], &self->facts[index].rest);
+    self->stats[index] = self->facts[index].stats;
   } else {
     PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
     self->stats[index] = *pags_frame_stats_get(self->frame);

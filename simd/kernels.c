@@ -6,6 +6,7 @@
 #include "shade.inl"
 #include "bin.inl"
 #include "raster.inl"
+#include "sample.inl"
 #include "raster_backward.inl"
 #include "score.inl"
 #include "project_backward.inl"
@@ -33,6 +34,7 @@ const pags_kernels pags_kernels_scalar = {
     .bin_count = bin_count,
     .bin_fill = bin_fill,
     .raster = raster,
+    .sample = sample,
     .raster_depth = raster_depth,
     .raster_backward = raster_backward,
     .raster_score = raster_score,

@@ -250,6 +250,10 @@ typedef struct pags_kernels {
 
   /* Returns the tile's blocks that have a pixel which hasn't stopped, bit by bit. */
   unsigned (*raster)(const pags_raster_in *in, const pags_raster_out *out);
+  /* 4 x 4 samples of the tile, in the middle of each 4 x 4 pixels, one after the other in planes of `out`; inside of the picture or not. Of `in`,
+   * splats, entries, count, x0, y0 and eps (which may be 0) count. marked: the sum of weights of splats whose id has marks[id] = 1, ids >= mark_count being
+   * without. */
+  void (*sample)(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out, float *marked);
   /* The depth-only pre-pass of the paper: the least z of the tile's splats whose alpha at the pixel is >= 1/2, infinity where there is
    * none, to depth (stride as out's); in any order. farthest[b]: the largest of block b's pixels inside of the picture. Of `in`,
    * splats, entries, count, x0, y0, width and height count. */

@@ -16,6 +16,7 @@ typedef struct raster_state { /* of one block */
   vf depth, weight, best; /* extra channels only */
   vi id;
   vf hard; /* depth beyond which nothing blends; where that is asked for */
+  vf marked; /* weight of marked splats; likewise */
 } raster_state;
 
 /* The exponent (base 2) of one splat's falloff at 16 pixel centres; below log2(1/255) it does not contribute. */
@@ -36,6 +37,8 @@ typedef struct raster_how {
   int degree;
   bool sum, extra, counted, bounded, hard; /* sum: of w z, which extra channels take */
   float eps; /* where bounded */
+  const uint8_t *marks; /* per id, 0 or 1; NULL: not asked for */
+  int64_t mark_count;
 } raster_how;
 
 /* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel that has stopped,
@@ -54,6 +57,8 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alph
   state->b = v_fma(w, v_set(s->b), state->b);
   if (how.sum)
     state->depth = v_fma(w, v_set(s->z), state->depth);
+  if (how.marks)
+    state->marked = v_fma(w, v_set(s->id >= 0 && s->id < how.mark_count ? (float)how.marks[s->id] : 0.0f), state->marked);
   if (how.extra) {
     state->weight = v_add(state->weight, w);
     const vm heavier = v_gt(w, state->best);
@@ -285,9 +290,10 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
 
 /* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
  * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
-#define RASTER_VARIANT(name, degree, extra, bounded, hard)                          \
+#define RASTER_VARIANT(name, exp_degree, extras, stops, hidden)                     \
   static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
-    return raster_tile(in, out, (raster_how){degree, extra, extra, extra, bounded, hard, in->eps}); \
+    return raster_tile(in, out, (raster_how){.degree = exp_degree, .sum = extras, .extra = extras, .counted = extras, .bounded = stops, \
+                                             .hard = hidden, .eps = in->eps});      \
   }
 RASTER_VARIANT(raster_5, 5, false, false, false)
 RASTER_VARIANT(raster_5_extra, 5, true, false, false)

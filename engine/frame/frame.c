@@ -111,6 +111,7 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
   frame->options = *options;
   frame->rendered = false;
   frame->full = NULL;
+  frame->wanted = NULL;
   frame->tile_limits = NULL;
   frame->hard = NULL;
   frame->looked_at = 0;
@@ -163,7 +164,7 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   const double t4 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_clock_ms();
-  PAGS_TRY(pags_stage_raster(frame));
+  PAGS_TRY(frame->apart ? pags_stage_apart(frame) : pags_stage_raster(frame));
   const double t6 = pags_clock_ms();
   pags_frame_stats *const s = &frame->stats;
   s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
@@ -172,19 +173,20 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   return PAGS_OK;
 }
 
-/* The first frame has nothing to go by. Of scenes so large that what is in view, drawn at once, might take more than two gigabytes, it is drawn in
- * slabs, as if three quarters would hide. */
+/* What is in view of such a scene, drawn at once, might take more than two gigabytes. */
+static bool is_large(const pags_frame *frame) { return frame->stats.gaussians > 8000000; }
+
+/* The first frame has nothing to go by. Of large scenes it is drawn in slabs, as if three quarters would hide. */
 static void guess_first(pags_frame *frame) {
-  const int64_t large = 8000000;
   if (!frame->guessed && frame->options.early_z != PAGS_EARLY_Z_OFF)
-    frame->hiding = frame->stats.gaussians > large ? 0.75 : 0.0;
+    frame->hiding = is_large(frame) ? 0.75 : 0.0;
   frame->guessed |= frame->options.early_z != PAGS_EARLY_Z_OFF;
 }
 
 static bool wants_slabs(const pags_frame *frame) {
-  if (frame->options.tiles)
-    return true;
   if (frame->options.early_z == PAGS_EARLY_Z_OFF || frame->options.order != PAGS_ORDER_DEPTH)
+    return false;
+  if (frame->apart && !is_large(frame))
     return false;
   return frame->options.slab_size > 0 || frame_hides_enough(frame);
 }
@@ -202,7 +204,6 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   assert(!options->depth_sum || options->keep_for_backward);
   assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
   assert(options->slab_size >= 0);
-  assert(!options->tiles || (!options->keep_for_backward && options->early_z != PAGS_EARLY_Z_PAPER && options->order == PAGS_ORDER_DEPTH));
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   if (options->keep_for_backward)
@@ -219,7 +220,7 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     PAGS_TRY(pags_frame_draw_slabs(frame, touch, user));
   else
     PAGS_TRY(pags_frame_draw(frame, touch, user));
-  if (!slabs && !paper && frame->options.early_z != PAGS_EARLY_Z_OFF)
+  if (!slabs && !paper && !frame->apart && frame->options.early_z != PAGS_EARLY_Z_OFF)
     guess_hiding(frame);
   frame->rendered = true;
   fill_picture(frame, out);

@@ -46,12 +46,8 @@ pags_result pags_frame_fullness_begin(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
   memset(f->tile_begun, 0, (size_t)tiles);
   for (int64_t tile = 0; tile < tiles; tile++) {
-    const bool wanted = !frame->options.tiles || frame->options.tiles[tile];
-    f->limits[tile] = wanted ? INFINITY : -1.0f;
-    f->tile_open[tile] = 0;
-    if (wanted)
-      f->tile_open[tile] =
-          blocks_inside(frame, (int)(tile % frame->tiles_x) * PAGS_TILE, (int)(tile / frame->tiles_x) * PAGS_TILE);
+    f->limits[tile] = INFINITY;
+    f->tile_open[tile] = blocks_inside(frame, (int)(tile % frame->tiles_x) * PAGS_TILE, (int)(tile / frame->tiles_x) * PAGS_TILE);
   }
   frame->tile_limits = f->limits;
   spread(frame);

@@ -1,5 +1,5 @@
 /* Runs the projection and shading kernels over the clusters in view. */
-#include <math.h>
+#include <string.h>
 
 #include "stages.h"
 
@@ -7,8 +7,18 @@ static int32_t splat_id(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + (int32_t)row;
 }
 
+/* 2^x to a third of a per cent for -100 < x < 100: which Gaussians are cut needs no more. */
+static float exp2_about(float x) {
+  const int whole = (int)(x + 128.0f) - 128; /* floor, without a call */
+  const float f = x - (float)whole;
+  const uint32_t bits = (uint32_t)(whole + 127) << 23;
+  float power;
+  memcpy(&power, &bits, sizeof power);
+  return power * (1.0f + f * (0.6565f + 0.3435f * f));
+}
+
 /* Opacity times area, px: p w = k / sqrt(det), k = log2(e) / 2, area 2 pi sqrt(det). */
-static float weight_of(const pags_splat *s) { return exp2f(s->log2_opacity) * 4.5323601f / (s->p * s->w); }
+static float weight_of(const pags_splat *s) { return exp2_about(s->log2_opacity) * 4.5323601f / (s->p * s->w); }
 
 static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
   const pags_part *const part = frame->parts + c->part;

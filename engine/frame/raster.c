@@ -1,10 +1,11 @@
-/* Runs the blending kernel over the tiles. */
+/* Runs the blending kernel over the tiles, or over samples of them. */
 #include "stages.h"
 
 enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leave some workers without any at the end */
 
 typedef struct raster_context {
   pags_frame *frame;
+  const frame_samples *samples; /* NULL: of pixels */
   int64_t (*counts)[8]; /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
 } raster_context;
 
@@ -24,34 +25,41 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   return out;
 }
 
-/* Whether this slab has nothing to do there: the tile is finished, or nothing was added and more may come. */
+/* Whether there is nothing to do there: the tile isn't wanted or is finished, or this slab added nothing and more may come. */
 static bool tile_rests(const pags_frame *f, int64_t tile) {
+  if (f->wanted && !f->wanted[tile])
+    return true;
   return f->full && (f->full->limits[tile] < 0.0f || (!f->last_slab && f->tile_start[tile + 1] == f->tile_start[tile]));
 }
 
 /* `goes_on`: the same worker draws the next tile after this one. */
+static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goes_on, int worker) {
+  const pags_frame *const f = c->frame;
+  const int64_t start = f->tile_start[tile];
+  return (pags_raster_in){.splats = f->splats,
+                          .entries = f->entries + start,
+                          .count = f->tile_start[tile + 1] - start,
+                          .ahead = f->entries + f->tile_start[tile + 1],
+                          .ahead_count = goes_on ? f->tile_start[tile + 2] - f->tile_start[tile + 1] : 0,
+                          .x0 = (int)(tile % f->tiles_x) * PAGS_TILE,
+                          .y0 = (int)(tile / f->tiles_x) * PAGS_TILE,
+                          .width = f->camera.width,
+                          .height = f->camera.height,
+                          .exp_degree = f->options.exp_degree,
+                          .pairs = f->options.count_pairs ? c->counts[worker] : NULL,
+                          .looked_at = &c->counts[worker][2],
+                          .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
+}
+
 static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int worker) {
   const pags_frame *const f = c->frame;
-  const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-  const int64_t start = f->tile_start[tile];
-  const pags_raster_in in = {.splats = f->splats,
-                             .entries = f->entries + start,
-                             .count = f->tile_start[tile + 1] - start,
-                             .ahead = f->entries + f->tile_start[tile + 1],
-                             .ahead_count = goes_on ? f->tile_start[tile + 2] - f->tile_start[tile + 1] : 0,
-                             .x0 = x0,
-                             .y0 = y0,
-                             .width = f->camera.width,
-                             .height = f->camera.height,
-                             .exp_degree = f->options.exp_degree,
-                             .block_masks = f->options.keep_for_backward ? f->block_masks + start : NULL,
-                             .pairs = f->options.count_pairs ? c->counts[worker] : NULL,
-                             .looked_at = &c->counts[worker][2],
-                             .hard = f->hard ? f->hard + (int64_t)y0 * f->stride + x0 : NULL,
-                             .resume = f->full && f->full->tile_begun[tile],
-                             .unfinished = f->full && !f->last_slab,
-                             .eps = f->options.early_z == PAGS_EARLY_Z_BOUNDED ? f->options.early_z_eps : 0.0f};
-  const pags_raster_out out = tile_output(f, (int64_t)y0 * f->stride + x0);
+  pags_raster_in in = tile_input(c, tile, goes_on, worker);
+  const int64_t at = (int64_t)in.y0 * f->stride + in.x0;
+  in.block_masks = f->options.keep_for_backward ? f->block_masks + f->tile_start[tile] : NULL;
+  in.hard = f->hard ? f->hard + at : NULL;
+  in.resume = f->full && f->full->tile_begun[tile];
+  in.unfinished = f->full && !f->last_slab;
+  const pags_raster_out out = tile_output(f, at);
   pags_sky_tile sky;
   if (f->has_sky && !in.unfinished)
     pags_frame_find_sky(f, tile, &sky); /* whose texels come while Gaussians are blended */
@@ -79,15 +87,36 @@ static void raster_tiles(void *context, int64_t begin, int64_t end, int worker) 
       raster_tile(c, tile, tile + 1 < end, worker);
 }
 
-pags_result pags_stage_raster(pags_frame *frame) {
-  raster_context c = {.frame = frame};
+static void sample_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const raster_context *const c = context;
+  const pags_frame *const f = c->frame;
+  const frame_samples *const s = c->samples;
+  for (int64_t tile = begin; tile < end; tile++) {
+    const pags_raster_in in = tile_input(c, tile, false, worker);
+    const int64_t at = (int64_t)(in.y0 / SAMPLE_SIDE) * s->stride + in.x0 / SAMPLE_SIDE;
+    pags_raster_out out = {.transmittance = s->transmittance + at, .stride = s->stride};
+    for (int k = 0; k < 3; k++) {
+      out.rgb[k] = s->rgb[k] + at;
+      out.background[k] = f->has_sky ? 0.0f : f->options.background[k];
+    }
+    if (f->options.extra_channels) {
+      out.depth = s->depth + at;
+      out.depth_sum = s->depth_sum + at;
+      out.id = s->id + at;
+    }
+    f->kernels->sample(&in, f->apart->critical, f->apart->count, &out, s->critical + at);
+  }
+}
+
+static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pags_block_fn *fn) {
+  raster_context c = {.frame = frame, .samples = samples};
   const int workers = pags_tasks_workers(frame->tasks);
   c.counts = pags_frame_alloc(frame, workers, sizeof *c.counts, "pair counts");
   if (!c.counts)
     return PAGS_ERROR_MEMORY;
   for (int w = 0; w < workers; w++)
     c.counts[w][0] = c.counts[w][1] = c.counts[w][2] = 0;
-  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, raster_tiles, &c));
+  PAGS_TRY(pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, TILES_AT_A_TIME, fn, &c));
   for (int w = 0; w < workers; w++) {
     frame->stats.pairs_evaluated += c.counts[w][0];
     frame->stats.pairs_blended += c.counts[w][1];
@@ -95,3 +124,6 @@ pags_result pags_stage_raster(pags_frame *frame) {
   }
   return PAGS_OK;
 }
+
+pags_result pags_stage_raster(pags_frame *frame) { return run_tiles(frame, NULL, raster_tiles); }
+pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) { return run_tiles(frame, samples, sample_tiles); }

@@ -287,8 +287,6 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
 static int64_t slab_budget(const pags_frame *f) {
   enum { SLABS = 4, LEAST = 4096 };
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
-  if (f->options.early_z == PAGS_EARLY_Z_OFF) /* some tiles alone */
-    return INT64_MAX;
   if (f->options.slab_size > 0)
     return f->options.slab_size;
   if (!frame_hides_enough(f))
@@ -321,7 +319,6 @@ pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void 
   frame->stats.clusters_hidden += frame->cluster_count - s.next; /* never came up */
   for (int64_t i = 0; i < s.active_count; i++)
     frame->stats.hidden += s.active[i].waiting_count;
-  if (!frame->options.tiles)
-    frame->hiding = hidden_share(stats);
+  frame->hiding = hidden_share(stats);
   return PAGS_OK;
 }

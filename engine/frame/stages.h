@@ -38,6 +38,23 @@ typedef struct fullness {
   int64_t tiles_full;
 } fullness;
 
+/* What every 4 x 4 pixels see in their middle, without the sky. Planes have samples for whole tiles. */
+enum { SAMPLE_SIDE = 4 };
+typedef struct frame_samples {
+  int width, height, stride;
+  float *rgb[3], *transmittance;
+  float *critical;          /* weight of what is critical */
+  float *depth, *depth_sum; /* with extra channels, as is id */
+  int32_t *id;
+} frame_samples;
+
+/* How a frame is drawn of which only what is critical is wanted in full (apart.c). */
+typedef struct frame_apart {
+  const uint8_t *critical; /* per id: 1, it is */
+  int64_t count;           /* of ids; those beyond aren't critical */
+  double full_tiles;       /* out: share of tiles drawn in full */
+} frame_apart;
+
 struct pags_frame {
   pags_tasks *tasks;
   pags_arena *arena; /* everything of one frame */
@@ -67,6 +84,8 @@ struct pags_frame {
   uint16_t *block_masks; /* per entry */
   fullness *full;        /* NULL: one slab */
   bool last_slab;
+  frame_apart *apart;    /* how the next frame is drawn; NULL: all of it in full */
+  const uint8_t *wanted; /* per tile: 0, it isn't drawn; NULL: all are */
   const float *tile_limits; /* per tile: what has a larger z isn't binned; may be NULL */
   float *hard;           /* a plane: what has a larger z isn't drawn; may be NULL */
   int64_t looked_at;     /* entries that the rasteriser came to */
@@ -96,6 +115,8 @@ pags_result pags_stage_list(pags_frame *frame);                                 
 pags_result pags_stage_bin(pags_frame *frame);                                    /* -> tile lists, in the order of `drawn` */
 pags_result pags_stage_sort(pags_frame *frame);                                   /* -> tile lists, front to back */
 pags_result pags_stage_raster(pags_frame *frame);                                 /* -> planes */
+pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples);   /* -> samples, of all tiles */
+pags_result pags_stage_apart(pags_frame *frame);                                  /* -> planes, in place of raster, as `apart` says */
 
 /* Nothing is full; what the last raster stage left. */
 pags_result pags_frame_fullness_begin(pags_frame *frame);

@@ -226,6 +226,116 @@ static void test_plainly(const pags_kernels *k) {
     }
 }
 
+/* ---- Samples ---- */
+
+enum { SAMPLES = 16, SAMPLE_STRIDE = 5, SAMPLE_PLANE = 3 * SAMPLE_STRIDE + 4, MARKS = 200 };
+
+typedef struct samples {
+  float *rgb[3], *transmittance, *marked, *depth, *depth_sum;
+  int32_t *id;
+} samples;
+
+static samples make_samples(bool extra) {
+  samples p = {.transmittance = CHECK_NEW(float, SAMPLE_PLANE), .marked = CHECK_NEW(float, SAMPLE_PLANE)};
+  for (int c = 0; c < 3; c++)
+    p.rgb[c] = CHECK_NEW(float, SAMPLE_PLANE);
+  if (extra) {
+    p.depth = CHECK_NEW(float, SAMPLE_PLANE);
+    p.depth_sum = CHECK_NEW(float, SAMPLE_PLANE);
+    p.id = CHECK_NEW(int32_t, SAMPLE_PLANE);
+  }
+  return p;
+}
+
+static samples take_samples(const pags_kernels *k, const scene *s, const uint8_t *marks, float eps, bool extra) {
+  const samples p = make_samples(extra);
+  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .depth = p.depth,
+                         .depth_sum = p.depth_sum, .id = p.id, .stride = SAMPLE_STRIDE};
+  memcpy(out.background, background, sizeof background);
+  const pags_raster_in in = {.splats = s->splats, .entries = s->entries, .count = s->count, .x0 = s->x0, .y0 = s->y0, .eps = eps};
+  k->sample(&in, marks, MARKS, &out, p.marked);
+  return p;
+}
+
+/* Weight of what is marked, from alphas as blend_pixel takes them. */
+static double marked_weight(const scene *s, float px, float py, bool fused, const uint8_t *marks) {
+  double t = 1.0, sum = 0.0;
+  for (int64_t i = 0; i < s->count; i++) {
+    const pags_splat *const g = s->splats + s->entries[i].splat;
+    const float exponent = splat_exponent(g, px, py, fused);
+    const double alpha = exponent >= -PAGS_LOG2_255 ? fmin((double)PAGS_ALPHA_MAX, exp2((double)exponent)) : 0.0;
+    if (t - alpha * t < (double)PAGS_T_STOP)
+      break;
+    if (g->id >= 0 && g->id < MARKS && marks[g->id])
+      sum += alpha * t;
+    t -= alpha * t;
+  }
+  return sum;
+}
+
+static samples sample_plainly(const scene *s, const uint8_t *marks, bool fused) {
+  const samples p = make_samples(true);
+  int64_t unused = 0;
+  for (int i = 0; i < SAMPLES; i++) {
+    const int at = i / 4 * SAMPLE_STRIDE + i % 4;
+    const float px = (float)(s->x0 + 4 * (i % 4) + 2), py = (float)(s->y0 + 4 * (i / 4) + 2);
+    const pixel v = blend_pixel(s, px, py, fused, &unused);
+    for (int c = 0; c < 3; c++)
+      p.rgb[c][at] = (float)(v.rgb[c] + v.t * (double)background[c]);
+    p.transmittance[at] = (float)v.t;
+    p.depth[at] = v.weight > 0.0 ? (float)(v.depth_sum / v.weight) : 0.0f;
+    p.id[at] = v.id;
+    p.marked[at] = (float)marked_weight(s, px, py, fused, marks);
+  }
+  return p;
+}
+
+static void check_samples(const pags_kernels *k, const scene *s, const uint8_t *marks, bool extra) {
+  const double close = 1.5e-4, flips = 0.004, size = 0.012;
+  const samples got = take_samples(k, s, marks, 0.0f, extra), want = sample_plainly(s, marks, splat_fused(k));
+  for (int c = 0; c < 3; c++)
+    CHECK_NEAR("rgb", got.rgb[c], want.rgb[c], SAMPLE_PLANE, .absolute = close, .flips = flips, .flip_size = size);
+  CHECK_NEAR("transmittance", got.transmittance, want.transmittance, SAMPLE_PLANE, .absolute = close, .flips = flips,
+             .flip_size = size);
+  CHECK_NEAR("marked", got.marked, want.marked, SAMPLE_PLANE, .absolute = close, .flips = flips, .flip_size = size);
+  if (extra) {
+    CHECK_NEAR("depth", got.depth, want.depth, SAMPLE_PLANE, .absolute = 4 * close, .flips = flips, .flip_size = 4.0);
+    int id_flips = 0;
+    for (int i = 0; i < SAMPLES; i++)
+      id_flips += got.id[i / 4 * SAMPLE_STRIDE + i % 4] != want.id[i / 4 * SAMPLE_STRIDE + i % 4];
+    CHECK(id_flips <= 1);
+  }
+  const samples scalar = take_samples(&pags_kernels_scalar, s, marks, 0.0f, extra);
+  CHECK_FLOATS("rgb", got.rgb[0], scalar.rgb[0], SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
+  CHECK_FLOATS("marked", got.marked, scalar.marked, SAMPLE_PLANE, .absolute = 3e-6, .flips = flips, .flip_size = size);
+  const float eps = 0.05f; /* what is left out weighs no more */
+  const samples bounded = take_samples(k, s, marks, eps, extra);
+  for (int i = 0; i < SAMPLES; i++) {
+    const int at = i / 4 * SAMPLE_STRIDE + i % 4;
+    const float more = bounded.transmittance[at] - got.transmittance[at];
+    CHECK(more >= 0.0f && more <= eps && (more == 0.0f || bounded.transmittance[at] <= eps));
+  }
+}
+
+static void test_samples(const pags_kernels *k) {
+  const splat_mix *const mixes[] = {&splats_translucent, &splats_opaque, &splats_awkward};
+  for (size_t n = 0; n < sizeof counts / sizeof *counts; n++)
+    for (int choice = 0; choice < 6; choice++) {
+      uint8_t *const marks = CHECK_NEW(uint8_t, MARKS);
+      for (int i = 0; i < MARKS; i++)
+        marks[i] = (uint8_t)check_below(2);
+      scene s = make_scene(counts[n], mixes[choice / 2], false);
+      pags_splat *const splats = CHECK_NEW(pags_splat, s.count);
+      for (int64_t i = 0; i < s.count; i++) { /* ids within the table and beyond it */
+        splats[i] = s.splats[i];
+        splats[i].id = check_below(MARKS + 20) - 5;
+      }
+      s.splats = splats;
+      check_samples(k, &s, marks, choice % 2);
+      check_release();
+    }
+}
+
 /* ---- What must not change a bit ---- */
 
 static void check_same_picture(const picture *a, const picture *b, const scene *s) {
@@ -441,7 +551,7 @@ int main(int argc, char **argv) {
       {"raster scalar", test_scalar},       {"raster plainly", test_plainly},   {"raster variants", test_variants},
       {"raster strangers", test_strangers}, {"raster hard", test_hard},         {"raster own list", test_own_list},
       {"raster masks", test_masks},         {"raster resume", test_resume},     {"raster bench", test_bench},
-      {"roofline", test_roofline},
+      {"raster samples", test_samples},     {"roofline", test_roofline},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

@@ -1,8 +1,10 @@
 /* Frames within a time: what is critical (S_sem > 0.5) at full quality, the rest reduced just enough.
  *
- * A ladder of steps (pags_budget_steps) says what the rest gives up: degrees of colour, Gaussians of small contribution, resolution. From the
- * steps with a scale > 1 on a frame is drawn twice: everything at 1/scale of the size, then the tiles in which something critical shows in
- * full, with the bits that a full frame has there; the other tiles are the small picture, enlarged.
+ * A ladder of steps (pags_budget_steps) says what is given up: first, everywhere, what weighs no more than a grey level or a few behind a nearly full pixel
+ * (PAGS_EARLY_Z_BOUNDED), then, of the rest alone, degrees of colour, Gaussians of small contribution, resolution. At
+ * sampled steps all tiles of 16 x 16 px are looked at by samples 4 pixels apart; those in which something critical shows are drawn in
+ * full, pixel by pixel, and the others interpolated between samples, with the sky of the full size. Scenes of more than eight million Gaussians
+ * of which much hides are drawn in full at these steps, too, for the sake of memory.
  *
  * Which step: each measured frame says what a full one would have cost, by the share that each step is known to cost (learned
  * while drawing). The next frame gets the lowest step that is expected to keep within the time, going down by one at most. */
@@ -16,12 +18,13 @@
 extern "C" {
 #endif
 
-enum { PAGS_BUDGET_STEPS = 10 };
+enum { PAGS_BUDGET_STEPS = 8 };
 
 typedef struct pags_budget_step {
-  float scale;     /* the rest is drawn at 1/scale of the size */
-  int sh_less;     /* degrees of colour taken off it */
-  float cut;       /* opacity x area below which it isn't drawn, px of the picture it is drawn in */
+  float eps;       /* > 0: pixels are bounded by it, or by the options' own bound where that is larger, and exp has degree 3 */
+  int sh_less;     /* degrees of colour taken off the rest */
+  float cut;       /* opacity x area below which it isn't drawn, px */
+  int sampled;     /* 1: it is drawn from samples 4 pixels apart */
 } pags_budget_step;
 
 PAGS_API const pags_budget_step *pags_budget_steps(void); /* PAGS_BUDGET_STEPS of them; the first gives nothing up */
@@ -46,7 +49,7 @@ typedef struct pags_budget_facts {
   double ms;          /* wall clock of the whole frame */
   int met;            /* ms <= target */
   double full_tiles;  /* share of tiles drawn in full */
-  pags_frame_stats rest, full; /* of the small picture (zeros where there is none) and of what was drawn in full size */
+  pags_frame_stats stats;
 } pags_budget_facts;
 
 typedef struct pags_budget pags_budget;
@@ -55,9 +58,9 @@ typedef struct pags_budget pags_budget;
 PAGS_API pags_result pags_budget_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count, pags_budget **out);
 PAGS_API void pags_budget_destroy(pags_budget *budget); /* NULL is allowed */
 
-/* As pags_frame_render; `options` are those of a full frame (early_z may be any but PAPER; tiles, rest_cut and rest_sh_less are the budget's).
- * The first frame is drawn in full, and once more, timed, where it took too long. Where tiles were enlarged, depth and ids are the nearest
- * small pixel's. */
+/* As pags_frame_render; `options` are those of a full frame (early_z may be any but PAPER, order DEPTH; rest_cut and rest_sh_less are the budget's).
+ * The first frame is drawn in full, and once more, timed, where it took too long. Where tiles are interpolated, depth and ids are the nearest
+ * sample's. */
 PAGS_API pags_result pags_budget_render(pags_budget *budget, const pags_part *parts, int part_count, const pags_camera *camera,
                                         const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts);
 /* One frame at a given step, whatever the time. */

@@ -96,8 +96,6 @@ typedef struct pags_frame_options {
   int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen by
                            what hid in the frame before, so that a view without occlusion is drawn at once, and so is the first
                            frame of up to eight million Gaussians. Changes no bit */
-  const uint8_t *tiles; /* per tile of 16 x 16 px, row by row: 0, its pixels are not drawn and hold anything; the others have the bits that they
-                           would have. Not with keep_for_backward or PAGS_EARLY_Z_PAPER. NULL (default): all are drawn */
   float rest_cut;       /* px: Gaussians that aren't critical (S_sem <= 0.5) and whose opacity times area on the picture is less are left
                            out; default 0 */
   int rest_sh_less;     /* degrees of colour taken off clusters that hold nothing critical, 0..3; default 0 */
