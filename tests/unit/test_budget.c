@@ -277,6 +277,39 @@ static void test_steps(void **state) {
   destroy(&other);
 }
 
+/* Something critical just right of a tile's edge, which that tile's last sample doesn't see and its last pixel does. */
+static void test_neighbours_are_full(void **state) {
+  (void)state;
+  scene s, other;
+  pags_budget *budget;
+  create(&s);
+  create(&other);
+  scene *const both[] = {&s, &other};
+  const float right = (64.9f - 75) / 100 * 4; /* x = 64.9 px, 4 m away; a sample at 62 px and one at 66 */
+  for (int k = 0; k < 2; k++) {
+    for (int64_t i = 0; i < CRITICAL; i++)
+      pags_plane(&both[k]->gaussians, PAGS_OPACITY)[i] = i == 0 ? 5 : -20;
+    seed = 6;
+    put(both[k], 0, (const float[]){right, 0, 4}, 0.02f, 5); /* half a pixel across, which the low-pass makes 0.74 */
+    pags_plane(&both[k]->gaussians, PAGS_SCALE + 1)[0] = logf(0.6f);
+    pags_clusters_update(&both[k]->clusters, &both[k]->gaussians, 0, both[k]->clusters.count);
+  }
+  assert_int_equal(pags_budget_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  uint8_t tiles[1024] = {0};
+  tiles[2 * ((WIDTH + 15) / 16) + 3] = 1;
+  for (int step = 4; step < PAGS_BUDGET_STEPS; step++) {
+    pags_picture out;
+    pags_budget_facts facts;
+    assert_int_equal(pags_budget_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+    const pags_picture full = draw_step(&other, step);
+    assert_int_equal(differing(&full, &out, tiles), 0);
+    assert_true(facts.full_tiles < 0.4);
+  }
+  pags_budget_destroy(budget);
+  destroy(&s);
+  destroy(&other);
+}
+
 /* Between samples a picture that is linear is drawn as it is, up to the edges' half of a sample, and so is the sky. */
 static void test_samples_are_interpolated(void **state) {
   (void)state;
@@ -284,9 +317,10 @@ static void test_samples_are_interpolated(void **state) {
   pags_budget *budget;
   float texels[6 * 3 * 4];
   create(&s);
-  for (int64_t i = 0; i < COUNT; i++) /* one large faint thing, the rest nowhere */
-    pags_plane(&s.gaussians, PAGS_OPACITY)[i] = i == CRITICAL ? -2 : -20;
-  put(&s, CRITICAL, (const float[]){0, 0, 10}, 8, -2);
+  for (int64_t i = 0; i < COUNT; i++)
+    pags_plane(&s.gaussians, PAGS_OPACITY)[i] = -20;
+  put(&s, CRITICAL, (const float[]){0, -9, 10}, 8, -2); /* two large faint things, the rest nowhere */
+  put(&s, CRITICAL + 1, (const float[]){0, 9, 11}, 8, -2);
   pags_clusters_update(&s.clusters, &s.gaussians, 0, s.clusters.count);
   for (int i = 0; i < 72; i++)
     texels[i] = 0.3f + 0.01f * (float)(i % 5);
@@ -308,6 +342,11 @@ static void test_samples_are_interpolated(void **state) {
         assert_true(fabsf(full.rgb[k][at] - out.rgb[k][at]) < 2e-3f);
         assert_true(fabsf(full.transmittance[at] - out.transmittance[at]) < 2e-3f);
       }
+  int64_t others = 0; /* ids are the nearest sample's: they differ within half of a sample of where they change */
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = 0; x < WIDTH; x++)
+      others += full.id[(int64_t)y * full.stride + x] != out.id[(int64_t)y * full.stride + x];
+  assert_true(full.id[0] == CRITICAL && full.id[(int64_t)(HEIGHT - 1) * full.stride] == CRITICAL + 1 && others <= 2 * WIDTH);
   pags_budget_destroy(budget);
   destroy(&s);
 }
@@ -316,7 +355,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(test_nothing_is_given_up_for_nothing), cmocka_unit_test(test_the_time_is_kept),
       cmocka_unit_test(test_the_impossible),      cmocka_unit_test(test_rest_is_cut),                     cmocka_unit_test(test_steps),
-      cmocka_unit_test(test_samples_are_interpolated),
+      cmocka_unit_test(test_neighbours_are_full), cmocka_unit_test(test_samples_are_interpolated),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }
