@@ -49,7 +49,7 @@ typedef struct pags_budget_facts {
   double ms;          /* wall clock of the whole frame */
   int met;            /* ms <= target */
   double full_tiles;  /* share of tiles drawn in full */
-  pags_frame_stats stats;
+  pags_frame_stats stats; /* pairs are those of pixels alone, without samples' */
 } pags_budget_facts;
 
 typedef struct pags_budget pags_budget;
