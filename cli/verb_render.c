@@ -98,7 +98,7 @@ static const pags_option options[] = {
     PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
                 "paper: everything critical in front of the rest, as the paper sorts; blends wrongly"),
     PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds a frame", "none",
-               "keep within this time: critical Gaussians at full quality, the rest reduced as much as needed; every eighth frame is held "
+               "keep within this time: critical Gaussians at full quality but for a few grey levels, the rest reduced as much as needed; every eighth frame is held "
                "against full quality. What is drawn then depends on how fast this machine is"),
     PAGS_FLAG("packed", 0, AT(packed),
               "draw from the packed form: less memory, rounded as docs/packed.md says (a packed file always is)"),

@@ -53,15 +53,15 @@ static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
   return PAGS_OK;
 }
 
-/* The two samples between which a row or column of pixels lies, and the weight of the latter; beyond the outermost ones as these. */
+/* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones as these. */
 typedef struct between {
   int a, b;
   float t;
 } between;
 
-static between between_at(int x, int size) {
-  const float at = ((float)x + 0.5f) / SAMPLE_SIDE - 0.5f;
-  const int a = at > 0.0f ? (int)at : 0, last = size - 1;
+static between between_at(int y, int height) {
+  const float at = ((float)y + 0.5f) / SAMPLE_SIDE - 0.5f;
+  const int a = at > 0.0f ? (int)at : 0, last = height - 1;
   return (between){a < last ? a : last, a + 1 < last ? a + 1 : last, at > 0.0f ? at - (float)(int)at : 0.0f};
 }
 
@@ -81,9 +81,9 @@ static void interpolate_row(const float *plane, int64_t stride, int first, int s
 }
 
 /* The sample whose square a pixel lies in. */
-static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, int y, int count) {
+static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, int y) {
   int32_t *const ids = (int32_t *)(void *)frame_plane(f, PLANE_ID);
-  for (int x = x0; x < x0 + count; x++) {
+  for (int x = x0; x < x0 + PAGS_TILE; x++) {
     const int64_t from = (int64_t)(y / SAMPLE_SIDE) * s->stride + x / SAMPLE_SIDE, to = (int64_t)y * f->stride + x;
     frame_plane(f, PLANE_DEPTH)[to] = s->depth[from];
     frame_plane(f, PLANE_DEPTH_SUM)[to] = s->depth_sum[from];
@@ -112,7 +112,7 @@ static void enlarge_tile(const pags_frame *f, const frame_samples *s, int64_t ti
       interpolate_row(s->rgb[k], s->stride, first, s->width, v, frame_plane(f, PLANE_R + k) + row);
     interpolate_row(s->transmittance, s->stride, first, s->width, v, frame_plane(f, PLANE_T) + row);
     if (f->options.extra_channels)
-      take_nearest(f, s, x0, y0 + y, PAGS_TILE);
+      take_nearest(f, s, x0, y0 + y);
   }
   if (f->has_sky && most_transmittance(f, at) > 1.0f / 512.0f) { /* less is no grey level */
     pags_sky_tile sky;

@@ -289,8 +289,6 @@ static int64_t slab_budget(const pags_frame *f) {
   const double read = (1.0 - f->hiding) * (double)f->stats.in_view;
   if (f->options.slab_size > 0)
     return f->options.slab_size;
-  if (!frame_hides_enough(f))
-    return INT64_MAX;
   return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
 }
 

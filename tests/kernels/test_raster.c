@@ -147,13 +147,15 @@ static void test_scalar(const pags_kernels *k) {
 /* ---- Against a plain loop ---- */
 
 typedef struct pixel {
-  double rgb[3], t, depth_sum, weight, best;
+  double rgb[3], t, depth_sum, weight, best, marked;
   int32_t id;
 } pixel;
 
+enum { MARKS = 200 }; /* ids that may be marked */
+
 /* In double but for the exponent, which decides what is below the cut-off. *evaluated, *blended: as `pairs` would
- * count. */
-static pixel blend_pixel(const scene *s, float px, float py, bool fused, int64_t *blended) {
+ * count. marks: of MARKS ids, or NULL. */
+static pixel blend_pixel(const scene *s, float px, float py, bool fused, const uint8_t *marks, int64_t *blended) {
   pixel out = {.t = 1.0, .id = -1};
   for (int64_t i = 0; i < s->count; i++) {
     const pags_splat *const g = s->splats + s->entries[i].splat;
@@ -168,6 +170,8 @@ static pixel blend_pixel(const scene *s, float px, float py, bool fused, int64_t
       out.rgb[c] += w * (double)colour[c];
     out.depth_sum += w * (double)g->z;
     out.weight += w;
+    if (marks && g->id >= 0 && g->id < MARKS && marks[g->id])
+      out.marked += w;
     if (w > out.best)
       out.best = w, out.id = g->id;
     out.t -= w;
@@ -185,7 +189,7 @@ static picture blend_plainly(const scene *s, bool fused) {
     const float px = (float)(s->x0 + i % STRIDE) + 0.5f, py = (float)(s->y0 + i / STRIDE) + 0.5f;
     if (!inside(s, i))
       continue;
-    const pixel v = blend_pixel(s, px, py, fused, &p.pairs[1]);
+    const pixel v = blend_pixel(s, px, py, fused, NULL, &p.pairs[1]);
     for (int c = 0; c < 3; c++)
       p.rgb[c][i] = (float)(v.rgb[c] + v.t * (double)background[c]);
     p.transmittance[i] = (float)v.t;
@@ -228,7 +232,7 @@ static void test_plainly(const pags_kernels *k) {
 
 /* ---- Samples ---- */
 
-enum { SAMPLES = 16, SAMPLE_STRIDE = 5, SAMPLE_PLANE = 3 * SAMPLE_STRIDE + 4, MARKS = 200 };
+enum { SAMPLES = 16, SAMPLE_STRIDE = 5, SAMPLE_PLANE = 3 * SAMPLE_STRIDE + 4 };
 
 typedef struct samples {
   float *rgb[3], *transmittance, *marked, *depth, *depth_sum;
@@ -257,35 +261,19 @@ static samples take_samples(const pags_kernels *k, const scene *s, const uint8_t
   return p;
 }
 
-/* Weight of what is marked, from alphas as blend_pixel takes them. */
-static double marked_weight(const scene *s, float px, float py, bool fused, const uint8_t *marks) {
-  double t = 1.0, sum = 0.0;
-  for (int64_t i = 0; i < s->count; i++) {
-    const pags_splat *const g = s->splats + s->entries[i].splat;
-    const float exponent = splat_exponent(g, px, py, fused);
-    const double alpha = exponent >= -PAGS_LOG2_255 ? fmin((double)PAGS_ALPHA_MAX, exp2((double)exponent)) : 0.0;
-    if (t - alpha * t < (double)PAGS_T_STOP)
-      break;
-    if (g->id >= 0 && g->id < MARKS && marks[g->id])
-      sum += alpha * t;
-    t -= alpha * t;
-  }
-  return sum;
-}
-
 static samples sample_plainly(const scene *s, const uint8_t *marks, bool fused) {
   const samples p = make_samples(true);
   int64_t unused = 0;
   for (int i = 0; i < SAMPLES; i++) {
     const int at = i / 4 * SAMPLE_STRIDE + i % 4;
     const float px = (float)(s->x0 + 4 * (i % 4) + 2), py = (float)(s->y0 + 4 * (i / 4) + 2);
-    const pixel v = blend_pixel(s, px, py, fused, &unused);
+    const pixel v = blend_pixel(s, px, py, fused, marks, &unused);
     for (int c = 0; c < 3; c++)
       p.rgb[c][at] = (float)(v.rgb[c] + v.t * (double)background[c]);
     p.transmittance[at] = (float)v.t;
     p.depth[at] = v.weight > 0.0 ? (float)(v.depth_sum / v.weight) : 0.0f;
     p.id[at] = v.id;
-    p.marked[at] = (float)marked_weight(s, px, py, fused, marks);
+    p.marked[at] = (float)v.marked;
   }
   return p;
 }

@@ -233,7 +233,7 @@ static pags_picture draw_step(scene *s, int step) {
   return draw(s, &options);
 }
 
-/* Where something critical weighs more than half of the pixel. */
+/* Tiles with a pixel in which something critical has the largest weight. */
 static void mark_critical(const pags_picture *whole, uint8_t *tiles) {
   const int tiles_x = (WIDTH + 15) / 16;
   memset(tiles, 0, 1024);
