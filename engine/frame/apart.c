@@ -102,8 +102,8 @@ static float most_transmittance(const pags_frame *f, int64_t at) {
 }
 
 static void enlarge_tile(const pags_frame *f, const frame_samples *s, int64_t tile) {
-  const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-  const int64_t at = (int64_t)y0 * f->stride + x0;
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+  const int64_t at = frame_tile_offset(f, tile);
   const int first = x0 / SAMPLE_SIDE;
   for (int y = 0; y < PAGS_TILE; y++) {
     const between v = between_at(y0 + y, s->height);

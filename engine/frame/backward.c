@@ -36,10 +36,6 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
   return NULL;
 }
 
-static int64_t tile_at(const pags_frame *f, int64_t tile) {
-  return tile / f->tiles_x * PAGS_TILE * f->stride + tile % f->tiles_x * PAGS_TILE;
-}
-
 static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
   const pags_frame *const f = c->frame;
   const pags_picture_gradient *const g = c->gradient;
@@ -48,7 +44,7 @@ static void name_next(const backward_context *c, int64_t tile, pags_raster_back 
       g->transmittance,        g->depth_sum,            g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
   in->next_count = f->tile_start[tile + 1] - f->tile_start[tile];
   for (int k = 0; k < PAGS_BACK_PLANES; k++)
-    in->next[k] = at_tile(planes[k], tile_at(f, tile));
+    in->next[k] = at_tile(planes[k], frame_tile_offset(f, tile));
 }
 
 static void tiles_backward(void *context, int64_t begin, int64_t end, int worker) {
@@ -56,8 +52,8 @@ static void tiles_backward(void *context, int64_t begin, int64_t end, int worker
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
-    const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-    const int64_t start = f->tile_start[tile], at = tile_at(f, tile);
+    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+    const int64_t start = f->tile_start[tile], at = frame_tile_offset(f, tile);
     pags_raster_back in = {.splats = f->splats,
                            .entries = f->entries + start,
                            .block_masks = f->block_masks + start,

@@ -12,7 +12,7 @@ int pags_frame_options_expose(pags_frame_options *options, const double gain[3],
 }
 
 void pags_frame_expose(const pags_frame *frame, int64_t tile) {
-  const int64_t at = tile / frame->tiles_x * PAGS_TILE * frame->stride + tile % frame->tiles_x * PAGS_TILE;
+  const int64_t at = frame_tile_offset(frame, tile);
   for (int c = 0; c < 3; c++) {
     const float gain = frame->options.gain[c], offset = frame->options.offset[c];
     float *row = frame_plane(frame, PLANE_R + c) + at;

@@ -47,7 +47,7 @@ pags_result pags_frame_fullness_begin(pags_frame *frame) {
   memset(f->tile_begun, 0, (size_t)tiles);
   for (int64_t tile = 0; tile < tiles; tile++) {
     f->limits[tile] = INFINITY;
-    f->tile_open[tile] = blocks_inside(frame, (int)(tile % frame->tiles_x) * PAGS_TILE, (int)(tile / frame->tiles_x) * PAGS_TILE);
+    f->tile_open[tile] = blocks_inside(frame, frame_tile_x(frame, tile), frame_tile_y(frame, tile));
   }
   frame->tile_limits = f->limits;
   spread(frame);

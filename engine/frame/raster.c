@@ -41,8 +41,8 @@ static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goe
                           .count = f->tile_start[tile + 1] - start,
                           .ahead = f->entries + f->tile_start[tile + 1],
                           .ahead_count = goes_on ? f->tile_start[tile + 2] - f->tile_start[tile + 1] : 0,
-                          .x0 = (int)(tile % f->tiles_x) * PAGS_TILE,
-                          .y0 = (int)(tile / f->tiles_x) * PAGS_TILE,
+                          .x0 = frame_tile_x(f, tile),
+                          .y0 = frame_tile_y(f, tile),
                           .width = f->camera.width,
                           .height = f->camera.height,
                           .exp_degree = f->options.exp_degree,
@@ -54,7 +54,7 @@ static pags_raster_in tile_input(const raster_context *c, int64_t tile, bool goe
 static void raster_tile(const raster_context *c, int64_t tile, bool goes_on, int worker) {
   const pags_frame *const f = c->frame;
   pags_raster_in in = tile_input(c, tile, goes_on, worker);
-  const int64_t at = (int64_t)in.y0 * f->stride + in.x0;
+  const int64_t at = frame_tile_offset(f, tile);
   in.block_masks = f->options.keep_for_backward ? f->block_masks + f->tile_start[tile] : NULL;
   in.hard = f->hard ? f->hard + at : NULL;
   in.resume = f->full && f->full->tile_begun[tile];

@@ -20,8 +20,8 @@ static void tiles_score(void *context, int64_t begin, int64_t end, int worker) {
   const pags_frame *const f = c->frame;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++) {
-    const int x0 = (int)(tile % f->tiles_x) * PAGS_TILE, y0 = (int)(tile / f->tiles_x) * PAGS_TILE;
-    const int64_t start = f->tile_start[tile], at = (int64_t)y0 * f->stride + x0;
+    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+    const int64_t start = f->tile_start[tile], at = frame_tile_offset(f, tile);
     pags_raster_score in = {.splats = f->splats,
                             .entries = f->entries + start,
                             .block_masks = f->block_masks + start,

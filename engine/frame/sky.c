@@ -39,15 +39,13 @@ void pags_frame_prepare_sky(pags_frame *frame) {
   frame->rays.cx = (float)c->cx, frame->rays.cy = (float)c->cy;
 }
 
-static int tile_x(const pags_frame *frame, int64_t tile) { return (int)(tile % frame->tiles_x) * PAGS_TILE; }
-static int tile_y(const pags_frame *frame, int64_t tile) { return (int)(tile / frame->tiles_x) * PAGS_TILE; }
 
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
-  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, tile_x(frame, tile), tile_y(frame, tile), out);
+  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile), out);
 }
 
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found) {
-  const int64_t at = (int64_t)tile_y(frame, tile) * frame->stride + tile_x(frame, tile);
+  const int64_t at = frame_tile_offset(frame, tile);
   float *const rgb[3] = {frame_plane(frame, PLANE_R) + at, frame_plane(frame, PLANE_G) + at, frame_plane(frame, PLANE_B) + at};
   frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, found, frame->stride, frame_plane(frame, PLANE_T) + at, rgb);
 }
@@ -71,7 +69,7 @@ static bool row_shows_sky(const sky_context *c, int64_t at) {
 }
 
 static bool tile_shows_sky(const sky_context *c, int64_t tile) {
-  const int64_t at = (int64_t)tile_y(c->frame, tile) * c->frame->stride + tile_x(c->frame, tile);
+  const int64_t at = frame_tile_offset(c->frame, tile);
   for (int y = 0; y < PAGS_TILE; y++)
     if (row_shows_sky(c, at + y * c->frame->stride))
       return true;
@@ -85,7 +83,7 @@ static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   if (!tile_shows_sky(c, tile))
     return 0;
   const pags_frame *const f = c->frame;
-  const int size = f->rays.size, x0 = tile_x(f, tile), y0 = tile_y(f, tile);
+  const int size = f->rays.size, x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
   int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS];
   float unused[4][PAGS_TILE_PIXELS];
   float *const weight[4] = {unused[0], unused[1], unused[2], unused[3]};
@@ -236,7 +234,7 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
 
 static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
   const pags_frame *const f = c->frame;
-  const int x0 = tile_x(f, tile), y0 = tile_y(f, tile), width = f->camera.width - x0, height = f->camera.height - y0;
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0, height = f->camera.height - y0;
   pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
   tile_terms terms;
   float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
@@ -265,7 +263,7 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
 /* A tile's rows lie a picture's width apart, too far for a processor to guess the next one. */
 static void fetch_tile(const sky_context *c, int64_t tile) {
   const pags_frame *const f = c->frame;
-  const int64_t at = (int64_t)tile_y(f, tile) * f->stride + tile_x(f, tile);
+  const int64_t at = frame_tile_offset(f, tile);
   const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1], c->gradient->rgb[2]};
   for (int y = 0; y < PAGS_TILE; y++)
     for (int k = 0; k < 4; k++)

@@ -102,6 +102,12 @@ struct pags_frame {
 
 enum { PLANE_R, PLANE_G, PLANE_B, PLANE_T, PLANE_DEPTH, PLANE_DEPTH_SUM, PLANE_BEST, PLANE_ID, PLANE_COUNT };
 static inline float *frame_plane(const pags_frame *frame, int plane) { return frame->planes + plane * frame->plane_size; }
+/* A tile's first pixel, and where it lies in a plane. */
+static inline int frame_tile_x(const pags_frame *frame, int64_t tile) { return (int)(tile % frame->tiles_x) * PAGS_TILE; }
+static inline int frame_tile_y(const pags_frame *frame, int64_t tile) { return (int)(tile / frame->tiles_x) * PAGS_TILE; }
+static inline int64_t frame_tile_offset(const pags_frame *frame, int64_t tile) {
+  return (int64_t)frame_tile_y(frame, tile) * frame->stride + frame_tile_x(frame, tile);
+}
 
 /* Slabs pay where much hides (docs/rendering.md has the figures behind this), else all is drawn at once. What hid in one frame tells of the next. */
 static inline bool frame_hides_enough(const pags_frame *frame) { return frame->hiding > 0.35; }
