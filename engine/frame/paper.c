@@ -78,7 +78,7 @@ static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
     const pags_raster_in in = {.splats = f->splats, .entries = f->entries + start, .count = f->tile_start[tile + 1] - start,
                                .x0 = tx * PAGS_TILE, .y0 = ty * PAGS_TILE, .width = f->camera.width, .height = f->camera.height};
     float farthest[PAGS_TILE_BLOCKS], limit = 0.0f;
-    f->kernels->raster_depth(&in, f->hard + (int64_t)in.y0 * f->stride + in.x0, f->stride, farthest);
+    f->kernels->raster_depth(&in, f->hard + frame_tile_offset(f, tile), f->stride, farthest);
     for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
       p->level[0][(int64_t)(SIDE * ty + b / SIDE) * p->width[0] + SIDE * tx + b % SIDE] = farthest[b];
       limit = farthest[b] > limit ? farthest[b] : limit;

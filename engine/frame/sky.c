@@ -39,7 +39,6 @@ void pags_frame_prepare_sky(pags_frame *frame) {
   frame->rays.cx = (float)c->cx, frame->rays.cy = (float)c->cy;
 }
 
-
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
   frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile), out);
 }
