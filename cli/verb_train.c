@@ -125,6 +125,8 @@ static const pags_option options[] = {
                 "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where nothing critical is shown"),
     PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 1 + 5 A with --preset lean",
                "count pixels that show vehicles and people W times in the loss"),
+    PAGS_VALUE("critical-growth", 0, DOUBLE, CONFIG(critical_growth), 1, 100, "W", "times", "as --critical-weight",
+               "count them W times where it is decided what to clone and split; 1: emphasis makes nothing grow"),
     PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; 0.5/0.2 with lean",
               "share of the Gaussians removed at the first three prunes, and at those after"),
     PAGS_VALUE("prune-floor", 0, INT64, CONFIG(prune_floor), 0, 2147483584.0, "N", NULL, NULL,

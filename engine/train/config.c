@@ -88,6 +88,7 @@ static const field fields[] = {
     FIELD(alpha, FIELD_F64, 0, 1),
     CHOICE(hybrid, hybrids),
     FIELD(critical_weight, FIELD_F64, -1, 100),
+    FIELD(critical_growth, FIELD_F64, -1, 100),
     FIELD(prune_early, FIELD_F64, -1, 0.99),
     FIELD(prune_late, FIELD_F64, -1, 0.99),
     FIELD(prune_floor, FIELD_I64, 0, max_count),
@@ -167,6 +168,7 @@ pags_train_config pags_train_config_default(void) {
       .dropout_gamma = 0.25,
       .alpha = 0.4,
       .critical_weight = -1,
+      .critical_growth = -1,
       .prune_early = -1,
       .prune_late = -1,
       .prune_floor = 500,
@@ -307,6 +309,7 @@ pags_result pags_train_config_check(const pags_train_config *config) {
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g lies outside of %g..%g", f->name, value, f->least, f->most);
   }
   PAGS_TRY(check_of_preset("critical_weight", config->critical_weight, 1, 100));
+  PAGS_TRY(check_of_preset("critical_growth", config->critical_growth, 1, 100));
   PAGS_TRY(check_of_preset("prune_early", config->prune_early, 0, 0.99));
   PAGS_TRY(check_of_preset("prune_late", config->prune_late, 0, 0.99));
   if (config->cluster_size % 16)
@@ -348,6 +351,8 @@ static void resolve_preset(pags_train_config *c) {
     c->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
   if (c->critical_weight < 0)
     c->critical_weight = lean ? 1.0 + 5.0 * c->alpha : 1.0;
+  if (c->critical_growth < 0)
+    c->critical_growth = c->critical_weight;
 }
 
 /* Degree 1 on driving sets, as Street Gaussians: a road is passed once, in one direction. */

@@ -28,8 +28,15 @@ static float logit(double probability) {
   return (float)log(probability / (1.0 - probability));
 }
 
-static float mean_gradient(const pags_density *density, int64_t row) {
-  return density->seen[row] > 0 ? density->gradient[row] / (float)density->seen[row] : 0.0f;
+/* The loss counts critical pixels critical_weight times, growth critical_growth times; S_sem is their share of what shows the Gaussian. */
+static float mean_gradient(const pags_train_model *model, int64_t row) {
+  const pags_density *density = &model->density;
+  const pags_train_config *c = &model->schedule.config;
+  float mean = density->seen[row] > 0 ? density->gradient[row] / (float)density->seen[row] : 0.0f;
+  if (!model->gaussians.s_sem || c->critical_growth == c->critical_weight)
+    return mean;
+  double s_sem = (double)model->gaussians.s_sem[row];
+  return mean * (float)((1.0 + (c->critical_growth - 1.0) * s_sem) / (1.0 + (c->critical_weight - 1.0) * s_sem));
 }
 
 typedef struct thresholds {
@@ -62,7 +69,7 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
   if (!pags_model_is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
     return PAGS_EDIT_PRUNE;
   float sigma = largest_sigma(g, row);
-  int pulled = mean_gradient(&model->density, row) >= t->gradient;
+  int pulled = mean_gradient(model, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* its children are what the size test sees */
     return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
   if (sigma > t->prune_sigma)
@@ -90,7 +97,7 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to rank %lld Gaussians", (long long)edits->wanted);
   for (int64_t row = 0; row < edits->count; row++)
     if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
-      list[n++] = (candidate){mean_gradient(&model->density, row), row};
+      list[n++] = (candidate){mean_gradient(model, row), row};
   pags_sort(list, n, sizeof *list, by_gradient);
   for (int64_t i = room; i < n; i++) {
     uint8_t *kind = &edits->kind[list[i].row];

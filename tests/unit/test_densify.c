@@ -106,6 +106,39 @@ static void absgrad_has_its_own_threshold(void **unused) {
   end(&f);
 }
 
+/* A threshold of 2e-4. Row 1 shows nothing critical, 2 nothing else, 3 does by a quarter. */
+static void growth_counts_what_is_critical_by_itself(void **unused) {
+  (void)unused;
+  static const struct {
+    double weight, growth;
+    float least[3]; /* pull at which rows 1, 2 and 3 grow */
+  } cases[] = {
+      {8, -1, {2e-4f, 2e-4f, 2e-4f}}, /* as the loss has it */
+      {8, 1, {2e-4f, 16e-4f, 5.5e-4f}}, /* 1 + 7 / 4 = 2.75 */
+      {8, 3, {2e-4f, 16e-4f / 3, 5.5e-4f / 1.5f}},
+      {1, 3, {2e-4f, 2e-4f / 3, 2e-4f / 1.5f}},
+  };
+  for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++)
+    for (int above = 0; above < 2; above++) {
+      fixture f;
+      pags_edits e;
+      pags_train_config config = pags_train_config_default();
+      config.critical_weight = cases[i].weight;
+      config.critical_growth = cases[i].growth;
+      begin(&f, config);
+      assert_int_equal(pags_gaussians_add_s_sem(&f.state.gaussians), PAGS_OK);
+      f.state.gaussians.s_sem[2] = 1.0f;
+      f.state.gaussians.s_sem[3] = 0.25f;
+      for (int k = 0; k < 3; k++)
+        pull(&f, k + 1, cases[i].least[k] * (above ? 1.001f : 0.999f));
+      assert_int_equal(pags_densify_decide(&f.state, &e), PAGS_OK);
+      for (int k = 1; k <= 3; k++)
+        assert_int_equal(e.kind[k], above ? PAGS_EDIT_CLONE : PAGS_EDIT_KEEP);
+      pags_edits_destroy(&e);
+      end(&f);
+    }
+}
+
 static void the_bound_takes_the_strongest(void **unused) {
   (void)unused;
   fixture f;
@@ -204,6 +237,7 @@ int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(each_rule_decides),
       cmocka_unit_test(absgrad_has_its_own_threshold),
+      cmocka_unit_test(growth_counts_what_is_critical_by_itself),
       cmocka_unit_test(the_bound_takes_the_strongest),
       cmocka_unit_test(a_run_is_never_left_with_nothing),
       cmocka_unit_test(apply_moves_rows_moments_and_statistics_together),

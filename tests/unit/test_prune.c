@@ -70,6 +70,9 @@ static void leans_loss_follows_alpha(void **unused) {
   assert_true(pags_config_resolve(&config, 1).critical_weight == 6.0);
   config.critical_weight = 2.0;
   assert_true(pags_config_resolve(&config, 1).critical_weight == 2.0);
+  assert_true(pags_config_resolve(&config, 1).critical_growth == 2.0);
+  config.critical_growth = 1.0;
+  assert_true(pags_config_resolve(&config, 1).critical_growth == 1.0);
 }
 
 /* Between the preset's -1 and 1 there is nothing to ask for. */
@@ -84,6 +87,10 @@ static void what_lies_between_is_refused(void **unused) {
   assert_int_equal(pags_train_config_set(&config, "prune_late", "-0.5"), PAGS_OK);
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "prune_late: -0.5"));
+  config = pags_train_config_default();
+  assert_int_equal(pags_train_config_set(&config, "critical_growth", "0"), PAGS_OK);
+  assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
+  assert_non_null(strstr(pags_error_message(), "critical_growth: 0"));
 }
 
 static void they_stretch_and_none_is_the_last_step(void **unused) {

@@ -117,6 +117,8 @@ typedef struct pags_train_config {
   pags_hybrid hybrid;   /* default PAGS_HYBRID_OF_PRESET */
   double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha with
                              LEAN, otherwise 1 */
+  double critical_growth; /* how often where densify decides what to clone and split, 1..100: the mean gradient times
+                             (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem). Default -1: as critical_weight */
   double prune_early;   /* share removed at the first three prunes, 0..0.99; default -1: 0.5 with LEAN, otherwise 0.6 */
   double prune_late;    /* at those after; default -1: 0.2 with LEAN, otherwise 0.3 */
   int64_t prune_floor;  /* no object is pruned below so many; default 500 */
