@@ -33,7 +33,7 @@ static float mean_gradient(const pags_train_model *model, int64_t row) {
   const pags_density *density = &model->density;
   const pags_train_config *c = &model->schedule.config;
   float mean = density->seen[row] > 0 ? density->gradient[row] / (float)density->seen[row] : 0.0f;
-  if (!model->gaussians.s_sem || c->critical_growth == c->critical_weight)
+  if (!model->gaussians.s_sem)
     return mean;
   double s_sem = (double)model->gaussians.s_sem[row];
   return mean * (float)((1.0 + (c->critical_growth - 1.0) * s_sem) / (1.0 + (c->critical_weight - 1.0) * s_sem));
