@@ -94,7 +94,7 @@ static int module_clear(PyObject *module) {
 
 static PyMethodDef methods[] = {
     {"load", native_scene_load, METH_VARARGS,
-     "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat)."},
+     "load(path) -> Scene\n\nA scene folder, or a splat file (.ply, .spz, .splat, .pagsz)."},
     {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
      "render(scene, camera, threads=0, **as for Renderer.submit) -> Picture\n\nDraws once and waits."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,

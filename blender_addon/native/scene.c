@@ -5,6 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "scene/packed_rows.h"
+
+enum { ROWS = PAGS_PACKED_ROWS }; /* are read at a time: what a packed cluster holds */
+
 static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
 static native_scene *create(native_state *state) {
@@ -80,13 +84,28 @@ pags_result native_scene_need_priorities(native_scene *scene) {
   return PAGS_OK;
 }
 
+/* Geometry of up to ROWS rows from row ROWS * block on, planes `*stride` floats apart. Packed parts have no planes: their rows are unpacked
+ * into `unpacked`, which has room for PAGS_SH planes of ROWS floats. */
+static const float *read_geometry(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
+  *stride = part->packed ? ROWS : part->gaussians->stride;
+  if (!part->packed)
+    return part->gaussians->data + ROWS * block;
+  pags_packed_geometry(part->packed, block, unpacked);
+  return unpacked;
+}
+
 static void fill_sizes(const pags_part *part, float *size_of) {
-  const pags_gaussians *g = part->gaussians;
-  for (int64_t i = 0; i < g->count; ++i) {
-    float largest = pags_plane(g, PAGS_SCALE)[i];
-    for (int k = 1; k < 3; ++k)
-      largest = fmaxf(largest, pags_plane(g, PAGS_SCALE + k)[i]);
-    size_of[part->id ? part->id[i] : part->first_id + (int32_t)i] = expf(largest);
+  float unpacked[PAGS_SH * ROWS];
+  const int64_t count = part->gaussians->count;
+  for (int64_t first = 0; first < count; first += ROWS) {
+    int64_t stride;
+    const float *const planes = read_geometry(part, first / ROWS, unpacked, &stride);
+    for (int64_t i = first; i < count && i < first + ROWS; i++) {
+      float largest = planes[PAGS_SCALE * stride + i - first];
+      for (int k = 1; k < 3; k++)
+        largest = fmaxf(largest, planes[(PAGS_SCALE + k) * stride + i - first]);
+      size_of[part->id ? part->id[i] : part->first_id + (int32_t)i] = expf(largest);
+    }
   }
 }
 
@@ -300,42 +319,67 @@ static float to_linear(float v) {
   return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
-/* The colour term that is shown: at the scene's begin where it changes. */
-static float shown_dc(const pags_part *part, int channel, int64_t i) {
-  const pags_gaussians *g = part->gaussians;
-  return part->dc ? part->dc[channel * g->stride + i] : pags_plane(g, PAGS_SH + channel)[i];
+/* Constant colour terms of the rows that read_geometry gave, planes `*stride` floats apart: those of the scene's begin where the colour
+ * changes. `unpacked` has room for 3 planes of ROWS floats. */
+static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
+  *stride = part->packed ? ROWS : part->gaussians->stride;
+  if (!part->packed)
+    return (part->dc ? part->dc : pags_plane(part->gaussians, PAGS_SH)) + ROWS * block;
+  pags_packed_colours(part->packed, block, 0, unpacked);
+  return unpacked;
 }
 
-static void put_point(const pags_part *part, int64_t i, float *point, float *color) {
-  const pags_gaussians *g = part->gaussians;
+static void put_point(const pags_part *part, const float *mean, int64_t stride, float *point) {
   const double *m = part->world_from_model;
-  double p[3];
-  for (int k = 0; k < 3; ++k)
-    p[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
-  for (int k = 0; k < 3; ++k)
+  const double p[3] = {(double)mean[0], (double)mean[stride], (double)mean[2 * stride]};
+  for (int k = 0; k < 3; k++)
     point[k] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
-  for (int c = 0; c < 3; ++c)
-    color[c] = to_linear(0.5f + 0.28209479f * shown_dc(part, c, i));
+}
+
+static void put_color(const float *dc, int64_t stride, float *color) {
+  for (int c = 0; c < 3; c++)
+    color[c] = to_linear(0.5f + 0.28209479f * dc[c * stride]);
   color[3] = 1;
 }
 
-/* Of each part, which lies along a Morton curve, every so-manieth Gaussian that can be seen: even over the surface. */
-static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t budget, float *points, float *colors) {
-  int64_t visible = 0, seen = 0, taken = 0;
-  for (int pass = 0; pass < 2; ++pass)
-    for (int p = 0; p < part_count; ++p)
-      for (int64_t i = 0; i < parts[p].gaussians->count; ++i) {
-        if (logistic(pags_plane(parts[p].gaussians, PAGS_OPACITY)[i]) < 0.2f)
-          continue;
-        if (pass == 0)
-          ++visible;
-        else if ((visible <= budget || (seen * budget) / visible >= taken) && taken < budget) {
-          put_point(&parts[p], i, points + 3 * taken, colors + 4 * taken);
-          ++taken;
-        }
-        seen += pass;
+/* What a sample has come to: Gaussians that can be seen, how many of them were passed, how many taken. */
+typedef struct sampling {
+  int64_t visible, seen, taken, most;
+} sampling;
+
+/* One pass over a part: the first (without points) counts, the second takes every so-manieth. */
+static void sample_part(const pags_part *part, sampling *s, float *points, float *colors) {
+  float geometry[PAGS_SH * ROWS], colour[3 * ROWS];
+  const int64_t count = part->gaussians->count;
+  for (int64_t first = 0; first < count; first += ROWS) {
+    int64_t stride, colour_stride = 0;
+    const float *const planes = read_geometry(part, first / ROWS, geometry, &stride), *dc = NULL;
+    for (int64_t i = 0; i < ROWS && first + i < count; i++) {
+      if (logistic(planes[PAGS_OPACITY * stride + i]) < 0.2f)
+        continue;
+      if (!points) {
+        s->visible++;
+        continue;
       }
-  return (Py_ssize_t)taken;
+      if ((s->visible <= s->most || (s->seen * s->most) / s->visible >= s->taken) && s->taken < s->most) {
+        dc = dc ? dc : read_colours(part, first / ROWS, colour, &colour_stride);
+        put_point(part, planes + PAGS_MEAN * stride + i, stride, points + 3 * s->taken);
+        put_color(dc + i, colour_stride, colors + 4 * s->taken);
+        s->taken++;
+      }
+      s->seen++;
+    }
+  }
+}
+
+/* Of each part, which lies along a Morton curve, every so-manieth Gaussian that can be seen: even over the surface. */
+static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, float *points, float *colors) {
+  sampling s = {.most = most};
+  for (int p = 0; p < part_count; p++)
+    sample_part(&parts[p], &s, NULL, NULL);
+  for (int p = 0; p < part_count; p++)
+    sample_part(&parts[p], &s, points, colors);
+  return (Py_ssize_t)s.taken;
 }
 
 static PyObject *scene_points(PyObject *object, PyObject *arguments) {

@@ -113,6 +113,29 @@ class Import(BlenderCase):
         self.assertAlmostEqual(root.matrix_world.to_euler().x, -1.5707963, places=4)  # -y up
         self.assertEqual(len(self.part(-1).data.vertices), 40)
 
+    def test_every_splat_format(self):
+        """Preview, F12 in every mode and what needs a scene folder, of every file that `pags export` writes for it."""
+        self.write("some.ply", ply_bytes(some_splats()))
+        for kind in ("spz", "splat", "pagsz"):
+            self.succeeds("export", self.path("some.ply"), self.path("some." + kind))
+        for kind in ("ply", "spz", "splat", "pagsz"):
+            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+            bpy.ops.object.camera_add(location=(0.5, -4, 0), rotation=(1.5707963, 0, 0))
+            self.scene.camera = bpy.context.object
+            self.scene.camera.name = "eye"
+            root = self.bring_in("some." + kind)
+            mesh = self.part(-1).data
+            self.assertEqual((root["pags_gaussians"], len(mesh.vertices)), (40, 40))
+            for value, wanted in zip(sorted(v.co.x for v in mesh.vertices), sorted(r[0] for r in some_splats())):
+                self.assertAlmostEqual(value, wanted, delta=2e-3)
+            self.assertGreater(max(mesh.attributes["Col"].data[0].color[:3]), 0.5)
+            self.scene.render.resolution_x, self.scene.render.resolution_y = 96, 64
+            self.assert_close(self.f12(), self.program(scene="some." + kind))
+            for mode in ("priority", "critical", "depth", "size"):
+                self.scene.pags.mode = mode
+                self.assertGreater(max(self.f12()[4]), 50, f"{kind} {mode}")
+            self.raises(["bare splat file"], bpy.ops.pags.save_edited, directory=self.path("edited"))
+
     def test_the_folder_s_scene_json(self):
         bpy.ops.import_scene.pags(filepath=self.path("scene", "scene.json"))
         self.assertEqual(len([o for o in self.scene.objects if o.pags.kind == "ROOT"]), 1)

@@ -2,8 +2,10 @@
 
 import gc
 import json
+import math
 import os
 import re
+import struct
 import subprocess
 import sys
 import threading
@@ -17,7 +19,7 @@ sys.path.insert(0, MODULE)
 
 import fixtures  # noqa: E402
 import pags  # noqa: E402
-from fixtures import Case, ply_bytes, read_png, some_splats  # noqa: E402
+from fixtures import Case, ply_bytes, read_png, some_splats, splat  # noqa: E402
 from test_drive import ORIGIN, camera, make_drive  # noqa: E402
 
 SANITIZED = "PAGS_SANITIZED" in os.environ
@@ -250,6 +252,226 @@ class Contents(ModuleCase):
             return
         array = numpy.asarray(view)
         self.assertEqual((array.shape, array.dtype, array.flags.owndata), ((101, 101, 4), numpy.float32, False))
+
+
+def bright_splats():
+    """150 rows, so that a packed file has whole clusters and a rest: bright balls before a camera that looks along x, every fifth too faint for a
+    sample of points. Their colours change with the direction, by the first degree."""
+    rows = []
+    for i in range(150):
+        faint = i % 5 == 0
+        at = (10 + (i % 3), 0.4 * (i % 15) - 2.8, 0.4 * (i // 15) - 1.8)
+        rgb = [0.15 + 0.7 * ((i * k) % 11) / 10 for k in (1, 3, 7)]
+        rows.append(splat(*at, rgb, sigma=0.1 + 0.01 * (i % 4), opacity=-3.0 if faint else 6.0))
+    return rows
+
+
+def first_degree(rows):
+    """ply_bytes with the nine coefficients of the first degree."""
+    head, body = ply_bytes(rows).split(b"end_header\n", 1)
+    names = "".join(f"property float f_rest_{k}\n" for k in range(9)).encode()
+    rest = struct.pack("<9f", *(0.02 * k for k in range(-4, 5)))
+    return head + names + b"end_header\n" + b"".join(body[68 * i : 68 * i + 68] + rest for i in range(len(rows)))
+
+
+def compressed_ply(rows):
+    """As PlayCanvas packs them: 256 rows a chunk, within the chunk's bounds."""
+    head = ["ply", "format binary_little_endian 1.0", f"element chunk {(len(rows) + 255) // 256}"]
+    head += [f"property float {end}_{stem}{axis}" for stem in ("", "scale_") for end in ("min", "max") for axis in "xyz"]
+    head += [f"element vertex {len(rows)}"]
+    head += [f"property uint packed_{name}" for name in ("position", "rotation", "scale", "color")] + ["end_header", ""]
+    chunks, vertices = b"", b""
+
+    def packed(values, low, high):
+        """11, 10 and 11 bits."""
+        word = 0
+        for v, a, b, bits in zip(values, low, high, (11, 10, 11)):
+            word = word << bits | round((v - a) / ((b - a) or 1) * ((1 << bits) - 1))
+        return word
+
+    for begin in range(0, len(rows), 256):
+        group = rows[begin : begin + 256]
+        ends = [[[f(r[at + k] for r in group) for k in range(3)] for f in (min, max)] for at in (0, 10)]
+        chunks += struct.pack("<12f", *(v for pair in ends for end in pair for v in end))
+        for r in group:
+            color = 0
+            for v in [*(0.5 + 0.28209479 * c for c in r[6:9]), 1 / (1 + math.exp(-r[9]))]:
+                color = color << 8 | round(min(max(v, 0), 1) * 255)
+            turn = 512 << 20 | 512 << 10 | 512  # w is the largest, the others are 0
+            vertices += struct.pack("<4I", packed(r[:3], *ends[0]), turn, packed(r[10:13], *ends[1]), color)
+    return "\n".join(head).encode() + chunks + vertices
+
+
+class EveryKind(Case):
+    """Every call of the module on every kind of scene: a right value or a Python error."""
+
+    @classmethod
+    def setUpClass(cls):
+        cls.place = cls.shared_folder()
+        at = lambda name: os.path.join(cls.place, name)  # noqa: E731
+        rows = bright_splats()
+        fixtures.write(at("splats.ply"), first_degree(rows))
+        fixtures.write(at("flat.ply"), ply_bytes(rows))
+        fixtures.write(at("compressed.ply"), compressed_ply(rows))
+        fixtures.write(at("empty.ply"), ply_bytes([]))
+        make_drive(at("drive"))
+        made = [("splats.ply", f"splats.{kind}") for kind in ("spz", "splat", "pagsz")]
+        made += [("flat.ply", "flat.pagsz"), ("empty.ply", "empty.pagsz")]
+        made += [("drive", f"drive.{kind}") for kind in ("ply", "spz", "splat", "pagsz")]
+        for source, target in made:
+            done = fixtures.run("export", at(source), at(target))
+            if done.returncode != 0 and not source.startswith("empty"):
+                raise AssertionError(done.stderr)
+        cls.bare = ["splats.ply", "flat.ply", "compressed.ply", "splats.spz", "splats.splat", "splats.pagsz", "flat.pagsz"]
+        cls.exported = [f"drive.{kind}" for kind in ("ply", "spz", "splat", "pagsz")]
+        cls.kinds = [*cls.bare, *cls.exported, "drive"]
+        cls.kinds += [n for n in ("empty.ply", "empty.pagsz") if os.path.exists(at(n))]
+
+    def loaded(self, name):
+        return pags.load(os.path.join(self.place, name))
+
+    def camera_for(self, name, **more):
+        """Before the bare files, or where the drive was recorded: files that keep no origin are about 0."""
+        view = make_camera(**more)
+        pose, origin = list(view["world_from_camera"]), self.loaded(name).info["origin"]
+        for k in range(3):
+            pose[4 * k + 3] += origin[k] - ORIGIN[k]
+        return {**view, "world_from_camera": pose}
+
+    def test_what_they_hold(self):
+        for name in self.kinds:
+            scene = self.loaded(name)
+            folder = name == "drive"
+            count = 3 if name.startswith("drive") else 0 if name.startswith("empty") else 150
+            self.assertEqual(scene.info["gaussians"], count, name)
+            self.assertGreaterEqual(scene.info["bytes"], 56 * count if name.endswith((".ply", ".splat")) else 27 * count, name)
+            self.assertEqual((len(scene.objects), len(scene.views), scene.info["sky"]), (2, 6, True) if folder else (0, 0, False), name)
+            self.assertEqual(sum(o["gaussians"] for o in scene.objects), 2 if folder else 0)
+            self.assertEqual(scene.info["origin"], tuple(ORIGIN) if folder or name == "drive.pagsz" else (0, 0, 0), name)
+
+    def test_objects_and_exposure(self):
+        for name in self.kinds:
+            scene = self.loaded(name)
+            objects = len(scene.objects)
+            for call in (scene.pose, lambda i, _: scene.track(i), lambda i, _: scene.points(i, 10)):
+                for index in (objects, 1 << 40, -2):
+                    with self.assertRaises(IndexError, msg=name):
+                        call(index, 100.0)
+                with self.assertRaises((TypeError, OverflowError)):
+                    call("one", 100.0)
+                with self.assertRaises(OverflowError):
+                    call(1 << 80, 100.0)
+            for time_ in (100.0, 1e300, -1e300, float("inf"), float("nan")):
+                for index in range(objects):
+                    pose = scene.pose(index, time_)
+                    self.assertTrue(pose is None or len(pose) == 12)
+                self.assertEqual(len(scene.exposure(0, time_)), 6)
+            for index in range(objects):
+                self.assertEqual(scene.track(index).shape[1], 13)
+            for sensor in (-1, 7, 1 << 30):
+                self.assertEqual(scene.exposure(sensor, 100.0), (1, 1, 1, 0, 0, 0), name)
+
+    def test_points(self):
+        rows = [r for r in bright_splats() if r[9] > 0]
+        light = [[((c * 0.28209479 + 0.5 + 0.055) / 1.055) ** 2.4 for c in r[6:9]] for r in rows]
+        for name in self.bare:
+            scene = self.loaded(name)
+            points, colors = scene.points(-1, 1000)
+            self.assertEqual((points.shape, colors.shape), ((120, 3), (120, 4)), name)
+            points, colors, left = floats(points), floats(colors), set(range(120))
+            for i in range(120):
+                place, color = points[3 * i : 3 * i + 3].tolist(), colors[4 * i : 4 * i + 4].tolist()
+                nearest = min(left, key=lambda k: math.dist(place, rows[k][:3]))
+                left.remove(nearest)
+                self.assertLess(math.dist(place, rows[nearest][:3]), 5e-3, name)
+                self.assertLess(max(abs(a - b) for a, b in zip(color, [*light[nearest], 1])), 0.02, name)
+            for most in (-5, 1, 7, 119, 1 << 40):
+                self.assertEqual(scene.points(-1, most)[0].shape[0], min(max(most, 1), 120), name)
+        for name in self.exported:
+            points = floats(self.loaded(name).points(-1, 10)[0]).tolist()
+            found = sorted(tuple(round(v, 2) + 0.0 for v in points[3 * i : 3 * i + 3]) for i in range(3))
+            self.assertEqual(found, [(10, 0, 3), (10, 1.5, 0), (10, 4, 0)], name)
+        for name in ("empty.ply", "empty.pagsz"):
+            if name in self.kinds:
+                self.assertEqual(self.loaded(name).points(-1, 10)[0].shape, (0, 3))
+
+    def test_drawing(self):
+        """Every mode and output, alone and with others; what bare files show is what the PLY shows."""
+        outputs = ("rgba", "depth", "object", "id", "priority", "heat")
+        wishes = [{"mode": m} for m in ("rgb", "priority", "critical", "depth", "size")]
+        wishes += [{"outputs": (o,)} for o in outputs] + [{"outputs": outputs, "mode": "size"}]
+        wishes += [{"early_z": e} for e in ("off", "lossless", "bounded=0.01")]
+        wishes += [{"transparent": True}, {"linear": True, "flip": True}, {"cut": 2}, {"sh_degree": 0}, {"exp_degree": 3}, {"antialiased": 1}]
+        wishes += [{"placements": []}, {"placements": [(-1, IDENTITY)] * 2}, {"exposure": [2, 2, 2, 0, 0, 0]}, {"background": [1, 0, 0]}]
+        wishes += [{"window": (3, 4, 50, 40), "outputs": outputs}, {"near_plane": 10.5}]
+        for name in self.kinds:
+            scene, view = self.loaded(name), self.camera_for(name)
+            renderer = pags.Renderer(threads=2)
+            reference, lens = self.loaded("splats.ply"), self.camera_for("splats.ply")
+            for wish in wishes:
+                job = renderer.submit(scene, view, **wish)
+                job.wait()
+                self.assertTrue(job.done())
+                picture = job.take()
+                planes = [getattr(picture, o) for o in outputs]
+                self.assertEqual([p is not None for p in planes], [o in wish.get("outputs", ("rgba",)) for o in outputs], name)
+                background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian each
+                drawn = background * len(wish["placements"]) if "placements" in wish else scene.info["gaussians"]
+                self.assertEqual(picture.stats["gaussians"], drawn, f"{name} {wish}")
+                if name not in ("splats.spz", "splats.splat", "splats.pagsz") or "rgba" not in wish.get("outputs", ("rgba",)):
+                    continue
+                if name == "splats.splat" and wish.get("sh_degree") != 0:
+                    continue  # has no first degree
+                mine, wanted = floats(picture.rgba), floats(pags.render(reference, lens, **wish).rgba)
+                self.assertEqual(len(mine), len(wanted))
+                off = sum(abs(a - b) for a, b in zip(mine, wanted)) / len(mine)
+                self.assertLess(off, 0.01, f"{name} {wish}")
+            with self.assertRaises(pags.Error):
+                pags.render(scene, view, placements=[(7, IDENTITY)])
+            with self.assertRaises(pags.Cancelled):
+                large = renderer.submit(scene, {**view, "width": 6000, "height": 6000})
+                job = renderer.submit(scene, view)
+                job.cancel()
+                large.cancel()
+                job.take()
+
+    def test_sizes(self):
+        """Mode size shows the largest sigma: the same colours of a packed file as of its source."""
+        plain, packed = (
+            pags.render(self.loaded(n), self.camera_for(n), mode="size", background=[0, 0, 0]) for n in ("splats.ply", "splats.pagsz")
+        )
+        off = [abs(a - b) for a, b in zip(floats(plain.rgba), floats(packed.rgba))]
+        self.assertLess(sum(off) / len(off), 1e-3)
+        self.assertGreater(max(floats(packed.rgba)), 0.5)
+
+    def test_picking(self):
+        ball = bright_splats()[112]  # of the front row
+        for name in self.bare:
+            scene, view = self.loaded(name), self.camera_for(name)
+            x, y = int(50.5 - 100 * ball[1] / ball[0]), int(50.5 - 100 * ball[2] / ball[0])
+            found = pags.pick(scene, view, x, y)
+            self.assertIsNone(found["object"], name)
+            self.assertEqual(found["priority"], 0)
+            self.assertAlmostEqual(found["depth"], ball[0], delta=0.05, msg=name)
+            self.assertLess(math.dist(found["point"], ball[:3]), 0.15, name)
+            self.assertIsNone(pags.pick(scene, view, 0, 0), name)
+            self.assertIsNone(pags.pick(scene, view, x, y, placements=[]), name)
+            with self.assertRaises(ValueError):
+                pags.pick(scene, view, 101, 0)
+        for name in [k for k in self.kinds if k not in self.bare]:
+            found = pags.pick(self.loaded(name), self.camera_for(name, time=100.0), 35, 50)
+            if name.startswith("empty"):
+                self.assertIsNone(found)
+            else:
+                self.assertAlmostEqual(found["depth"], 10, delta=0.05, msg=name)
+                self.assertEqual(found["object"], 0 if name == "drive" else None, name)
+
+    def test_broken_packed_files(self):
+        whole = fixtures.read(os.path.join(self.place, "splats.pagsz"))
+        for size in (0, 7, 8, 127, 128, len(whole) // 2, len(whole) - 1):
+            with self.assertRaises(pags.Error) as caught:
+                pags.load(self.write("cut.pagsz", whole[:size]))
+            self.assertIn("cut.pagsz", str(caught.exception))
 
 
 class Jobs(ModuleCase):
