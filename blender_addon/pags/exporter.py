@@ -248,10 +248,10 @@ class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
     bl_label = "Export from PAGS scene"
 
     filename_ext = ""
-    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat", options={"HIDDEN"})
+    filter_glob: StringProperty(default="*.glb;*.gltf;*.ply;*.spz;*.splat;*.pagsz;*.usda", options={"HIDDEN"})
     content: EnumProperty(
         name="In glTF",
-        description="What a .glb or .gltf is to hold; .ply, .spz and .splat hold the Gaussians",
+        description="What a .glb or .gltf is to hold; .ply, .spz, .splat and .pagsz hold the Gaussians, .usda both",
         items=[*LEVELS, ("splats", "Gaussians", "The Gaussians themselves (KHR_gaussian_splatting)")],
     )
     edits: BoolProperty(

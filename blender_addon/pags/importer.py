@@ -239,18 +239,19 @@ def clear_views():
         overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
 
 
+EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches filters with whole paths: "scene.json" as one matches nothing
 OPTIONS = ("cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
 class PAGS_OT_import(bpy.types.Operator, ImportHelper):
-    """Import a PAGS scene folder or a splat file (.ply, .spz, .splat) with its objects, tracks and cameras"""
+    """Import a PAGS scene folder or a splat file (.ply, .spz, .splat, .pagsz) with its objects, tracks and cameras"""
 
     bl_idname = "import_scene.pags"
     bl_label = "Import PAGS scene"
     bl_options = {"REGISTER", "UNDO", "PRESET"}
 
     filename_ext = ".json"
-    filter_glob: StringProperty(default="scene.json;*.ply;*.spz;*.splat", options={"HIDDEN"})
+    filter_glob: StringProperty(default=";".join("*" + e for e in EXTENSIONS), options={"HIDDEN"})
     filepath: StringProperty(
         name="Path", description="scene.json, its folder, or a splat file", subtype="FILE_PATH", options={"SKIP_SAVE"}
     )
@@ -352,7 +353,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
 
 
 def menu(self, context):
-    self.layout.operator(PAGS_OT_import.bl_idname, text="PAGS scene (scene.json, .ply, .spz, .splat)")
+    self.layout.operator(PAGS_OT_import.bl_idname, text="PAGS scene (scene.json, .ply, .spz, .splat, .pagsz)")
 
 
 CLASSES = [PAGS_OT_import]
@@ -362,7 +363,7 @@ if hasattr(bpy.types, "FileHandler"):
         bl_idname = "PAGS_FH_import"
         bl_label = "PAGS scene"
         bl_import_operator = "import_scene.pags"
-        bl_file_extensions = ".ply;.spz;.splat;.json"
+        bl_file_extensions = ";".join(EXTENSIONS)
 
         @classmethod
         def poll_drop(cls, context):

@@ -1,5 +1,6 @@
 """The add-on in Blender without a window: import, F12 against the program, edits, cameras, files, errors."""
 
+import fnmatch
 import os
 import struct
 import sys
@@ -452,6 +453,24 @@ class Interface(BlenderCase):
                     if not keywords.get("description") and "HIDDEN" not in keywords.get("options", ()):
                         silent.append(f"{cls.__name__}.{name}")
         self.assertEqual(silent, [])
+
+    def test_file_filters_show_what_can_be_read_and_written(self):
+        """Blender matches each pattern with the whole path of a file, case ignored."""
+        splats = [f"/home/me/a.{kind}" for kind in ("ply", "compressed.ply", "spz", "splat", "pagsz", "PLY")]
+        shown = {
+            bpy.ops.import_scene.pags: ["/home/me/street/scene.json", *splats],
+            bpy.ops.export_scene.pags: [*splats, *(f"/home/me/a.{kind}" for kind in ("glb", "gltf", "usda"))],
+            bpy.ops.import_scene.pags_path: ["/home/me/path.json"],
+            bpy.ops.export_scene.pags_path: ["/home/me/path.json"],
+        }
+        for operator, paths in shown.items():
+            patterns = operator.get_rna_type().properties["filter_glob"].default.split(";")
+            for path in paths:
+                self.assertTrue(any(fnmatch.fnmatchcase(path.lower(), p) for p in patterns), f"{operator.idname()}: {path}")
+            self.assertFalse(any(fnmatch.fnmatchcase("/home/me/street/sky.npy", p) for p in patterns), operator.idname())
+        if hasattr(bpy.types, "FileHandler"):
+            handled = bpy.types.PAGS_FH_import.bl_file_extensions.split(";")
+            self.assertEqual({os.path.splitext(p.lower())[1] for p in shown[bpy.ops.import_scene.pags]}, set(handled))
 
     def test_presets(self):
         """Kept, read back, removed."""
