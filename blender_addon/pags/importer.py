@@ -20,9 +20,11 @@ FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 
 class Import:
     """One scene on its way into a .blend."""
 
-    def __init__(self, context, path, options, budget):
-        """options: the operator, whose properties say what is wanted; budget: points of the preview."""
+    def __init__(self, context, path, options, budget, replaces_camera):
+        """options: the operator, whose properties say what is wanted; budget: points of the preview; replaces_camera: a recorded camera becomes the
+        scene's even where there is one."""
         self.context, self.path, self.options, self.budget = context, path, options, budget
+        self.replaces_camera = replaces_camera
         self.entry = native.load(path)
         self.scene, self.info, self.objects = self.entry.scene, self.entry.info, self.entry.objects
         self.origin = np.array(self.info["origin"])
@@ -126,9 +128,8 @@ class Import:
             self.add_sensor(sensor, sorted(group, key=lambda v: v["time"]), ego)
         for view in views if self.options.cameras == "ALL" or not recorded else ():
             self.add_still(view)
-        if self.context.scene.camera is None:
-            cameras = [o for o in self.collection.objects if o.type == "CAMERA"]
-            self.context.scene.camera = cameras[0] if cameras else None
+        if self.context.scene.camera is None or self.replaces_camera:
+            self.context.scene.camera = next(o for o in self.collection.objects if o.type == "CAMERA")
 
     def local_pose(self, view):
         pose = lens.view_matrix4(view)
@@ -318,9 +319,8 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         rate = fps > 0 and (self.use_rate == "YES" or (self.use_rate == "AUTO" and empty))
         if rate:
             adopt_rate(scene, fps)
-        work = Import(context, path, self, preview_budget(context))
-        if empty and scene.camera and scene.camera.name == "Camera":
-            scene.camera = None
+        start_up = empty and scene.camera is not None and scene.camera.name == "Camera"
+        work = Import(context, path, self, preview_budget(context), start_up)
         root = work.run()
         adopt_settings(scene, work, empty or self.use_rate == "YES")
         if self.proxies:

@@ -123,7 +123,6 @@ class Import(BlenderCase):
             bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
             bpy.ops.object.camera_add(location=(0.5, -4, 0), rotation=(1.5707963, 0, 0))
             self.scene.camera = bpy.context.object
-            self.scene.camera.name = "eye"
             root = self.bring_in("some." + kind)
             mesh = self.part(-1).data
             self.assertEqual((root["pags_gaussians"], len(mesh.vertices)), (40, 40))
@@ -136,6 +135,41 @@ class Import(BlenderCase):
                 self.scene.pags.mode = mode
                 self.assertGreater(max(self.f12()[4]), 50, f"{kind} {mode}")
             self.raises(["bare splat file"], bpy.ops.pags.save_edited, directory=self.path("edited"))
+
+    def test_the_start_up_file_s_camera(self):
+        """Stays the scene's where nothing recorded comes in its place, and is as it was."""
+        self.write("some.ply", ply_bytes(some_splats()))
+        for kind in ("spz", "splat", "pagsz"):
+            self.succeeds("export", self.path("some.ply"), self.path("some." + kind))
+        record = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        make_drive(self.path("blind"))
+        self.write(os.path.join("blind", "scene.json"), json.dumps({**record, "cameras": []}))
+        for name in ("some.ply", "some.spz", "some.splat", "some.pagsz", "blind", "scene"):
+            bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+            camera = self.scene.camera
+            self.assertEqual(camera.name, "Camera")
+            before = [camera.matrix_world.copy(), camera.data.lens, camera.data.clip_start, camera.data.clip_end]
+            size = self.scene.render.resolution_x, self.scene.render.resolution_y
+            self.bring_in(name, **({"cameras": "NONE"} if name == "scene" else {}))
+            self.assertIs(self.scene.camera, camera, name)
+            self.assertEqual([camera.matrix_world, camera.data.lens, camera.data.clip_start, camera.data.clip_end], before)
+            if name != "scene":
+                self.assertEqual((self.scene.render.resolution_x, self.scene.render.resolution_y), size)
+            self.scene.render.resolution_x, self.scene.render.resolution_y = 64, 48
+            self.f12()
+        for use_empty in (False, True):
+            bpy.ops.wm.read_homefile(use_empty=use_empty, use_factory_startup=True)
+            self.raises(["nowhere"], bpy.ops.import_scene.pags, filepath=self.path("nowhere"))
+            self.assertEqual(self.scene.camera and self.scene.camera.name, None if use_empty else "Camera")
+            self.bring_in("some.ply")
+            self.assertEqual(self.scene.camera and self.scene.camera.name, None if use_empty else "Camera")
+        bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+        self.bring_in()  # recorded cameras come in its place; it is kept beside
+        self.assertEqual((self.scene.camera.pags.kind, "Camera" in bpy.data.objects), ("CAMERA", True))
+        bpy.ops.wm.read_homefile(use_empty=False, use_factory_startup=True)
+        bpy.ops.mesh.primitive_uv_sphere_add()
+        self.bring_in()  # not in a file with work in it
+        self.assertEqual(self.scene.camera.name, "Camera")
 
     def test_the_folder_s_scene_json(self):
         bpy.ops.import_scene.pags(filepath=self.path("scene", "scene.json"))
