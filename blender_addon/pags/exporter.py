@@ -3,7 +3,7 @@
 tracks changed.
 
 The program knows nothing of Blender. What it is given is a scene folder: scene.json with the tracks as the
-timeline has them now and without objects that are gone, and links to the models."""
+timeline has them now and without objects that are gone, and links to the models or copies of them."""
 
 import json
 import os
@@ -16,7 +16,7 @@ import numpy as np
 from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
-from . import cameras, gather, lens, native
+from . import cameras, files, gather, lens, native
 from .properties import absolute_path, preferences
 
 
@@ -124,36 +124,33 @@ class Edited:
                     self.moved.append((index, None, None))
 
     def write(self, folder):
-        """The models that stay are links; a parked object's Gaussians lie in the background and are moved or cut out there."""
-        os.makedirs(os.path.join(folder, "objects"), exist_ok=True)
+        """The models that stay are links, or copies where links can't be made; a parked object's Gaussians lie in the background and are moved or
+        cut out there. Replaces no file; where it fails, what it made is removed again."""
         gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
         rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
         rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
-        for model in self.scene["models"]:
-            source, target = os.path.join(self.entry.path, model["file"]), os.path.join(folder, model["file"])
-            os.makedirs(os.path.dirname(target), exist_ok=True)
-            if model is self.scene["models"][0] and rewrite:
-                model["gaussians"] = rewrite_background(source, target, rewrite, self.frame.origin)
-            else:
-                os.symlink(os.path.abspath(source), target)
-        if self.scene.get("sky"):
-            os.symlink(
-                os.path.abspath(os.path.join(self.entry.path, self.scene["sky"])),
-                os.path.join(folder, self.scene["sky"]),
-            )
         self.scene["models"] = [m for m in self.scene["models"] if m["name"] not in gone_models]
-        for i in self.gone:
-            if self.scene["objects"][i].get("model"):
-                self.scene["objects"][i]["model"] = None
-        for i, pose, wanted in self.moved:
-            if pose is not None:
-                carry = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
-                for knot in self.scene["objects"][i]["knots"]:
-                    knot["world_from_object"] = lens.pose12(
-                        carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4)
-                    )
-        with open(os.path.join(folder, "scene.json"), "w") as file:
-            json.dump(self.scene, file)
+        with files.NewFiles(os.path.abspath(folder)) as new:
+            for model in self.scene["models"]:
+                source = os.path.join(self.entry.path, model["file"])
+                if model is self.scene["models"][0] and rewrite:
+                    model["gaussians"], data = rewrite_background(source, rewrite, self.frame.origin)
+                    new.write(model["file"], data)
+                else:
+                    new.link(source, model["file"])
+            if self.scene.get("sky"):
+                new.link(os.path.join(self.entry.path, self.scene["sky"]), self.scene["sky"])
+            for i in self.gone:
+                if self.scene["objects"][i].get("model"):
+                    self.scene["objects"][i]["model"] = None
+            for i, pose, wanted in self.moved:
+                if pose is not None:
+                    carry = pose @ np.linalg.inv(np.vstack([wanted, [0, 0, 0, 1]]))
+                    for knot in self.scene["objects"][i]["knots"]:
+                        knot["world_from_object"] = lens.pose12(
+                            carry @ np.array([*knot["world_from_object"], 0, 0, 0, 1.0]).reshape(4, 4)
+                        )
+            new.write("scene.json", json.dumps(self.scene).encode())
         return folder
 
 
@@ -166,8 +163,8 @@ def animated(block, path):
     return curves.fcurve_owner(block).find(path) is not None
 
 
-def rewrite_background(source, target, rewrite, origin):
-    """A PLY of ours without the Gaussians of some objects (None) and with others' carried from pose to pose. Spherical harmonics turn with them to
+def rewrite_background(source, rewrite, origin):
+    """Rows and bytes of a PLY of ours without the Gaussians of some objects (None) and with others' carried from pose to pose. Spherical harmonics turn with them to
     the first degree; higher degrees stay as they are."""
     with open(source, "rb") as file:
         header = b""
@@ -191,9 +188,7 @@ def rewrite_background(source, target, rewrite, origin):
     head = (
         "\n".join(f"element vertex {len(rows)}" if line.startswith("element vertex") else line for line in lines) + "\n"
     )
-    with open(target, "wb") as file:
-        file.write(head.encode() + rows.tobytes())
-    return len(rows)
+    return len(rows), head.encode() + rows.tobytes()
 
 
 def carry(rows, mine, new, old, origin):
@@ -289,6 +284,8 @@ class PAGS_OT_save_edited(cameras.OnScene, bpy.types.Operator):
 
     def work(self, context, root):
         folder = bpy.path.abspath(self.directory)
+        if not folder:
+            raise native.SceneError("choose a folder for the scene")
         if os.path.exists(os.path.join(folder, "scene.json")):
             raise native.SceneError(f"{folder}: there is a scene already; choose another folder")
         edited = Edited(context, root).collect()

@@ -7,6 +7,8 @@ import os
 import bpy
 import numpy as np
 
+from . import files, native
+
 
 def path_of(entry, name):
     """Of a view's photograph, or None where the data set isn't there."""
@@ -111,7 +113,8 @@ def cache_folder(entry, sensor, fps):
 
 
 def prepare(entry, sensor, folder, fps):
-    """A file for every frame of the timeline, the photograph nearest in time: 00001.*, ... Returns how many."""
+    """A file for every frame of the timeline, the photograph nearest in time: 00001.*, ... Each is a link to the photograph, or a copy of it where
+    links can't be made. Returns how many, and their extension."""
     views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
     times = np.array([v["time"] for v in views])
     paths = [path_of(entry, v["name"]) for v in views]
@@ -125,13 +128,16 @@ def prepare(entry, sensor, folder, fps):
     for number in range(count):
         nearest = int(np.argmin(np.abs(times - (begin + number / fps))))
         target = os.path.join(folder, f"{number + 1:05d}{extension}")
-        if os.path.lexists(target):
+        if os.path.exists(target) and os.path.getmtime(target) >= os.path.getmtime(paths[nearest]):
             continue
+        if os.path.lexists(target):  # a link to where the photographs were, or made of an older one
+            os.remove(target)
         if distortion and nearest not in made:
-            save(as_view(read(paths[nearest]), views[nearest], distortion), target)
+            picture = as_view(read(paths[nearest]), views[nearest], distortion)
+            files.complete(target, lambda part, picture=picture: save(picture, part), "can't be written")
             made[nearest] = target
         else:
-            os.symlink(made.get(nearest, os.path.abspath(paths[nearest])), target)
+            files.link_or_copy(made.get(nearest, paths[nearest]), target)
     return count, extension
 
 
@@ -142,7 +148,7 @@ def show(camera, entry, root):
         folder = cache_folder(entry, sensor, root.pags.fps)
         count, extension = prepare(entry, sensor, folder, root.pags.fps)
         image = bpy.data.images.load(os.path.join(folder, "00001" + extension), check_existing=True)
-    except (OSError, RuntimeError) as error:
+    except (native.SceneError, OSError, RuntimeError) as error:
         return [f"{camera.name}: {error}"]
     image.source = "SEQUENCE" if count > 1 else "FILE"
     camera.data.show_background_images = True

@@ -1,9 +1,12 @@
 """The add-on in Blender without a window: import, F12 against the program, edits, cameras, files, errors."""
 
+import contextlib
+import errno
 import fnmatch
 import os
 import struct
 import sys
+from unittest import mock
 
 import bpy
 
@@ -441,6 +444,81 @@ class Edits(BlenderCase):
             self.assert_close(self.f12(), self.program(scene="edited"))
         self.raises(["scene already"], bpy.ops.pags.save_edited, directory=self.path("edited"))
 
+    def no_links(self, error=PermissionError(errno.EPERM, "Operation not permitted")):
+        """Within it no link can be made, as on FAT."""
+        stack = contextlib.ExitStack()
+        for name in ("symlink", "link"):
+            stack.enter_context(mock.patch.object(os, name, side_effect=error))
+        return stack
+
+    def contents(self, folder):
+        """Bytes of every file below it by path; None for a link."""
+        paths = [os.path.join(at, name) for at, _, names in os.walk(self.path(folder)) for name in names]
+        return {p: None if os.path.islink(p) else fixtures.read(p) for p in paths}
+
+    def test_saved_where_links_cannot_be_made(self):
+        """The models are copied; what is saved is a scene of its own, the old one stays as it was."""
+        self.bring_in()
+        before = self.contents("scene")
+        self.track(0).location.x -= 0.5
+        self.part(1).location.x += 0.7
+        shown = self.f12()
+
+        def text_in_place_of_a_link(source, target):
+            fixtures.write(target, "XSym\n" + source)
+
+        ways = [OSError(errno.EPERM, "x"), PermissionError(1314, "privilege"), NotImplementedError("no links"), text_in_place_of_a_link]
+        for i, way in enumerate(ways):
+            with self.no_links(way):
+                bpy.ops.pags.save_edited(directory=self.path(f"copied{i}"))
+            made = self.contents(f"copied{i}")
+            self.assertNotIn(None, made.values())
+            self.assertEqual(sorted(os.path.basename(p) for p in made), ["background.ply", "car.ply", "scene.json", "sky.npy"])
+            self.assertEqual(made[self.path(f"copied{i}", "objects", "car.ply")], before[self.path("scene", "objects", "car.ply")])
+        self.assertEqual(self.contents("scene"), before)
+        with self.no_links():
+            bpy.ops.export_scene.pags(filepath=self.path("edited.ply"))  # goes through such a folder
+        self.assertGreater(os.path.getsize(self.path("edited.ply")), 3 * 56)
+        os.rename(self.path("scene"), self.path("away"))
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        self.bring_in("copied0")
+        self.assert_close(self.f12(), shown)
+
+    def test_saving_that_fails_leaves_everything_as_it_was(self):
+        """No room for copies, a file in the way, a link to the original in the way, a model that is gone: said with the path."""
+        self.bring_in()
+        before = self.contents("scene")
+        self.track(0).location.x -= 0.5  # the background is written anew
+        full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
+        with self.no_links(), full:
+            self.raises([self.path("full", "objects", "car.ply"), "No space"], bpy.ops.pags.save_edited, directory=self.path("full"))
+        self.assertFalse(os.path.lexists(self.path("full")))
+        self.write(os.path.join("mine", "background.ply"), b"mine")
+        self.write(os.path.join("other", "sky.npy"), b"mine")
+        os.makedirs(self.path("linked"))
+        os.symlink(self.path("scene", "background.ply"), self.path("linked", "background.ply"))
+        os.makedirs(self.path("nowhere", "objects"))
+        os.symlink(self.path("none"), self.path("nowhere", "objects", "car.ply"))
+        self.write("file", b"mine")
+        for folder, name in (("mine", "background.ply"), ("other", "sky.npy"), ("linked", "background.ply"), ("nowhere", "objects/car.ply"), ("file", "")):
+            kept, folders = self.contents(folder), [at for at, _, _ in os.walk(self.path(folder))]
+            for links in (contextlib.nullcontext(), self.no_links()):
+                with links:
+                    self.raises([self.path(folder, name).rstrip("/")], bpy.ops.pags.save_edited, directory=self.path(folder))
+                self.assertEqual(self.contents(folder), kept)
+                self.assertEqual([at for at, _, _ in os.walk(self.path(folder))], folders)
+        self.assertEqual(fixtures.read(self.path("file")), b"mine")
+        self.assertEqual(self.contents("scene"), before)
+        here = os.listdir(".")
+        self.raises(["choose a folder"], bpy.ops.pags.save_edited)
+        self.assertEqual(os.listdir("."), here)
+        os.rename(self.path("scene", "objects", "car.ply"), self.path("car.ply"))
+        self.raises([self.path("scene", "objects", "car.ply")], bpy.ops.pags.save_edited, directory=self.path("gone"))
+        self.assertFalse(os.path.lexists(self.path("gone")))
+        os.rename(self.path("car.ply"), self.path("scene", "objects", "car.ply"))
+        bpy.ops.pags.save_edited(directory=self.path("full"))  # the same folder again
+        self.assert_close(self.f12(), self.program(scene="full"))
+
     def test_deleted_objects_are_left_out(self):
         self.bring_in()
         bpy.data.objects.remove(self.part(0))
@@ -596,6 +674,60 @@ class Inspecting(BlenderCase):
         self.assertEqual((background.image.source, background.image_user.frame_duration), ("SEQUENCE", 3))
         os.remove(self.path("set", "images", "001_0.png"))
         self.raises(["001_0.png"], bpy.ops.pags.compare, name="001_0.png")
+
+    def photographed(self, distorted=False):
+        """Brings in the scene with pictures as its photographs; returns the name that a frame's file has."""
+        self.succeeds("render", self.path("scene"), "--split", "all", "-o", self.path("set", "images"), "--no-exposure")
+        record = json.loads(fixtures.read(self.path("scene", "scene.json")))
+        record["dataset"] = self.path("set")
+        for view in record["cameras"]:
+            view["name"] = view["name"].replace(".jpg", ".png")
+        self.write("scene/scene.json", json.dumps(record))
+        if distorted:
+            self.write("set/intrinsics/0.txt", "\n".join(map(str, [100, 100, 50.5, 50.5, -0.1, 0, 0, 0, 0])))
+        self.scene.render.fps = 2
+        self.bring_in(use_rate="NO")  # two frames of the timeline a photograph
+
+    def background(self):
+        """Path of a frame's photograph behind the scene's camera."""
+        image = self.scene.camera.data.background_images[-1].image
+        return lambda frame: bpy.path.abspath(image.filepath).replace("00001", f"{frame:05d}")
+
+    def test_photographs_where_links_cannot_be_made(self):
+        for distorted in (False, True):
+            with self.subTest(distorted=distorted):
+                bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+                make_drive(self.path("scene"))
+                self.photographed(distorted)
+                photographs = {n: fixtures.read(self.path("set", "images", n)) for n in os.listdir(self.path("set", "images"))}
+                refused = PermissionError(errno.EPERM, "Operation not permitted")
+                with mock.patch.object(os, "symlink", side_effect=refused), mock.patch.object(os, "link", side_effect=refused):
+                    full = mock.patch("shutil.copyfile", side_effect=OSError(errno.ENOSPC, "No space left on device"))
+                    with full:
+                        self.raises([".png", "No space left"], bpy.ops.pags.photographs)
+                    bpy.ops.pags.photographs()
+                path = self.background()
+                self.assertEqual([os.path.islink(path(i)) for i in range(1, 6)], [False] * 5)
+                self.assertEqual(fixtures.read(path(5)) == photographs["002_0.png"], not distorted)
+                self.assertEqual(fixtures.read(path(2)), fixtures.read(path(1)))  # nearest, the earlier of two
+                self.assertEqual([n for n in os.listdir(os.path.dirname(path(1))) if not n.startswith("0000")], [])
+                again = {n: fixtures.read(self.path("set", "images", n)) for n in photographs}
+                self.assertEqual(again, photographs)
+                if not distorted:
+                    self.write("set/images/002_0.png", photographs["001_0.png"])  # another photograph since
+                    os.utime(self.path("set", "images", "002_0.png"), (4e9, 4e9))
+                    bpy.ops.pags.photographs()
+                    self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
+
+    def test_links_to_photographs_that_were_moved(self):
+        self.photographed()
+        bpy.ops.pags.photographs()
+        path = self.background()
+        self.assertTrue(os.path.islink(path(1)))
+        os.remove(path(1))
+        os.symlink(self.path("nowhere.png"), path(1))
+        bpy.ops.pags.photographs()
+        self.assertTrue(os.path.samefile(path(1), self.path("set", "images", "000_0.png")))
 
 
 class Composite(BlenderCase):
