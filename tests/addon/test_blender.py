@@ -539,6 +539,9 @@ class Export(BlenderCase):
         info = [json.loads(self.succeeds("info", self.path(n), "--json", "-").stdout) for n in ("edited.ply", "plain.ply")]
         self.assertEqual([i["gaussians"] for i in info], [3, 3])
         self.assertNotEqual(fixtures.read(self.path("edited.ply")), fixtures.read(self.path("plain.ply")))
+        for name, start in (("edited.pagsz", b"PAGSPK01"), ("edited.usda", b"#usda")):
+            bpy.ops.export_scene.pags(filepath=self.path(name))
+            self.assertTrue(fixtures.read(self.path(name)).startswith(start))
 
     def test_proxies_and_errors(self):
         self.bring_in()
