@@ -342,12 +342,12 @@ static void put_color(const float *dc, int64_t stride, float *color) {
   color[3] = 1;
 }
 
-/* What a sample has come to: Gaussians that can be seen, how many of them were passed, how many taken. */
+/* Counts of Gaussians that can be seen: all, those passed so far, those taken, and the most that may be taken. */
 typedef struct sampling {
   int64_t visible, seen, taken, most;
 } sampling;
 
-/* One pass over a part: the first (without points) counts, the second takes every so-manieth. */
+/* One pass over a part: without `points` it counts what can be seen, with them it takes every n-th of that. */
 static void sample_part(const pags_part *part, sampling *s, float *points, float *colors) {
   float geometry[PAGS_SH * ROWS], colour[3 * ROWS];
   const int64_t count = part->gaussians->count;
@@ -372,7 +372,7 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
   }
 }
 
-/* Of each part, which lies along a Morton curve, every so-manieth Gaussian that can be seen: even over the surface. */
+/* Of each part, which lies along a Morton curve, every n-th Gaussian that can be seen (opacity of 0.2 or more): even over the surface. */
 static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, float *points, float *colors) {
   sampling s = {.most = most};
   for (int p = 0; p < part_count; p++)
