@@ -83,12 +83,14 @@ static pags_result try_create(const char *folder, const char *shown) {
 }
 
 pags_result pags_check_writable(const char *path) {
-  if (pags_dir_exists(path))
-    return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected the name of a file", path);
-  char *folder = pags_path_folder(path);
+  char *target;
+  bool straight;
+  PAGS_TRY(pags_file_find_target(path, &target, &straight));
+  char *folder = pags_path_folder(target);
+  free(target);
   if (!folder)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = try_create(folder, path);
+  pags_result result = straight ? PAGS_OK : try_create(folder, path);
   free(folder);
   return result;
 }

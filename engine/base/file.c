@@ -1,12 +1,18 @@
-/* Files as a whole, and their atomic replacement. */
+/* Files as a whole, and their atomic replacement. What is no regular file is written straight to, never replaced. */
 #include "base/file.h"
 
 #include <assert.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
+#include <sys/un.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "base/text.h"
@@ -14,6 +20,8 @@
 pags_result pags_fail_errno(const char *path, const char *what) {
   return pags_fail(errno == ENOMEM ? PAGS_ERROR_MEMORY : PAGS_ERROR_IO, "%s: %s: %s", path, what, strerror(errno));
 }
+
+/* ---- Reading ---- */
 
 static pags_result open_regular(const char *path, FILE **stream, uint64_t *size) {
   struct stat status;
@@ -71,12 +79,140 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   return PAGS_OK;
 }
 
+/* ---- Where a write goes ---- */
+
+/* Links in /proc lead to open descriptors, not to paths: /dev/stdout is one. */
+static bool is_of_proc(const struct stat *link) {
+  struct stat proc;
+  return stat("/proc", &proc) == 0 && link->st_dev == proc.st_dev;
+}
+
+/* What the link at `path` points to, one step further; NULL with errno. */
+static char *follow_link(const char *path) {
+  char to[PATH_MAX];
+  const ssize_t length = readlink(path, to, sizeof to);
+  if (length < 0 || length == (ssize_t)sizeof to) {
+    errno = length < 0 ? errno : ENAMETOOLONG;
+    return NULL;
+  }
+  to[length] = 0;
+  char *folder = pags_path_folder(path);
+  char *next = folder ? pags_path_join(folder, to) : NULL;
+  free(folder);
+  errno = ENOMEM;
+  return next;
+}
+
+pags_result pags_file_find_target(const char *path, char **target, bool *straight) {
+  enum { MOST_LINKS = 40 }; /* as Linux follows */
+  struct stat status;
+  *target = NULL;
+  *straight = false;
+  const bool there = stat(path, &status) == 0;
+  if (!there && errno == ELOOP)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: its links lead in a loop", path);
+  if (!there && errno != ENOENT)
+    return pags_fail_errno(path, "can't write");
+  if (there && S_ISDIR(status.st_mode))
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write a file, a folder of that name exists", path);
+  /* Root may write whatever the mode says, and a rename needs no permission for the file: ask for both. */
+  if (there && !(status.st_mode & (S_IWUSR | S_IWGRP | S_IWOTH)))
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: it is read-only (mode %04o)", path,
+                     (unsigned)(status.st_mode & 07777));
+  if (there && access(path, W_OK) != 0)
+    return pags_fail_errno(path, "can't write");
+  *straight = there && !S_ISREG(status.st_mode);
+  char *at = pags_text_copy(path);
+  for (int links = 0; at && !*straight && lstat(at, &status) == 0 && S_ISLNK(status.st_mode); links++) {
+    if (is_of_proc(&status)) {
+      *straight = true;
+      break;
+    }
+    char *next = links < MOST_LINKS ? follow_link(at) : NULL;
+    if (!next) {
+      free(at);
+      return links < MOST_LINKS ? pags_fail_errno(path, "can't write, its link can't be read")
+                                : pags_fail(PAGS_ERROR_IO, "%s: can't write: its links lead in a loop", path);
+    }
+    free(at);
+    at = next;
+  }
+  if (!at)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+  *target = at;
+  return PAGS_OK;
+}
+
+/* A descriptor that writes into the socket's server; -1 with errno. */
+static int connect_to(const char *path) {
+  struct sockaddr_un address = {.sun_family = AF_UNIX};
+  if (strlen(path) >= sizeof address.sun_path) {
+    errno = ENAMETOOLONG;
+    return -1;
+  }
+  memcpy(address.sun_path, path, strlen(path) + 1);
+  const int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+  if (descriptor >= 0 && connect(descriptor, (const struct sockaddr *)&address, sizeof address) != 0) {
+    const int error = errno;
+    close(descriptor);
+    errno = error;
+    return -1;
+  }
+  return descriptor;
+}
+
+/* Regular files are opened to append: here they are logs, or the program's own output (/dev/stdout). */
+static int open_straight(const char *path) {
+  struct stat status;
+  const bool there = stat(path, &status) == 0;
+  if (there && S_ISSOCK(status.st_mode))
+    return connect_to(path);
+  return open(path, O_WRONLY | O_NOCTTY | O_CLOEXEC | (!there ? O_CREAT | O_APPEND : S_ISREG(status.st_mode) ? O_APPEND : 0),
+              0666);
+}
+
+/* The reader of a FIFO or of a socket that goes away is an error of the write, not the end of the process. The signal
+ * is blocked on this thread alone while it writes, and what comes of it is taken away: a library mustn't set handlers. */
+typedef struct held_signal {
+  sigset_t before;
+  bool pending;
+} held_signal;
+
+static held_signal hold_sigpipe(void) {
+  held_signal held;
+  sigset_t pending, pipe;
+  sigemptyset(&pending);
+  sigpending(&pending);
+  held.pending = sigismember(&pending, SIGPIPE) == 1;
+  sigemptyset(&pipe);
+  sigaddset(&pipe, SIGPIPE);
+  pthread_sigmask(SIG_BLOCK, &pipe, &held.before);
+  return held;
+}
+
+static void release_sigpipe(const held_signal *held) {
+  const int error = errno;
+  sigset_t pipe;
+  sigemptyset(&pipe);
+  sigaddset(&pipe, SIGPIPE);
+  while (!held->pending && sigtimedwait(&pipe, NULL, &(struct timespec){0}) < 0 && errno == EINTR)
+    ;
+  pthread_sigmask(SIG_SETMASK, &held->before, NULL);
+  errno = error;
+}
+
+/* ---- Writing ---- */
+
 void pags_file_writer_abort(pags_file_writer *writer) {
   if (writer->stream) {
+    const held_signal held = hold_sigpipe();
     fclose(writer->stream);
-    unlink(writer->part);
+    release_sigpipe(&held);
+    if (writer->part)
+      unlink(writer->part);
   }
   free(writer->path);
+  free(writer->target);
   free(writer->part);
   *writer = (pags_file_writer){0};
 }
@@ -87,53 +223,119 @@ static pags_result writer_fail(pags_file_writer *writer, const char *what) {
   return result;
 }
 
-pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path) {
-  *writer = (pags_file_writer){0};
-  /* Renaming a file over a folder fails only after all has been written: say so before. */
-  if (pags_dir_exists(path))
-    return pags_fail(PAGS_ERROR_IO, "%s: can't write a file, a folder of that name exists", path);
-  size_t length = strlen(path);
-  writer->path = pags_text_copy(path);
+/* The file beside the target. Where a killed process left one it is written over; what is no regular file stays. */
+static pags_result open_part(pags_file_writer *writer, int *descriptor) {
+  struct stat status;
+  const size_t length = strlen(writer->target);
   writer->part = malloc(length + sizeof ".part");
-  if (!writer->path || !writer->part) {
-    pags_file_writer_abort(writer);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
-  }
-  memcpy(writer->part, path, length);
+  if (!writer->part)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", writer->path);
+  memcpy(writer->part, writer->target, length);
   memcpy(writer->part + length, ".part", sizeof ".part");
-  writer->stream = fopen(writer->part, "wb");
-  return writer->stream ? PAGS_OK : writer_fail(writer, "can't write");
+  if (lstat(writer->part, &status) == 0 && !S_ISREG(status.st_mode))
+    return pags_fail(PAGS_ERROR_IO, "%s: can't write: %s is in the way; expected a regular file there or nothing",
+                     writer->path, writer->part);
+  *descriptor = open(writer->part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC | O_NOFOLLOW, 0666);
+  if (*descriptor < 0 && (errno == EACCES || errno == EROFS))
+    return pags_fail_errno(writer->path, "can't write into its folder");
+  return *descriptor < 0 ? pags_fail_errno(writer->path, "can't write") : PAGS_OK;
+}
+
+static pags_result writer_open(pags_file_writer *writer, const char *path, bool append) {
+  bool straight = false;
+  int descriptor = -1;
+  *writer = (pags_file_writer){0};
+  PAGS_TRY(pags_file_find_target(path, &writer->target, &straight));
+  writer->path = pags_text_copy(path);
+  pags_result result = writer->path ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+  if (result == PAGS_OK && (straight || append)) {
+    descriptor = open_straight(writer->target);
+    result = descriptor < 0 ? pags_fail_errno(path, "can't write") : PAGS_OK;
+  } else if (result == PAGS_OK) {
+    result = open_part(writer, &descriptor);
+  }
+  if (result == PAGS_OK) {
+    writer->stream = fdopen(descriptor, "wb");
+    if (!writer->stream) {
+      result = pags_fail_errno(path, "can't write");
+      close(descriptor);
+      if (writer->part)
+        unlink(writer->part);
+    }
+  }
+  if (result != PAGS_OK)
+    pags_file_writer_abort(writer);
+  return result;
+}
+
+pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path) {
+  return writer_open(writer, path, false);
+}
+
+pags_result pags_file_writer_append(pags_file_writer *writer, const char *path) {
+  PAGS_TRY(writer_open(writer, path, true));
+  setvbuf(writer->stream, NULL, _IONBF, 0);
+  return PAGS_OK;
 }
 
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size) {
   assert(writer->stream);
-  if (size && fwrite(bytes, 1, size, writer->stream) != size)
-    return writer_fail(writer, "can't write");
-  return PAGS_OK;
+  const held_signal held = hold_sigpipe();
+  const bool written = !size || fwrite(bytes, 1, size, writer->stream) == size;
+  release_sigpipe(&held);
+  return written ? PAGS_OK : writer_fail(writer, "can't write");
 }
 
-pags_result pags_file_writer_commit(pags_file_writer *writer) {
+/* FIFOs and most devices can't be synced. */
+static bool flush_and_sync(pags_file_writer *writer, bool sync) {
+  if (fflush(writer->stream) != 0)
+    return false;
+  return !sync || fsync(fileno(writer->stream)) == 0 ||
+         (!writer->part && (errno == EINVAL || errno == EROFS || errno == ENOTSUP));
+}
+
+static pags_result writer_finish(pags_file_writer *writer, bool sync) {
   assert(writer->stream);
-  if (fflush(writer->stream) != 0 || fsync(fileno(writer->stream)) != 0)
-    return writer_fail(writer, "can't write");
-  int closed = fclose(writer->stream);
-  writer->stream = NULL;
-  if (closed != 0 || rename(writer->part, writer->path) != 0) {
-    int error = errno;
-    unlink(writer->part);
-    errno = error;
-    return writer_fail(writer, "can't write");
+  const held_signal held = hold_sigpipe();
+  bool done = flush_and_sync(writer, sync);
+  if (done) {
+    done = fclose(writer->stream) == 0;
+    writer->stream = NULL;
+    if (writer->part) {
+      done = done && rename(writer->part, writer->target) == 0;
+      const int error = errno;
+      if (!done)
+        unlink(writer->part);
+      errno = error;
+    }
   }
+  release_sigpipe(&held);
+  if (!done)
+    return writer_fail(writer, "can't write");
   pags_file_writer_abort(writer); /* closed by now: frees the names only */
   return PAGS_OK;
 }
 
-pags_result pags_file_write(const char *path, const void *bytes, size_t size) {
+pags_result pags_file_writer_commit(pags_file_writer *writer) {
+  return writer_finish(writer, true);
+}
+
+static pags_result write_whole(const char *path, const void *bytes, size_t size, bool sync) {
   pags_file_writer writer;
   PAGS_TRY(pags_file_writer_begin(&writer, path));
   PAGS_TRY(pags_file_writer_put(&writer, bytes, size));
-  return pags_file_writer_commit(&writer);
+  return writer_finish(&writer, sync);
 }
+
+pags_result pags_file_write(const char *path, const void *bytes, size_t size) {
+  return write_whole(path, bytes, size, true);
+}
+
+pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t size) {
+  return write_whole(path, bytes, size, false);
+}
+
+/* ---- Questions ---- */
 
 bool pags_file_exists(const char *path) {
   struct stat status;

@@ -20,17 +20,34 @@ pags_result pags_file_size(const char *path, uint64_t *size);
 pags_result pags_fail_errno(const char *path, const char *what);
 
 /* Writes beside (path + ".part"), syncs, renames: at `path` lies the old file or the whole new one at any moment. On
- * failure what was written beside is removed. */
+ * failure what was written beside is removed.
+ *
+ * A path that is no regular file is never replaced:
+ * - A link is followed, its target is made or replaced as above, and the link stays. A loop of links is refused.
+ * - A device, a FIFO or a link into /proc (/dev/stdout) is opened and written straight, a socket is connected to as a
+ *   stream of the Unix domain: nothing lies beside, nothing is renamed, and on failure the first bytes may have gone out.
+ *   Opening a FIFO waits for its reader. A reader that goes away is PAGS_ERROR_IO (EPIPE), not SIGPIPE.
+ * - A folder is refused, and so is what the user may not write or what has no write bit in its mode, which root is held
+ *   to as well. */
 pags_result pags_file_write(const char *path, const void *bytes, size_t size);
+/* The same without the sync: for pictures, which are many and can be drawn again. */
+pags_result pags_file_write_unsynced(const char *path, const void *bytes, size_t size);
+
+/* Where a write to `path` would go, with the refusals above; opens nothing. `target` is `path` with its links followed,
+ * freed by the caller. `straight`: no part file, no rename. */
+pags_result pags_file_find_target(const char *path, char **target, bool *straight);
 
 /* The same in pieces: begin, any number of puts, then commit or abort. A failed put or commit has aborted already;
  * abort of a writer that is not open does nothing. */
 typedef struct pags_file_writer {
-  FILE *stream; /* NULL when not open */
-  char *path, *part;
+  FILE *stream;        /* NULL when not open */
+  char *path, *target; /* as given; with its links followed */
+  char *part;          /* beside the target; NULL when written straight */
 } pags_file_writer;
 
 pags_result pags_file_writer_begin(pags_file_writer *writer, const char *path);
+/* For logs: each put goes to the end of the file at once, and an abort closes it and keeps what is there. */
+pags_result pags_file_writer_append(pags_file_writer *writer, const char *path);
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size);
 pags_result pags_file_writer_commit(pags_file_writer *writer);
 void pags_file_writer_abort(pags_file_writer *writer);

@@ -1,6 +1,7 @@
 /* Pictures in memory: the type, conversion of samples and channels, and files through the module (module.h). */
 #include <pags/image.h>
 
+#include "base/file.h"
 #include "image/jpeg.h"
 #include "image/module.h"
 #include "image/oiio.h"
@@ -191,25 +192,13 @@ pags_result pags_image_load(const char *path, pags_sample sample, int channels, 
   return result;
 }
 
-/* Writes beside `path` and renames, so that a reader never sees half a file. What a killed process leaves beside it has always
- * the same name, so that the next one writes over it. */
 static pags_result write_file(const char *path, const char *format, const pags_oiio_picture *picture) {
   const pags_oiio *oiio;
   PAGS_TRY(pags_oiio_module(&oiio));
-  size_t size = strlen(path) + sizeof ".part";
-  char *beside = malloc(size);
-  if (!beside)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", path);
-  snprintf(beside, size, "%s.part", path);
-  pags_oiio_message message;
-  pags_result result = oiio->write(beside, format, picture, &message);
-  if (result != PAGS_OK)
+  pags_oiio_message message = {""};
+  pags_result result = oiio->write(path, format, picture, pags_file_write_unsynced, &message);
+  if (result != PAGS_OK && message.text[0])
     pags_fail(result, "%s: can't be written: %s", path, message.text);
-  else if (rename(beside, path) != 0)
-    result = pags_fail(PAGS_ERROR_IO, "%s: can't be written: %s", path, strerror(errno));
-  if (result != PAGS_OK)
-    unlink(beside);
-  free(beside);
   return result;
 }
 

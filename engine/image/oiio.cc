@@ -7,7 +7,6 @@
 #include <OpenImageIO/filesystem.h>
 #include <OpenImageIO/imageio.h>
 
-#include <cerrno>
 #include <cstdio>
 #include <cstring>
 #include <exception>
@@ -105,21 +104,7 @@ void close_reader(void *handle) {
   });
 }
 
-// The file that `bytes` are. OpenImageIO's own writers don't look whether the disk took what they gave it.
-pags_result write_bytes(const char *path, const std::vector<unsigned char> &bytes, pags_oiio_message *message) {
-  std::FILE *file = std::fopen(path, "wb");
-  bool good = file && std::fwrite(bytes.data(), 1, bytes.size(), file) == bytes.size() && std::fflush(file) == 0;
-  int error = errno;
-  if (file && std::fclose(file) != 0 && good) {
-    error = errno;
-    good = false;
-  }
-  if (!good)
-    set_message(message, std::strerror(error));
-  return good ? PAGS_OK : PAGS_ERROR_IO;
-}
-
-pags_result write_picture(const char *path, const char *format, const pags_oiio_picture *picture,
+pags_result write_picture(const char *path, const char *format, const pags_oiio_picture *picture, pags_oiio_put *put,
                           pags_oiio_message *message) {
   return guarded(message, [&] {
     auto output = OIIO::ImageOutput::create(format);
@@ -143,6 +128,7 @@ pags_result write_picture(const char *path, const char *format, const pags_oiio_
       spec.attribute("CompressionQuality", 95);
       spec.attribute("jpeg:subsampling", "4:4:4");
     }
+    // OpenImageIO's own writers don't look whether the disk took what they gave it, and replace what lies at the path.
     std::vector<unsigned char> bytes;
     OIIO::Filesystem::IOVecOutput memory(bytes);
     if (!output->supports("ioproxy") || !output->set_ioproxy(&memory)) {
@@ -153,7 +139,7 @@ pags_result write_picture(const char *path, const char *format, const pags_oiio_
       set_message(message, output->geterror());
       return PAGS_ERROR_IO;
     }
-    return write_bytes(path, bytes, message);
+    return put(path, bytes.data(), bytes.size());
   });
 }
 

@@ -11,7 +11,7 @@
 extern "C" {
 #endif
 
-#define PAGS_OIIO_VERSION 1 /* of this table; a module of another version is refused */
+#define PAGS_OIIO_VERSION 2 /* of this table; a module of another version is refused */
 #define PAGS_OIIO_SYMBOL "pags_oiio_table"
 
 typedef struct pags_oiio_message {
@@ -34,14 +34,17 @@ typedef struct pags_oiio_picture {
   const char *const *names; /* of the channels; NULL: the format's own */
 } pags_oiio_picture;
 
+typedef pags_result pags_oiio_put(const char *path, const void *bytes, size_t size);
+
 typedef struct pags_oiio {
   int version;
   pags_result (*open)(const char *path, void **reader, pags_oiio_info *info, pags_oiio_message *message);
   /* The first `channels` channels as `sample`, interleaved, without conversion of alpha or colour. */
   pags_result (*read)(void *reader, int channels, pags_sample sample, void *data, pags_oiio_message *message);
   void (*close)(void *reader);
-  /* `format` is "png", "jpg" or "exr" whatever the path ends in. */
-  pags_result (*write)(const char *path, const char *format, const pags_oiio_picture *picture,
+  /* Gives the whole file to `put`, once, whose result is returned; where it isn't reached, `message` says why and is
+   * not empty. `format` is "png", "jpg" or "exr" whatever the path ends in; nothing is written at the path here. */
+  pags_result (*write)(const char *path, const char *format, const pags_oiio_picture *picture, pags_oiio_put *put,
                        pags_oiio_message *message);
 } pags_oiio;
 

@@ -1,10 +1,10 @@
 /* The files of a run, checkpoint apart. All but report.json are functions of the run alone. */
 #include "train/output.h"
 
-#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include <pags/image.h>
@@ -71,12 +71,20 @@ static int is_ours(const char *name) {
   return strncmp(name, preview_prefix, strlen(preview_prefix)) == 0 && strcmp(pags_path_extension(name), ".png") == 0;
 }
 
-/* A file of the folder, if there. */
-static pags_result remove_file(const pags_output *output, const char *name) {
-  char *path = pags_path_join(output->folder, name);
+/* A file of the folder, if there. Of a link to one the link goes, or with `follow` the file: where this run writes, the link
+ * stays and its target is made anew. FIFOs and devices stay. */
+static pags_result remove_file(const pags_output *output, const char *name, bool follow) {
+  char *path = pags_path_join(output->folder, name), *target = NULL;
   if (!path)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
-  pags_result result = pags_file_exists(path) ? pags_remove_tree(path) : PAGS_OK;
+  bool straight = false;
+  pags_result result = PAGS_OK;
+  if (pags_file_exists(path)) {
+    result = follow ? pags_file_find_target(path, &target, &straight) : PAGS_OK;
+    if (result == PAGS_OK && !straight)
+      result = pags_remove_tree(follow ? target : path);
+  }
+  free(target);
   free(path);
   return result;
 }
@@ -90,9 +98,9 @@ static pags_result remove_scene(const pags_output *output) {
   pags_result result = path && objects ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
   if (result == PAGS_OK && pags_file_exists(path) && pags_scene_json_read(path, &scene, &files) == PAGS_OK) {
     for (int64_t i = 0; i < scene.model_count && result == PAGS_OK; i++)
-      result = remove_file(output, scene.models[i].file);
+      result = remove_file(output, scene.models[i].file, false);
     if (result == PAGS_OK && files.sky)
-      result = remove_file(output, files.sky);
+      result = remove_file(output, files.sky, false);
     rmdir(objects); /* does nothing unless empty */
   }
   pags_scene_destroy(&scene);
@@ -106,12 +114,12 @@ static pags_result remove_scene(const pags_output *output) {
 static pags_result remove_earlier(const pags_output *output) {
   pags_dir_list list;
   PAGS_TRY(remove_scene(output));
-  PAGS_TRY(remove_file(output, "scene.json")); /* not left without its checkpoint, whenever this is ended */
+  PAGS_TRY(remove_file(output, "scene.json", true)); /* not left without its checkpoint, whenever this is ended */
   PAGS_TRY(pags_dir_list_read(output->folder, &list));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
     if (is_ours(list.names[i]))
-      result = remove_file(output, list.names[i]);
+      result = remove_file(output, list.names[i], true);
   pags_dir_list_destroy(&list);
   return result;
 }
@@ -147,18 +155,17 @@ pags_result pags_output_open(pags_output *output, int resumed, int64_t step) {
     PAGS_TRY(cut_log(output, step));
   else
     PAGS_TRY(remove_earlier(output));
-  output->stream = fopen(output->log, "ab");
-  if (!output->stream)
-    return pags_fail(PAGS_ERROR_IO, "%s: can't be written: %s", output->log, strerror(errno));
+  PAGS_TRY(pags_file_writer_append(&output->lines, output->log));
+  output->begun = true;
   return PAGS_OK;
 }
 
 void pags_output_close(pags_output *output, int failed) {
-  if (output->stream) {
-    fclose(output->stream);
-    if (failed && !pags_file_exists(output->checkpoint))
-      remove(output->log);
-  }
+  struct stat status;
+  pags_file_writer_abort(&output->lines);
+  if (output->begun && failed && !pags_file_exists(output->checkpoint) && lstat(output->log, &status) == 0 &&
+      S_ISREG(status.st_mode))
+    remove(output->log);
   if (failed && output->made && output->folder)
     rmdir(output->folder); /* does nothing unless empty */
   free(output->folder);
@@ -172,9 +179,8 @@ void pags_output_close(pags_output *output, int failed) {
 static pags_result put_line(pags_output *output, pags_json_writer *writer) {
   pags_json_end_object(writer);
   pags_result result = pags_json_writer_finish(writer);
-  if (result == PAGS_OK &&
-      (fwrite(writer->data, 1, writer->size, output->stream) != writer->size || fflush(output->stream) != 0))
-    result = pags_fail(PAGS_ERROR_IO, "%s: can't be written: %s", output->log, strerror(errno));
+  if (result == PAGS_OK)
+    result = pags_file_writer_put(&output->lines, writer->data, writer->size);
   pags_json_writer_destroy(writer);
   return result;
 }

@@ -2,12 +2,11 @@
 #ifndef PAGS_TRAIN_OUTPUT_H
 #define PAGS_TRAIN_OUTPUT_H
 
-#include <stdio.h>
-
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/train.h>
 
+#include "base/file.h"
 #include "train/pass.h"
 #include "train/state.h"
 
@@ -15,7 +14,8 @@ typedef struct pags_output {
   char *folder;
   char *checkpoint, *log, *report; /* paths in it */
   int made;                        /* 1: the folder didn't exist */
-  FILE *stream;                    /* of the log; NULL before open */
+  pags_file_writer lines;          /* of the log; its stream is NULL before open and after a failed line */
+  bool begun;                      /* the log was opened */
 } pags_output;
 
 /* Looks, changes nothing: refuses a file, and a non-empty folder without resume or overwrite. `found` receives 1

@@ -257,5 +257,5 @@ pags_result pags_prune(pags_trainer *t, int index) {
   PAGS_TRY(result);
   pags_log(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,
            (long long)dropped, (long long)before);
-  return t->output.stream ? pags_output_log_prune(&t->output, t->state.step, dropped, before - dropped) : PAGS_OK;
+  return t->output.lines.stream ? pags_output_log_prune(&t->output, t->state.step, dropped, before - dropped) : PAGS_OK;
 }

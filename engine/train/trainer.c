@@ -139,7 +139,7 @@ static pags_result refine(pags_trainer *t) {
   PAGS_TRY(share_cap(t));
   for (int64_t i = 0; i < s->model_count; i++)
     PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
-  if (mcmc || !t->output.stream)
+  if (mcmc || !t->output.lines.stream)
     return PAGS_OK;
   return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
