@@ -3,6 +3,7 @@
 written and read."""
 
 import json
+import os
 
 import bpy
 import numpy as np
@@ -288,6 +289,8 @@ class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
         frames = self.frames(context, Frame(context, root))
+        if os.path.exists(self.filepath) and not os.stat(self.filepath).st_mode & 0o222:  # root could write it all the same
+            raise native.SceneError(f"{self.filepath}: can't write: it is read-only")
         with open(self.filepath, "w") as file:
             json.dump(
                 frames[0] if self.single else {"fps": scene.render.fps / scene.render.fps_base, "frames": frames},

@@ -161,18 +161,20 @@ static int connect_to(const char *path) {
   return descriptor;
 }
 
-/* Regular files are opened to append: here they are logs, or the program's own output (/dev/stdout). */
+/* Regular files are opened to append: here they are logs, or the program's own output (/dev/stdout). Block devices
+ * would be written to behind their end with O_APPEND. */
 static int open_straight(const char *path) {
   struct stat status;
-  const bool there = stat(path, &status) == 0;
-  if (there && S_ISSOCK(status.st_mode))
+  const int common = O_WRONLY | O_NOCTTY | O_CLOEXEC;
+  if (stat(path, &status) != 0)
+    return open(path, common | O_CREAT | O_APPEND, 0666);
+  if (S_ISSOCK(status.st_mode))
     return connect_to(path);
-  return open(path, O_WRONLY | O_NOCTTY | O_CLOEXEC | (!there ? O_CREAT | O_APPEND : S_ISREG(status.st_mode) ? O_APPEND : 0),
-              0666);
+  return open(path, common | (S_ISREG(status.st_mode) ? O_APPEND : 0));
 }
 
-/* The reader of a FIFO or of a socket that goes away is an error of the write, not the end of the process. The signal
- * is blocked on this thread alone while it writes, and what comes of it is taken away: a library mustn't set handlers. */
+/* A reader of a FIFO or a socket that goes away is an error of the write, not the end of the process. The signal is
+ * blocked on this thread alone while it writes, and taken away where it came: a library mustn't set handlers. */
 typedef struct held_signal {
   sigset_t before;
   bool pending;
@@ -280,9 +282,12 @@ pags_result pags_file_writer_append(pags_file_writer *writer, const char *path) 
 
 pags_result pags_file_writer_put(pags_file_writer *writer, const void *bytes, size_t size) {
   assert(writer->stream);
-  const held_signal held = hold_sigpipe();
+  held_signal held;
+  if (!writer->part) /* many small puts go into regular files, which raise no signal */
+    held = hold_sigpipe();
   const bool written = !size || fwrite(bytes, 1, size, writer->stream) == size;
-  release_sigpipe(&held);
+  if (!writer->part)
+    release_sigpipe(&held);
   return written ? PAGS_OK : writer_fail(writer, "can't write");
 }
 

@@ -24,9 +24,9 @@ pags_result pags_fail_errno(const char *path, const char *what);
  *
  * A path that is no regular file is never replaced:
  * - A link is followed, its target is made or replaced as above, and the link stays. A loop of links is refused.
- * - A device, a FIFO or a link into /proc (/dev/stdout) is opened and written straight, a socket is connected to as a
- *   stream of the Unix domain: nothing lies beside, nothing is renamed, and on failure the first bytes may have gone out.
- *   Opening a FIFO waits for its reader. A reader that goes away is PAGS_ERROR_IO (EPIPE), not SIGPIPE.
+ * - A device, a FIFO or a link into /proc (/dev/stdout) is opened and written straight; a socket is connected to, as a
+ *   stream. Nothing lies beside, nothing is renamed, and on failure the first bytes may have gone out.
+ *   Opening a FIFO waits for its reader. A reader that goes away is PAGS_ERROR_IO ("Broken pipe"), not SIGPIPE.
  * - A folder is refused, and so is what the user may not write or what has no write bit in its mode, which root is held
  *   to as well. */
 pags_result pags_file_write(const char *path, const void *bytes, size_t size);

@@ -4,8 +4,10 @@ import contextlib
 import errno
 import fnmatch
 import os
+import stat
 import struct
 import sys
+import threading
 from unittest import mock
 
 import bpy
@@ -396,6 +398,35 @@ class Cameras(BlenderCase):
         for frame in (1, 3):
             self.scene.frame_set(frame)
             self.assert_close(self.f12(), read_png(self.path("drive", f"{frame - 1:05d}.png")))
+
+    def test_paths_are_written_through_what_is_no_file(self):
+        """A link stays a link, a FIFO a FIFO, a device a device; folders and read-only files are refused."""
+        self.bring_in()
+        kind = lambda name: stat.S_IFMT(os.lstat(self.path(name)).st_mode)
+        write = lambda name: bpy.ops.export_scene.pags_path(filepath=self.path(name), check_existing=False)
+        os.symlink("made.json", self.path("link.json"))
+        write("link.json")
+        made = fixtures.read(self.path("made.json"))
+        self.assertEqual((kind("link.json"), len(json.loads(made)["frames"])), (stat.S_IFLNK, 3))
+        os.mkfifo(self.path("fifo.json"))
+        got = []
+        reader = threading.Thread(target=lambda: got.append(fixtures.read(self.path("fifo.json"))), daemon=True)
+        reader.start()
+        write("fifo.json")
+        reader.join(60)
+        self.assertEqual((kind("fifo.json"), got), (stat.S_IFIFO, [made]))
+        os.mkdir(self.path("folder.json"))
+        os.chmod(self.path("made.json"), 0o444)
+        for name in ("folder.json", "link.json"):
+            self.raises([name], bpy.ops.export_scene.pags_path, filepath=self.path(name), check_existing=False)
+        self.assertEqual((kind("link.json"), fixtures.read(self.path("made.json"))), (stat.S_IFLNK, made))
+        try:
+            os.mknod(self.path("device.json"), stat.S_IFCHR | 0o666, os.makedev(1, 3))
+            os.close(os.open(self.path("device.json"), os.O_WRONLY))
+        except OSError as error:
+            return print(f"devices are left out: mknod isn't permitted here ({error})")
+        write("device.json")
+        self.assertEqual(kind("device.json"), stat.S_IFCHR)
 
     def test_recorded_views_are_hit(self):
         """The camera of a sensor sees what the program draws for the view of the scene file itself."""

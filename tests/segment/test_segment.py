@@ -3,14 +3,19 @@
 test_segment.py PAGS. Runs with tools/segment/.venv where there is one; without onnxruntime it says so and exits with 77.
 """
 
+import errno
 import importlib.util
 import io
 import json
 import os
+import pathlib
+import re
 import signal
+import stat
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import unittest
 
@@ -461,6 +466,46 @@ class Runs(Scratch):
         for name, when in made.items():
             self.assertEqual(os.stat(os.path.join(folder, name)).st_mtime_ns, when)
         self.assertIn("33 of 33 images are done already", self.run_tool())
+
+    def test_what_is_no_regular_file_is_never_replaced(self):
+        """Masks go through links and into FIFOs and devices, which stay what they are."""
+        masks, kind = os.path.join(self.data, "semantic"), lambda path: stat.S_IFMT(os.lstat(path).st_mode)
+        write = lambda path, data=b"new": layout.write_whole(path, lambda file: file.write(data))
+        self.run_tool()
+        link, away = os.path.join(masks, "000_0.png"), self.path("away.png")
+        os.remove(link)
+        os.symlink(away, link)  # dangling: the photograph isn't done
+        self.run_tool()
+        self.assertEqual((kind(link), kind(away)), (stat.S_IFLNK, stat.S_IFREG))
+        self.assertTrue((self.mask("semantic", "000_0") == self.truth).all())
+        fifo, got = self.path("fifo"), []
+        os.mkfifo(fifo)
+        reader = threading.Thread(target=lambda: got.append(pathlib.Path(fifo).read_bytes()), daemon=True)
+        reader.start()
+        layout.write_whole(fifo, lambda file: Image.fromarray(self.photo).save(file, "PNG"))
+        reader.join(60)
+        self.assertEqual(kind(fifo), stat.S_IFIFO)
+        self.assertTrue((np.asarray(Image.open(io.BytesIO(got[0]))) == self.photo).all())
+        os.symlink("b", self.path("a"))
+        os.symlink("a", self.path("b"))
+        os.mkdir(self.path("folder"))
+        os.chmod(away, 0o444)
+        for path, words in (
+            (self.path("a"), os.strerror(errno.ELOOP)),
+            (self.path("folder"), "a folder of that name exists"),
+            (link, "it is read-only (mode 0444)"),
+        ):
+            with self.assertRaisesRegex(layout.SegmentError, f"{re.escape(path)}: can't be written: {re.escape(words)}"):
+                write(path)
+        self.assertEqual([kind(self.path(name)) for name in "ab"], [stat.S_IFLNK] * 2)
+        device = self.path("device")
+        try:
+            os.mknod(device, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+            os.close(os.open(device, os.O_WRONLY))
+        except OSError as error:
+            return print(f"devices are left out: mknod isn't permitted here ({error})")
+        write(device)
+        self.assertEqual(kind(device), stat.S_IFCHR)
 
     def test_what_a_kill_left_behind_is_cleared(self):
         self.run_tool()

@@ -4,9 +4,12 @@ drivestudio's layout: images/TTT_C.jpg or .png; semantic/TTT_C.png and sky_masks
 semantic/segment.json records what made them, so that a run goes on only with what the former one used.
 """
 
+import errno
+import io
 import json
 import os
 import re
+import stat
 
 import numpy as np
 from PIL import Image
@@ -72,19 +75,43 @@ def check_labels(dataset):
         )
 
 
-def write_whole(path, write):
-    """write(file) into a file beside, which then takes the name."""
-    part = os.path.join(os.path.dirname(path), "." + os.path.basename(path) + PART)
+def writes_straight(path):
+    """Whether what lies at the path is a device or a FIFO. OSError for a folder, a loop of links and what is read-only, to root too."""
     try:
+        mode = os.stat(path).st_mode
+    except FileNotFoundError:
+        return False
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder of that name exists")
+    if not mode & 0o222:
+        raise PermissionError(errno.EACCES, f"it is read-only (mode {mode & 0o7777:04o})")
+    if not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    return not stat.S_ISREG(mode)
+
+
+def write_whole(path, write):
+    """write(file) into a file beside, which then takes the name. What is no regular file is never replaced, as by the engine
+    (engine/base/file.h): devices and FIFOs are written straight, links followed."""
+    part = None
+    try:
+        if writes_straight(path):
+            whole = io.BytesIO()  # they can't seek
+            write(whole)
+            with open(path, "wb") as file:
+                file.write(whole.getbuffer())
+            return
+        target = os.path.realpath(path)
+        part = os.path.join(os.path.dirname(target), "." + os.path.basename(target) + PART)
         with open(part, "wb") as file:
             write(file)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(part, path)
+        os.replace(part, target)
     except OSError as error:
         raise SegmentError(f"{path}: can't be written: {error.strerror or error}") from None
     finally:
-        if os.path.exists(part):
+        if part and os.path.exists(part):
             os.remove(part)
 
 
@@ -123,7 +150,7 @@ class Output:
             os.remove(self.record)
         for folder in self.folders():
             for name in os.listdir(folder):
-                if MASK.match(name):
+                if MASK.match(name) and os.path.isfile(os.path.join(folder, name)):
                     os.remove(os.path.join(folder, name))
 
     def check_foreign(self):
