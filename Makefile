@@ -13,6 +13,7 @@
 #   make check-blender-new  the same in a newer one: BLENDER_NEW=PROGRAM, a Blender or a Python with the module bpy
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
+#   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
@@ -23,6 +24,8 @@ SCENE ?= build/demo/scene
 MINUTES ?= 1
 LONG_MINUTES ?= $(MINUTES)
 TARGETS ?=
+REFERENCE ?= HEAD
+OPTIONS ?=
 
 all:
 	cmake --preset release
@@ -82,10 +85,13 @@ guide: addon build/demo/scene/scene.json
 	PAGS_GUIDE_SCENE="$(CURDIR)/build/demo/scene" PAGS_GUIDE_IMAGES="$(CURDIR)/docs/images" \
 	  python3 tests/addon/run_blender.py gui_guide.py "$(CURDIR)/build/pags" "$(CURDIR)"/build/pags-blender-*.zip
 
+same-bits: all
+	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
+
 install: all
 	cmake --install build --prefix $(PREFIX)
 
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits install clean
