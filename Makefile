@@ -14,6 +14,7 @@
 #   make bench-blender SCENE=FOLDER  what the add-on takes: importing, memory, the viewport in a window under Xvfb
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
+#   make figures REFERENCE=COMMIT  count what tests/figures.py counts of the code and the manual, at that commit and now
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
@@ -88,10 +89,13 @@ guide: addon build/demo/scene/scene.json
 same-bits: all
 	python3 tests/same_bits.py --reference "$(REFERENCE)" $(OPTIONS)
 
+figures:
+	python3 tests/figures.py --reference "$(REFERENCE)" $(OPTIONS)
+
 install: all
 	cmake --install build --prefix $(PREFIX)
 
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures install clean

@@ -117,7 +117,8 @@ class Row:
         self.slug = re.sub(r"[^a-z0-9.]+", "-", name.lower())
 
     def rows_used(self):
-        return re.findall(r"\{ref:([^}]+)\}", " ".join(str(word) for c in self.commands for word in c.positional))
+        words = [str(word) for c in self.commands for word in (*c.positional, *c.options.values())]
+        return re.findall(r"\{ref:([^}]+)\}", " ".join(words))
 
 
 # What must have happened in a training, by the reference's log.jsonl and scene.json: a function of (log's lines, scene) each.
@@ -206,8 +207,8 @@ def all_rows():
         yield Row(f"render street, {label}", Command("render", scene, output="{out}", channel="color,depth", **options))
     yield Row("render street, plain C", Command("render", scene, output="{out}", split="test", channel=channels, format="exr",
                                                 environment={"PAGS_CPU": "scalar"}))
-    yield Row("render packed file", Command("render", "{ref:export street, packed}/packed.pagsz", output="{out}", frames=2, downscale=2,
-                                            channel="color,depth"))
+    yield Row("render packed file", Command("render", "{ref:export street, packed}/packed.pagsz", output="{out}", channel="color,depth",
+                                            path=street + "/truth/shift/up1/path.json"))
     yield Row("render town", Command("render", "{ref:synth town}/town", output="{out}", split="all", channel="color,depth,id"))
 
     for proxy in ("mesh", "cage", "hull", "box"):
