@@ -3,7 +3,7 @@
 
 A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a
 data set or a scene, both get the one that the reference wrote. Payloads are compared, not files: every number of PLY rows, sky, tracks
-and exposures (of scene.json those alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ, text of USD without comments.
+and exposures (of scene.json those alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4 its bytes), text of USD without comments.
 Headers, the scene's configuration, report.json, log.jsonl and checkpoints are left out.
 
     tests/same_bits.py --reference COMMIT            builds COMMIT in a git worktree below build/
@@ -94,7 +94,7 @@ class Failure(Exception):
 
 # ---- Rows ----
 class Command:
-    """VERB, what it works on and writes ({out}, {ref:ROW}, {data}), its options, and variables of the environment."""
+    """VERB, what it works on and writes ({out}, {ref:ROW}, {data}, {kitti}), its options, and variables of the environment."""
 
     def __init__(self, verb, *positional, environment=None, **options):
         self.verb, self.positional, self.environment = verb, positional, environment or {}
@@ -174,8 +174,8 @@ def all_rows():
                                             lidar_points=1500, samples=2), quick=True)
     yield Row("train street, tiny", Command("train", tiny, output="{out}/scene", iterations=60, threads=2, fourier_gain=0, preset="lean",
                                             **TRAINED), quick=True)
-    for mode in ("lossless", "bounded"):
-        yield Row(f"render street, tiny, {mode}", Command("render", tiny_scene, output="{out}", path="ego", early_z=mode,
+    for mode, form in (("lossless", "png"), ("bounded", "exr")):
+        yield Row(f"render street, tiny, {mode}", Command("render", tiny_scene, output="{out}", path="ego", early_z=mode, format=form,
                                                           channel="color,depth,id,priority"), quick=True)
     yield Row("export street, tiny", Command("export", tiny_scene, "{out}/hull.glb", proxy="hull", no_background=True),
               Command("export", tiny_scene, "{out}/splats.ply"), Command("export", tiny_scene, "{out}/packed.pagsz"), quick=True)
@@ -228,7 +228,7 @@ def all_rows():
 
     yield Row("import waymo", Command("import", "waymo", "{data}/waymo/pvps_data_one_frame.tfrecord", output="{out}/set"),
               needs=["waymo/pvps_data_one_frame.tfrecord"])
-    yield Row("import kitti", Command("import", "kitti", "{out}/../kitti", output="{out}/set"), needs=["kitti/raw_2011_09_26", "kitti/tracking"])
+    yield Row("import kitti", Command("import", "kitti", "{kitti}", output="{out}/set"), needs=["kitti/raw_2011_09_26", "kitti/tracking"])
 
 
 # ---- A tree of KITTI's tracking benchmark, of the samples at hand ----
@@ -295,7 +295,7 @@ def read_npy(data):
     length = struct.unpack_from("<H", data, 8)[0] if data[6] == 1 else struct.unpack_from("<I", data, 8)[0]
     start = (10 if data[6] == 1 else 12) + length
     header = data[10:start].decode("latin-1")
-    code = {"f4": "f", "f8": "d", "u1": "B", "i4": "i"}.get(re.search(r"[<|]([a-z]\d)", header).group(1), "B")
+    code = {"f2": "e", "f4": "f", "f8": "d", "u1": "B", "i4": "i"}.get(re.search(r"[<|]([a-z]\d)", header).group(1), "B")
     return words_of("shape", header) + [("values", [("value", code)], data[start:])]
 
 
@@ -534,14 +534,15 @@ class Bench:
 
     def run(self, row, program, folder):
         """Runs the row's commands with {out} at `folder`, which is emptied first."""
+        kitti = self.reference.store / "kitti-tree"
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         for command in row.commands:
             if command.verb == "import" and command.positional[0] == "kitti":
-                make_kitti(self.data, folder.parent / "kitti")
+                make_kitti(self.data, kitti)
             words = []
             for word in command.spelled(program):
-                word = word.replace("{out}", str(folder)).replace("{data}", str(self.data))
+                word = word.replace("{out}", str(folder)).replace("{data}", str(self.data)).replace("{kitti}", str(kitti))
                 words.append(re.sub(r"\{ref:([^}]+)\}", lambda m: str(self.reference_folder(self.rows[m.group(1)])), word))
             done = subprocess.run([str(program.path), *words], stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
                                   text=True, env=dict(os.environ, **command.environment))
