@@ -3,8 +3,8 @@
 
 A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a
 data set or a scene, both get the one that the reference wrote. Payloads are compared, not files: every number of PLY rows, sky, tracks
-and exposures (of scene.json those alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4 its bytes), text of USD without comments.
-Headers, the scene's configuration, report.json, log.jsonl and checkpoints are left out.
+and exposures (of scene.json those and the cameras alone), pixels of PNG and EXR, accessors and names of glTF, unpacked SPZ (of version 4
+its bytes), text of USD without comments. Headers, the scene's configuration, report.json, log.jsonl and checkpoints are left out.
 
     tests/same_bits.py --reference COMMIT            builds COMMIT in a git worktree below build/
     tests/same_bits.py --reference-build PROGRAM     takes a build that is there
@@ -113,7 +113,7 @@ class Row:
         self.name, self.commands, self.quick, self.events = name, commands, quick, events
         self.needs = list(needs)  # files or folders below {data}
         self.reference = reference or name  # the row whose reference output this one is held against
-        self.slug = re.sub(r"[^a-z0-9.]+", "-", name.lower())
+        self.slug = re.sub(r"[^a-z0-9]+", "-", name.lower())
 
     def rows_used(self):
         words = [str(word) for c in self.commands for word in (*c.positional, *c.options.values())]
