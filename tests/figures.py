@@ -15,7 +15,7 @@ What is counted:
 - Length: lines from the signature to the closing brace after formatting, without comments and empty lines.
 - Circle: a group of files that reach each other by calls (a strongly connected component). A header and its source are one file.
 - Lines: neither empty nor comment (in Python, docstrings are comments), after formatting.
-- Words: as wc -w; of a page of the manual what stands between `<!-- generated` and `<!-- end of generated` is left out.
+- Words: as wc -w; of a page of the manual what stands between `<!-- generated` and `<!-- end -->` is left out.
 """
 
 import argparse
@@ -55,7 +55,7 @@ def walk(root, folders):
 
 
 def find_formatter(given, root):
-    for program in [given] if given else [str(root / ".venv/bin/clang-format"), "clang-format"]:
+    for program in [given] if given else [str(root / "scripts/.venv/bin/clang-format"), "clang-format"]:
         if not shutil.which(program):
             continue
         version = subprocess.run([program, "--version"], capture_output=True, text=True).stdout
@@ -63,7 +63,7 @@ def find_formatter(given, root):
             return program
         if given:
             sys.exit(f"figures: {given} is{version.split('version')[-1].rstrip()}, not {FORMATTER}")
-    sys.exit(f"figures: no clang-format {FORMATTER}; 'make setup' installs it into .venv")
+    sys.exit(f"figures: no clang-format {FORMATTER}; 'make setup' installs it into scripts/.venv")
 
 
 def root_of_repository():
@@ -409,7 +409,7 @@ def line_counts(state):
 
 
 def words_of(text):
-    return len(re.sub(r"<!-- generated.*?<!-- end of generated[^>]*-->", "", text, flags=re.S).split())
+    return len(re.sub(r"<!-- generated.*?<!-- end -->", "", text, flags=re.S).split())
 
 
 def pages(root, folder):
@@ -450,7 +450,7 @@ def figures(state, program_path):
 def check(state):
     """Lines of what is wrong."""
     program = Program(state)
-    faults = [f"{path}: out of format; .venv/bin/clang-format -i {path}" for path in state.unformatted]
+    faults = [f"{path}: out of format; scripts/.venv/bin/clang-format -i {path}" for path in state.unformatted]
     faults += [f"{f.path}:{f.line}: {f.name} has {f.length} lines, more than {LONGEST_FUNCTION}" for f in program.functions if f.length > LONGEST_FUNCTION]
     faults += [f"{circle[0]}: {program.describe(circle)}" for circle in program.circles()]
     faults += [f"{page}: {words} words, more than {LONGEST_PAGE}" for page, words in pages(state.root, "docs").items() if words > LONGEST_PAGE]
@@ -471,7 +471,7 @@ def main():
     parser.add_argument("--root", metavar="FOLDER", help="the present state [default this repository]")
     parser.add_argument("--check", action="store_true", help="print FILE: what is wrong, fail where anything is")
     parser.add_argument("--list", choices=["once", "long", "circles", "format", "lines"], help="print what is behind a figure")
-    parser.add_argument("--clang-format", metavar="PROGRAM", help=f"clang-format {FORMATTER} [default .venv/bin/clang-format]")
+    parser.add_argument("--clang-format", metavar="PROGRAM", help=f"clang-format {FORMATTER} [default scripts/.venv/bin/clang-format]")
     parser.add_argument("--program", metavar="PATH", help="its train --help is counted [default build/pags]")
     parser.add_argument("--reference-program", metavar="PATH", help="of the reference [default as make same-bits builds it]")
     options = parser.parse_args()
