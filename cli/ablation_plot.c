@@ -1,6 +1,6 @@
 /* An ablation's pictures: quality against time, against alpha, and over a grid of pruning rates. */
 #include "ablation.h"
-#include "plot.h"
+#include "benchmarks/plot.h"
 
 #include <math.h>
 #include <stdlib.h>

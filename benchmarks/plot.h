@@ -1,6 +1,6 @@
 /* Charts as SVG, which needs no package: panels of lines or of coloured cells, side by side in columns. */
-#ifndef PAGS_CLI_PLOT_H
-#define PAGS_CLI_PLOT_H
+#ifndef PAGS_BENCHMARKS_PLOT_H
+#define PAGS_BENCHMARKS_PLOT_H
 
 #include <pags/base.h>
 #include <stdbool.h>

@@ -3,14 +3,14 @@
  * A scene's background is copied along a street, so that more and more exists while the same cameras look from the first copy. Twice
  * for each number: as parts that share one set of rows (memory of one copy, whatever the number: time alone is measured), and as a real
  * packed file with every row in it, mapped. */
-#include "interrupt.h"
-#include "path.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/interrupt.h"
+#include "cli/path.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
 #include <base/file.h>
 #include <base/sort.h>
-#include <benchmarks/modes.h>
+#include "benchmarks/modes.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>

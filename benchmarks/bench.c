@@ -1,12 +1,12 @@
 /* pags bench: what the engine costs and what it gets wrong, on a scene or a data set of the user's. */
-#include "interrupt.h"
-#include "path.h"
-#include "session.h"
-#include "verbs.h"
-#include "viewpoints.h"
+#include "cli/interrupt.h"
+#include "cli/path.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
+#include "cli/viewpoints.h"
 
 #include <base/file.h>
-#include <benchmarks/bench.h>
+#include "benchmarks/bench.h"
 #include <pags/compose.h>
 #include <stdlib.h>
 #include <string.h>

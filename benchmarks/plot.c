@@ -1,5 +1,5 @@
 /* A writer of charts: text appended panel by panel, its head written at the end, when the number of panels is known. */
-#include "plot.h"
+#include "benchmarks/plot.h"
 
 #include <base/file.h>
 #include <math.h>

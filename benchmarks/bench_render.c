@@ -1,13 +1,13 @@
 /* pags bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
-#include "deadline.h"
-#include "interrupt.h"
-#include "path.h"
-#include "plot.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/deadline.h"
+#include "cli/interrupt.h"
+#include "cli/path.h"
+#include "benchmarks/plot.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
 #include <base/file.h>
-#include <benchmarks/modes.h>
+#include "benchmarks/modes.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
