@@ -1,11 +1,13 @@
-"""pags bench ablation: rows and their names, what is written, stopping and going on, the same bits as pags train alone."""
+"""benchmarks/ablation.py: rows and their names, what is written, stopping and going on, the same bits as pags train alone."""
 
 import csv
+import importlib.util
 import json
 import os
 import shutil
 import signal
 import subprocess
+import sys
 import time
 import xml.etree.ElementTree
 
@@ -16,12 +18,39 @@ from fixtures import DataCase, read
 SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
 
 
+SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
+
+
+def load_script():
+    sys.dont_write_bytecode = True
+    spec = importlib.util.spec_from_file_location("ablation", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 class Ablation(DataCase):
     def command(self, rows, *more, iterations=40):
-        return ["bench", "ablation", self.data, "-o", self.path("t"), "-n", iterations, "--rows", rows, "-j", 1, *more]
+        own = [sys.executable, "-B", SCRIPT, self.data, "-o", self.path("t"), "--pags", fixtures.PAGS]
+        return [str(word) for word in [*own, "-n", iterations, "--rows", rows, "-j", 1, *more]]
+
+    def run_script(self, *arguments, code=0, **more):
+        command = self.command(*arguments, **more)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=900)
+        self.assertEqual(done.returncode, code, f"{command}: {done.stdout}{done.stderr}")
+        return done
+
+    def refuses(self, *arguments, words, code=1, **more):
+        """One line that names the program and holds each of `words`."""
+        lines = self.run_script(*arguments, code=code, **more).stderr.splitlines()
+        self.assertEqual(len(lines), 1, lines)
+        self.assertTrue(lines[0].startswith("ablation.py: "), lines)
+        for word in words:
+            self.assertIn(word, lines[0])
 
     def ablate(self, rows, *more, **options):
-        done = self.succeeds(*self.command(rows, "--moments", 4, *more, "--json", "-", *SMALL, **options), timeout=900)
+        done = self.run_script(rows, "--moments", 4, *more, "--json", "-", *SMALL, **options)
+        self.said = done.stderr
         return json.loads(done.stdout)["rows"]
 
     def folders(self):
@@ -61,8 +90,12 @@ class Ablation(DataCase):
         self.assertAlmostEqual(float(lines[0]["psnr"]), rows[0]["psnr"], 6)
         with open(self.path("t_curve.csv"), newline="") as file:
             self.assertEqual(len(list(csv.DictReader(file))), 16)
-        picture = xml.etree.ElementTree.parse(self.path("t.svg")).getroot()
-        self.assertIn("baseline", "".join(picture.itertext()))
+        if importlib.util.find_spec("matplotlib"):
+            picture = xml.etree.ElementTree.parse(self.path("t.svg")).getroot()
+            self.assertIn("baseline", "".join(picture.itertext()))
+        else:
+            self.assertEqual(self.said.count("the plot needs matplotlib"), 1, self.said)
+            self.assertFalse(os.path.exists(self.path("t.svg")))
 
         # Nothing but what is missing is run; a row may be added, and LPIPS asked for later.
         before = self.written()
@@ -71,7 +104,7 @@ class Ablation(DataCase):
         after = self.written()
         self.assertEqual({name: after[name] for name in before}, before)
         self.assertEqual(len(after), len(before) + 1)
-        self.fails(self.command("sh=0", "--moments", 4, *SMALL, iterations=39), "t.runs/settings.json", "another -o")
+        self.refuses("sh=0", "--moments", 4, *SMALL, iterations=39, words=["t.runs/settings.json", "another -o"])
 
     def test_a_difference_within_the_spread_is_none(self):
         """Two names of one training can't differ."""
@@ -96,7 +129,7 @@ class Ablation(DataCase):
     def test_rows_at_equal_count(self):
         """The last prune leaves each row as many as the smallest, and the run goes on from before it."""
         options = ["--moments", 4, "--equal-count", "--json", "-", *SMALL]
-        done = self.succeeds(*self.command("baseline,sp,sp+rate=30/10", *options, iterations=120), timeout=900)
+        done = self.run_script("baseline,sp,sp+rate=30/10", *options, iterations=120)
         result = json.loads(done.stdout)
         counts = {row["row"]: row["gaussians"] for row in result["rows"]}
         self.assertLess(counts["sp"], counts["sp+rate=30/10"])
@@ -119,7 +152,7 @@ class Ablation(DataCase):
 
     def stopped(self, how, wait):
         """Starts the whole, stops it while its first run trains, and returns the exit code."""
-        command = [fixtures.PAGS, *map(str, self.command("sh=1", "--moments", 2, *SMALL, iterations=800))]
+        command = self.command("sh=1", "--moments", 2, *SMALL, iterations=800)
         running = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
         log = self.path("t.runs", "sh-degree-1_seed-0", "scene", "log.jsonl")
         for _ in range(6000):
@@ -132,9 +165,7 @@ class Ablation(DataCase):
         return running.returncode, said
 
     def finish(self):
-        return json.loads(
-            self.succeeds(*self.command("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800), timeout=900).stdout
-        )["rows"][0]
+        return json.loads(self.run_script("sh=1", "--moments", 2, "--json", "-", *SMALL, iterations=800).stdout)["rows"][0]
 
     def test_interrupted_and_killed_runs_go_on(self):
         code, said = self.stopped(signal.SIGINT, 100)
@@ -167,8 +198,41 @@ class Ablation(DataCase):
             ("baseline*99", ["baseline"]),
             ("baseline,", ["name of a row"]),
         ]:
-            self.fails(self.command(rows, *SMALL), *words)
+            self.refuses(rows, *SMALL, words=words)
             self.assertFalse(os.path.exists(self.path("t.runs")), rows)
+        self.refuses("sh=1", "--moments", 0, words=["--moments", "from 1 to 64"], code=2)
+        self.refuses("sh=1", "--moments", 41, words=["--moments", "--iterations"], code=2)
+        self.refuses("sh=1", "--no-such-thing", words=["--no-such-thing"], code=2)
+
+    def test_options_of_rows(self):
+        row = load_script().Row
+        for name, words in [
+            ("baseline", ""),
+            ("alpha=0.2", "--preset short --alpha 0.2 --dropout --dropout-beta 0.5"),
+            ("sp+sd", "--preset short --alpha 0 --dropout --dropout-beta 0"),
+            ("lean+rate=40/20+no-sky", "--preset lean --prune-rate 0.4/0.2 --no-sky"),
+            ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),
+            ("no-lidar-loss+--a=b=c", "--depth-weight 0 --a b=c"),
+            ("set:a=1+--set=b=2+set:a=3", "--set a=3 --set b=2"),
+        ]:
+            self.assertEqual(" ".join(row(name, 1).train.words()), words, name)
+        self.assertEqual(row("spr+pdr*3", 1).eval.words(), ["--early-z", "paper"])
+        self.assertEqual((row("spr*3", 1).seeds, row("spr", 2).seeds), (3, 2))
+        self.assertTrue(row("lean", 1).prunes and row("alpha=1", 1).prunes)
+        self.assertFalse(row("sd", 1).prunes or row("lean+preset=none", 1).prunes)
+
+    def test_what_is_no_file_is_written_to(self):
+        """Links are followed, a FIFO is not replaced."""
+        write = load_script().write
+        os.mkfifo(self.path("fifo"))
+        reader = subprocess.Popen(["cat", self.path("fifo")], stdout=subprocess.PIPE, text=True)
+        write(self.path("fifo"), "text")
+        self.assertEqual(reader.communicate(timeout=60)[0], "text")
+        os.symlink("target", self.path("link"))
+        write(self.path("link"), "text")
+        self.assertTrue(os.path.islink(self.path("link")))
+        self.assertEqual(read(self.path("target")), b"text")
+        self.assertEqual(sorted(os.listdir(self.folder)), ["fifo", "link", "target"])
 
     def test_eval_of_some_views(self):
         out = self.path("scene")
@@ -181,6 +245,9 @@ class Ablation(DataCase):
         done = self.succeeds("train", "no/such/data", "-o", self.path("none"), "--sh-degree", 2, "--check-options")
         self.assertEqual((done.stdout, os.path.exists(self.path("none"))), ("", False))
         self.fails(["train", "x", "-o", self.path("none"), "--sh-degre", 2, "--check-options"], "--sh-degree", code=2)
+        self.run_script("sh=1", "--check-options")
+        self.refuses("sh=1+--sh-degre=2", "--check-options", words=["--sh-degree"])
+        self.assertFalse(os.path.exists(self.path("t.runs")))
 
 
 if __name__ == "__main__":

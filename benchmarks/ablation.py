@@ -1,0 +1,802 @@
+#!/usr/bin/env python3
+"""Ablation: trains one data set once for each row of a table, the rows differing in one option or a few, and compares held-out quality,
+size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/ablation.md).
+
+Rows that train alike share a run, a folder of TABLE.runs named by its options:
+  scene/                    what pags train writes
+  run.json                  the moments reached, and the time spent since the last one
+  known_STEP.pags           the checkpoint that run.json speaks of, a link to what was scene/checkpoint.pags then; for rows that are compared at
+                            equal count the earlier ones as well, and in the end the last one before the last prune
+  eval*.json, render*.json  of the finished scene
+A run is trained in stretches between moments. The time of a stretch is known once pags train has reported it, at its end or when it was
+interrupted. Work that ended without a report is done again from known_STEP.pags, so that the table misses no time."""
+
+import argparse
+import csv
+import ctypes
+import io
+import json
+import math
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+MOST_SEEDS, MOST_MOMENTS = 16, 64
+SPR = "--preset short --alpha 0.4 --dropout --dropout-beta 0.5"
+WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--dropout --dropout-beta 0", "spr": SPR, "lean": "--preset lean"}
+# These change one option of spr, or of sp, sd or lean where the row names one of them.
+CHANGES = {"alpha": "alpha", "rate": "prune-rate", "preset": "preset", "beta": "dropout-beta", "gamma": "dropout-gamma", "hybrid": "hybrid",
+           "critical-weight": "critical-weight", "s-sem": "s-sem", "s-grad": "s-grad", "s-grad-from": "s-grad-from"}  # fmt: skip
+SWITCHES = ["no-objects", "no-tracks", "no-fourier", "no-sky", "no-lidar-start", "no-exposure"]
+# Options for every row: of pags train, and where a scene does not record them of pags eval, too.
+PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
+          "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}  # fmt: skip
+# Of each figure: its column in CSV and JSON; its title, unit and decimals in Markdown.
+FIGURES = {
+    "psnr": ("PSNR", 1, 2),
+    "psnr_unexposed": ("PSNR unexposed", 1, 2),
+    "ssim": ("SSIM", 1, 4),
+    "lpips": ("LPIPS", 1, 4),
+    "psnr_critical": ("PSNR-C", 1, 2),
+    "psnr_noncritical": ("PSNR-NC", 1, 2),
+    "psnr_moving": ("PSNR moving", 1, 2),
+    "gaussians": ("Gaussians", 1, 0),
+    "bytes": ("MB", 1e-6, 1),
+    "training_seconds": ("training s", 1, 1),
+    "training_cpu_seconds": ("CPU s", 1, 1),
+    "peak_rss_bytes": ("peak MB", 1e-6, 0),
+    "render_ms": ("render ms", 1, 2),
+}
+QUALITIES = list(FIGURES)[:7]  # compared as a difference
+RATIOS = ["gaussians", "training_seconds", "training_cpu_seconds", "render_ms"]
+OF_MOMENT = ["psnr", "psnr_critical", "psnr_noncritical"]
+
+
+class Failure(Exception):
+    pass
+
+
+class Interrupted(Exception):
+    pass
+
+
+# ---- Rows ----
+
+
+class Options:
+    """Options of pags by name. One given again takes the place of the earlier one; --set NAME=VALUE counts as an option named NAME."""
+
+    def __init__(self):
+        self.given = {}
+
+    def put(self, name, value=None):
+        key = f"--set {value.split('=')[0]}" if name == "--set" and value else name
+        self.given[key] = [name] if value is None else [name, value]
+
+    def put_text(self, text):
+        for option in text.split("--")[1:]:
+            self.put(*f"--{option}".split())
+
+    def words(self):
+        return [word for words in self.given.values() for word in words]
+
+    def file_name(self):
+        """As in preset-short_alpha-0.4."""
+        return "_".join("-".join([words[0][2:], *words[1:]]) for words in self.given.values())
+
+
+def safe_name(name):
+    return re.sub(r"[^A-Za-z0-9._-]", "_", name)
+
+
+class Row:
+    """A row of the table. Its name is a list of parts joined by '+' and says all of its options."""
+
+    def __init__(self, text, seeds):
+        name, star, repeats = text.partition("*")
+        if not name:
+            raise Failure(f"'{text}': expected the name of a row")
+        if star and not (repeats.isdecimal() and 1 <= int(repeats) <= MOST_SEEDS):
+            raise Failure(f"row '{name}': expected NAME*SEEDS, 1 to {MOST_SEEDS} seeds")
+        self.name, self.seeds = name, int(repeats) if star else seeds
+        self.train, self.eval = Options(), Options()
+        self.alpha = self.rates = None
+        parts = name.split("+")
+        if any(p.partition("=")[0] in CHANGES for p in parts) and not any(p in ("sp", "sd", "spr", "lean") for p in parts):
+            self.train.put_text(SPR)
+        for part in parts:
+            self.add(part)
+        self.prunes = self.train.given.get("--preset", ["", "none"])[1] != "none"
+
+    def add(self, part):
+        key, equals, value = part.partition("=")
+        if part.startswith("set:"):
+            self.train.put("--set", part[4:])
+        elif part.startswith("--"):
+            self.train.put(key, value if equals else None)
+        elif part in WHOLE:
+            self.train.put_text(WHOLE[part])
+        elif part == "pdr":
+            self.eval.put("--early-z", "paper")
+        elif part in SWITCHES:
+            self.train.put(f"--{part}")
+        elif part == "no-lidar-loss":
+            self.train.put("--depth-weight", "0")
+        elif not equals or key not in [*CHANGES, "sh"]:
+            known = ", ".join([*WHOLE, "pdr", *(f"{c}=..." for c in CHANGES), *SWITCHES, "no-lidar-loss", "sh=..."])
+            raise Failure(f"row '{self.name}': '{part}' is none of {known}, nor an option of pags train (--NAME=VALUE, set:NAME=VALUE)")
+        elif not value:
+            raise Failure(f"row '{self.name}': expected a value behind '{part}'")
+        elif key == "sh":
+            self.train.put("--sh-degree", value)
+        else:
+            self.train.put(f"--{CHANGES[key]}", self.checked(key, value))
+
+    def checked(self, key, value):
+        if key == "alpha":
+            try:
+                self.alpha = float(value)
+            except ValueError:
+                raise Failure(f"row '{self.name}': expected a number behind {key}={value}") from None
+        if key == "rate":
+            try:
+                rates = [float(word) for word in value.split("/")]
+            except ValueError:
+                rates = []
+            if len(rates) != 2 or not all(0 <= rate < 100 for rate in rates):
+                raise Failure(f"row '{self.name}': expected per cent of both kinds of pruning, as in rate=60/30")
+            self.rates = [f"{rate:g}" for rate in rates]
+            return "/".join(f"{rate / 100:g}" for rate in rates)
+        return value
+
+
+def parse_rows(text, seeds):
+    rows = []
+    for word in text.split(","):
+        rows.append(Row(word, seeds))
+        if any(row.name == rows[-1].name for row in rows[:-1]):
+            raise Failure(f"row '{rows[-1].name}' is named twice")
+    return rows
+
+
+# ---- Files and processes ----
+
+
+def write(path, text):
+    """A file is replaced in one step; a link is followed; a device, FIFO or socket is written to."""
+    path = os.path.realpath(path)
+    part = path if os.path.exists(path) and not os.path.isfile(path) else f"{path}.part"
+    with open(part, "w", encoding="utf-8") as file:
+        file.write(text)
+    if part != path:
+        os.replace(part, path)
+
+
+def read_json(path):
+    with open(path, encoding="utf-8") as file:
+        return json.load(file)
+
+
+def link(source, target):
+    if os.path.lexists(target):
+        os.unlink(target)
+    try:
+        os.link(source, target)
+    except OSError:  # this file system has no hard links
+        shutil.copy2(source, target)
+
+
+def cpu_seconds():
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+def die_with_parent():
+    """Linux: the child gets SIGTERM when this process dies."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+
+
+class Program:
+    """Runs pags, one process at a time. A signal is passed on to it once: it stops with its state saved."""
+
+    def __init__(self, path):
+        self.path, self.child, self.interrupted = path, None, False
+        for number in [signal.SIGINT, signal.SIGTERM]:
+            signal.signal(number, self.on_signal)
+
+    def on_signal(self, number, _):
+        if self.interrupted and number == signal.SIGINT:
+            os._exit(128 + number)
+        self.interrupted = True
+        if self.child:
+            self.child.terminate()
+
+    def run(self, words, on_line=None):
+        """Exit code, the last line of its errors, seconds of processor time."""
+        before = cpu_seconds()
+        if self.interrupted:
+            raise Interrupted
+        with tempfile.TemporaryFile("w+", errors="replace") as errors:
+            out = subprocess.PIPE if on_line else subprocess.DEVNULL
+            # In a session of its own, so that Ctrl-C on the terminal does not reach it twice.
+            self.child = subprocess.Popen([self.path, *words], stdout=out, stderr=errors, text=True, start_new_session=True,
+                                          preexec_fn=die_with_parent)  # fmt: skip
+            if self.interrupted:
+                self.child.terminate()
+            for line in self.child.stdout or []:
+                on_line(line.rstrip("\n"))
+            code, self.child = self.child.wait(), None
+            errors.seek(0)
+            said = errors.read().strip().splitlines()
+        message = f"killed by signal {-code}" if code < 0 else said[-1].removeprefix("pags: ") if said else "no message"
+        return code, message, cpu_seconds() - before
+
+
+class Progress:
+    def __init__(self, stream):
+        self.stream, self.width = stream, 0
+
+    def say(self, line, stays=True):
+        if not self.stream:
+            return
+        if self.stream.isatty():
+            self.stream.write("\r" + " " * self.width + "\r" if self.width else "")
+            self.width = 0 if stays else len(line)
+        self.stream.write(line + ("\n" if stays or not self.stream.isatty() else ""))
+        self.stream.flush()
+
+
+def duration(seconds):
+    whole = max(0, round(seconds))
+    if whole >= 3600:
+        return f"{whole // 3600} h {whole // 60 % 60:02} min"
+    return f"{whole // 60} min {whole % 60:02} s" if whole >= 60 else f"{whole} s"
+
+
+# ---- One training ----
+
+
+class Run:
+    """The training of a row with one seed, at most `bound` Gaussians (equal count), and its evaluation."""
+
+    def __init__(self, ablation, row, seed, bound=None):
+        self.ablation, self.row, self.seed = ablation, row, str(ablation.seed + seed)
+        self.train = Options()
+        self.train.given = dict(row.train.given)
+        if bound:
+            self.train.put("--max-gaussians", str(bound))
+        self.folder = os.path.join(ablation.folder, safe_name("_".join(filter(None, [self.train.file_name(), f"seed-{self.seed}"]))))
+        self.scene, self.checkpoint, self.state_path = self.path("scene"), self.path("scene/checkpoint.pags"), self.path("run.json")
+        self.state = {"step": 0, "seconds": 0, "cpu_seconds": 0, "peak_rss_bytes": 0, "moments": []}
+        if os.path.exists(self.state_path):
+            self.state = read_json(self.state_path)
+        self.moments = self.state["moments"]
+
+    def path(self, name):
+        return os.path.join(self.folder, name)
+
+    def known(self, step):
+        return self.path(f"known_{step}.pags")
+
+    def save(self):
+        write(self.state_path, json.dumps(self.state, indent=1) + "\n")
+
+    def call(self, words):
+        """Runs pags; an error names the row. Returns the seconds of processor time, which an interruption is told with, too."""
+        on_line = (lambda line: self.ablation.show(self, line)) if self.ablation.progress.stream else None
+        code, message, seconds = self.ablation.program.run([str(word) for word in words], on_line)
+        if code and not self.ablation.program.interrupted:
+            raise Failure(f"row '{self.row.name}', seed {self.seed}: pags {words[0]}: {message} (exit code {code})")
+        return seconds, code == 0
+
+    def train_stretch(self):
+        """Trains to the next moment. What an earlier training did beyond the known checkpoint is forgotten."""
+        a, report = self.ablation, self.path("train.json")
+        target = a.iterations * (len(self.moments) + 1) // a.moments
+        if self.state["step"] == 0:
+            shutil.rmtree(self.scene, ignore_errors=True)
+        else:
+            os.makedirs(self.scene, exist_ok=True)
+            link(self.known(self.state["step"]), self.checkpoint)
+        if os.path.exists(report):
+            os.unlink(report)
+        words = ["train", a.dataset, "--output", self.scene, "--iterations", target, "--schedule-iterations", a.iterations, "--resume"]
+        words += ["--checkpoint-every", 0, "--preview-every", 0, "--json", report, "--seed", self.seed, "--threads", a.threads]
+        seconds, whole = self.call([*words, *a.train, *self.train.words()])
+        if os.path.exists(report):
+            self.take_report(read_json(report), seconds, target)
+        if not whole:
+            raise Interrupted
+
+    def take_report(self, report, seconds, target):
+        state, step, last = self.state, report["iterations"], self.state["step"]
+        self.ablation.steps_done += step - last
+        self.ablation.steps_told = 0
+        state["seconds"] += report["seconds"]
+        state["cpu_seconds"] += seconds
+        state["peak_rss_bytes"] = max(state["peak_rss_bytes"], report["peak_rss_bytes"])
+        if step == target:
+            spent = {key: state[key] for key in ["seconds", "cpu_seconds", "peak_rss_bytes"]}
+            self.moments.append({"step": step, "gaussians": report["gaussians"], **spent, **dict.fromkeys(OF_MOMENT)})
+        if step == 0:
+            return
+        link(self.checkpoint, self.known(step))  # pags train renames checkpoints into place, so the link keeps its bytes
+        state["step"] = step
+        self.save()
+        if last not in (0, step) and not (self.ablation.equal and self.row.prunes):
+            os.unlink(self.known(last))
+
+    def measure(self, verb, path, more):
+        """pags eval or render of the held-out views. The report is put in place once it is whole."""
+        part = self.path("part.json")
+        words = [verb, self.scene, "--split", "test", "--json", part, "--threads", self.ablation.threads, *more]
+        if not self.call(words)[1]:
+            raise Interrupted
+        os.replace(part, path)
+
+    def measure_moment(self):
+        path = self.path("moment.json")
+        self.measure("eval", path, ["--views", self.ablation.moment_views, *self.ablation.eval])
+        found = read_json(path).get("test", {})
+        if found.get("psnr") is None:
+            raise Failure(f"{self.ablation.dataset}: expected held-out views to compare with")
+        self.moments[-1].update({key: found.get(key) for key in OF_MOMENT})
+        os.unlink(path)
+        self.save()
+
+    def go_on(self):
+        """Trains and measures what is missing; returns the result."""
+        os.makedirs(self.folder, exist_ok=True)
+        while True:
+            if self.moments and self.moments[-1]["psnr"] is None:
+                self.measure_moment()
+            elif len(self.moments) < self.ablation.moments:
+                self.train_stretch()
+            else:
+                return self.finish()
+
+    def finish(self):
+        a, more = self.ablation, "_".join(["", self.row.eval.file_name()]) if self.row.eval.given else ""
+        evaluation, render, pictures = self.path(f"eval{more}.json"), self.path(f"render{more}.json"), self.path("pictures")
+        lpips = ["--lpips-weights", a.lpips_weights] if a.lpips_weights else []
+        if not os.path.exists(evaluation) or (lpips and read_json(evaluation)["test"].get("lpips") is None):
+            self.measure("eval", evaluation, [*lpips, *a.eval, *self.row.eval.words()])
+        if not os.path.exists(render):
+            try:
+                self.measure("render", render, ["--output", pictures, *self.row.eval.words()])
+            finally:
+                shutil.rmtree(pictures, ignore_errors=True)
+        found, last = read_json(evaluation)["test"], self.moments[-1]
+        result = {key: found.get(key) for key in QUALITIES}
+        result.update(gaussians=last["gaussians"], bytes=self.scene_bytes(), training_seconds=last["seconds"],
+                      training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
+                      render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)  # fmt: skip
+        branch = self.branch()
+        for name in os.listdir(self.folder):
+            if name.startswith("known_") and not (branch and name == f"known_{branch['step']}.pags"):
+                os.unlink(self.path(name))
+        if os.path.exists(self.checkpoint):
+            os.unlink(self.checkpoint)
+        return result
+
+    def scene_bytes(self):
+        """Of the files that drawing needs: neither log, reports, previews nor checkpoint."""
+        total = 0
+        for folder in [self.scene, os.path.join(self.scene, "objects")]:
+            for name in os.listdir(folder) if os.path.isdir(folder) else []:
+                if name == "scene.json" or name.endswith((".ply", ".npy")):
+                    total += os.path.getsize(os.path.join(folder, name))
+        return total
+
+    def branch(self):
+        """The last moment before the last prune by score whose checkpoint is kept: a run with another bound goes on from it."""
+        log, prune = os.path.join(self.scene, "log.jsonl"), 0
+        if os.path.exists(log):
+            with open(log, encoding="utf-8") as file:
+                for line in file:
+                    if '"pruned_by_score"' in line:
+                        prune = json.loads(line)["step"]
+        kept = [m for m in self.moments if m["step"] < prune and os.path.exists(self.known(m["step"]))]
+        return kept[-1] if kept else None
+
+    def branch_off(self, source):
+        """Begins this run as `source` was before its last prune."""
+        moment = source.branch()
+        if not moment or os.path.exists(self.state_path):
+            return
+        os.makedirs(self.folder, exist_ok=True)
+        self.moments[:] = [m for m in source.moments if m["step"] <= moment["step"]]
+        self.state.update({key: moment[key] for key in ["step", "seconds", "cpu_seconds", "peak_rss_bytes"]})
+        link(source.known(moment["step"]), self.known(moment["step"]))
+        self.save()
+
+
+# ---- All of them ----
+
+
+class Ablation:
+    def __init__(self, given, rest):
+        self.dataset = os.path.realpath(given.dataset)
+        self.output = given.output.removesuffix(".md")
+        self.folder = f"{self.output}.runs"
+        self.program = Program(given.pags)
+        self.rows = parse_rows(given.rows, given.seeds)
+        self.results = {"own": {row.name: [] for row in self.rows}, "equal": {row.name: [] for row in self.rows}}
+        self.iterations, self.moments, self.moment_views, self.seed = given.iterations, given.moments, given.moment_views, given.seed
+        self.equal, self.equal_count = given.equal_count, 0
+        self.lpips_weights, self.threads = given.lpips_weights, given.threads
+        self.train, self.eval = [], []
+        for name, of_eval in PASSED.items():
+            value = getattr(given, name.replace("-", "_"))
+            if value is not None:
+                self.train += [f"--{name}", value]
+                self.eval += [f"--{name}", value] if of_eval else []
+        self.train += rest
+        self.progress = Progress(None if given.quiet else sys.stderr if given.json == "-" else sys.stdout)
+        self.steps_wanted = self.steps_done = self.steps_begun = self.steps_told = 0
+        self.plotted = True
+
+    def check_rows(self):
+        """Asks pags whether it would take these options."""
+        for row in self.rows:
+            train = ["train", self.dataset, "--output", self.folder, *self.train, *row.train.words()]
+            for words in [train, ["eval", self.folder, *self.eval, *row.eval.words()]]:
+                code, message, _ = self.program.run([*words, "--check-options"])
+                if code:
+                    raise Failure(f"row '{row.name}': {message}")
+
+    def check_settings(self):
+        """The folder of runs records what all rows share: its runs can be compared."""
+        path = os.path.join(self.folder, "settings.json")
+        settings = {key: getattr(self, key) for key in ["dataset", "iterations", "moments", "moment_views", "train", "eval"]}
+        if not os.path.exists(path):
+            write(path, json.dumps(settings, indent=1) + "\n")
+        elif read_json(path) != settings:
+            raise Failure(f"{path}: says that the runs there are of another data set or other options; expected the same, or another -o TABLE")
+
+    def count_steps(self):
+        runs = {run.folder: run for row in self.rows for run in [Run(self, row, seed) for seed in range(row.seeds)]}
+        self.steps_wanted = len(runs) * self.iterations
+        self.steps_done = self.steps_begun = sum(run.state["step"] for run in runs.values())
+        self.begun = time.monotonic()
+
+    def show(self, run, line):
+        at = re.match(r"(step|view) (\d+) of \d+", line)
+        if not at:
+            return
+        if at[1] == "step":
+            self.steps_told = int(at[2]) - run.state["step"]
+        done = self.steps_done + self.steps_told - self.steps_begun
+        left = self.steps_wanted - self.steps_done - self.steps_told
+        rest = duration(left * (time.monotonic() - self.begun) / done) if done > 0 else "not yet known"
+        number = [row.name for row in self.rows].index(run.row.name) + 1
+        self.progress.say(f"row {number} of {len(self.rows)} ({run.row.name}, seed {run.seed}): {line}; {rest} for all", False)
+
+    def take(self, kind, row, seed, result):
+        self.results[kind][row.name].append({"row": row.name, "seed": self.seed + seed, **result})
+        regions = ""
+        if result["psnr_critical"] is not None and result["psnr_noncritical"] is not None:
+            regions = f" (critical {result['psnr_critical']:.2f}, other {result['psnr_noncritical']:.2f})"
+        self.progress.say(f"{row.name:16} seed {self.seed + seed}{' at equal count' if kind == 'equal' else ''}: PSNR {result['psnr']:.2f} dB{regions}, "
+                          f"{result['gaussians']} Gaussians, {result['training_seconds']:.0f} s, {result['render_ms']:.2f} ms a frame")  # fmt: skip
+        Tables(self).write()
+        self.plotted = self.plotted and write_plots(self)
+
+    def run(self):
+        """All rows with the first seed come first, so that a whole table is there early."""
+        self.count_steps()
+        order = [(seed, row) for seed in range(MOST_SEEDS) for row in self.rows if seed < row.seeds]
+        for seed, row in order:
+            self.take("own", row, seed, Run(self, row, seed).go_on())
+        pruned = [row for row in self.rows if row.prunes]
+        if self.equal and len({tuple(row.train.words()) for row in pruned}) < 2:
+            self.progress.say("--equal-count: fewer than two rows prune by a score")
+        elif self.equal:
+            self.equal_count = min(result["gaussians"] for row in pruned for result in self.results["own"][row.name])
+            for seed, row in [(seed, row) for seed, row in order if row.prunes]:
+                own = self.results["own"][row.name][seed]
+                if own["gaussians"] == self.equal_count:  # the same run
+                    self.take("equal", row, seed, own)
+                    continue
+                bounded = Run(self, row, seed, self.equal_count)
+                bounded.branch_off(Run(self, row, seed))
+                self.take("equal", row, seed, bounded.go_on())
+        self.progress.say(", ".join(self.output + end for end in [".md", ".csv", "_curve.csv", *([".svg"] if self.plotted else [])]))
+
+    def json(self):
+        def flat(kind):
+            return [result for row in self.rows for result in self.results[kind][row.name]]
+
+        return json.dumps({"rows": flat("own"), "equal_count": self.equal_count, "equal_rows": flat("equal")}, indent=2) + "\n"
+
+
+# ---- Tables ----
+
+
+def mean_and_range(results, figure):
+    """Of the results that have the figure; the range (largest less smallest) is NaN of fewer than two, the mean of none."""
+    values = [result[figure] for result in results if result[figure] is not None]
+    mean = math.fsum(values) / len(values) if values else math.nan
+    return mean, max(values) - min(values) if len(values) > 1 else math.nan
+
+
+def cell(value, decimals, sign=""):
+    return f"{value:{sign}.{decimals}f}" if math.isfinite(value) else "-"
+
+
+def markdown_table(heads, rows):
+    lines = [heads, ["---", *["---:"] * (len(heads) - 1)], *rows]
+    return "".join(f"|{'|'.join(line)}|\n" if line[0] == "---" else f"| {' | '.join(line)} |\n" for line in lines)
+
+
+class Tables:
+    """TABLE.md for people; TABLE.csv with a line a row and seed and TABLE_curve.csv with a line a moment for machines."""
+
+    def __init__(self, ablation):
+        self.ablation, self.own, self.equal = ablation, ablation.results["own"], ablation.results["equal"]
+
+    def write(self):
+        a = self.ablation
+        write(f"{a.output}.md", self.markdown())
+        write(f"{a.output}.csv", self.csv(list(FIGURES), lambda result: [result]))
+        moment = ["step", "gaussians", "seconds", "cpu_seconds", *OF_MOMENT]
+        text = self.csv(moment, lambda result: result["moments"])
+        write(f"{a.output}_curve.csv", text.replace(",seconds,cpu_seconds,", ",training_seconds,training_cpu_seconds,", 1))
+
+    def csv(self, columns, lines):
+        text = io.StringIO()
+        table = csv.writer(text, lineterminator="\n")
+        table.writerow(["row", "seed", "count", *columns])
+        for kind, results in self.ablation.results.items():
+            for result in [result for results_of_row in results.values() for result in results_of_row]:
+                for line in lines(result):
+                    values = ["" if line[c] is None else f"{line[c]:.10g}" for c in columns]
+                    table.writerow([result["row"], result["seed"], kind, *values])
+        return text.getvalue()
+
+    def spread(self, figure):
+        """The largest range of all rows with several seeds: what chance alone may do. NaN where no row has several."""
+        ranges = [mean_and_range(results, figure)[1] for results in self.own.values()]
+        return max([r for r in ranges if math.isfinite(r)], default=math.nan)
+
+    def markdown(self):
+        a = self.ablation
+        page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
+        page += ("Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
+                 "scene's files. Training: wall clock and processor time. Render: mean of a frame of the held-out views.\n\n")  # fmt: skip
+        spreads = [(FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))]
+        if spreads:
+            page += "Spread over seeds (largest less smallest, the largest of all rows that were repeated): "
+            page += ", ".join(" ".join(s) for s in spreads) + ". A difference within it is called none.\n\n"
+        else:
+            page += "Each row was trained once: how much of a difference is chance is not known.\n\n"
+        page += self.figures(self.own)
+        if a.equal_count:
+            page += (f"\n## At equal count\n\nEach row that prunes by a score was pruned by it to {a.equal_count} Gaussians, the smallest of their "
+                     "counts, at the last prune, and trained on.\n\n") + self.figures(self.equal)  # fmt: skip
+        return page + self.equal_time() + self.options()
+
+    def figures(self, sets):
+        """Means of each finished row, and how it differs from `baseline`, else from the first row."""
+        done = {name: results for name, results in sets.items() if results}
+        shown = [f for f in FIGURES if any(result[f] is not None for results in done.values() for result in results)]
+        rows = []
+        for name, results in done.items():
+            rows.append([f"`{name}`"])
+            for figure in shown:
+                (mean, spread), (_, unit, decimals) = mean_and_range(results, figure), FIGURES[figure]
+                brackets = f" ({spread * unit:.{decimals}f})" if math.isfinite(spread) else ""
+                rows[-1].append(cell(mean * unit, decimals) + brackets)
+        page = markdown_table(["row", *(FIGURES[f][0] for f in shown)], rows)
+        if len(done) < 2:
+            return page
+        reference = "baseline" if "baseline" in done else next(iter(done))
+        qualities, rows = [q for q in QUALITIES if q in shown], []
+        for name, results in done.items():
+            if name == reference:
+                continue
+            rows.append([f"`{name}`"])
+            for figure in qualities:
+                difference = mean_and_range(results, figure)[0] - mean_and_range(done[reference], figure)[0]
+                none = abs(difference) <= self.spread(figure)
+                rows[-1].append("none" if none else cell(difference, FIGURES[figure][2], "+"))
+            for figure in RATIOS:
+                mean, of = mean_and_range(results, figure)[0], mean_and_range(done[reference], figure)[0]
+                rows[-1].append(f"{mean / of:.2f}x" if of else "-")
+        return f"{page}\nAgainst `{reference}`:\n\n" + markdown_table(["row", *(FIGURES[f][0] for f in [*qualities, *RATIOS])], rows)
+
+    def equal_time(self):
+        """What each row had reached when the quickest was done, and at half of that time."""
+        firsts = {name: results[0] for name, results in self.own.items() if results}
+        if len(firsts) < 2:
+            return ""
+        end = min(result["training_seconds"] for result in firsts.values())
+        heads = ["row", "PSNR, half", "PSNR", "PSNR-C, half", "PSNR-C", "PSNR-NC, half", "PSNR-NC"]
+        rows = []
+        for name, result in firsts.items():
+            values = [quality_at(result["moments"], when, key) for key in OF_MOMENT for when in (end / 2, end)]
+            rows.append([f"`{name}`", *(cell(value, 2) for value in values)])
+        return (f"\nAt equal time: what each row had reached after {end / 2:.0f} s and after {end:.0f} s of training, when the quickest was done (first "
+                f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n") + markdown_table(heads, rows)  # fmt: skip
+
+    def options(self):
+        common = f", each behind `{' '.join(self.ablation.train)}`" if self.ablation.train else ""
+        page = f"\nRows, as options of `pags train`{common}:\n\n"
+        for row in self.ablation.rows:
+            train = f"`{' '.join(row.train.words())}`" if row.train.given else "no other"
+            evaluated = f"; evaluated with `{' '.join(row.eval.words())}`" if row.eval.given else ""
+            page += f"- `{row.name}`: {train}{evaluated}{'' if self.own[row.name] else '; not finished'}\n"
+        return page
+
+
+def quality_at(moments, seconds, key):
+    """Quality at a time, between moments interpolated; NaN before the first."""
+    number = [(m["seconds"], math.nan if m[key] is None else m[key]) for m in moments]
+    for (t0, q0), (t1, q1) in zip([(math.nan, math.nan), *number], number):
+        if t1 > seconds:
+            return q0 + (q1 - q0) * (seconds - t0) / (t1 - t0)
+    return number[-1][1]
+
+
+# ---- Plots ----
+
+
+def write_plots(ablation):
+    """TABLE.svg: quality against time; over alpha and over a grid of rates, where rows differ in that part alone. False without matplotlib."""
+    try:
+        import matplotlib
+    except ImportError:
+        ablation.progress.say(f"no {ablation.output}.svg: the plot needs matplotlib, which this Python lacks (python3 -m pip install matplotlib)")
+        return False
+    matplotlib.use("Agg")
+    matplotlib.rcParams["svg.fonttype"] = "none"
+    from matplotlib import pyplot
+
+    own = ablation.results["own"]
+    critical = any(math.isfinite(mean_and_range(results, "psnr_critical")[0]) for results in own.values())
+    qualities = {"PSNR": "psnr", "PSNR, critical pixels": "psnr_critical", "PSNR, other pixels": "psnr_noncritical"}
+    qualities = dict(list(qualities.items())[: 3 if critical else 1])
+    panels = []
+    for title, key in qualities.items():
+        lines = {name: [(m["seconds"], m[key]) for m in results[0]["moments"]] for name, results in own.items() if results}
+        panels.append((f"{title} against training time", "seconds of training", "dB, held-out views", lines))
+    for title, rows in families(ablation.rows, "alpha=").items():
+        for results, kind in [(own, ""), (ablation.results["equal"], ", at equal count")]:
+            done = sorted([row for row in rows if results[row.name]], key=lambda row: row.alpha)
+            if len(done) > 1:
+                lines = {q: [(row.alpha, mean_and_range(results[row.name], key)[0]) for row in done] for q, key in qualities.items()}
+                panels.append((f"Over alpha{kind}{title}", "alpha: the share of the semantic score", "PSNR, dB, held-out views", lines))
+    figures = [("PSNR, dB", "psnr", 1, 2), ("PSNR of critical pixels, dB", "psnr_critical", 1, 2),
+               ("thousands of Gaussians", "gaussians", 1e-3, 1), ("seconds of training", "training_seconds", 1, 0)]  # fmt: skip
+    for title, rows in families(ablation.rows, "rate=").items():
+        for name, key, unit, decimals in figures if len(rows) > 1 else []:
+            cells = {tuple(row.rates): unit * mean_and_range(own[row.name], key)[0] for row in rows}
+            if key != "psnr_critical" or critical:
+                panels.append((f"{name}{title}", "% pruned afterwards", "% pruned while densifying", (cells, decimals)))
+
+    down = (len(panels) + 1) // 2
+    figure = pyplot.figure(figsize=(14, 5 * down), layout="constrained")
+    for number, (title, x_name, y_name, content) in enumerate(panels, 1):
+        axes = figure.add_subplot(down, 2, number)
+        axes.set(title=title, xlabel=x_name, ylabel=y_name)
+        if isinstance(content, dict):
+            for name, points in content.items():
+                axes.plot([x for x, _ in points], [math.nan if y is None else y for _, y in points], marker=".", label=name)
+            axes.legend(fontsize="small")
+            continue
+        cells, decimals = content
+        soft, hard = (list(dict.fromkeys(rates[k] for rates in cells)) for k in (0, 1))
+        axes.imshow([[cells.get((s, h), math.nan) for h in hard] for s in soft], aspect="auto")
+        axes.set_xticks(range(len(hard)), hard)
+        axes.set_yticks(range(len(soft)), soft)
+        for (s, h), value in cells.items():
+            axes.text(hard.index(h), soft.index(s), cell(value, decimals), ha="center", va="center", backgroundcolor="white")
+    text = io.StringIO()
+    figure.savefig(text, format="svg")
+    pyplot.close(figure)
+    write(f"{ablation.output}.svg", text.getvalue())
+    return True
+
+
+def families(rows, what):
+    """Rows whose names differ in the value of one part alone, by what else their names say."""
+    found = {}
+    for row in rows:
+        parts = row.name.split("+")
+        rest = "+".join(part for part in parts if not part.startswith(what))
+        if rest != row.name:
+            found.setdefault(f", {rest}" if rest else "", []).append(row)
+    return found
+
+
+# ---- Command line ----
+
+
+class Parser(argparse.ArgumentParser):
+    def error(self, message):
+        self.exit(2, f"{self.prog}: {message}; '{self.prog} --help' lists the options\n")
+
+
+def whole(least, most=2**63 - 1):
+    def parse(text):
+        value = int(text)
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got '{text}'")
+        return value
+
+    parse.__name__ = "whole number"
+    return parse
+
+
+def parse_arguments(words):
+    own, rest = words, []
+    if "--" in words:
+        own, rest = words[: words.index("--")], words[words.index("--") + 1 :]
+    for i in range(len(own) - 1, 0, -1):
+        if own[i - 1] == "--rows":  # rows may begin with dashes
+            own[i - 1 : i + 1] = [f"--rows={own[i]}"]
+    built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
+    p = Parser("ablation.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
+               epilog="Ctrl-C stops with everything saved; the same command goes on. Any other option of pags train follows --, at the end.")  # fmt: skip
+    p.add_argument("dataset", metavar="DATASET", help="as for pags train")
+    p.add_argument("-o", "--output", metavar="TABLE", required=True,
+                   help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")  # fmt: skip
+    p.add_argument("-n", "--iterations", type=whole(1), default=5000, metavar="N", help="steps of each training [default %(default)s]")
+    p.add_argument("--rows", default="baseline,sp,sd,sp+sd,spr,pdr,spr+pdr", metavar="NAME,...",
+                   help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/ablation.md); any option of "
+                   "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")  # fmt: skip
+    p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")
+    p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
+    p.add_argument("--equal-count", action="store_true", help="compare rows that prune at equal count, too: the smallest of their counts")
+    p.add_argument("--moments", type=whole(1, MOST_MOMENTS), default=8, metavar="N",
+                   help="measure held-out quality N times, evenly over the steps [default %(default)s]")  # fmt: skip
+    p.add_argument("--moment-views", type=whole(1, 10**6), default=12, metavar="N", help="on N held-out views [default %(default)s]")
+    p.add_argument("--lpips-weights", metavar="FILE", help="as for pags eval [default: no LPIPS]")
+    for name in PASSED:
+        p.add_argument(f"--{name}", metavar="VALUE", help="for every row, as for pags train")
+    p.add_argument("-j", "--threads", type=whole(0, 256), default=0, metavar="N", help="threads [default: as affinity and cgroup allow]")
+    p.add_argument("--json", metavar="FILE|-", help="write the results as JSON to FILE, or to standard output")
+    p.add_argument("-q", "--quiet", action="store_true", help="print nothing but errors")
+    p.add_argument("--pags", default=os.path.normpath(built), metavar="PROGRAM", help="the program pags [default build/pags]")
+    p.add_argument("--check-options", action="store_true", help="check rows and options, do nothing")
+    given = p.parse_args(own)
+    if given.moments > given.iterations:
+        p.error("--moments: expected at most --iterations")
+    return given, rest
+
+
+def main():
+    given, rest = parse_arguments(sys.argv[1:])
+    ablation = None
+    try:
+        ablation = Ablation(given, rest)
+        ablation.check_rows()
+        if given.check_options:
+            return 0
+        os.makedirs(ablation.folder, exist_ok=True)
+        ablation.check_settings()
+        ablation.run()
+        if given.json == "-":
+            sys.stdout.write(ablation.json())
+        elif given.json:
+            write(given.json, ablation.json())
+        return 0
+    except Interrupted:
+        code, message = 3, "interrupted; the same command goes on from here"
+    except (Failure, OSError) as error:
+        code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
+    if ablation:
+        ablation.progress.say("", False)
+    print(f"ablation.py: {message}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
