@@ -61,9 +61,9 @@ valgrind: all
 	sh tests/valgrind.sh build/pags
 
 bench: build/demo/scene/scene.json
-	build/pags bench roofline build/demo/scene
-	build/pags bench stages build/demo/scene
-	build/pags bench error build/demo/scene --downscale 2
+	build/pags-bench roofline build/demo/scene
+	build/pags-bench stages build/demo/scene
+	build/pags-bench error build/demo/scene --downscale 2
 
 build/demo/scene/scene.json:
 	$(MAKE) demo

@@ -1,15 +1,19 @@
-/* pags bench: what the engine costs and what it gets wrong, on a scene or a data set of the user's. */
+/* pags-bench: the program that measures what the engine costs and what it gets wrong, on a scene or a data set of the user's. It is apart from
+ * pags because `error` needs the double-precision renderer of the tests. */
+#include "benchmarks/bench.h"
+#include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
 #include "cli/path.h"
 #include "cli/session.h"
-#include "cli/verbs.h"
-#include "cli/viewpoints.h"
 
 #include <base/file.h>
-#include "benchmarks/bench.h"
+#include <locale.h>
 #include <pags/compose.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+
+const char pags_program_name[] = "pags-bench";
 
 typedef struct bench_arguments {
   pags_session session;
@@ -58,7 +62,7 @@ static const pags_positional train_positionals[] = {{"DATASET", "as for pags tra
 
 #define SCENE_VERB(what, text)                                                                          \
   {                                                                                                     \
-    .name = "bench " what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, \
+    .name = what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, \
     .options = scene_options                                                                            \
   }
 
@@ -72,7 +76,7 @@ static const pags_verb roofline_verb =
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
 static const pags_verb error_verb = {
-    .name = "bench error",
+    .name = "error",
     .usage = "SCENE [options]",
     .about =
         "Each approximation of the engine: its largest and mean error against a renderer in double precision or against the engine "
@@ -82,7 +86,7 @@ static const pags_verb error_verb = {
     .positionals = scene_positionals,
     .options = error_options};
 static const pags_verb train_verb = {
-    .name = "bench train",
+    .name = "train",
     .usage = "DATASET -o SCENE [options]",
     .about =
         "Trains and reports milliseconds by stage, held-out PSNR against seconds, when whole decibels were "
@@ -211,36 +215,14 @@ static pags_result run_training(bench_arguments *arguments) {
   return result;
 }
 
-static const struct bench_entry {
-  const char *name;
+typedef struct bench_entry {
   const pags_verb *verb;
   scene_bench *on_scene; /* NULL: training */
   double downscale;
   int repetitions;
-} entries[] = {
-    {"stages", &stages_verb, pags_bench_stages, 1, 10},
-    {"roofline", &roofline_verb, pags_bench_roofline, 1, 10},
-    {"train", &train_verb, NULL, 1, 10},
-#ifdef PAGS_WITH_REFERENCE
-    {"error", &error_verb, pags_bench_error, 4, 3},
-#endif
-};
-enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
+} bench_entry;
 
-static void print_help(void) {
-  printf("usage: pags bench WHAT ...\n\n");
-  for (int i = 0; i < ENTRY_COUNT; i++)
-    printf("  %-9s %s\n", entries[i].name, entries[i].verb->about);
-  printf("  %-9s %s\n", "render", "Speed of drawing against error, mode by mode and stage by stage; table, CSV and plot.");
-  printf("  %-9s %s\n", "scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.");
-  printf("  %-9s %s\n", "ablation", "Trains once for each set of options and compares quality, size and time.");
-  printf("\n'pags bench WHAT --help' lists its options with units and defaults.\n");
-#ifndef PAGS_WITH_REFERENCE
-  printf("'error' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS).\n");
-#endif
-}
-
-static int run_entry(const struct bench_entry *entry, int argc, char **argv) {
+static int run_entry(const bench_entry *entry, int argc, char **argv) {
   bench_arguments arguments = {.views = 4,
                                .repetitions = entry->repetitions,
                                .split_every = 8,
@@ -260,22 +242,59 @@ static int run_entry(const struct bench_entry *entry, int argc, char **argv) {
   return pags_session_end(&arguments.session, result);
 }
 
-int pags_verb_bench(int argc, char **argv) {
-  if (argc > 0 && (!strcmp(argv[0], "--help") || !strcmp(argv[0], "-h"))) {
+static const bench_entry entries[] = {
+    {&stages_verb, pags_bench_stages, 1, 10},
+    {&roofline_verb, pags_bench_roofline, 1, 10},
+    {&train_verb, NULL, 1, 10},
+#ifdef PAGS_WITH_REFERENCE
+    {&error_verb, pags_bench_error, 4, 3},
+#endif
+};
+enum { ENTRY_COUNT = sizeof entries / sizeof entries[0] };
+
+/* Benches with a file of their own. */
+static const struct own_entry {
+  const char *name, *about;
+  int (*run)(int argc, char **argv);
+} own_entries[] = {
+    {"render", "Speed of drawing against error, mode by mode and stage by stage; table, CSV and plot.", pags_bench_render},
+    {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.", pags_bench_scale},
+#ifdef PAGS_WITH_PROXIES
+    {"proxies", "Distances of exported proxies from the true meshes of a synthetic street.", pags_bench_proxies},
+#endif
+};
+enum { OWN_COUNT = sizeof own_entries / sizeof own_entries[0] };
+
+static void print_help(void) {
+  printf("usage: pags-bench WHAT ...\n\n");
+  for (int i = 0; i < ENTRY_COUNT; i++)
+    printf("  %-9s %s\n", entries[i].verb->name, entries[i].verb->about);
+  for (int i = 0; i < OWN_COUNT; i++)
+    printf("  %-9s %s\n", own_entries[i].name, own_entries[i].about);
+  printf("\n'pags-bench WHAT --help' lists its options with units and defaults. benchmarks/ablation.py trains once for each set of options and\n"
+         "compares quality, size and time.\n");
+#ifndef PAGS_WITH_REFERENCE
+  printf("'error' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS).\n");
+#endif
+#ifndef PAGS_WITH_PROXIES
+  printf("'proxies' is not in this build, which lacks pags synth or pags export.\n");
+#endif
+}
+
+int main(int argc, char **argv) {
+  setlocale(LC_ALL, "C");
+  signal(SIGPIPE, SIG_IGN); /* as in pags */
+  const char *const what = argc > 1 ? argv[1] : "";
+  if (!strcmp(what, "--help") || !strcmp(what, "-h")) {
     print_help();
     return PAGS_EXIT_OK;
   }
-  for (int i = 0; argc > 0 && i < ENTRY_COUNT; i++)
-    if (!strcmp(argv[0], entries[i].name))
-      return run_entry(&entries[i], argc - 1, argv + 1);
-  if (argc > 0 && !strcmp(argv[0], "render"))
-    return pags_verb_bench_render(argc - 1, argv + 1);
-  if (argc > 0 && !strcmp(argv[0], "scale"))
-    return pags_verb_bench_scale(argc - 1, argv + 1);
-  if (argc > 0 && !strcmp(argv[0], "ablation"))
-    return pags_verb_ablation(argc - 1, argv + 1);
-  fprintf(stderr,
-          "pags bench: expected stages, roofline, render, scale, train, ablation or error; 'pags bench --help' tells what each "
-          "measures\n");
+  for (int i = 0; i < ENTRY_COUNT; i++)
+    if (!strcmp(what, entries[i].verb->name))
+      return run_entry(&entries[i], argc - 2, argv + 2);
+  for (int i = 0; i < OWN_COUNT; i++)
+    if (!strcmp(what, own_entries[i].name))
+      return own_entries[i].run(argc - 2, argv + 2);
+  fprintf(stderr, "pags-bench: expected stages, roofline, train, error, render, scale or proxies; 'pags-bench --help' tells what each measures\n");
   return PAGS_EXIT_USAGE;
 }

@@ -1,4 +1,4 @@
-/* The measurements behind `pags bench`. Each prints a table for people and puts an object for machines.
+/* The measurements behind `pags-bench`. Each prints a table for people and puts an object for machines.
  *
  * Times are minima over repetitions: what the machine can do when nothing else disturbs it. */
 #ifndef PAGS_BENCHMARKS_BENCH_H

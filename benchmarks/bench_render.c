@@ -1,13 +1,13 @@
-/* pags bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
+/* pags-bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
+#include "benchmarks/modes.h"
+#include "benchmarks/plot.h"
+#include "benchmarks/verbs.h"
 #include "cli/deadline.h"
 #include "cli/interrupt.h"
 #include "cli/path.h"
-#include "benchmarks/plot.h"
 #include "cli/session.h"
-#include "cli/verbs.h"
 
 #include <base/file.h>
-#include "benchmarks/modes.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
@@ -46,7 +46,7 @@ static const pags_option options[] = {
 static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
 
 static const pags_verb verb = {
-    .name = "bench render",
+    .name = "render",
     .usage = "SCENE [options]",
     .about = "Draws the same pictures by several modes, taking turns, and reports for each: milliseconds by stage (median, 10 and "
              "90 per cent of all frames), pictures a second, how much was loaded, shaded, binned, tested and blended, bytes moved by "
@@ -426,7 +426,7 @@ static void destroy(render_bench *self) {
   pags_path_destroy(&self->path);
 }
 
-int pags_verb_bench_render(int argc, char **argv) {
+int pags_bench_render(int argc, char **argv) {
   render_bench_arguments arguments = {.modes = "off,lossless,bounded", .frames = 12, .repetitions = 5, .exp_degree = 1};
   render_bench self = {.arguments = &arguments};
   pags_parsed parsed;

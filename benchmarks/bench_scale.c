@@ -1,16 +1,16 @@
-/* pags bench scale: whether the time of a frame follows what is visible or what exists.
+/* pags-bench scale: whether the time of a frame follows what is visible or what exists.
  *
  * A scene's background is copied along a street, so that more and more exists while the same cameras look from the first copy. Twice
  * for each number: as parts that share one set of rows (memory of one copy, whatever the number: time alone is measured), and as a real
  * packed file with every row in it, mapped. */
+#include "benchmarks/modes.h"
+#include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
 #include "cli/path.h"
 #include "cli/session.h"
-#include "cli/verbs.h"
 
 #include <base/file.h>
 #include <base/sort.h>
-#include "benchmarks/modes.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
@@ -47,7 +47,7 @@ static const pags_option options[] = {
 static const pags_positional positionals[] = {{"SCENE", "a scene folder; its background is copied (pags synth town)"}, {NULL, NULL}};
 
 static const pags_verb verb = {
-    .name = "bench scale",
+    .name = "scale",
     .usage = "SCENE [options]",
     .about = "Copies a scene's background along x until there are so many Gaussians and draws the same views: milliseconds against "
              "what exists, what is in view and what is loaded, and memory. Shared: copies are parts over the same rows, which costs "
@@ -385,7 +385,7 @@ static void destroy(scale_bench *self) {
   free(self->table);
 }
 
-int pags_verb_bench_scale(int argc, char **argv) {
+int pags_bench_scale(int argc, char **argv) {
   scale_arguments arguments = {.millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
   scale_bench self = {.arguments = &arguments};
   pags_parsed parsed;

@@ -1,4 +1,4 @@
-/* What `pags bench error` finds out: a row for each approximation of the engine. Internal to benchmarks/. */
+/* What `pags-bench error` finds out: a row for each approximation of the engine. Internal to benchmarks/. */
 #ifndef PAGS_BENCHMARKS_ERROR_H
 #define PAGS_BENCHMARKS_ERROR_H
 

@@ -1,4 +1,4 @@
-/* What bench_proxies is in the middle of. */
+/* What pags-bench proxies is in the middle of. */
 #ifndef PAGS_BENCHMARKS_PROXIES_H
 #define PAGS_BENCHMARKS_PROXIES_H
 
@@ -7,9 +7,11 @@
 #include <synth/stage.h>
 #include <synth/street_labels.h>
 
+#include "cli/session.h"
 #include "glb.h"
 
 typedef struct pags_proxy_bench {
+  pags_session session;
   pags_scene scene;
   pags_glb file;
   pags_street_options options;

@@ -295,7 +295,7 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   double share = (double)to->seen_count / (double)(to->seen_count + to->rest_count);
   int good = back.mean <= mean_bound && seen.mean <= mean_bound && shown >= iou_bound && topology.closed;
   self->failures += !good;
-  printf("%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
+  pags_say(&self->session, "%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
          "near observed %2.0f %%, IoU alone %.3f, shown %.3f, %s%s\n",
          v->record->id, (long long)v->pixels, back.mean, back.p95, back.max, seen.mean, seen.p95, seen.max, rest.mean, rest.p95,
          rest.max, 100 * share, alone, shown, topology.closed ? "closed" : "OPEN", good ? "" : "  <<<");
@@ -320,7 +320,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
     if (!self->scene.views[i].test)
       PAGS_TRY(take_view(self, v, &self->scene.views[i]));
   if (!v->cloud.count) {
-    printf("%-16s is seen by no training camera\n", v->record->id);
+    pags_say(&self->session, "%-16s is seen by no training camera\n", v->record->id);
     return PAGS_OK;
   }
   thin(v);

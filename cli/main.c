@@ -8,6 +8,8 @@
 #include <stdio.h>
 #include <string.h>
 
+const char pags_program_name[] = "pags";
+
 typedef struct verb_entry {
   const char *name, *summary;
   int (*run)(int argc, char **argv); /* NULL: not in this build */
@@ -30,11 +32,6 @@ typedef struct verb_entry {
 #else
 #define IF_IMPORT(function) NULL, "the library import"
 #endif
-#ifdef PAGS_WITH_BENCH
-#define IF_BENCH(function) function, NULL
-#else
-#define IF_BENCH(function) NULL, "the folder benchmarks/"
-#endif
 
 static const verb_entry verbs[] = {
     {"train", "reconstruct a scene from posed photographs", pags_verb_train, NULL},
@@ -44,7 +41,6 @@ static const verb_entry verbs[] = {
     {"export", "write proxy geometry or splat files of a scene", IF_EXPORT(pags_verb_export)},
     {"import", "turn a recording of KITTI or Waymo into a data set", IF_IMPORT(pags_verb_import)},
     {"synth", "write a data set with known truth, ray-traced", IF_SYNTH(pags_verb_synth)},
-    {"bench", "measure speed and error", IF_BENCH(pags_verb_bench)},
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
@@ -59,6 +55,10 @@ static void print_help(void) {
 }
 
 static int unknown_verb(const char *name) {
+  if (!strcmp(name, "bench")) {
+    fprintf(stderr, "pags: 'bench' is a program of its own by now: pags-bench, in the folder that the build is in\n");
+    return PAGS_EXIT_USAGE;
+  }
   const char *names[VERB_COUNT + 1];
   for (int i = 0; i < VERB_COUNT; ++i)
     names[i] = verbs[i].name;

@@ -18,7 +18,7 @@ static bool is_end(const pags_option *option) {
 
 int pags_usage_error(const pags_verb *verb, const char *format, ...) {
   va_list list;
-  fprintf(stderr, "pags %s: ", verb->name);
+  fprintf(stderr, "%s %s: ", pags_program_name, verb->name);
   va_start(list, format);
   vfprintf(stderr, format, list);
   va_end(list);
@@ -89,7 +89,7 @@ static pags_parse_status unknown_option(const pags_verb *verb, const char *name,
   if (nearest)
     pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
   else
-    pags_usage_error(verb, "unknown option '--%s'; 'pags %s --help' lists them", word, verb->name);
+    pags_usage_error(verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name, verb->name);
   return PAGS_PARSE_USAGE;
 }
 
@@ -381,7 +381,7 @@ static int take_short(pags_parsed *parsed, const char *argument, char **next, vo
   const pags_option *option = find_short(parsed->verb, argument[1]);
   char shown[3] = {'-', argument[1], 0};
   if (!option) {
-    pags_usage_error(parsed->verb, "unknown option '%s'; 'pags %s --help' lists them", argument, parsed->verb->name);
+    pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name, parsed->verb->name);
     return -1;
   }
   const char *value = argument[2] == '=' ? argument + 3 : argument[2] ? argument + 2 : NULL;
@@ -399,15 +399,15 @@ static int positional_count(const pags_verb *verb) {
 static pags_parse_status check_complete(const pags_parsed *parsed, int positionals) {
   const pags_verb *verb = parsed->verb;
   if (positionals < positional_count(verb)) {
-    pags_usage_error(verb, "%s is missing; usage: pags %s %s", verb->positionals[positionals].metavar, verb->name,
-                     verb->usage);
+    pags_usage_error(verb, "%s is missing; usage: %s %s %s", verb->positionals[positionals].metavar, pags_program_name,
+                     verb->name, verb->usage);
     return PAGS_PARSE_USAGE;
   }
   for (const pags_option *option = verb->options; !is_end(option); ++option)
     if (option->required && !was_given(parsed, option)) {
-      pags_usage_error(verb, "%s%c%s%s %s is missing; usage: pags %s %s", option->short_name ? "-" : "",
+      pags_usage_error(verb, "%s%c%s%s %s is missing; usage: %s %s %s", option->short_name ? "-" : "",
                        option->short_name ? option->short_name : '-', option->short_name ? "" : "-",
-                       option->short_name ? "" : option->name, option->metavar, verb->name, verb->usage);
+                       option->short_name ? "" : option->name, option->metavar, pags_program_name, verb->name, verb->usage);
       return PAGS_PARSE_USAGE;
     }
   return PAGS_PARSE_OK;
@@ -445,7 +445,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     } else if (positionals < limit) {
       parsed->positionals[positionals++] = argument;
     } else {
-      pags_usage_error(verb, "unexpected '%s'; usage: pags %s %s", argument, verb->name, verb->usage);
+      pags_usage_error(verb, "unexpected '%s'; usage: %s %s %s", argument, pags_program_name, verb->name, verb->usage);
       return PAGS_PARSE_USAGE;
     }
   }
@@ -568,7 +568,7 @@ static void print_option(const pags_option *option, const void *defaults) {
 
 void pags_options_help(const pags_verb *verb, const void *defaults) {
   char usage[512];
-  snprintf(usage, sizeof usage, "usage: pags %s %s", verb->name, verb->usage);
+  snprintf(usage, sizeof usage, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
   print_wrapped(usage, 0, 0);
   putchar('\n');
   print_wrapped(verb->about, 0, 0);

@@ -14,6 +14,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* The program's name in messages and help: "pags". Each program that links these files defines it. */
+extern const char pags_program_name[];
+
 /* Exit codes of the program. */
 enum { PAGS_EXIT_OK = 0, PAGS_EXIT_FAILED = 1, PAGS_EXIT_USAGE = 2, PAGS_EXIT_INTERRUPTED = 3 };
 
@@ -112,7 +115,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
 /* Whether the option was on the command line; `name` must be in the table. */
 bool pags_option_given(const pags_parsed *parsed, const char *name);
 
-/* Prints "pags VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
+/* Prints "PROGRAM VERB: <message>" on stderr; returns PAGS_EXIT_USAGE. */
 int pags_usage_error(const pags_verb *verb, const char *format, ...)
 #if defined(__GNUC__)
     __attribute__((format(printf, 2, 3)))

@@ -37,7 +37,7 @@ int pags_session_end(pags_session *session, pags_result result) {
     fflush(session->people);
   if (result == PAGS_OK)
     return PAGS_EXIT_OK;
-  fprintf(stderr, "pags: %s\n", pags_error_message());
+  fprintf(stderr, "%s: %s\n", pags_program_name, pags_error_message());
   return result == PAGS_CANCELLED && pags_interrupted() ? PAGS_EXIT_INTERRUPTED : PAGS_EXIT_FAILED;
 }
 

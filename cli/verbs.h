@@ -9,9 +9,5 @@ int pags_verb_export(int argc, char **argv);
 int pags_verb_info(int argc, char **argv);
 int pags_verb_import(int argc, char **argv);
 int pags_verb_synth(int argc, char **argv);
-int pags_verb_bench(int argc, char **argv);
-int pags_verb_bench_render(int argc, char **argv); /* pags bench render */
-int pags_verb_ablation(int argc, char **argv); /* pags bench ablation */
-int pags_verb_bench_scale(int argc, char **argv);  /* pags bench scale */
 
 #endif

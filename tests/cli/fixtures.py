@@ -35,7 +35,7 @@ SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 
 
 def run(*arguments, timeout=300, **more):
-    """Runs pags; the result has returncode, stdout and stderr as text."""
+    """Runs the program under test; the result has returncode, stdout and stderr as text."""
     return subprocess.run([PAGS, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, **more)
 
 
@@ -218,13 +218,14 @@ class Case(unittest.TestCase):
         return done
 
     def fails(self, arguments, *words, code=1, **more):
-        """One line on stderr beginning with "pags" that holds each of `words`; nothing else of ours there. (libpng
+        """One line on stderr beginning with the program's name that holds each of `words`; nothing else of ours there. (libpng
         prints a line of its own where a file ends too early.)"""
         done = run(*arguments, **more)
         self.assertEqual(done.returncode, code, f"{arguments}: {done.stdout}{done.stderr}")
         lines = [line for line in done.stderr.splitlines() if not line.startswith("libpng ")]
         self.assertEqual(len(lines), 1, f"{arguments}: expected one line, got {done.stderr!r}")
-        self.assertTrue(lines[0].startswith("pags: " if code == 1 else "pags"), lines[0])
+        name = os.path.basename(PAGS)
+        self.assertTrue(lines[0].startswith(f"{name}: " if code == 1 else name), lines[0])
         for word in words:
             self.assertIn(str(word), lines[0])
         return lines[0]

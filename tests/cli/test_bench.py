@@ -1,8 +1,9 @@
-"""pags bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No time is asserted."""
+"""pags-bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No time is asserted."""
 
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 import xml.dom.minidom
@@ -16,7 +17,7 @@ CAMERA = {**FRONT, "camera_from_world_translation": [0, 0, 5]}
 class Bench(Case):
     def render(self, *more):
         scene = self.write("a.ply", ply_bytes(some_splats()))
-        return ["bench", "render", scene, "-n", 2, "-r", 2, "--sizes", "64x48,96x54", *more]
+        return ["render", scene, "-n", 2, "-r", 2, "--sizes", "64x48,96x54", *more]
 
     def test_files(self):
         files = ["--csv", self.path("a.csv"), "--plot", self.path("a.svg"), "--json", self.path("a.json")]
@@ -58,7 +59,7 @@ class Bench(Case):
         scene = self.write("many.ply", ply_bytes(3 * some_splats()))
         camera = self.write("camera.json", json.dumps(CAMERA))
         done = self.succeeds(
-            *["bench", "scale", scene, "--camera", camera, "--millions", "0.001,0.002", "--scratch", self.path()],
+            *["scale", scene, "--camera", camera, "--millions", "0.001,0.002", "--scratch", self.path()],
             *["--spacing", 3, "-n", 1, "-r", 1, "--csv", self.path("s.csv"), "--json", "-"],
         )
         rows = json.loads(done.stdout)["rows"]
@@ -76,10 +77,10 @@ class Bench(Case):
         self.assertEqual([n for n in os.listdir(self.path()) if n.endswith(".pagsz")], [])
 
     def errors(self, splats, *more):
-        """Rows of bench error by name."""
+        """Rows of pags-bench error by name."""
         scene = self.write("a.ply", ply_bytes(splats))
         camera = self.write("camera.json", json.dumps(CAMERA))
-        self.succeeds("bench", "error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more)
+        self.succeeds("error", scene, "--camera", camera, "--downscale", 1, "-r", 1, "--json", self.path("e.json"), *more)
         rows = json.loads(read(self.path("e.json")))["rows"]
         self.assertEqual(len({row["name"] for row in rows}), len(rows))
         return {row["name"]: row for row in rows}
@@ -128,8 +129,26 @@ class Bench(Case):
         self.fails(self.render("--repetitions", "0"), "repetitions", code=2)
         self.fails(self.render("--modes", "off,fast"), "got 'fast'")
         scene = self.write("a.ply", ply_bytes(some_splats()))
-        self.fails(["bench", "error", scene, "--markdown", self.path("none/e.md")], "none/e.md")
-        self.fails(["bench", "error", scene, "--repetitions", 0], "repetitions", code=2)
+        self.fails(["error", scene, "--markdown", self.path("none/e.md")], "none/e.md")
+        self.fails(["error", scene, "--repetitions", 0], "repetitions", code=2)
+        self.assertIn("pags-bench render: ", self.fails(["render"], "SCENE is missing; usage: pags-bench render SCENE", code=2))
+        for arguments in [[], ["nothing"]]:
+            self.fails(arguments, "expected stages, roofline", "render", code=2)
+
+    def test_help(self):
+        top = self.succeeds("--help").stdout
+        for what in ["stages", "roofline", "train", "render", "scale"]:
+            self.assertIn(f"\n  {what} ", top)
+            shown = self.succeeds(what, "--help").stdout
+            self.assertTrue(shown.startswith(f"usage: pags-bench {what} "), shown)
+
+    def test_manual_names_every_option(self):
+        manual = read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
+        chapter = manual.split("\n## pags-bench\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
+        for what in ["stages", "roofline", "error", "train"]:
+            shown = fixtures.run(what, "--help").stdout  # nothing where this build lacks it
+            for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
+                self.assertTrue(name in chapter or name == "--help", f"{what} {name} is not in docs/command-line.md")
 
 
 if __name__ == "__main__":

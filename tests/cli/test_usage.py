@@ -7,7 +7,7 @@ import fixtures
 from fixtures import Case, run
 
 VERBS = ["train", "render", "eval", "info"]
-OPTIONAL_VERBS = ["import", "synth", "bench"]  # not in every build
+OPTIONAL_VERBS = ["import", "synth"]  # not in every build
 
 
 class Usage(Case):
@@ -20,6 +20,11 @@ class Usage(Case):
     def test_unknown_verb_suggests(self):
         self.refused(["trian"], "trian", "'train'")
         self.refused(["qqqqqqq"], "qqqqqqq", "--help")
+
+    def test_benchmarks_are_a_program_of_their_own(self):
+        for arguments in [["bench"], ["bench", "stages", "x"], ["bench", "--help"]]:
+            self.refused(arguments, "'bench'", "pags-bench")
+        self.assertNotIn("bench", self.succeeds("--help").stdout)
 
     def test_missing_positional_and_output(self):
         self.refused(["train"], "pags train:", "DATASET is missing")
@@ -98,9 +103,8 @@ class Usage(Case):
 
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
-        bench = [["bench", what] for what in ["stages", "roofline", "error", "train"]]
-        for verb, *what in [*[[verb] for verb in VERBS], ["import"], ["synth"], *bench]:
-            shown = run(verb, *what, "--help").stdout  # nothing where this build lacks it
+        for verb in [*VERBS, "import", "synth"]:
+            shown = run(verb, "--help").stdout  # nothing where this build lacks it
             chapter = manual.split(f"\n## {verb}\n")[-1].split("\n## ")[0] + manual.split("\n## train\n")[0]
             for name in re.findall(r"^  (?:-., |    )(--[a-z0-9-]+)", shown, re.M):
                 self.assertTrue(name in chapter or name == "--help", f"{verb} {name} is not in docs/command-line.md")

@@ -1,0 +1,16 @@
+/* What the measurements of pags-bench proxies share: the time that the street stands at, and distances in the report. */
+#include "proxies.h"
+
+pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {
+  if (time == self->stage_time)
+    return PAGS_OK;
+  self->stage_time = time;
+  pags_street_set_time(&self->street, time);
+  int first = self->street.first_moving, count = self->street.placement_count - first;
+  return count > 0 ? pags_stage_commit(self->stage, first, count) : PAGS_OK;
+}
+
+void pags_proxy_bench_put(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+  const double values[3] = {d->mean, d->p95, d->max};
+  pags_json_put_numbers(w, key, values, 3);
+}
