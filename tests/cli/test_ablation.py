@@ -19,14 +19,8 @@ SMALL = ["--max-gaussians", "1500", "--", "--random-points", "500"]
 
 
 SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../benchmarks/ablation.py")
-
-
-def load_script():
-    sys.dont_write_bytecode = True
-    spec = importlib.util.spec_from_file_location("ablation", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+sys.path.insert(0, os.path.dirname(SCRIPT))
+import ablation  # noqa: E402
 
 
 class Ablation(DataCase):
@@ -205,7 +199,7 @@ class Ablation(DataCase):
         self.refuses("sh=1", "--no-such-thing", words=["--no-such-thing"], code=2)
 
     def test_options_of_rows(self):
-        row = load_script().Row
+        row = ablation.Row
         for name, words in [
             ("baseline", ""),
             ("alpha=0.2", "--preset short --alpha 0.2 --dropout --dropout-beta 0.5"),
@@ -223,7 +217,7 @@ class Ablation(DataCase):
 
     def test_what_is_no_file_is_written_to(self):
         """Links are followed, a FIFO is not replaced."""
-        write = load_script().write
+        write = ablation.write
         os.mkfifo(self.path("fifo"))
         reader = subprocess.Popen(["cat", self.path("fifo")], stdout=subprocess.PIPE, text=True)
         write(self.path("fifo"), "text")
