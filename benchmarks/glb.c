@@ -1,4 +1,4 @@
-/* Reading what bench_proxies measures. */
+/* Reading what pags-bench proxies measures. */
 #include "glb.h"
 
 #include <stdlib.h>

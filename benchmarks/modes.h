@@ -74,7 +74,7 @@ void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
 double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
                          const pags_frame_options *options);
 
-/* What a forward frame moves, as `pags bench stages` counts it. `clusters`: that there are; `packed`: rows are read packed. */
+/* What a forward frame moves, as `pags-bench stages` counts it. `clusters`: that there are; `packed`: rows are read packed. */
 double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels, int packed);
 
 #endif

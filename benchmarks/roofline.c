@@ -1,4 +1,4 @@
-/* pags bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
+/* pags-bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
  *
  * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no tiles. It
  * and the frame are timed in turn, so that a machine that changes its speed changes both. */

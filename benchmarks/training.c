@@ -1,4 +1,4 @@
-/* pags bench train: steps per second by stage, held-out PSNR against seconds, and the roofline of what was trained. */
+/* pags-bench train: steps per second by stage, held-out PSNR against seconds, and the roofline of what was trained. */
 #include "bench.h"
 
 #include <math.h>

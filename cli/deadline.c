@@ -1,4 +1,4 @@
-/* pags render and pags bench render --budget-ms: what was given up to keep within the time, and the error. */
+/* pags render and pags-bench render --budget-ms: what was given up to keep within the time, and the error. */
 #include "deadline.h"
 
 #include <math.h>
