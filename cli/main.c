@@ -56,7 +56,7 @@ static void print_help(void) {
 
 static int unknown_verb(const char *name) {
   if (!strcmp(name, "bench")) {
-    fprintf(stderr, "pags: 'bench' is a program of its own by now: pags-bench, in the folder that the build is in\n");
+    fprintf(stderr, "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
     return PAGS_EXIT_USAGE;
   }
   const char *names[VERB_COUNT + 1];
