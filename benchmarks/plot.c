@@ -195,53 +195,6 @@ void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, con
   end_panel(plot);
 }
 
-/* Cells. */
-
-/* From dark violet over green to light yellow, near to viridis at its ends and middle. */
-static void colour_of(double share, int rgb[3]) {
-  static const double ends[3][3] = {{68, 1, 84}, {33, 145, 140}, {253, 231, 37}};
-  int from = share < 0.5 ? 0 : 1;
-  double t = 2 * share - from;
-  for (int c = 0; c < 3; ++c)
-    rgb[c] = (int)(ends[from][c] + t * (ends[from + 1][c] - ends[from][c]) + 0.5);
-}
-
-static void put_cell(pags_plot *plot, double x, double y, double width, double height, double share,
-                     const char *label) {
-  int rgb[3];
-  colour_of(share, rgb);
-  put(plot, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"#%02x%02x%02x\"/>\n", x, y, width,
-      height, (unsigned)rgb[0], (unsigned)rgb[1], (unsigned)rgb[2]);
-  put_text(plot, x + width / 2, y + height / 2 + 4, "middle", share < 0.6 ? " fill=\"#fff\"" : "", label);
-}
-
-void pags_plot_cells(pags_plot *plot, const char *title, const char *row_name, const char *const *row_labels, int rows,
-                     const char *column_name, const char *const *column_labels, int columns, const double *values,
-                     int decimals) {
-  double least = HUGE_VAL, largest = -HUGE_VAL;
-  double width = (double)(RIGHT - LEFT) / columns, height = (double)(BOTTOM - TOP) / rows;
-  for (int i = 0; i < rows * columns; ++i)
-    if (isfinite(values[i])) {
-      least = fmin(least, values[i]);
-      largest = fmax(largest, values[i]);
-    }
-  begin_panel(plot, title);
-  for (int i = 0; i < rows * columns; ++i) {
-    char label[32];
-    if (!isfinite(values[i]))
-      continue;
-    snprintf(label, sizeof label, "%.*f", decimals, values[i]);
-    put_cell(plot, LEFT + i % columns * width, TOP + i / columns * height, width, height,
-             largest > least ? (values[i] - least) / (largest - least) : 0.5, label);
-  }
-  for (int i = 0; i < columns; ++i)
-    put_text(plot, LEFT + (i + 0.5) * width, BOTTOM + 16, "middle", "", column_labels[i]);
-  for (int i = 0; i < rows; ++i)
-    put_text(plot, LEFT - 6, TOP + (i + 0.5) * height + 4, "end", "", row_labels[i]);
-  put_axis_names(plot, column_name, row_name);
-  end_panel(plot);
-}
-
 pags_result pags_plot_save(pags_plot *plot, const char *path) {
   static const char style[] =
       "<style>text{font:12px "

@@ -1,4 +1,4 @@
-/* Charts as SVG, which needs no package: panels of lines or of coloured cells, side by side in columns. */
+/* Charts as SVG, which needs no package: panels of lines, side by side in columns. */
 #ifndef PAGS_BENCHMARKS_PLOT_H
 #define PAGS_BENCHMARKS_PLOT_H
 
@@ -25,12 +25,6 @@ void pags_plot_begin(pags_plot *plot, int columns);
  * every panel. */
 void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, const char *y_name,
                      const pags_plot_line *lines, int count);
-
-/* A panel of rows x columns cells, row after row, each with its value (`decimals`) written on a colour from the least
- * (dark) to the largest (light); NaN: an empty cell. */
-void pags_plot_cells(pags_plot *plot, const char *title, const char *row_name, const char *const *row_labels, int rows,
-                     const char *column_name, const char *const *column_labels, int columns, const double *values,
-                     int decimals);
 
 /* Writes the file and frees the plot. */
 pags_result pags_plot_save(pags_plot *plot, const char *path);
