@@ -31,11 +31,11 @@ SPR = "--preset short --alpha 0.4 --dropout --dropout-beta 0.5"
 WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--dropout --dropout-beta 0", "spr": SPR, "lean": "--preset lean"}
 # These change one option of spr, or of sp, sd or lean where the row names one of them.
 CHANGES = {"alpha": "alpha", "rate": "prune-rate", "preset": "preset", "beta": "dropout-beta", "gamma": "dropout-gamma", "hybrid": "hybrid",
-           "critical-weight": "critical-weight", "s-sem": "s-sem", "s-grad": "s-grad", "s-grad-from": "s-grad-from"}  # fmt: skip
+           "critical-weight": "critical-weight", "s-sem": "s-sem", "s-grad": "s-grad", "s-grad-from": "s-grad-from"}
 SWITCHES = ["no-objects", "no-tracks", "no-fourier", "no-sky", "no-lidar-start", "no-exposure"]
 # Options for every row: of pags train, and where a scene does not record them of pags eval, too.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
-          "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}  # fmt: skip
+          "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}
 
 
 class Failure(Exception):
@@ -159,7 +159,8 @@ def link(source, target):
     try:
         os.link(source, target)
     except OSError:  # this file system has no hard links
-        shutil.copy2(source, target)
+        shutil.copy2(source, f"{target}.part")
+        os.replace(f"{target}.part", target)
 
 
 def cpu_seconds():
@@ -197,7 +198,7 @@ class Program:
             out = subprocess.PIPE if on_line else subprocess.DEVNULL
             # In a session of its own, so that Ctrl-C on the terminal does not reach it twice.
             self.child = subprocess.Popen([self.path, *words], stdout=out, stderr=errors, text=True, start_new_session=True,
-                                          preexec_fn=die_with_parent)  # fmt: skip
+                                          preexec_fn=die_with_parent)
             if self.interrupted:
                 self.child.terminate()
             for line in self.child.stdout or []:
@@ -210,17 +211,23 @@ class Program:
 
 
 class Progress:
+    """Lines for people. On a terminal the next line overwrites one that does not stay."""
+
     def __init__(self, stream):
         self.stream, self.width = stream, 0
+
+    def clear(self):
+        if self.width:
+            print("\r" + " " * self.width, end="\r", file=self.stream, flush=True)
+        self.width = 0
 
     def say(self, line, stays=True):
         if not self.stream:
             return
-        if self.stream.isatty():
-            self.stream.write("\r" + " " * self.width + "\r" if self.width else "")
-            self.width = 0 if stays else len(line)
-        self.stream.write(line + ("\n" if stays or not self.stream.isatty() else ""))
-        self.stream.flush()
+        self.clear()
+        passing = not stays and self.stream.isatty()
+        self.width = len(line) if passing else 0
+        print(line, end="" if passing else "\n", file=self.stream, flush=True)
 
 
 def duration(seconds):
@@ -344,7 +351,7 @@ class Run:
         result = {key: found.get(key) for key in QUALITIES}
         result.update(gaussians=last["gaussians"], bytes=self.scene_bytes(), training_seconds=last["seconds"],
                       training_cpu_seconds=last["cpu_seconds"], peak_rss_bytes=last["peak_rss_bytes"],
-                      render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)  # fmt: skip
+                      render_ms=read_json(render)["mean"]["ms"]["total"], moments=self.moments)
         branch = self.branch()
         for name in os.listdir(self.folder):
             if name.startswith("known_") and not (branch and name == f"known_{branch['step']}.pags"):
@@ -452,7 +459,7 @@ class Ablation:
         if result["psnr_critical"] is not None and result["psnr_noncritical"] is not None:
             regions = f" (critical {result['psnr_critical']:.2f}, other {result['psnr_noncritical']:.2f})"
         self.progress.say(f"{row.name:16} seed {self.seed + seed}{' at equal count' if kind == 'equal' else ''}: PSNR {result['psnr']:.2f} dB{regions}, "
-                          f"{result['gaussians']} Gaussians, {result['training_seconds']:.0f} s, {result['render_ms']:.2f} ms a frame")  # fmt: skip
+                          f"{result['gaussians']} Gaussians, {result['training_seconds']:.0f} s, {result['render_ms']:.2f} ms a frame")
         Tables(self).write()
         self.plotted = self.plotted and write_plots(self)
 
@@ -512,19 +519,19 @@ def parse_arguments(words):
             own[i - 1 : i + 1] = [f"--rows={own[i]}"]
     built = os.path.join(os.path.dirname(os.path.abspath(__file__)), "../build/pags")
     p = Parser("ablation.py", allow_abbrev=False, description=__doc__.split("\n\n")[0],
-               epilog="Ctrl-C stops with everything saved; the same command goes on. Any other option of pags train follows --, at the end.")  # fmt: skip
+               epilog="Ctrl-C stops with everything saved; the same command goes on. Any other option of pags train follows --, at the end.")
     p.add_argument("dataset", metavar="DATASET", help="as for pags train")
     p.add_argument("-o", "--output", metavar="TABLE", required=True,
-                   help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")  # fmt: skip
+                   help="write TABLE.md, TABLE.csv, TABLE_curve.csv and TABLE.svg after every row; trainings are kept in TABLE.runs")
     p.add_argument("-n", "--iterations", type=whole(1), default=5000, metavar="N", help="steps of each training [default %(default)s]")
     p.add_argument("--rows", default="baseline,sp,sd,sp+sd,spr,pdr,spr+pdr", metavar="NAME,...",
                    help="rows of the table; NAME*K: with K seeds; parts joined by +, later ones win (docs/ablation.md); any option of "
-                   "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")  # fmt: skip
+                   "pags train: --NAME=VALUE or set:NAME=VALUE [default %(default)s]")
     p.add_argument("--seeds", type=whole(1, MOST_SEEDS), default=1, metavar="K", help="repeat each row with K seeds [default %(default)s]")
     p.add_argument("--seed", type=whole(0), default=0, metavar="N", help="the first seed [default %(default)s]")
     p.add_argument("--equal-count", action="store_true", help="compare rows that prune at equal count, too: the smallest of their counts")
     p.add_argument("--moments", type=whole(1, MOST_MOMENTS), default=8, metavar="N",
-                   help="measure held-out quality N times, evenly over the steps [default %(default)s]")  # fmt: skip
+                   help="measure held-out quality N times, evenly over the steps [default %(default)s]")
     p.add_argument("--moment-views", type=whole(1, 10**6), default=12, metavar="N", help="on N held-out views [default %(default)s]")
     p.add_argument("--lpips-weights", metavar="FILE", help="as for pags eval [default: no LPIPS]")
     for name in PASSED:
@@ -561,7 +568,7 @@ def main():
     except (Failure, OSError) as error:
         code, message = 1, f"{error.filename}: {error.strerror}" if isinstance(error, OSError) and error.filename else error
     if ablation:
-        ablation.progress.say("", False)
+        ablation.progress.clear()
     print(f"ablation.py: {message}", file=sys.stderr)
     return code
 

@@ -89,7 +89,7 @@ class Tables:
         a = self.ablation
         page = f"# Ablation on {os.path.basename(a.dataset)}, {a.iterations} steps\n\n"
         page += ("Held-out views. PSNR in dB; C: critical, NC: not critical pixels; means of the seeds (largest less smallest in brackets). MB: the "
-                 "scene's files. Training: wall clock and processor time. Render: mean of a frame of the held-out views.\n\n")  # fmt: skip
+                 "scene's files. Training: wall clock and processor time. Render: mean of a frame of the held-out views.\n\n")
         spreads = [(FIGURES[q][0], cell(self.spread(q), FIGURES[q][2])) for q in QUALITIES if math.isfinite(self.spread(q))]
         if spreads:
             page += "Spread over seeds (largest less smallest, the largest of all rows that were repeated): "
@@ -99,7 +99,7 @@ class Tables:
         page += self.figures(self.own)
         if a.equal_count:
             page += (f"\n## At equal count\n\nEach row that prunes by a score was pruned by it to {a.equal_count} Gaussians, the smallest of their "
-                     "counts, at the last prune, and trained on.\n\n") + self.figures(self.equal)  # fmt: skip
+                     "counts, at the last prune, and trained on.\n\n") + self.figures(self.equal)
         return page + self.equal_time() + self.options()
 
     def figures(self, sets):
@@ -143,7 +143,7 @@ class Tables:
             values = [quality_at(result["moments"], when, key) for key in OF_MOMENT for when in (end / 2, end)]
             rows.append([f"`{name}`", *(cell(value, 2) for value in values)])
         return (f"\nAt equal time: what each row had reached after {end / 2:.0f} s and after {end:.0f} s of training, when the quickest was done (first "
-                f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n") + markdown_table(heads, rows)  # fmt: skip
+                f"seed, at most {self.ablation.moment_views} held-out views, between moments interpolated):\n\n") + markdown_table(heads, rows)
 
     def options(self):
         common = f", each behind `{' '.join(self.ablation.train)}`" if self.ablation.train else ""
@@ -193,7 +193,7 @@ def write_plots(ablation):
                 lines = {q: [(row.alpha, mean_and_range(results[row.name], key)[0]) for row in done] for q, key in qualities.items()}
                 panels.append((f"Over alpha{kind}{title}", "alpha: the share of the semantic score", "PSNR, dB, held-out views", lines))
     figures = [("PSNR, dB", "psnr", 1, 2), ("PSNR of critical pixels, dB", "psnr_critical", 1, 2),
-               ("thousands of Gaussians", "gaussians", 1e-3, 1), ("seconds of training", "training_seconds", 1, 0)]  # fmt: skip
+               ("thousands of Gaussians", "gaussians", 1e-3, 1), ("seconds of training", "training_seconds", 1, 0)]
     for title, rows in families(ablation.rows, "rate=").items():
         for name, key, unit, decimals in figures if len(rows) > 1 else []:
             cells = {tuple(row.rates): unit * mean_and_range(own[row.name], key)[0] for row in rows}
