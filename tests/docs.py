@@ -1,0 +1,84 @@
+#!/usr/bin/env python3
+"""docs.py: the rules that the documentation keeps to. Prints each fault as FILE:LINE: what is wrong, and fails if there was one.
+
+- A page of the manual, docs/*.md, has at most 1,500 words. What stands between "<!-- generated" and "<!-- end -->" is not counted.
+- Every link to a file of the repository, and every #heading of such a link, exists. So does every docs/....md that a source names.
+- Every page of the manual is reached from docs/index.md, every page of the notebook from docs/lab/index.md."""
+
+import os
+import re
+import subprocess
+import sys
+
+MOST_WORDS = 1500
+ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
+faults = []
+
+
+def fault(path, line, text):
+    faults.append(f"{path}:{line}: {text}")
+
+
+def read(path):
+    with open(os.path.join(ROOT, path), encoding="utf-8") as file:
+        return file.read()
+
+
+def anchors(text):
+    """The fragments that its headings answer to, as GitHub makes them."""
+    heads = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", text, flags=re.M | re.S), re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+def check_length(path, text):
+    words = len(re.sub(r"<!-- generated.*?<!-- end -->", "", text, flags=re.S).split())
+    if words > MOST_WORDS:
+        fault(path, 1, f"{words} words, a page of the manual has at most {MOST_WORDS}: measurements belong to docs/lab")
+
+
+def check_links(path, text):
+    """Returns the files that it links to."""
+    targets = set()
+    for number, line in enumerate(text.split("\n"), 1):
+        for link in re.findall(r"\]\(([^)\s]+)\)", line):
+            if re.match(r"[a-z]+:", link):
+                continue
+            file, _, fragment = link.partition("#")
+            target = os.path.normpath(os.path.join(os.path.dirname(path), file)) if file else path
+            if not os.path.exists(os.path.join(ROOT, target)):
+                fault(path, number, f"links to {link}, which is not there")
+            elif fragment and target.endswith(".md") and fragment not in anchors(read(target)):
+                fault(path, number, f"links to {link}, but {target} has no such heading")
+            targets.add(target)
+    return targets
+
+
+def check_sources():
+    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
+    for path in tracked.stdout.split("\n"):
+        if not re.search(r"\.([ch]|cc|inl|py|sh|cmake)$|(^|/)(CMakeLists\.txt|Makefile)$", path) or not os.path.exists(os.path.join(ROOT, path)):
+            continue
+        for number, line in enumerate(read(path).split("\n"), 1):
+            for page in re.findall(r"\bdocs/[\w/-]+\.md", line):
+                if not os.path.exists(os.path.join(ROOT, page)):
+                    fault(path, number, f"names {page}, which is not there")
+
+
+def main():
+    pages = sorted(f"docs/{name}" for name in os.listdir(os.path.join(ROOT, "docs")) if name.endswith(".md"))
+    notes = sorted(f"docs/lab/{name}" for name in os.listdir(os.path.join(ROOT, "docs/lab")) if name.endswith(".md"))
+    texts = {path: read(path) for path in [*pages, *notes, "README.md"]}
+    links = {path: check_links(path, text) for path, text in texts.items()}
+    for path in pages:
+        check_length(path, texts[path])
+    for index, of in [("docs/index.md", pages), ("docs/lab/index.md", notes)]:
+        for path in of:
+            if path != index and path not in links[index]:
+                fault(path, 1, f"{index} doesn't link to it")
+    check_sources()
+    print("\n".join(faults))
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
