@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """docs.py: the rules that the documentation keeps to. Prints each fault as FILE:LINE: what is wrong, and fails if there was one.
 
 - A page of the manual, docs/*.md, has at most 1,500 words. What stands between "<!-- generated" and "<!-- end -->" is not counted.
