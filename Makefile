@@ -3,10 +3,10 @@
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
 #   make demo    set up, build, and record, train, render and export a street of our own making
 #   make check   set up, build, run all tests
-#   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/fuzzing.md)
+#   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/reliability.md)
 #   make fuzz-long  the same at length: 5 minutes, and 30
-#   make sanitize  the whole suite under the address, undefined-behaviour and thread sanitizers (hours; docs/sanitizers.md)
-#   make valgrind  the program's way from a data set to exported files under valgrind (docs/sanitizers.md)
+#   make sanitize  the whole suite under the address, undefined-behaviour and thread sanitizers (hours; docs/reliability.md)
+#   make valgrind  the program's way from a data set to exported files under valgrind (docs/reliability.md)
 #   make bench   run the benchmarks on the demo's scene: roofline, stages, speed against error
 #   make addon   the Blender add-on as build/pags-blender-*.zip, validated where a Blender of 4.2 or newer is found
 #   make check-blender      the add-on's tests in Debian's Blender; part of make check

@@ -101,7 +101,7 @@ static const pags_option options[] = {
                "keep within this time: critical Gaussians at full quality but for a few grey levels, the rest reduced as much as needed; every eighth frame is held "
                "against full quality. What is drawn then depends on how fast this machine is"),
     PAGS_FLAG("packed", 0, AT(packed),
-              "draw from the packed form: less memory, rounded as docs/packed.md says (a packed file always is)"),
+              "draw from the packed form: less memory, rounded as docs/splat-files.md says (a packed file always is)"),
     PAGS_SESSION_OPTIONS(render_arguments),
     {0}};
 

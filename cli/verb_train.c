@@ -66,7 +66,7 @@ static const pags_option options[] = {
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
                "1G, at most a quarter of the memory allowed", "memory for decoded photographs"),
 
-    PAGS_GROUP("Driving scenes (see docs/dataset.md)"),
+    PAGS_GROUP("Driving scenes (see docs/driving.md)"),
     PAGS_FLAG("no-objects", 0, CONFIG(objects), "leave moving things in the background"),
     PAGS_FLAG("no-tracks", 0, CONFIG(tracks), "take poses of moving objects as labelled"),
     PAGS_FLAG("no-fourier", 0, CONFIG(fourier), "no object's colour changes over time"),

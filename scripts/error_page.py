@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""error_page.py A.json B.json ...: what `pags-bench error --json` found on several scenes, as the two tables of docs/speed-and-error.md."""
+"""error_page.py A.json B.json ...: what `pags-bench error --json` found on several scenes, as the two tables of docs/lab/speed-and-error.md."""
 
 import json
 import sys

@@ -1,6 +1,6 @@
 /* Driving sets in drivestudio's processed layout: which pictures there are, their cameras and poses.
  *
- * docs/dataset.md has every file. TTT is the frame's number, C the camera's, both decimal:
+ * docs/dataset-layout.md has every file. TTT is the frame's number, C the camera's, both decimal:
  *   images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
  * World axes are the files' own, z up, metres. */
 #include "dataset/critical.h"

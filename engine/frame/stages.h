@@ -109,7 +109,7 @@ static inline int64_t frame_tile_offset(const pags_frame *frame, int64_t tile) {
   return (int64_t)frame_tile_y(frame, tile) * frame->stride + frame_tile_x(frame, tile);
 }
 
-/* Slabs pay where much hides (docs/rendering.md has the figures behind this), else all is drawn at once. What hid in one frame tells of the next. */
+/* Slabs pay where much hides (docs/lab/early-z.md has the figures behind this), else all is drawn at once. What hid in one frame tells of the next. */
 static inline bool frame_hides_enough(const pags_frame *frame) { return frame->hiding > 0.35; }
 
 /* In the order in which frame.c runs them; each returns PAGS_OK, PAGS_CANCELLED or PAGS_ERROR_MEMORY. */

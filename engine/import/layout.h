@@ -1,4 +1,4 @@
-/* Writes a driving data set in drivestudio's processed layout (docs/dataset.md), for importers.
+/* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers.
  *
  * Begin, any number of puts in any order, finish. A file that exists is complete, because files are written beside
  * and renamed: puts of such files do nothing, so that an import that was stopped goes on where it was. What the

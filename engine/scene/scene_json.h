@@ -1,4 +1,4 @@
-/* scene.json: everything of a scene but its Gaussians. docs/scene.md lists the keys. */
+/* scene.json: everything of a scene but its Gaussians. docs/scene-folder.md lists the keys. */
 #ifndef PAGS_SCENE_SCENE_JSON_H
 #define PAGS_SCENE_SCENE_JSON_H
 

@@ -337,7 +337,7 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
   return fields[index].name;
 }
 
-/* What a preset sets where nothing else was asked for. LEAN's figures are those of docs/priority.md; densifying ends at the same step in SHORT
+/* What a preset sets where nothing else was asked for. LEAN's figures are those of docs/lab/priority.md; densifying ends at the same step in SHORT
  * and PAPER, whose it is half of its schedule. */
 static void resolve_preset(pags_train_config *c) {
   int lean = c->preset == PAGS_PRESET_LEAN;

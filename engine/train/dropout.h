@@ -4,7 +4,7 @@
  *
  * and the survivors' opacity is multiplied by 1 / (1 - D) (DropGaussian, Park et al. 2025, with a semantic factor). A pixel's colour
  * is linear in each alpha by itself and drops are independent, so the mean over draws is the full picture; what breaks this is
- * the cap on alpha, which the rasteriser applies to the boosted product, the cut at 1/255 and the early stop (docs/dropout.md has the
+ * the cap on alpha, which the rasteriser applies to the boosted product, the cut at 1/255 and the early stop (docs/lab/dropout.md has the
  * size of that bias).
  *
  * A draw belongs to (seed, step, model, row). Edits of the rows are functions of the run, so a row is the same Gaussian in any run that

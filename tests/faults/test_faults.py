@@ -1,6 +1,6 @@
 """What goes wrong around the program: it is killed, disks are full or read-only, files change under it, memory is short.
 
-Short by default; PAGS_FAULTS=100 kills each of training, import and export at so many moments (docs/faults.md).
+Short by default; PAGS_FAULTS=100 kills each of training, import and export at so many moments (docs/reliability.md).
 """
 
 import json

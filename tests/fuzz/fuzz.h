@@ -1,4 +1,4 @@
-/* Fuzz targets: one a reader, in a file a group of readers, over the drivers in fuzz.c. docs/fuzzing.md says how to run and add them.
+/* Fuzz targets: one a reader, in a file a group of readers, over the drivers in fuzz.c. docs/reliability.md says how to run and add them.
  *
  * A target gives valid files as seeds, takes any bytes, and must return: what it is given either is refused with a message or gives
  * what its reader promises. A check that fails calls FUZZ_CHECK, which stops the program. */

@@ -1,4 +1,4 @@
-/* Fixtures of the hard cases (docs/numerics.md): a picture held to the oracle, forward and backward, and a small
+/* Fixtures of the hard cases (docs/lab/numerics.md): a picture held to the oracle, forward and backward, and a small
  * data set to train on. What isn't finite, or fails in the engine, fails the running cmocka test. */
 #ifndef PAGS_TESTS_HARD_H
 #define PAGS_TESTS_HARD_H

@@ -1,5 +1,5 @@
 /* Adaptive stochastic dropout: what its draws are, and that their mean is the full picture where blending has no limits. The limits'
- * bias is printed; docs/dropout.md quotes it. */
+ * bias is printed; docs/lab/dropout.md quotes it. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>

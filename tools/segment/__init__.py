@@ -1,1 +1,1 @@
-"""Label images and sky masks for driving sets, made by ONNX networks of the user's. docs/segment.md is the manual."""
+"""Label images and sky masks for driving sets, made by ONNX networks of the user's. docs/masks.md is the manual."""

@@ -66,7 +66,7 @@ def parser():
     p = argparse.ArgumentParser(
         prog="segment",
         description="Makes label images (semantic/, Cityscapes' train ids) and sky_masks/ for a driving set with "
-        "ONNX networks of yours. Run again to go on where it stopped. docs/segment.md tells more.",
+        "ONNX networks of yours. Run again to go on where it stopped. docs/masks.md tells more.",
     )
     d = Settings()
     p.add_argument("dataset", nargs="?", metavar="DATASET", help="folder with images/TTT_C.jpg or .png")

@@ -1,5 +1,5 @@
 /* A set of posed photographs, read from transforms.json (nerfstudio, instant-ngp), a COLMAP model or a driving set in drivestudio's
- * processed layout with its boxes, masks and LiDAR (docs/dataset.md).
+ * processed layout with its boxes, masks and LiDAR (docs/dataset-layout.md).
  *
  * What a view's camera and image have been brought to: pinhole, undistorted, downscaled. */
 #ifndef PAGS_DATASET_H
@@ -33,7 +33,7 @@ typedef struct pags_dataset_options {
   const char *ego_mask;       /* picture, or folder of C.png, white where the recording car is seen; NULL: ego_masks/C.png, else a
                                  detector of pixels that never change */
   const char *critical;       /* what is critical: kinds, classes of the label images by name or number, classes of boxes, separated
-                                 by commas (docs/dataset.md); NULL: vehicles, pedestrians and cyclists */
+                                 by commas (docs/masks.md); NULL: vehicles, pedestrians and cyclists */
   const char *sfm;            /* folder of a COLMAP model in the same world: points to add; NULL: none */
 } pags_dataset_options;
 

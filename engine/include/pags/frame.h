@@ -55,7 +55,7 @@ typedef struct pags_part {
   float s_sem;                     /* semantic priority of Gaussians that have no s_sem of their own */
 } pags_part;
 
-/* What is hidden can be left out before it is read, shaded, sorted or binned: docs/rendering.md. */
+/* What is hidden can be left out before it is read, shaded, sorted or binned: docs/render.md. */
 typedef enum pags_early_z {
   PAGS_EARLY_Z_OFF,      /* draw everything; a pixel stops where it is full */
   PAGS_EARLY_Z_LOSSLESS, /* the same bits as OFF: colour, transmittance, depth and id; drawn as OFF where little hides */

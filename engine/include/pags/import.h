@@ -1,4 +1,4 @@
-/* Importers: recordings of driving data sets to drivestudio's layout (docs/dataset.md), with dataset.json beside it.
+/* Importers: recordings of driving data sets to drivestudio's layout (docs/dataset-layout.md), with dataset.json beside it.
  *
  * Work that was stopped and is begun again with the same source goes on where it was: files that are complete stay, dataset.json comes
  * last. Photographs are copied byte by byte. */

@@ -62,7 +62,7 @@ PAGS_API const pags_knot *pags_object_knot(const pags_object *object, int64_t fr
  * labels are interpolated (translation linear, rotation along the shorter arc); up to half a median spacing beyond an end or into a
  * longer gap the nearest knot holds. That is the pose where no increment is. Where one of the trained knots on either side has an increment,
  * these at most 2.5 median spacings apart, the pose is on the cubic through the trained poses, whatever a held-out knot between them
- * says (docs/driving.md, "Held-out poses"); otherwise the label is multiplied by the increment, interpolated linearly between them
+ * says (docs/scene-folder.md, "Pose at a time"); otherwise the label is multiplied by the increment, interpolated linearly between them
  * (beyond them: the nearest trained one's). */
 PAGS_API int pags_object_pose(const pags_object *object, double time, double out[12]);
 

@@ -1,6 +1,6 @@
 /* A reconstructed scene: what `pags train` writes, and what a bare splat file is read as.
  *
- * On disk a scene is a folder with scene.json and one PLY per model; see docs/scene.md. */
+ * On disk a scene is a folder with scene.json and one PLY per model; see docs/scene-folder.md. */
 #ifndef PAGS_SCENE_H
 #define PAGS_SCENE_H
 
@@ -58,7 +58,7 @@ typedef struct pags_scene {
   int64_t object_count;
   pags_scene_object *objects; /* every labelled box, parked or moving; Gaussians' object_id is the index here */
   pags_sky sky;               /* size 0: none */
-  char *notes;                /* JSON text: what was modelled and why (see docs/scene.md, "modelled"); NULL: nothing is known */
+  char *notes;                /* JSON text: what was modelled and why (see docs/scene-folder.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
 /* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed),

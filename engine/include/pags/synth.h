@@ -52,7 +52,7 @@ typedef struct pags_street_options {
 PAGS_API pags_street_options pags_street_options_default(void);
 
 /* A street with buildings, trees, parked and moving cars, pedestrians and a cyclist under sun and sky, seen from a car that drives along
- * it: a data set in drivestudio's layout (docs/dataset.md) with dataset.json, images, exact ego poses, LiDAR from the same ray tracer,
+ * it: a data set in drivestudio's layout (docs/dataset-layout.md) with dataset.json, images, exact ego poses, LiDAR from the same ray tracer,
  * tracks (with noise if asked for; the exact ones in truth/), semantic, sky and dynamic masks, and, in truth/, depth and object ids
  * of every image and pictures from shifted cameras. World z up, metres; the street runs along +x. The same bytes for any number of
  * threads. dataset.json comes last. Errors as pags_synth_room. */
@@ -94,7 +94,7 @@ typedef struct pags_town_facts { /* what was made */
  * houses between them, cut by lanes. No training: sizes and opacities are drawn jointly from trained streets' histograms, colours from the
  * street's shading; only what the streets see is covered. The town is as large as `gaussians` cover at a trained street's density
  * (about 150 a square metre, by surface); fewer than about 900 thousand make the smallest town, two streets of two blocks, thinner than that. Writes a
- * scene folder (docs/scene.md) with s_sem 1 on cars, people and bicycles and 0 elsewhere, a sky, and as views a drive along
+ * scene folder (docs/scene-folder.md) with s_sem 1 on cars, people and bicycles and 0 elsewhere, a sky, and as views a drive along
  * the middle street 1.6 m above it, cameras in front, 50 degrees to the left and to the right. World z up, metres. The same
  * bytes for any number of threads. `progress` and `facts` may be NULL. Errors as pags_synth_room. */
 PAGS_API pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,

@@ -65,7 +65,7 @@ typedef struct pags_proxy_facts {
   int64_t vertices, triangles;
   int closed;             /* every edge has two faces, opposite ways, and the volume is positive */
   double volume;          /* cubic metres; 0 where it is not closed */
-  double observed;        /* share of the surface that some training camera saw; the rest is completed: docs/export.md */
+  double observed;        /* share of the surface that some training camera saw; the rest is completed: docs/proxies.md */
   pags_proxy_distance to_gaussians;   /* from the proxy's seen surface to the Gaussians' surface (rendered depth) */
   pags_proxy_distance from_gaussians; /* the other way */
   double silhouette_iou;  /* over the training cameras, all pixels together; NaN: not measured */
