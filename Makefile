@@ -15,6 +15,7 @@
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
 #   make figures REFERENCE=COMMIT  count what tests/figures.py counts of the code and the manual, at that commit and now
+#   make format  format every C and C++ file
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
 
@@ -34,7 +35,8 @@ all:
 
 setup:
 	sh scripts/setup.sh
-	sh scripts/segment_venv.sh
+	sh scripts/venv.sh scripts
+	sh scripts/venv.sh tools/segment || echo "setup: going on without tools/segment and its tests"
 	sh tests/outside/setup.sh
 
 demo: setup
@@ -91,6 +93,9 @@ same-bits: all
 
 figures:
 	python3 tests/figures.py --reference "$(REFERENCE)" $(OPTIONS)
+
+format:
+	sh scripts/format.sh
 
 install: all
 	cmake --install build --prefix $(PREFIX)

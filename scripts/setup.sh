@@ -2,9 +2,9 @@
 # Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
 set -u
 
-needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libcmocka-dev python3"
-# The segmentation tool's environment, the NEON kernels' tests, the Python module, Blender's tests; everything else does without.
-wanted="python3-venv gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
+needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libcmocka-dev python3 python3-venv"
+# The NEON kernels' tests, the Python module, Blender's tests; everything else does without.
+wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
 # The fuzz targets (make fuzz) with the sanitizers of Debian 12's clang; smoke runs do without.
 wanted="$wanted clang libclang-rt-dev"
 # make valgrind.

@@ -2,6 +2,8 @@
 #include "kernels.h"
 #include "vec.h"
 
+/* In this order: later sources use what earlier ones define. */
+/* clang-format off */
 #include "project.inl"
 #include "shade.inl"
 #include "bin.inl"
@@ -14,6 +16,7 @@
 #include "opacity.inl"
 #include "sky.inl"
 #include "adam.inl"
+/* clang-format on */
 
 #if defined(PAGS_ISA_AVX512)
 const pags_kernels pags_kernels_avx512 = {

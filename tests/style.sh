@@ -37,6 +37,10 @@ while read -r file; do
   [ -s "$file" ] && [ "$(tail -c 1 "$file" | wc -l)" -eq 0 ] && echo "$file: no newline at the end" >>"$faults"
 done <"$work/files"
 
+# ---- Format ----
+
+sh scripts/format.sh --check 2>&1 | grep -E "error:|^format:" | sed -E 's/^([^:]*:[0-9]*):.*/\1: out of format; make format mends it/' | sed 's|^\./||' >>"$faults"
+
 # ---- Which way includes go ----
 
 # Lower numbers know nothing of higher ones; simd and threads know nothing of each other either.

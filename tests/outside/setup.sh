@@ -17,12 +17,5 @@ if ! cmp -s package-lock.json node_modules/.of; then
   fi
 fi
 
-if ! cmp -s requirements.txt .venv/requirements.txt; then
-  echo "setup: making tests/outside/.venv"
-  if python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt; then
-    cp requirements.txt .venv/requirements.txt
-  else
-    echo "setup: could not make tests/outside/.venv; going on without usd-core in the tests"
-  fi
-fi
+sh ../../scripts/venv.sh "$PWD" || echo "setup: could not make tests/outside/.venv; going on without usd-core in the tests"
 exit 0

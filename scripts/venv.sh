@@ -1,0 +1,12 @@
+#!/bin/sh
+# venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or brings it up to it. Fails where that can't be done.
+set -u
+cd "$1" || exit 1
+
+if [ -x .venv/bin/python ] && cmp -s requirements.txt .venv/requirements.txt; then
+  exit 0
+fi
+echo "setup: making $1/.venv"
+rm -f .venv/requirements.txt
+python3 -m venv .venv && .venv/bin/python -m pip install -q --disable-pip-version-check -r requirements.txt || exit 1
+cp requirements.txt .venv/requirements.txt
