@@ -1,5 +1,5 @@
-/* pags-bench: the program that measures what the engine costs and what it gets wrong, on a scene or a data set of the user's. It is apart from
- * pags because `error` needs the double-precision renderer of the tests. */
+/* pags-bench: the program that measures what the engine costs and what it gets wrong, on a scene or a data set of the
+ * user's. It is apart from pags because `error` needs the double-precision renderer of the tests. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
@@ -60,11 +60,8 @@ static const pags_option train_options[] = {
 static const pags_positional scene_positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
 static const pags_positional train_positionals[] = {{"DATASET", "as for pags train"}, {NULL, NULL}};
 
-#define SCENE_VERB(what, text)                                                                          \
-  {                                                                                                     \
-    .name = what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, \
-    .options = scene_options                                                                            \
-  }
+#define SCENE_VERB(what, text) \
+  {.name = what, .usage = "SCENE [options]", .about = text, .positionals = scene_positionals, .options = scene_options}
 
 static const pags_verb stages_verb =
     SCENE_VERB("stages",
@@ -75,16 +72,18 @@ static const pags_verb roofline_verb =
                "The bare blending kernel's peak and the memory's read bandwidth, and what share of the "
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
-static const pags_verb error_verb = {
-    .name = "error",
-    .usage = "SCENE [options]",
-    .about =
-        "Each approximation of the engine: its largest and mean error against a renderer in double precision or against the engine "
-        "without it, how many times as fast it makes what it is in, and counts of work or bytes. Pictures, gradients, the optimiser "
-        "and scores. Times are the processor's; with --threads 1 none of it is waiting. The renderer in double precision is "
-        "slow: pictures are small by default.",
-    .positionals = scene_positionals,
-    .options = error_options};
+static const pags_verb error_verb = {.name = "error",
+                                     .usage = "SCENE [options]",
+                                     .about =
+                                         "Each approximation of the engine: its largest and mean error against a "
+                                         "renderer in double precision or against the engine "
+                                         "without it, how many times as fast it makes what it is in, and counts of "
+                                         "work or bytes. Pictures, gradients, the optimiser "
+                                         "and scores. Times are the processor's; with --threads 1 none of it is "
+                                         "waiting. The renderer in double precision is "
+                                         "slow: pictures are small by default.",
+                                     .positionals = scene_positionals,
+                                     .options = error_options};
 static const pags_verb train_verb = {
     .name = "train",
     .usage = "DATASET -o SCENE [options]",
@@ -257,8 +256,10 @@ static const struct own_entry {
   const char *name, *about;
   int (*run)(int argc, char **argv);
 } own_entries[] = {
-    {"render", "Speed of drawing against error, mode by mode and stage by stage; table, CSV and plot.", pags_bench_render},
-    {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.", pags_bench_scale},
+    {"render", "Speed of drawing against error, mode by mode and stage by stage; table, CSV and plot.",
+     pags_bench_render},
+    {"scale", "Whether the time of a frame follows what is visible or what exists, to 50 million Gaussians.",
+     pags_bench_scale},
 #ifdef PAGS_WITH_PROXIES
     {"proxies", "Distances of exported proxies from the true meshes of a synthetic street.", pags_bench_proxies},
 #endif
@@ -271,8 +272,10 @@ static void print_help(void) {
     printf("  %-9s %s\n", entries[i].verb->name, entries[i].verb->about);
   for (int i = 0; i < OWN_COUNT; i++)
     printf("  %-9s %s\n", own_entries[i].name, own_entries[i].about);
-  printf("\n'pags-bench WHAT --help' lists its options with units and defaults. benchmarks/ablation.py trains once for each set of options and\n"
-         "compares quality, size and time.\n");
+  printf(
+      "\n'pags-bench WHAT --help' lists its options with units and defaults. benchmarks/ablation.py trains once for "
+      "each set of options and\n"
+      "compares quality, size and time.\n");
 #ifndef PAGS_WITH_REFERENCE
   printf("'error' is not in this build, which lacks the tests' double-precision renderer (CMake option PAGS_TESTS).\n");
 #endif
@@ -295,6 +298,8 @@ int main(int argc, char **argv) {
   for (int i = 0; i < OWN_COUNT; i++)
     if (!strcmp(what, own_entries[i].name))
       return own_entries[i].run(argc - 2, argv + 2);
-  fprintf(stderr, "pags-bench: expected stages, roofline, train, error, render, scale or proxies; 'pags-bench --help' tells what each measures\n");
+  fprintf(stderr,
+          "pags-bench: expected stages, roofline, train, error, render, scale or proxies; 'pags-bench --help' tells "
+          "what each measures\n");
   return PAGS_EXIT_USAGE;
 }

@@ -20,10 +20,10 @@ typedef struct pags_bench_view {
   pags_frame_options options;
   int repetitions; /* frames per camera that times are taken over, >= 1 */
   /* Of pags_bench_error alone. */
-  const char *name;      /* of the scene */
+  const char *name;       /* of the scene */
   const pags_camera *all; /* all cameras of training, of the same size; all_count 0: `cameras` */
   int64_t all_count;
-  const char *markdown;  /* file for the table; NULL: none */
+  const char *markdown;       /* file for the table; NULL: none */
   pags_progress_fn *progress; /* may be NULL */
   void *progress_user;
 } pags_bench_view;
@@ -38,7 +38,8 @@ typedef struct pags_bench_frame {
   size_t bytes; /* held by the frame */
 } pags_bench_frame;
 
-/* Renders each camera and, with `backward`, sends a gradient back. Pairs are counted in a frame whose time isn't taken. */
+/* Renders each camera and, with `backward`, sends a gradient back. Pairs are counted in a frame whose time isn't taken.
+ */
 pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_bench_frame *out);
 
 /* ns and bytes per Gaussian, pair and pixel of each stage, forward and backward. */
@@ -48,12 +49,12 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
  * instruction set that runs here. */
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Largest and mean error of each approximation of the engine, by the double-precision oracle or by the engine without it, and what it
- * saves. At most PAGS_BENCH_ERROR_PARTS models. */
+/* Largest and mean error of each approximation of the engine, by the double-precision oracle or by the engine without
+ * it, and what it saves. At most PAGS_BENCH_ERROR_PARTS models. */
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json);
 
-/* Trains, with held-out PSNR against seconds of training every `snapshot_every` steps, and ends with the roofline of what was
- * trained. `options` is complete but for snapshots. */
+/* Trains, with held-out PSNR against seconds of training every `snapshot_every` steps, and ends with the roofline of
+ * what was trained. `options` is complete but for snapshots. */
 pags_result pags_bench_train(const pags_train_config *config, const pags_train_options *options, int64_t snapshot_every,
                              FILE *people, pags_json_writer *json);
 

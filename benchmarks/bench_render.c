@@ -33,11 +33,13 @@ static const pags_option options[] = {
     PAGS_VALUE("frames", 'n', INT64, AT(frames), 1, 1e6, "N", "pictures", NULL, "spread evenly along the path"),
     PAGS_TEXT("sizes", 0, AT(sizes), "WxH,...", "the cameras'", "sizes to draw at, by width; the middle is kept"),
     PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL, PAGS_BENCH_MODE_HELP),
-    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
+               "timed frames of each picture and mode"),
     PAGS_CHOICE("exp-degree", AT(exp_degree), "3|5", NULL, "degree of the polynomial behind exp, as of pags render"),
     PAGS_FLAG("packed", 0, AT(packed), "draw from the packed form"),
     PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds", "none",
-               "draw the pictures once more, one after the other, as pags render --budget-ms does, all held against full quality"),
+               "draw the pictures once more, one after the other, as pags render --budget-ms does, all held against "
+               "full quality"),
     PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per size and mode"),
     PAGS_TEXT("plot", 0, AT(plot), "FILE.svg", NULL, "draw time along the path, and speed against error"),
     PAGS_SESSION_OPTIONS(render_bench_arguments),
@@ -45,14 +47,17 @@ static const pags_option options[] = {
 
 static const pags_positional positionals[] = {{"SCENE", "a scene folder or a splat file"}, {NULL, NULL}};
 
-static const pags_verb verb = {
-    .name = "render",
-    .usage = "SCENE [options]",
-    .about = "Draws the same pictures by several modes, taking turns, and reports for each: milliseconds by stage (median, 10 and "
-             "90 per cent of all frames), pictures a second, how much was loaded, shaded, binned, tested and blended, bytes moved by "
-             "the stages' data structures, and what the picture lost against the first mode: PSNR, largest error, pixels with other bits.",
-    .positionals = positionals,
-    .options = options};
+static const pags_verb verb = {.name = "render",
+                               .usage = "SCENE [options]",
+                               .about =
+                                   "Draws the same pictures by several modes, taking turns, and reports for each: "
+                                   "milliseconds by stage (median, 10 and "
+                                   "90 per cent of all frames), pictures a second, how much was loaded, shaded, "
+                                   "binned, tested and blended, bytes moved by "
+                                   "the stages' data structures, and what the picture lost against the first mode: "
+                                   "PSNR, largest error, pixels with other bits.",
+                               .positionals = positionals,
+                               .options = options};
 
 typedef struct size_row {
   int width, height; /* 0: the cameras' own */
@@ -144,7 +149,8 @@ static pags_result keep_deadline(render_bench *self, int index, const pags_camer
   pags_deadline *deadline = &self->deadlines[index];
   if (self->arguments->budget_ms <= 0)
     return PAGS_OK;
-  PAGS_TRY(pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, 1, deadline));
+  PAGS_TRY(
+      pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, 1, deadline));
   for (int64_t i = 0; i < self->path.count; i++) {
     const pags_part *parts;
     int count;
@@ -198,18 +204,21 @@ static void say_size(const render_bench *self, int index) {
   const pags_bench_mode_result *results = self->results[index];
   const double pixels = (double)self->sizes[index].width * self->sizes[index].height;
   pags_say(session, "\n%dx%d, %lld pictures, %d frames each; %.1f Gaussians a pixel, %.1f of them blended by %s\n",
-           self->sizes[index].width, self->sizes[index].height, (long long)self->path.count, self->arguments->repetitions,
-           self->layers[index], (double)results[0].counts.pairs_blended / pixels, self->modes.modes[0].name);
-  pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %", "FPS",
-           "speed-up", "in view", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB", "max error", "differ");
+           self->sizes[index].width, self->sizes[index].height, (long long)self->path.count,
+           self->arguments->repetitions, self->layers[index], (double)results[0].counts.pairs_blended / pixels,
+           self->modes.modes[0].name);
+  pags_say(session, "%-16s %8s %15s %7s %8s %9s %9s %9s %9s %9s %8s %8s %8s %9s %9s %7s\n", "mode", "ms", "10..90 %",
+           "FPS", "speed-up", "in view", "loaded", "shaded", "binned", "pairs", "tested", "blended", "MB", "PSNR dB",
+           "max error", "differ");
   for (int k = 0; k < self->modes.count; k++) {
     const pags_bench_mode_result *r = &results[k];
     const pags_frame_stats *s = &r->counts;
     const pags_bench_span *ms = &r->ms[PAGS_BENCH_STAGES - 1];
-    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ", self->modes.modes[k].name,
-             ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up, (long long)s->in_view, (long long)s->loaded,
-             (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6,
-             (double)s->pairs_blended * 1e-6, r->bytes * 1e-6);
+    pags_say(session, "%-16s %8.2f %7.2f %7.2f %7.1f %8.2f %9lld %9lld %9lld %9lld %9lld %7.1fM %7.1fM %8.1f ",
+             self->modes.modes[k].name, ms->median, ms->low, ms->high, 1000 / ms->median, r->speed_up,
+             (long long)s->in_view, (long long)s->loaded, (long long)s->shaded, (long long)s->binned,
+             (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6, (double)s->pairs_blended * 1e-6,
+             r->bytes * 1e-6);
     say_error(session, r, k == 0);
   }
   pags_say(session, "%-16s", "ms by stage");
@@ -295,13 +304,16 @@ static pags_result put_csv_row(pags_file_writer *file, const render_bench *self,
   const pags_bench_mode_result *r = &self->results[size][mode];
   const pags_frame_stats *s = &r->counts;
   char line[1024];
-  int length = snprintf(line, sizeof line, "%d,%d,%s", self->sizes[size].width, self->sizes[size].height, self->modes.modes[mode].name);
+  int length = snprintf(line, sizeof line, "%d,%d,%s", self->sizes[size].width, self->sizes[size].height,
+                        self->modes.modes[mode].name);
   for (int i = 0; i < PAGS_BENCH_STAGES; i++)
     length += snprintf(line + length, sizeof line - (size_t)length, ",%.4f,%.4f,%.4f", r->ms[i].median, r->ms[i].low,
                        r->ms[i].high);
-  length += snprintf(line + length, sizeof line - (size_t)length, ",%.3f,%.4f,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%.0f,%.3f,%.4f",
-                     1000 / r->ms[PAGS_BENCH_STAGES - 1].median, r->speed_up, (long long)s->gaussians, (long long)s->in_view,
-                     (long long)s->loaded, (long long)s->hidden, (long long)s->shaded, (long long)s->binned, (long long)s->pairs_binned, (long long)s->pairs_evaluated,
+  length += snprintf(line + length, sizeof line - (size_t)length,
+                     ",%.3f,%.4f,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%lld,%.0f,%.3f,%.4f",
+                     1000 / r->ms[PAGS_BENCH_STAGES - 1].median, r->speed_up, (long long)s->gaussians,
+                     (long long)s->in_view, (long long)s->loaded, (long long)s->hidden, (long long)s->shaded,
+                     (long long)s->binned, (long long)s->pairs_binned, (long long)s->pairs_evaluated,
                      (long long)s->pairs_blended, r->bytes, self->layers[size], r->psnr);
   length += snprintf(line + length, sizeof line - (size_t)length, ",%.3e,%.3e,%.6f\n", r->max_error, r->max_alpha_error,
                      r->differing);
@@ -312,10 +324,11 @@ static pags_result write_csv(const render_bench *self) {
   char head[1024];
   int length = snprintf(head, sizeof head, "width,height,mode");
   for (int i = 0; i < PAGS_BENCH_STAGES; i++)
-    length += snprintf(head + length, sizeof head - (size_t)length, ",%s_ms,%s_ms_low,%s_ms_high", pags_bench_stage_names[i],
-                       pags_bench_stage_names[i], pags_bench_stage_names[i]);
+    length += snprintf(head + length, sizeof head - (size_t)length, ",%s_ms,%s_ms_low,%s_ms_high",
+                       pags_bench_stage_names[i], pags_bench_stage_names[i], pags_bench_stage_names[i]);
   length += snprintf(head + length, sizeof head - (size_t)length,
-                     ",fps,speed_up,gaussians,in_view,loaded,hidden,shaded,binned,pairs_binned,pairs_evaluated,pairs_blended,bytes_moved,"
+                     ",fps,speed_up,gaussians,in_view,loaded,hidden,shaded,binned,pairs_binned,pairs_evaluated,pairs_"
+                     "blended,bytes_moved,"
                      "gaussians_per_pixel,psnr,max_error,max_alpha_error,differing\n");
   pags_file_writer file;
   if (!self->arguments->csv)
@@ -333,7 +346,8 @@ static void plot_path(const render_bench *self, pags_plot *plot, int size, const
   pags_plot_line lines[MOST_MODES];
   char title[64];
   for (int k = 0; k < self->modes.count; k++)
-    lines[k] = (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
+    lines[k] =
+        (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
   snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
   pags_plot_lines(plot, title, "picture", "ms (median)", lines, self->modes.count);
 }
@@ -349,8 +363,8 @@ static void plot_error(const render_bench *self, pags_plot *plot, int size, bool
     y[k] = decibels ? fmin(r->psnr, 100) : r->max_error;
     lines[k] = (pags_plot_line){self->modes.modes[k].name, 1, x + k, y + k};
   }
-  snprintf(title, sizeof title, decibels ? "PSNR (100: no error), %dx%d" : "Largest error, %dx%d", self->sizes[size].width,
-           self->sizes[size].height);
+  snprintf(title, sizeof title, decibels ? "PSNR (100: no error), %dx%d" : "Largest error, %dx%d",
+           self->sizes[size].width, self->sizes[size].height);
   pags_plot_lines(plot, title, "speed-up", decibels ? "dB" : "colour, 0..1", lines, self->modes.count);
 }
 
@@ -378,9 +392,9 @@ static pags_result load(render_bench *self) {
   pags_scene scene;
   if (pags_packed_is_file(a->input)) {
     PAGS_TRY(pags_composition_open_packed(a->input, &self->composition));
-    return a->path && strcmp(a->path, "orbit") ? find_path(a, pags_composition_scene(self->composition), &self->path)
-                                               : pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --path FILE",
-                                                           a->input);
+    return a->path && strcmp(a->path, "orbit")
+               ? find_path(a, pags_composition_scene(self->composition), &self->path)
+               : pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --path FILE", a->input);
   }
   PAGS_TRY(pags_scene_load(a->input, &scene));
   const pags_result result = find_path(a, &scene, &self->path);
@@ -435,7 +449,8 @@ int pags_bench_render(int argc, char **argv) {
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   arguments.input = parsed.positionals[0];
   if (!parse_sizes(arguments.sizes, &self))
-    return pags_usage_error(&verb, "--sizes: expected WIDTHxHEIGHT, each 16..16384, at most %d separated by commas, got '%s'",
+    return pags_usage_error(&verb,
+                            "--sizes: expected WIDTHxHEIGHT, each 16..16384, at most %d separated by commas, got '%s'",
                             MOST_SIZES, arguments.sizes);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

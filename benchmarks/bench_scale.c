@@ -1,8 +1,8 @@
 /* pags-bench scale: whether the time of a frame follows what is visible or what exists.
  *
- * A scene's background is copied along a street, so that more and more exists while the same cameras look from the first copy. Twice
- * for each number: as parts that share one set of rows (memory of one copy, whatever the number: time alone is measured), and as a real
- * packed file with every row in it, mapped. */
+ * A scene's background is copied along a street, so that more and more exists while the same cameras look from the
+ * first copy. Twice for each number: as parts that share one set of rows (memory of one copy, whatever the number: time
+ * alone is measured), and as a real packed file with every row in it, mapped. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
@@ -37,21 +37,26 @@ static const pags_option options[] = {
     PAGS_TEXT("modes", 0, AT(modes), "MODE,...", NULL, PAGS_BENCH_MODE_HELP),
     PAGS_TEXT("camera", 0, AT(camera), "FILE", "the scene's training views", "measure from this camera or path file"),
     PAGS_VALUE("frames", 'n', INT, AT(frames), 1, 1000, "N", "pictures", NULL, "spread evenly over the views"),
-    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL, "timed frames of each picture and mode"),
+    PAGS_VALUE("repetitions", 'r', INT, AT(repetitions), 1, 1000, "N", "frames", NULL,
+               "timed frames of each picture and mode"),
     PAGS_VALUE("spacing", 0, DOUBLE, AT(spacing), 0, PAGS_UNLIMITED, "METRES", "metres", "the scene's own length",
                "from one copy to the next, along x"),
     PAGS_TEXT("csv", 0, AT(csv), "FILE", NULL, "write a row per number, form and mode"),
     PAGS_SESSION_OPTIONS(scale_arguments),
     {0}};
 
-static const pags_positional positionals[] = {{"SCENE", "a scene folder; its background is copied (pags synth town)"}, {NULL, NULL}};
+static const pags_positional positionals[] = {{"SCENE", "a scene folder; its background is copied (pags synth town)"},
+                                              {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "scale",
     .usage = "SCENE [options]",
-    .about = "Copies a scene's background along x until there are so many Gaussians and draws the same views: milliseconds against "
-             "what exists, what is in view and what is loaded, and memory. Shared: copies are parts over the same rows, which costs "
-             "the memory of one. Packed: a file with every row, mapped; resident is what was looked at.",
+    .about =
+        "Copies a scene's background along x until there are so many Gaussians and draws the same views: milliseconds "
+        "against "
+        "what exists, what is in view and what is loaded, and memory. Shared: copies are parts over the same rows, "
+        "which costs "
+        "the memory of one. Packed: a file with every row, mapped; resident is what was looked at.",
     .positionals = positionals,
     .options = options};
 
@@ -98,7 +103,8 @@ static pags_result find_cameras(scale_bench *self, const pags_scene *scene) {
   const scale_arguments *a = self->arguments;
   PAGS_TRY(a->camera ? pags_path_load(a->camera, &self->path) : pags_path_views(scene, &self->path));
   pags_bench_thin(&self->path, a->frames);
-  return self->path.count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
+  return self->path.count > 0 ? PAGS_OK
+                              : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
 
 static pags_result sort_rows(scale_bench *self, const pags_gaussians *from) {
@@ -128,8 +134,8 @@ static pags_result find_spacing(scale_bench *self) {
   memcpy(x, pags_plane(&self->rows, PAGS_MEAN), (size_t)count * sizeof *x);
   pags_sort_floats(x, count);
   self->spacing = self->arguments->spacing > 0 ? self->arguments->spacing
-                  : count > 0              ? (double)(x[count - 1 - count / 1000] - x[count / 1000])
-                                           : 1;
+                  : count > 0                  ? (double)(x[count - 1 - count / 1000] - x[count / 1000])
+                                               : 1;
   free(x);
   return PAGS_OK;
 }
@@ -217,7 +223,8 @@ static int64_t rows_of_copy(const scale_bench *self, int64_t left) {
 
 static pags_result measure_shared(scale_bench *self, double millions) {
   const int64_t wanted = (int64_t)(millions * 1e6 + 0.5), all = self->rows.count, copies = (wanted + all - 1) / all;
-  const int64_t left = wanted - (copies - 1) * all, rounded = (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
+  const int64_t left = wanted - (copies - 1) * all,
+                rounded = (left + PAGS_PACKED_ROWS - 1) / PAGS_PACKED_ROWS * PAGS_PACKED_ROWS;
   pags_gaussians cut = self->rows; /* the last copy's view of the same rows */
   pags_clusters few = self->clusters;
   stage s = {calloc((size_t)copies, sizeof(pags_part)), (int)copies};
@@ -286,16 +293,16 @@ static pags_result measure_packed(scale_bench *self, double millions) {
 
 static void say_table(const scale_bench *self) {
   const pags_session *session = &self->arguments->session;
-  pags_say(session, "%8s %-7s %-14s %12s %10s %10s %10s %9s %17s %9s %8s %9s %9s\n", "millions", "form", "mode", "Gaussians",
-           "in view", "loaded", "shaded", "ms", "10..90 %", "rows MB", "B/Gauss", "frame MB", "RSS MB");
+  pags_say(session, "%8s %-7s %-14s %12s %10s %10s %10s %9s %17s %9s %8s %9s %9s\n", "millions", "form", "mode",
+           "Gaussians", "in view", "loaded", "shaded", "ms", "10..90 %", "rows MB", "B/Gauss", "frame MB", "RSS MB");
   for (int i = 0; i < self->table_count; i++) {
     const scale_row *r = &self->table[i];
     const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
-    pags_say(session, "%8g %-7s %-14s %12lld %10lld %10lld %10lld %9.2f %8.2f %8.2f %9.1f %8.1f %9.1f %9.1f\n", r->millions,
-             form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians, (long long)r->result.counts.in_view,
-             (long long)r->result.counts.loaded, (long long)r->result.counts.shaded, ms->median, ms->low, ms->high,
-             (double)r->rows_bytes * 1e-6, (double)r->rows_bytes / (double)r->gaussians, (double)r->frame_bytes * 1e-6,
-             (double)r->resident * 1e-6);
+    pags_say(session, "%8g %-7s %-14s %12lld %10lld %10lld %10lld %9.2f %8.2f %8.2f %9.1f %8.1f %9.1f %9.1f\n",
+             r->millions, form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
+             (long long)r->result.counts.in_view, (long long)r->result.counts.loaded,
+             (long long)r->result.counts.shaded, ms->median, ms->low, ms->high, (double)r->rows_bytes * 1e-6,
+             (double)r->rows_bytes / (double)r->gaussians, (double)r->frame_bytes * 1e-6, (double)r->resident * 1e-6);
   }
 }
 
@@ -332,7 +339,8 @@ static pags_result write_json(const scale_bench *self) {
 }
 
 static pags_result write_csv(const scale_bench *self) {
-  static const char head[] = "millions,form,mode,gaussians,in_view,loaded,shaded,ms,ms_low,ms_high,rows_bytes,frame_bytes,resident_bytes\n";
+  static const char head[] =
+      "millions,form,mode,gaussians,in_view,loaded,shaded,ms,ms_low,ms_high,rows_bytes,frame_bytes,resident_bytes\n";
   pags_file_writer file;
   if (!self->arguments->csv)
     return PAGS_OK;
@@ -342,11 +350,11 @@ static pags_result write_csv(const scale_bench *self) {
     const scale_row *r = &self->table[i];
     const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
     char line[400];
-    const int length = snprintf(line, sizeof line, "%g,%s,%s,%lld,%lld,%lld,%lld,%.3f,%.3f,%.3f,%lld,%lld,%lld\n", r->millions,
-                                form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
+    const int length = snprintf(line, sizeof line, "%g,%s,%s,%lld,%lld,%lld,%lld,%.3f,%.3f,%.3f,%lld,%lld,%lld\n",
+                                r->millions, form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
                                 (long long)r->result.counts.in_view, (long long)r->result.counts.loaded,
-                                (long long)r->result.counts.shaded, ms->median, ms->low, ms->high, (long long)r->rows_bytes,
-                                (long long)r->frame_bytes, (long long)r->resident);
+                                (long long)r->result.counts.shaded, ms->median, ms->low, ms->high,
+                                (long long)r->rows_bytes, (long long)r->frame_bytes, (long long)r->resident);
     PAGS_TRY(pags_file_writer_put(&file, line, (size_t)length));
   }
   return pags_file_writer_commit(&file);
@@ -386,7 +394,8 @@ static void destroy(scale_bench *self) {
 }
 
 int pags_bench_scale(int argc, char **argv) {
-  scale_arguments arguments = {.millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
+  scale_arguments arguments = {
+      .millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
   scale_bench self = {.arguments = &arguments};
   pags_parsed parsed;
   const pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
@@ -394,7 +403,8 @@ int pags_bench_scale(int argc, char **argv) {
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   arguments.input = parsed.positionals[0];
   if (!parse_steps(arguments.millions, &self))
-    return pags_usage_error(&verb, "--millions: expected at most %d numbers from 0.001 to 2000 separated by commas, got '%s'",
+    return pags_usage_error(&verb,
+                            "--millions: expected at most %d numbers from 0.001 to 2000 separated by commas, got '%s'",
                             MOST_STEPS, arguments.millions);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

@@ -1,8 +1,8 @@
 /* pags-bench error: what each approximation of the engine gets wrong, and what it saves.
  *
- * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation where the engine
- * can do without it. Gains are of processor time, variants taking turns, medians of ratios of neighbours; beside them stand counts of
- * work and bytes. */
+ * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation
+ * where the engine can do without it. Gains are of processor time, variants taking turns, medians of ratios of
+ * neighbours; beside them stand counts of work and bytes. */
 #include "error.h"
 
 #include <base/file.h>
@@ -48,7 +48,11 @@ static int write_amount(char *out, size_t size, double value) {
     value *= 1e-6, unit = " M";
   else if (value >= 1e4)
     value *= 1e-3, unit = " k";
-  return snprintf(out, size, "%.*f%s", value < 10 && value != floor(value) ? 2 : value < 100 && value != floor(value) ? 1 : 0, value, unit);
+  return snprintf(out, size, "%.*f%s",
+                  value < 10 && value != floor(value)    ? 2
+                  : value < 100 && value != floor(value) ? 1
+                                                         : 0,
+                  value, unit);
 }
 
 typedef struct row_text {
@@ -56,7 +60,9 @@ typedef struct row_text {
 } row_text;
 
 /* Two digits. */
-static void write_error(char *out, size_t size, double value) { snprintf(out, size, value < 99.5 ? "%.2g" : "%.0f", value); }
+static void write_error(char *out, size_t size, double value) {
+  snprintf(out, size, value < 99.5 ? "%.2g" : "%.0f", value);
+}
 
 static row_text write_row(const error_row *row) {
   row_text t = {"", "", "", "", ""};
@@ -71,7 +77,8 @@ static row_text write_row(const error_row *row) {
     char exact[24], used[24];
     write_amount(exact, sizeof exact, row->counts[i].exact);
     write_amount(used, sizeof used, row->counts[i].used);
-    at += snprintf(t.counts + at, sizeof t.counts - (size_t)at, "%s%s %s -> %s", i ? "; " : "", row->counts[i].what, exact, used);
+    at += snprintf(t.counts + at, sizeof t.counts - (size_t)at, "%s%s %s -> %s", i ? "; " : "", row->counts[i].what,
+                   exact, used);
   }
   return t;
 }
@@ -83,23 +90,26 @@ static void write_head(const pags_bench_view *view, char *out, size_t size) {
     all += (double)view->parts[p].gaussians->count;
   write_amount(gaussians, sizeof gaussians, all);
   const pags_kernels *kernels = pags_kernels_get(NULL);
-  snprintf(out, size, "%s: %s Gaussians, %d view%s of %dx%d, %s, %d thread%s", view->name, gaussians, view->camera_count,
-           view->camera_count == 1 ? "" : "s", view->cameras[0].width, view->cameras[0].height, kernels ? kernels->name : "",
-           pags_tasks_workers(view->tasks), pags_tasks_workers(view->tasks) == 1 ? "" : "s");
+  snprintf(out, size, "%s: %s Gaussians, %d view%s of %dx%d, %s, %d thread%s", view->name, gaussians,
+           view->camera_count, view->camera_count == 1 ? "" : "s", view->cameras[0].width, view->cameras[0].height,
+           kernels ? kernels->name : "", pags_tasks_workers(view->tasks),
+           pags_tasks_workers(view->tasks) == 1 ? "" : "s");
 }
 
 static void print_table(FILE *people, const char *head, const error_table *table) {
-  fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit", "largest", "mean",
-          "PSNR", "times as fast", "counts, exact -> used");
+  fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit", "largest",
+          "mean", "PSNR", "times as fast", "counts, exact -> used");
   for (int i = 0; i < table->count; i++) {
     const error_row *row = &table->rows[i];
     const row_text t = write_row(row);
-    fprintf(people, "%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", row->name, row->exact, row->unit, t.largest, t.mean, t.psnr,
-            t.gain, t.counts);
+    fprintf(people, "%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", row->name, row->exact, row->unit, t.largest, t.mean,
+            t.psnr, t.gain, t.counts);
   }
 }
 
-static pags_result put_line(pags_file_writer *file, const char *line) { return pags_file_writer_put(file, line, strlen(line)); }
+static pags_result put_line(pags_file_writer *file, const char *line) {
+  return pags_file_writer_put(file, line, strlen(line));
+}
 
 static pags_result write_markdown(const char *path, const char *head, const error_table *table) {
   pags_file_writer file;
@@ -107,13 +117,15 @@ static pags_result write_markdown(const char *path, const char *head, const erro
   PAGS_TRY(pags_file_writer_begin(&file, path));
   snprintf(line, sizeof line, "%s\n\n", head);
   PAGS_TRY(put_line(&file, line));
-  PAGS_TRY(put_line(&file, "| approximation | against | unit | largest | mean | PSNR, dB | times as fast | counts, exact -> used |\n"
-                           "|---|---|---|---|---|---|---|---|\n"));
+  PAGS_TRY(put_line(
+      &file,
+      "| approximation | against | unit | largest | mean | PSNR, dB | times as fast | counts, exact -> used |\n"
+      "|---|---|---|---|---|---|---|---|\n"));
   for (int i = 0; i < table->count; i++) {
     const error_row *row = &table->rows[i];
     const row_text t = write_row(row);
-    snprintf(line, sizeof line, "| %s | %s | %s | %s | %s | %s | %s | %s |\n", row->name, row->exact, row->unit, t.largest, t.mean,
-             t.psnr, t.gain, t.counts);
+    snprintf(line, sizeof line, "| %s | %s | %s | %s | %s | %s | %s | %s |\n", row->name, row->exact, row->unit,
+             t.largest, t.mean, t.psnr, t.gain, t.counts);
     PAGS_TRY(put_line(&file, line));
   }
   return pags_file_writer_commit(&file);
@@ -121,7 +133,8 @@ static pags_result write_markdown(const char *path, const char *head, const erro
 
 pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   if (view->part_count > PAGS_BENCH_ERROR_PARTS)
-    return pags_fail(PAGS_ERROR_LIMIT, "%d models; the error bench takes at most %d", view->part_count, PAGS_BENCH_ERROR_PARTS);
+    return pags_fail(PAGS_ERROR_LIMIT, "%d models; the error bench takes at most %d", view->part_count,
+                     PAGS_BENCH_ERROR_PARTS);
   error_table table = {.count = 0};
   char head[512];
   PAGS_TRY(error_rows_of_oracle(view, &table));

@@ -17,8 +17,8 @@ typedef struct error_row {
   const char *exact; /* what it is held against */
   const char *unit;  /* of the errors */
   double largest, mean;
-  double psnr;     /* of pictures; NaN: not a picture */
-  double gain;     /* times as fast as what it is held against; NaN: has none or can't be run without */
+  double psnr;         /* of pictures; NaN: not a picture */
+  double gain;         /* times as fast as what it is held against; NaN: has none or can't be run without */
   const char *gain_of; /* what was timed; "" without a gain */
   error_count counts[ERROR_COUNTS];
 } error_row;
@@ -52,8 +52,9 @@ double error_median(double *values, int64_t count);
 pags_result error_go_on(const pags_bench_view *view, double fraction, const char *part);
 
 /* Each adds its rows. */
-pags_result error_rows_of_oracle(const pags_bench_view *view, error_table *table);  /* float, limits of blending, gradients */
-pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *table); /* engine against engine */
+pags_result error_rows_of_oracle(const pags_bench_view *view,
+                                 error_table *table); /* float, limits of blending, gradients */
+pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *table);  /* engine against engine */
 pags_result error_rows_of_training(const pags_bench_view *view, error_table *table); /* Adam, scores */
 
 #endif

@@ -22,10 +22,10 @@ typedef struct way {
   const char *name, *exact;
   pags_frame_options options;
   content what;
-  bool fine;  /* drawn FINE times as large, and averaged over FINE x FINE small pixels */
-  int base;   /* the way that it is held against */
-  int frame;  /* early-z learns from the frame before: it has a frame of its own */
-  bool told;  /* has a row */
+  bool fine; /* drawn FINE times as large, and averaged over FINE x FINE small pixels */
+  int base;  /* the way that it is held against */
+  int frame; /* early-z learns from the frame before: it has a frame of its own */
+  bool told; /* has a row */
 } way;
 
 typedef struct drawing {
@@ -45,7 +45,9 @@ typedef struct drawing {
 
 /* ---- Contents ---- */
 
-static double row_bytes(const pags_gaussians *g) { return 4.0 * pags_plane_count(g->sh_degree) * (double)g->count; }
+static double row_bytes(const pags_gaussians *g) {
+  return 4.0 * pags_plane_count(g->sh_degree) * (double)g->count;
+}
 
 static double count_terms(const pags_gaussians *g) {
   double terms = 0;
@@ -103,9 +105,9 @@ static pags_result trim_part(drawing *d, int p) {
     views[count++] = pags_sh_view_make(v->cameras + c, part->world_from_model, v->options.origin,
                                        (double)v->options.near_plane, (double)v->options.low_pass);
   for (int64_t i = 0; i < TRIM_VIEWS && i < v->all_count; i++)
-    views[count++] = pags_sh_view_make(v->all + i * v->all_count / (v->all_count < TRIM_VIEWS ? v->all_count : TRIM_VIEWS),
-                                       part->world_from_model, v->options.origin, (double)v->options.near_plane,
-                                       (double)v->options.low_pass);
+    views[count++] = pags_sh_view_make(
+        v->all + i * v->all_count / (v->all_count < TRIM_VIEWS ? v->all_count : TRIM_VIEWS), part->world_from_model,
+        v->options.origin, (double)v->options.near_plane, (double)v->options.low_pass);
   trimming t = {&d->trimmed[p], views, count};
   if (!pags_parallel_for(v->tasks, from->count, 1024, trim_block, &t))
     return pags_fail(PAGS_CANCELLED, "cancelled");
@@ -169,7 +171,8 @@ static void list_filter_ways(drawing *d) {
     const char *name;
     float low_pass;
     int antialiased;
-  } filters[] = {{"low-pass 0.3 px^2", 0.3f, 0}, {"low-pass 0.1 px^2", 0.1f, 0}, {"low-pass 0.3, antialiased", 0.3f, 1}};
+  } filters[] = {
+      {"low-pass 0.3 px^2", 0.3f, 0}, {"low-pass 0.1 px^2", 0.1f, 0}, {"low-pass 0.3, antialiased", 0.3f, 1}};
   for (int k = 0; k < 3; k++) {
     w = add_way(d, filters[k].name, "mean of 16 samples a pixel", fine);
     w->options.low_pass = filters[k].low_pass;
@@ -203,7 +206,8 @@ static pags_result draw(drawing *d, int k, const pags_camera *camera, bool count
   pags_frame_options options = w->options;
   const pags_camera seen = camera_of(w, camera);
   options.count_pairs = counted;
-  return pags_frame_render(d->frames[w->frame], d->parts[w->what], d->view->part_count, &seen, &options, NULL, NULL, picture);
+  return pags_frame_render(d->frames[w->frame], d->parts[w->what], d->view->part_count, &seen, &options, NULL, NULL,
+                           picture);
 }
 
 /* Means of FINE x FINE pixels, in place. */
@@ -235,7 +239,8 @@ static pags_result look(drawing *d, const pags_camera *camera) {
       shrink(d->pictures[k], camera->width, camera->height);
   }
   for (int k = 0; k < d->count; k++)
-    error_picture_compare(d->pictures[k], d->pictures[d->ways[k].base], 3 * (int64_t)camera->width * camera->height, &d->sums[k]);
+    error_picture_compare(d->pictures[k], d->pictures[d->ways[k].base], 3 * (int64_t)camera->width * camera->height,
+                          &d->sums[k]);
   return PAGS_OK;
 }
 

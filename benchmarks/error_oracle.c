@@ -1,7 +1,8 @@
 /* What the engine's arithmetic and the limits of blending cost, by the double-precision oracle (tests/reference).
  *
- * The limits (cut, stop, cap, clamp of the slope) are fixed in the kernels, so the oracle is drawn with and without each; gains of
- * these are of its own time, in which blending weighs less than in the engine's: the pairs beside them say more. */
+ * The limits (cut, stop, cap, clamp of the slope) are fixed in the kernels, so the oracle is drawn with and without
+ * each; gains of these are of its own time, in which blending weighs less than in the engine's: the pairs beside them
+ * say more. */
 #include "error.h"
 
 #include <kernels.h>
@@ -17,8 +18,8 @@ enum { LIMITS = 4, GROUPS = 6, PROBES = 4096, EXP_VALUES = 1 << 16, KERNEL_STEPS
 
 enum { NO_STOP = 1, NO_CAP = 2, NO_CLAMP = 3 };
 
-/* Without the stop, a Gaussian of alpha 1 is blended: the cap is judged without it. The last one is what the clamp of slopes is there against:
- * both are held against what they stand for, values along rays. */
+/* Without the stop, a Gaussian of alpha 1 is blended: the cap is judged without it. The last one is what the clamp of
+ * slopes is there against: both are held against what they stand for, values along rays. */
 static const struct limit {
   const char *name, *exact;
   reference_limits limits;
@@ -26,7 +27,9 @@ static const struct limit {
     {"alpha cut at 1/255", "cut at 1/65280, double", {LOW_CUT, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED}},
     {"stop at T < 1e-4", "no stop, double", {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED}},
     {"alpha capped at 0.99", "cap at 1, no stop, double", {REFERENCE_ALPHA_MIN, 1, 0, REFERENCE_WIDENED}},
-    {"affine image, no clamp", "value along rays, double", {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, INFINITY}},
+    {"affine image, no clamp",
+     "value along rays, double",
+     {REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, INFINITY}},
 };
 
 static const struct group { /* planes that share a unit */
@@ -42,8 +45,8 @@ typedef struct oracle {
   error_sum picture, decided, limit[LIMITS], affine, group[GROUPS];
   double oracle_ms, engine_ms, oracle_back_ms, engine_back_ms; /* forward; forward and back */
   double limit_ms[LIMITS], limit_pairs[LIMITS], pairs, ray_ms;
-  double squares, binned, lanes;                               /* pairs with tiles; lanes evaluated */
-  double pixels, left_out;                                     /* of gradients */
+  double squares, binned, lanes; /* pairs with tiles; lanes evaluated */
+  double pixels, left_out;       /* of gradients */
 } oracle;
 
 /* ---- Tiles ---- */
@@ -59,7 +62,8 @@ static double square_tiles(const reference_splat *s, int tiles_x, int tiles_y) {
 }
 
 static double all_square_tiles(const reference_picture *picture) {
-  const int tiles_x = (picture->width + PAGS_TILE - 1) / PAGS_TILE, tiles_y = (picture->height + PAGS_TILE - 1) / PAGS_TILE;
+  const int tiles_x = (picture->width + PAGS_TILE - 1) / PAGS_TILE,
+            tiles_y = (picture->height + PAGS_TILE - 1) / PAGS_TILE;
   double sum = 0;
   for (int64_t i = 0; i < picture->splat_count; i++)
     sum += picture->splats[i].drawn ? square_tiles(&picture->splats[i], tiles_x, tiles_y) : 0;
@@ -73,8 +77,8 @@ static int may_turn(const reference_picture *picture, int64_t pixel) {
   return picture->margin[pixel] < 1e-4 || picture->depth_margin[pixel] < 1e-6;
 }
 
-/* A gradient of the size that a loss gives, different from pixel to pixel; none where rounding may turn a decision. `left_out` grows by
- * the pixels of these. */
+/* A gradient of the size that a loss gives, different from pixel to pixel; none where rounding may turn a decision.
+ * `left_out` grows by the pixels of these. */
 static double *make_weights(const reference_picture *picture, double *left_out) {
   const int64_t pixels = (int64_t)picture->width * picture->height;
   double *const weights = calloc(3 * (size_t)pixels, sizeof *weights);
@@ -95,10 +99,12 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   const int64_t count = o->parts[g->part].count;
   (void)worker;
   for (int p = 0; p < g->planes; p++)
-    memcpy(o->gradient[g->part] + p * count + g->first, g->data + (int64_t)p * g->stride, (size_t)g->count * sizeof(float));
+    memcpy(o->gradient[g->part] + p * count + g->first, g->data + (int64_t)p * g->stride,
+           (size_t)g->count * sizeof(float));
 }
 
-static double length(const struct group *group, const reference_part_gradient *exact, const float *drawn, int planes, int64_t row) {
+static double length(const struct group *group, const reference_part_gradient *exact, const float *drawn, int planes,
+                     int64_t row) {
   double square = 0;
   for (int p = group->first; p < group->last && p < planes; p++) {
     const double value = exact->planes[p * exact->count + row] - (drawn ? (double)drawn[p * exact->count + row] : 0);
@@ -119,8 +125,8 @@ static double root_mean_square(const oracle *o, const struct group *group, const
   return rows > 0 ? sqrt(square / rows) : 0;
 }
 
-/* |difference| / max(|exact|, 1 % of the group's root mean square), of rows that have a gradient. A group so small beside another is the
- * rounding of zeros, as rotations' is where all Gaussians are round. */
+/* |difference| / max(|exact|, 1 % of the group's root mean square), of rows that have a gradient. A group so small
+ * beside another is the rounding of zeros, as rotations' is where all Gaussians are round. */
 static void compare_gradients(oracle *o, const reference_part_gradient *exact) {
   double size[GROUPS], largest = 0;
   for (int g = 0; g < GROUPS; g++) {
@@ -158,8 +164,7 @@ static pags_result go_back(oracle *o, const pags_camera *camera, const double *w
   options.keep_for_backward = 1;
   options.exp_degree = 5;
   for (int p = 0; p < o->view->part_count; p++)
-    memset(o->gradient[p], 0,
-           (size_t)(o->parts[p].count * pags_plane_count(o->parts[p].sh_degree)) * sizeof(float));
+    memset(o->gradient[p], 0, (size_t)(o->parts[p].count * pags_plane_count(o->parts[p].sh_degree)) * sizeof(float));
   for (int round = 0; round < 2 && result == PAGS_OK; round++) { /* the first one fetches memory */
     const double begin = error_clock_ms();
     result = pags_frame_render(o->frame, o->view->parts, o->view->part_count, camera, &options, NULL, NULL, &picture);
@@ -172,7 +177,8 @@ static pags_result go_back(oracle *o, const pags_camera *camera, const double *w
 }
 
 /* The oracle's gradient of its picture, which took `forward_ms`, against the engine's. */
-static pags_result add_gradients(oracle *o, const pags_camera *camera, const reference_picture *picture, double forward_ms) {
+static pags_result add_gradients(oracle *o, const pags_camera *camera, const reference_picture *picture,
+                                 double forward_ms) {
   reference_part_gradient exact[PAGS_BENCH_ERROR_PARTS];
   double *const weights = make_weights(picture, &o->left_out);
   if (!weights)
@@ -274,11 +280,13 @@ static pags_result add_camera(oracle *o, int index) {
 /* The rasteriser's alpha of a Gaussian that is flat over a tile: 2^exponent. */
 static double kernel_alpha(const pags_kernels *kernels, int degree, float exponent) {
   float planes[4][PAGS_TILE_PIXELS] __attribute__((aligned(64)));
-  const pags_splat flat = {.x = 8, .y = 8, .log2_opacity = exponent, .r = 1, .g = 1, .b = 1, .z = 1, .extent_x = 64, .extent_y = 64};
+  const pags_splat flat = {
+      .x = 8, .y = 8, .log2_opacity = exponent, .r = 1, .g = 1, .b = 1, .z = 1, .extent_x = 64, .extent_y = 64};
   const pags_entry entry = {0, 0};
   const pags_raster_in in = {
       .splats = &flat, .entries = &entry, .count = 1, .width = PAGS_TILE, .height = PAGS_TILE, .exp_degree = degree};
-  const pags_raster_out out = {.rgb = {planes[0], planes[1], planes[2]}, .transmittance = planes[3], .stride = PAGS_TILE};
+  const pags_raster_out out = {
+      .rgb = {planes[0], planes[1], planes[2]}, .transmittance = planes[3], .stride = PAGS_TILE};
   kernels->raster(&in, &out);
   return (double)planes[0][0];
 }
@@ -313,7 +321,8 @@ static double library_ns(void) {
 
 /* ns a lane of a whole blending step. */
 static double kernel_ns(const pags_kernels *kernels, int degree) {
-  const pags_splat faint = {.x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+  const pags_splat faint = {
+      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
   double ns[ROUNDS];
   volatile float kept = 0;
   for (int round = 0; round < ROUNDS; round++) {
@@ -373,8 +382,9 @@ static void add_rows(const oracle *o, error_table *table) {
   row->gain_of = "oracle's frame";
   row = error_table_add(table, "tiles by exact extent", "squares of 3 sigma", "none: alpha cut's");
   row->counts[0] = (error_count){"pairs with tiles", o->squares / views, o->binned / views};
-  static const char *const names[GROUPS] = {"gradient by means",     "gradient by ln sigma",        "gradient by rotations",
-                                            "gradient by opacities", "gradient by constant colour", "gradient by other colour"};
+  static const char *const names[GROUPS] = {"gradient by means",           "gradient by ln sigma",
+                                            "gradient by rotations",       "gradient by opacities",
+                                            "gradient by constant colour", "gradient by other colour"};
   for (int g = 0; g < GROUPS; g++) {
     if (o->group[g].samples == 0)
       continue;

@@ -1,7 +1,8 @@
 /* Approximations of training: Adam whose cost follows what is in view, and scores measured at half the size.
  *
- * Adam runs on the largest model with gradients of its own pictures, which stay those of the scene as it is, so that three optimisers
- * get the same ones: the engine's, the same kernels over every row at every step, and dense Adam in double on a sample of the rows. */
+ * Adam runs on the largest model with gradients of its own pictures, which stay those of the scene as it is, so that
+ * three optimisers get the same ones: the engine's, the same kernels over every row at every step, and dense Adam in
+ * double on a sample of the rows. */
 #include "error.h"
 
 #include <base/sort.h>
@@ -39,18 +40,18 @@ static float *make_plane(const pags_bench_view *v, int value) {
 
 typedef struct adam_bench {
   const pags_bench_view *view;
-  int part;                     /* the largest */
+  int part; /* the largest */
   int planes;
   int64_t rows, clusters, stride;
-  float *gradient, *zeros;      /* plane p at gradient + p * stride; zeros: one cluster's planes */
-  uint8_t *seen;                /* per cluster: in this step's picture */
+  float *gradient, *zeros; /* plane p at gradient + p * stride; zeros: one cluster's planes */
+  uint8_t *seen;           /* per cluster: in this step's picture */
   pags_schedule schedule;
-  pags_gaussians own[2];        /* 0: paid when seen; 1: every row at every step */
+  pags_gaussians own[2]; /* 0: paid when seen; 1: every row at every step */
   pags_clusters bounds[2];
   pags_adam adam[2];
   reference_adam exact;
   double *exact_gradient;
-  int64_t every;                /* of so many clusters one is in the sample */
+  int64_t every; /* of so many clusters one is in the sample */
   double ms[2], updated;
 } adam_bench;
 
@@ -84,8 +85,8 @@ static void step_engine(adam_bench *a, int which, int64_t step) {
       continue;
     pags_adam_touch(&a->adam[which], &a->own[which], c, step);
     const float *const gradient = a->seen[c] ? a->gradient + c * CLUSTER : a->zeros;
-    pags_adam_update(&a->adam[which], &a->own[which], &a->bounds[which], c, gradient, a->seen[c] ? a->stride : CLUSTER, a->planes,
-                     NULL);
+    pags_adam_update(&a->adam[which], &a->own[which], &a->bounds[which], c, gradient, a->seen[c] ? a->stride : CLUSTER,
+                     a->planes, NULL);
   }
   a->ms[which] += error_clock_ms() - begin;
 }
@@ -165,7 +166,8 @@ static pags_result run_adam(adam_bench *a, pags_frame *frame, const float *plane
   return PAGS_OK;
 }
 
-/* Differences as shares of the way that the plane's parameters went, root mean square over the sample. `other`: NULL for the oracle. */
+/* Differences as shares of the way that the plane's parameters went, root mean square over the sample. `other`: NULL
+ * for the oracle. */
 static void compare_adam(const adam_bench *a, const pags_gaussians *got, const pags_gaussians *other, error_sum *sum) {
   const pags_gaussians *const from = a->view->parts[a->part].gaussians;
   for (int p = 0; p < a->planes; p++) {

@@ -48,7 +48,8 @@ int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t
 }
 
 /* Where an accessor's values lie; NULL where they don't fit into the buffer. */
-static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t item_bytes, int64_t *count, int64_t *component) {
+static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t item_bytes, int64_t *count,
+                                int64_t *component) {
   const pags_json_value *a = element(file->root, "accessors", accessor);
   const pags_json_value *view = element(file->root, "bufferViews", pags_glb_integer(a, "bufferView", -1));
   *count = pags_glb_integer(a, "count", 0);
@@ -62,8 +63,8 @@ pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
   int64_t vertices = 0, indices = 0, component = 0;
-  const uint8_t *positions =
-      values_of(file, pags_glb_integer(pags_glb_member(primitive, "attributes"), "POSITION", -1), 12, &vertices, &component);
+  const uint8_t *positions = values_of(file, pags_glb_integer(pags_glb_member(primitive, "attributes"), "POSITION", -1),
+                                       12, &vertices, &component);
   const uint8_t *corners = values_of(file, pags_glb_integer(primitive, "indices", -1), 0, &indices, &component);
   *out = (pags_shell){0};
   if (!positions || !corners)

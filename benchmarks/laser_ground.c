@@ -1,5 +1,5 @@
-/* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of labelled boxes, that
- * can be reached from about the cameras without a step of more than 12 cm. */
+/* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of
+ * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
 #include "laser_ground.h"
 
 #include <base/sort.h>
@@ -83,7 +83,8 @@ static void grow(patch *patches) {
       for (int dx = -WINDOW; dx <= WINDOW; ++dx) {
         int x = queue[head] % SIDE + dx, y = queue[head] / SIDE + dy, at = y * SIDE + x;
         if (x < 0 || y < 0 || x >= SIDE || y >= SIDE || patches[at].ground || !is_level(&patches[at]) ||
-            fabs(patches[at].sum / (double)patches[at].count - patches[queue[head]].sum / (double)patches[queue[head]].count) > step)
+            fabs(patches[at].sum / (double)patches[at].count -
+                 patches[queue[head]].sum / (double)patches[queue[head]].count) > step)
           continue;
         patches[at].ground = 1;
         queue[count++] = at;
@@ -96,8 +97,9 @@ static void to_world(const pags_sweep *sweep, const float *xyz, double out[3]) {
     out[k] = m[4 * k] * (double)xyz[0] + m[4 * k + 1] * (double)xyz[1] + m[4 * k + 2] * (double)xyz[2] + m[4 * k + 3];
 }
 
-static pags_result measure_sweep(const pags_scene *scene, const pags_solid *ground, const pags_sweep *sweep, const float *xyz,
-                                 int64_t count, double **errors, int64_t *error_count, pags_laser_ground *out) {
+static pags_result measure_sweep(const pags_scene *scene, const pags_solid *ground, const pags_sweep *sweep,
+                                 const float *xyz, int64_t count, double **errors, int64_t *error_count,
+                                 pags_laser_ground *out) {
   static patch patches[SIDE * SIDE];
   double middle[3], p[3];
   if (!find_middle(scene, sweep->frame, middle))

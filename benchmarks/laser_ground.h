@@ -11,7 +11,8 @@ typedef struct pags_laser_ground {
   pags_proxy_distance error;      /* of heights, metres */
 } pags_laser_ground;
 
-/* Of the sweeps of held-out time steps of the scene's data set, within 25 m of the cameras. `ground` is relative to the scene's origin. */
+/* Of the sweeps of held-out time steps of the scene's data set, within 25 m of the cameras. `ground` is relative to the
+ * scene's origin. */
 pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_solid *ground, pags_laser_ground *out);
 
 #endif

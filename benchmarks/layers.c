@@ -1,8 +1,8 @@
 /* Depth complexity from the areas of projected Gaussians.
  *
- * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being the covariance
- * on the picture plane. Summed over Gaussians whose middle lies in the picture, divided by its pixels; what such a Gaussian has beyond
- * the edge stands for what others beyond the edge have within. */
+ * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being
+ * the covariance on the picture plane. Summed over Gaussians whose middle lies in the picture, divided by its pixels;
+ * what such a Gaussian has beyond the edge stands for what others beyond the edge have within. */
 #include "modes.h"
 
 #include <math.h>
@@ -15,7 +15,9 @@ typedef struct rows {
   int64_t stride, count;
 } rows;
 
-static float value(const rows *g, int plane, int64_t i) { return g->data[plane * g->stride + i]; }
+static float value(const rows *g, int plane, int64_t i) {
+  return g->data[plane * g->stride + i];
+}
 
 static void camera_from_part(const pags_part *part, const pags_camera *camera, const double origin[3], double out[12]) {
   double local[12], inverse[12];
@@ -53,7 +55,8 @@ static double ellipse_area(const rows *g, int64_t i, const double m[12], const p
   return 3.14159265358979323846 * reach * sqrt(fmax(a * c - b * b, 0));
 }
 
-static double area_of_rows(const rows *g, const double m[12], const pags_camera *camera, const pags_frame_options *options) {
+static double area_of_rows(const rows *g, const double m[12], const pags_camera *camera,
+                           const pags_frame_options *options) {
   const double pixels = (double)camera->width * camera->height;
   double area = 0;
   for (int64_t i = 0; i < g->count; i++) {

@@ -1,7 +1,7 @@
 /* Draws cameras by several modes and compares time and pictures.
  *
- * Timed frames of the modes take turns, so that what else the machine does falls on all of them alike, and the speed-up is the median
- * of ratios of frames drawn one after the other. */
+ * Timed frames of the modes take turns, so that what else the machine does falls on all of them alike, and the speed-up
+ * is the median of ratios of frames drawn one after the other. */
 #include "modes.h"
 
 #include <base/sort.h>
@@ -10,19 +10,19 @@
 #include <string.h>
 
 const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "occlude", "project", "shade",
-                                                                     "sort", "bin",     "raster",  "frame"};
+                                                               "sort", "bin",     "raster",  "frame"};
 
 static const size_t stage_at[PAGS_BENCH_STAGES - 1] = {
-    offsetof(pags_frame_stats, ms_cull),  offsetof(pags_frame_stats, ms_occlude), offsetof(pags_frame_stats, ms_project),
-    offsetof(pags_frame_stats, ms_shade), offsetof(pags_frame_stats, ms_sort),    offsetof(pags_frame_stats, ms_bin),
+    offsetof(pags_frame_stats, ms_cull),    offsetof(pags_frame_stats, ms_occlude),
+    offsetof(pags_frame_stats, ms_project), offsetof(pags_frame_stats, ms_shade),
+    offsetof(pags_frame_stats, ms_sort),    offsetof(pags_frame_stats, ms_bin),
     offsetof(pags_frame_stats, ms_raster)};
 
-static const size_t count_at[] = {
-    offsetof(pags_frame_stats, gaussians),    offsetof(pags_frame_stats, in_view),
-    offsetof(pags_frame_stats, loaded),       offsetof(pags_frame_stats, hidden),
-    offsetof(pags_frame_stats, shaded),       offsetof(pags_frame_stats, binned),
-    offsetof(pags_frame_stats, pairs_binned), offsetof(pags_frame_stats, pairs_evaluated),
-    offsetof(pags_frame_stats, pairs_blended)};
+static const size_t count_at[] = {offsetof(pags_frame_stats, gaussians),    offsetof(pags_frame_stats, in_view),
+                                  offsetof(pags_frame_stats, loaded),       offsetof(pags_frame_stats, hidden),
+                                  offsetof(pags_frame_stats, shaded),       offsetof(pags_frame_stats, binned),
+                                  offsetof(pags_frame_stats, pairs_binned), offsetof(pags_frame_stats, pairs_evaluated),
+                                  offsetof(pags_frame_stats, pairs_blended)};
 enum { COUNTS = sizeof count_at / sizeof count_at[0] };
 
 /* What the mode changes in the options. */
@@ -61,7 +61,8 @@ int pags_bench_next_word(const char **list, char *word, size_t size) {
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out) {
   const char *list = text;
   out->count = 0;
-  while (out->count < PAGS_BENCH_MOST_MODES && pags_bench_next_word(&list, out->names[out->count], PAGS_BENCH_MODE_NAME)) {
+  while (out->count < PAGS_BENCH_MOST_MODES &&
+         pags_bench_next_word(&list, out->names[out->count], PAGS_BENCH_MODE_NAME)) {
     pags_bench_mode *mode = &out->modes[out->count];
     *mode = (pags_bench_mode){out->names[out->count], *standard};
     PAGS_TRY(parse_mode(mode->name, &mode->options));
@@ -88,7 +89,7 @@ static double stage_ms(const pags_frame_stats *stats, int stage) {
 typedef struct mode_sums {
   double counts[COUNTS], bytes;
   double squared, samples, differing, pixels; /* errors' squares; channels; pixels */
-  double *ms; /* PAGS_BENCH_STAGES x camera_count x repetitions */
+  double *ms;                                 /* PAGS_BENCH_STAGES x camera_count x repetitions */
 } mode_sums;
 
 /* The first mode's picture of the camera at hand. */
@@ -114,9 +115,12 @@ static pags_result save_picture(const pags_picture *picture, saved_picture *out)
   return PAGS_OK;
 }
 
-static double cut(float v) { return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v; }
+static double cut(float v) {
+  return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v;
+}
 
-static void compare(const pags_picture *picture, const saved_picture *saved, mode_sums *sums, pags_bench_mode_result *out) {
+static void compare(const pags_picture *picture, const saved_picture *saved, mode_sums *sums,
+                    pags_bench_mode_result *out) {
   const int64_t size = (int64_t)picture->width * picture->height;
   for (int y = 0; y < picture->height; y++)
     for (int x = 0; x < picture->width; x++) {
@@ -173,8 +177,9 @@ static pags_result look(measuring *m, const pags_camera *camera, const pags_part
     PAGS_TRY(pags_frame_render(m->frame, parts, part_count, camera, &options, NULL, NULL, &picture));
     const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
     add_counts(stats, &m->sums[k]);
-    m->sums[k].bytes += pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
-                                                 (double)camera->width * camera->height, part_count > 0 && parts[0].packed);
+    m->sums[k].bytes +=
+        pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
+                                 (double)camera->width * camera->height, part_count > 0 && parts[0].packed);
     if (k == 0)
       PAGS_TRY(save_picture(&picture, &m->saved));
     compare(&picture, &m->saved, &m->sums[k], &m->results[k]);
@@ -188,7 +193,8 @@ static pags_result time_camera(measuring *m, int64_t index, const pags_part *par
   for (int r = 0; r < f->repetitions; r++)
     for (int k = 0; k < f->mode_count; k++) {
       pags_picture picture;
-      PAGS_TRY(pags_frame_render(m->frame, parts, part_count, f->cameras + index, &f->modes[k].options, NULL, NULL, &picture));
+      PAGS_TRY(pags_frame_render(m->frame, parts, part_count, f->cameras + index, &f->modes[k].options, NULL, NULL,
+                                 &picture));
       const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
       for (int s = 0; s < PAGS_BENCH_STAGES; s++)
         m->sums[k].ms[s * samples + index * f->repetitions + r] = stage_ms(stats, s);

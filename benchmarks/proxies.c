@@ -1,15 +1,18 @@
-/* pags-bench proxies: how far proxies of a synthetic street (pags synth street, pags export) are from what they stand for.
+/* pags-bench proxies: how far proxies of a synthetic street (pags synth street, pags export) are from what they stand
+ * for.
  *
- * The street is built again from DATASET/truth/street.json; where that is missing, as in data sets of other programs, DATASET/truth/depth and
- * ids stand for it: then the proxy is compared where training cameras' rays truly meet the vehicle, and nothing is known of the rest.
+ * The street is built again from DATASET/truth/street.json; where that is missing, as in data sets of other programs,
+ * DATASET/truth/depth and ids stand for it: then the proxy is compared where training cameras' rays truly meet the
+ * vehicle, and nothing is known of the rest.
  *
- * The training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed. The proxy is where
- * the file's track puts it at that time, which training may have moved off the true one: what was seen is brought into the proxy's
- * own frame, the true surface as it is to the proxy at the middle of its track. Measured are the
- * distances from there to the proxy; from places spread evenly over the proxy to the true surface, apart by whether the nearest place
- * of it is observed; what both cover of each picture; the ground's heights against the street's surfaces
- * and against the laser's ground in held-out sweeps; and objects' distances from the laser's points on them there.
- * The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th percentile of the ground of 0.05 m. */
+ * The training cameras' rays are traced through the street: where they meet the vehicle first, its surface is observed.
+ * The proxy is where the file's track puts it at that time, which training may have moved off the true one: what was
+ * seen is brought into the proxy's own frame, the true surface as it is to the proxy at the middle of its track.
+ * Measured are the distances from there to the proxy; from places spread evenly over the proxy to the true surface,
+ * apart by whether the nearest place of it is observed; what both cover of each picture; the ground's heights against
+ * the street's surfaces and against the laser's ground in held-out sweeps; and objects' distances from the laser's
+ * points on them there. The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th
+ * percentile of the ground of 0.05 m. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -26,7 +29,8 @@
 static const double ground_bound = 0.05, ground_reach = 10; /* metres */
 
 /* A node's mesh, to be asked for distances; both are the caller's to destroy, whatever is returned. */
-static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_shell *shell, pags_solid **solid) {
+static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_shell *shell,
+                             pags_solid **solid) {
   PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), shell));
   return pags_solid_of_shell(shell, solid);
 }
@@ -86,9 +90,11 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
     pags_proxy_distance far = pags_distance_summary(all, count), near = pags_distance_summary(close, close_count);
     int good = far.p95 <= ground_bound && !holes;
     self->failures += !good;
-    pags_say(&self->session, "ground: %lld heights, off by %.3f (p95 %.3f, max %.2f); within %g m of the path %.3f (%.3f, %.2f), %lld holes%s\n",
-           (long long)count, far.mean, far.p95, far.max, ground_reach, near.mean, near.p95, near.max, (long long)holes,
-           good ? "" : "  <<<");
+    pags_say(&self->session,
+             "ground: %lld heights, off by %.3f (p95 %.3f, max %.2f); within %g m of the path %.3f (%.3f, %.2f), %lld "
+             "holes%s\n",
+             (long long)count, far.mean, far.p95, far.max, ground_reach, near.mean, near.p95, near.max,
+             (long long)holes, good ? "" : "  <<<");
     pags_json_begin_object(&self->json, "ground");
     pags_proxy_bench_put(&self->json, "error", &far);
     pags_proxy_bench_put(&self->json, "error_near_path", &near);
@@ -112,9 +118,10 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
   if (result == PAGS_OK && found.points) {
     int good = found.error.p95 <= ground_bound;
     self->failures += !good;
-    pags_say(&self->session, "ground against %lld points of %lld held-out sweeps: %.3f (p95 %.3f, max %.2f) m, %lld beyond it%s\n",
-           (long long)found.points, (long long)found.sweeps, found.error.mean, found.error.p95, found.error.max,
-           (long long)found.missed, good ? "" : "  <<<");
+    pags_say(&self->session,
+             "ground against %lld points of %lld held-out sweeps: %.3f (p95 %.3f, max %.2f) m, %lld beyond it%s\n",
+             (long long)found.points, (long long)found.sweeps, found.error.mean, found.error.p95, found.error.max,
+             (long long)found.missed, good ? "" : "  <<<");
     pags_json_begin_object(&self->json, "laser_ground");
     pags_proxy_bench_put(&self->json, "error", &found.error);
     pags_json_put_integer(&self->json, "points", found.points);
@@ -129,12 +136,14 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
 /* ---- Objects. ---- */
 
 /* How far each point of `cloud` is from a node's mesh. */
-static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_cloud *cloud, double *distances) {
+static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_cloud *cloud,
+                                 double *distances) {
   pags_shell shell = {0};
   pags_solid *solid = NULL;
   pags_result result = open_mesh(self, node, &shell, &solid);
   for (int64_t i = 0; i < cloud->count && result == PAGS_OK; ++i) {
-    const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1], (double)cloud->points[3 * i + 2]};
+    const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1],
+                         (double)cloud->points[3 * i + 2]};
     distances[i] = pags_solid_distance(solid, p, NULL);
   }
   pags_solid_destroy(solid);
@@ -150,8 +159,9 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
     int64_t count = 0, objects = 0;
     for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
       const pags_json_value *track = pags_glb_member(pags_glb_member(node, "extras"), "track");
-      const pags_scene_object *object =
-          track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh") ? pags_scene_find_object(&self->scene, track->text) : NULL;
+      const pags_scene_object *object = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh")
+                                            ? pags_scene_find_object(&self->scene, track->text)
+                                            : NULL;
       const pags_cloud *cloud = object ? &laser->objects[object - self->scene.objects] : NULL;
       if (!object || object->record.moving != moving || !cloud->count)
         continue;
@@ -169,8 +179,8 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
     }
     pags_proxy_distance d = pags_distance_summary(distances, count);
     if (count)
-      pags_say(&self->session, "%lld %s objects against %lld points of held-out sweeps: %.3f (p95 %.3f, max %.2f) m\n", (long long)objects, kinds[moving],
-             (long long)count, d.mean, d.p95, d.max);
+      pags_say(&self->session, "%lld %s objects against %lld points of held-out sweeps: %.3f (p95 %.3f, max %.2f) m\n",
+               (long long)objects, kinds[moving], (long long)count, d.mean, d.p95, d.max);
     free(distances);
   }
   return PAGS_OK;
@@ -193,7 +203,8 @@ static pags_result run(pags_proxy_bench *self) {
   int has_truth = !self->pictures || (pictures && pags_dir_exists(pictures));
   free(pictures);
   if (self->pictures)
-    pags_say(&self->session, "no truth/street.json: %s\n", has_truth ? "the truth's pictures stand for it" : "the ground alone is measured, against the laser's");
+    pags_say(&self->session, "no truth/street.json: %s\n",
+             has_truth ? "the truth's pictures stand for it" : "the ground alone is measured, against the laser's");
   PAGS_TRY(pags_street_build(&self->options, &self->street));
   pags_street_number(&self->street);
   PAGS_TRY(pags_stage_create(self->street.meshes, self->street.mesh_count, self->street.placements,
@@ -225,15 +236,18 @@ static const pags_option options[] = {PAGS_SESSION_OPTIONS(pags_proxy_bench), {0
 static const pags_positional positionals[] = {
     {"SCENE", "a scene trained on pags synth street"}, {"FILE.glb", "what pags export wrote of it"}, {NULL, NULL}};
 
-static const pags_verb verb = {
-    .name = "proxies",
-    .usage = "SCENE FILE.glb [options]",
-    .about = "Measures how far exported proxies are from the true meshes of the synthetic street: of vehicles the distances both ways and "
-             "the overlap in the training views, of the ground its heights against the street and against held-out LiDAR, of other objects "
-             "their distances from held-out LiDAR. Fails (exit code 1) where one exceeds its bound: means of 0.1 m, an overlap of 0.9, a 95th "
-             "percentile of the ground of 0.05 m.",
-    .positionals = positionals,
-    .options = options};
+static const pags_verb verb = {.name = "proxies",
+                               .usage = "SCENE FILE.glb [options]",
+                               .about =
+                                   "Measures how far exported proxies are from the true meshes of the synthetic "
+                                   "street: of vehicles the distances both ways and "
+                                   "the overlap in the training views, of the ground its heights against the street "
+                                   "and against held-out LiDAR, of other objects "
+                                   "their distances from held-out LiDAR. Fails (exit code 1) where one exceeds its "
+                                   "bound: means of 0.1 m, an overlap of 0.9, a 95th "
+                                   "percentile of the ground of 0.05 m.",
+                               .positionals = positionals,
+                               .options = options};
 
 int pags_bench_proxies(int argc, char **argv) {
   pags_proxy_bench self = {0};

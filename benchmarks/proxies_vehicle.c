@@ -56,11 +56,11 @@ typedef struct vehicle {
   double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
   pags_shell truth, proxy;
   pags_solid *truth_solid, *proxy_solid, *cloud_solid;
-  pags_cloud cloud; /* where rays of training cameras meet it first, in its frame; one point a cell */
-  int64_t pixels;                  /* of the lattice that see it */
-  int64_t both, either;            /* silhouettes of truth and proxy, each alone */
-  int64_t seen_both, seen_either;  /* where nothing of the street hides them */
-  pags_cloud met;                  /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
+  pags_cloud cloud;               /* where rays of training cameras meet it first, in its frame; one point a cell */
+  int64_t pixels;                 /* of the lattice that see it */
+  int64_t both, either;           /* silhouettes of truth and proxy, each alone */
+  int64_t seen_both, seen_either; /* where nothing of the street hides them */
+  pags_cloud met; /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
 } vehicle;
 
 /* Where the vehicle is when a view is taken. */
@@ -68,15 +68,16 @@ typedef struct frames {
   double truth_from_world[12], proxy_from_world[12];
 } frames;
 
-static void bring(const double m[12], const double origin[3], const double direction[3], double from[3], double along[3]) {
+static void bring(const double m[12], const double origin[3], const double direction[3], double from[3],
+                  double along[3]) {
   pags_rigid_point(m, origin, from);
   for (int k = 0; k < 3; ++k)
     along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
 }
 
 /* One ray: what the street shows there, and what truth and proxy by themselves would. */
-static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3], double distance,
-                            int met, int is_it) {
+static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3],
+                            double distance, int met, int is_it) {
   double from[3], along[3], p[3], truth = -1;
   if (v->truth_solid) {
     bring(f->truth_from_world, origin, direction, from, along);
@@ -242,7 +243,8 @@ static void place_in(const pags_shell *s, int64_t triangle, int64_t n, double ou
   const uint32_t *t = s->triangles + 3 * triangle;
   for (int k = 0; k < 3; ++k) {
     double p = (double)s->positions[3 * (int64_t)t[0] + k];
-    out[k] = p + a * ((double)s->positions[3 * (int64_t)t[1] + k] - p) + b * ((double)s->positions[3 * (int64_t)t[2] + k] - p);
+    out[k] = p + a * ((double)s->positions[3 * (int64_t)t[1] + k] - p) +
+             b * ((double)s->positions[3 * (int64_t)t[2] + k] - p);
   }
 }
 
@@ -256,7 +258,8 @@ static void measure_proxy(const vehicle *v, spread *out) {
   if (!v->truth_solid) {
     int64_t step = v->met.count / PROXY_SAMPLES + 1;
     for (int64_t i = 0; i < v->met.count; i += step) {
-      const double p[3] = {(double)v->met.points[3 * i], (double)v->met.points[3 * i + 1], (double)v->met.points[3 * i + 2]};
+      const double p[3] = {(double)v->met.points[3 * i], (double)v->met.points[3 * i + 1],
+                           (double)v->met.points[3 * i + 2]};
       out->seen[out->seen_count++] = pags_solid_distance(v->cloud_solid, p, NULL);
     }
     return;
@@ -284,10 +287,12 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   if (!from)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud.count);
   for (int64_t i = 0; i < v->cloud.count; ++i) {
-    const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1], (double)v->cloud.points[3 * i + 2]};
+    const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1],
+                         (double)v->cloud.points[3 * i + 2]};
     from[i] = pags_solid_distance(v->proxy_solid, p, NULL);
   }
-  pags_proxy_distance back = pags_distance_summary(from, v->cloud.count), seen = pags_distance_summary(to->seen, to->seen_count),
+  pags_proxy_distance back = pags_distance_summary(from, v->cloud.count),
+                      seen = pags_distance_summary(to->seen, to->seen_count),
                       rest = pags_distance_summary(to->rest, to->rest_count);
   free(from);
   PAGS_TRY(pags_shell_inspect(&v->proxy, &topology));
@@ -295,10 +300,12 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   double share = (double)to->seen_count / (double)(to->seen_count + to->rest_count);
   int good = back.mean <= mean_bound && seen.mean <= mean_bound && shown >= iou_bound && topology.closed;
   self->failures += !good;
-  pags_say(&self->session, "%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
-         "near observed %2.0f %%, IoU alone %.3f, shown %.3f, %s%s\n",
-         v->record->id, (long long)v->pixels, back.mean, back.p95, back.max, seen.mean, seen.p95, seen.max, rest.mean, rest.p95,
-         rest.max, 100 * share, alone, shown, topology.closed ? "closed" : "OPEN", good ? "" : "  <<<");
+  pags_say(
+      &self->session,
+      "%-16s %8lld px, truth to proxy %.3f (%.3f, %.2f), proxy to truth %.3f (%.3f, %.2f), rest %.3f (%.3f, %.2f), "
+      "near observed %2.0f %%, IoU alone %.3f, shown %.3f, %s%s\n",
+      v->record->id, (long long)v->pixels, back.mean, back.p95, back.max, seen.mean, seen.p95, seen.max, rest.mean,
+      rest.p95, rest.max, 100 * share, alone, shown, topology.closed ? "closed" : "OPEN", good ? "" : "  <<<");
   pags_json_writer *w = &self->json;
   pags_json_begin_object(w, NULL);
   pags_json_put_string(w, "object", v->record->id);
@@ -325,7 +332,8 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   }
   thin(v);
   PAGS_TRY(pags_solid_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
-  spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)), .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
+  spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)),
+               .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
   pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   if (result == PAGS_OK) {
     measure_proxy(v, &to);

@@ -1,7 +1,7 @@
 /* pags-bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
  *
- * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no tiles. It
- * and the frame are timed in turn, so that a machine that changes its speed changes both. */
+ * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no
+ * tiles. It and the frame are timed in turn, so that a machine that changes its speed changes both. */
 #include "bench.h"
 
 #include <base/clock.h>
@@ -19,7 +19,8 @@ typedef struct peak_context {
 static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
   const peak_context *const c = context;
   (void)worker;
-  const pags_splat faint = {.x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
+  const pags_splat faint = {
+      .x = 1, .y = 1, .p = 0.1f, .h = 0.1f, .w = 0.1f, .log2_opacity = -7.5f, .r = 0.5f, .g = 0.5f, .b = 0.5f};
   for (int64_t i = begin; i < end; i++)
     c->kept[i] = c->kernels->roofline(&faint, STEPS, 5);
 }
@@ -109,8 +110,9 @@ static void put_share(const share *s, const char *name, FILE *people, pags_json_
   pags_json_put_number(json, "raster_backward_ms", s->backward_ms);
   pags_json_end_object(json);
   if (people)
-    fprintf(people, "%-8s %9.2f %9.2f %7.0f %% %9.2f %7.0f %% %10.2f %9.0f %%\n", name, s->peak * 1e-9, s->forward * 1e-9,
-            100 * s->forward / s->peak, s->backward * 1e-9, 100 * s->backward / s->peak, s->ratio, 100 * s->blended);
+    fprintf(people, "%-8s %9.2f %9.2f %7.0f %% %9.2f %7.0f %% %10.2f %9.0f %%\n", name, s->peak * 1e-9,
+            s->forward * 1e-9, 100 * s->forward / s->peak, s->backward * 1e-9, 100 * s->backward / s->peak, s->ratio,
+            100 * s->blended);
 }
 
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json) {

@@ -1,7 +1,7 @@
 /* pags-bench stages: what each stage costs per thing it works on.
  *
- * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine without
- * caches would move. */
+ * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine
+ * without caches would move. */
 #include "bench.h"
 #include "modes.h"
 
@@ -20,13 +20,16 @@ static int fill_rows(const pags_frame_stats *s, int degree, double clusters, dou
   const double geometry = 11 * 4.0, colour = 12.0 * pags_sh_coefficients(degree);
   int n = 0;
   rows[n++] = (stage_row){"cull", "cluster", s->ms_cull, clusters, clusters * 29};
-  rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded, loaded * (geometry + KEY) + drawn * (SPLAT + BOX)};
+  rows[n++] = (stage_row){"project", "Gaussian loaded", s->ms_project, loaded,
+                          loaded * (geometry + KEY) + drawn * (SPLAT + BOX)};
   rows[n++] = (stage_row){"shade", "Gaussian drawn", s->ms_shade, drawn, loaded * KEY + drawn * (colour + 12 + 16)};
   /* Keys read twice to list what is drawn; the list written, then read twice with the boxes; entries written. */
   rows[n++] = (stage_row){"bin", "pair of tile", s->ms_bin, pairs,
                           loaded * 2 * KEY + drawn * (3 * INDEX + 2 * BOX) + pairs * (ENTRY + 4)};
-  /* Keys gathered; their digits counted (read); scattered three times (read and written); entries read, copied and put in order. */
-  rows[n++] = (stage_row){"sort", "pair of tile", s->ms_sort, pairs, pairs * (KEY + ROW + ROW + 3 * 2 * ROW + ROW + 4 * ENTRY)};
+  /* Keys gathered; their digits counted (read); scattered three times (read and written); entries read, copied and put
+   * in order. */
+  rows[n++] =
+      (stage_row){"sort", "pair of tile", s->ms_sort, pairs, pairs * (KEY + ROW + ROW + 3 * 2 * ROW + ROW + 4 * ENTRY)};
   rows[n++] = (stage_row){"raster", "pixel pair evaluated", s->ms_raster, (double)s->pairs_evaluated,
                           pairs * (ENTRY + SPLAT) + pixels * 16};
   rows[n++] = (stage_row){"raster backward", "pixel pair evaluated", s->ms_raster_backward, (double)s->pairs_evaluated,
@@ -36,7 +39,8 @@ static int fill_rows(const pags_frame_stats *s, int degree, double clusters, dou
   return n;
 }
 
-double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels, int packed) {
+double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels,
+                                int packed) {
   stage_row rows[8];
   double bytes = 0;
   if (packed) /* what is read less: geometry of 44 bytes as 21, colours' floats as halves and bytes, means again as 6 */
@@ -76,8 +80,9 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
   for (int i = 0; i < n; i++) {
     put_row(json, rows + i);
     if (people && rows[i].units > 0)
-      fprintf(people, "%-17s %9.3f %12.0f  %-21s %9.3f %9.2f %8.2f\n", rows[i].name, rows[i].ms, rows[i].units, rows[i].unit,
-              rows[i].ms * 1e6 / rows[i].units, rows[i].bytes / rows[i].units, rows[i].bytes / rows[i].ms * 1e-6);
+      fprintf(people, "%-17s %9.3f %12.0f  %-21s %9.3f %9.2f %8.2f\n", rows[i].name, rows[i].ms, rows[i].units,
+              rows[i].unit, rows[i].ms * 1e6 / rows[i].units, rows[i].bytes / rows[i].units,
+              rows[i].bytes / rows[i].ms * 1e-6);
   }
   pags_json_end_object(json);
   pags_json_put_integer(json, "gaussians", s->gaussians);
@@ -90,8 +95,9 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
     fprintf(people,
             "per frame, mean of %d views, best of %d: %lld Gaussians, %.0f pixels, %.1f million pixel pairs evaluated, "
             "%.0f %% of them blended; frame memory %.1f MB (%.0f bytes per drawn Gaussian)\n",
-            view->camera_count, view->repetitions, (long long)s->gaussians, frame.pixels, (double)s->pairs_evaluated * 1e-6,
-            s->pairs_evaluated ? 100.0 * (double)s->pairs_blended / (double)s->pairs_evaluated : 0.0, (double)frame.bytes * 1e-6,
-            s->shaded ? (double)frame.bytes / (double)s->shaded : 0.0);
+            view->camera_count, view->repetitions, (long long)s->gaussians, frame.pixels,
+            (double)s->pairs_evaluated * 1e-6,
+            s->pairs_evaluated ? 100.0 * (double)s->pairs_blended / (double)s->pairs_evaluated : 0.0,
+            (double)frame.bytes * 1e-6, s->shaded ? (double)frame.bytes / (double)s->shaded : 0.0);
   return PAGS_OK;
 }

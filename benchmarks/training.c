@@ -107,8 +107,8 @@ static void take_snapshot(void *user, const pags_train_progress *progress, const
   memcpy(t->origin, origin, sizeof t->origin);
   t->count++;
   if (t->people) {
-    fprintf(t->people, "step %6lld  %8.1f s  %8.1f it/s  %7lld Gaussians  held-out PSNR %.2f dB\n", (long long)s->step, s->seconds,
-            progress->it_per_second, (long long)s->gaussians, s->psnr);
+    fprintf(t->people, "step %6lld  %8.1f s  %8.1f it/s  %7lld Gaussians  held-out PSNR %.2f dB\n", (long long)s->step,
+            s->seconds, progress->it_per_second, (long long)s->gaussians, s->psnr);
     fflush(t->people);
   }
 }
@@ -125,7 +125,8 @@ static void put_reached(const training *t, FILE *people, pags_json_writer *json)
     snprintf(key, sizeof key, "%d", level);
     pags_json_put_number(json, key, t->snapshots[i].seconds);
     if (people)
-      fprintf(people, "%d dB held out after %.1f s (step %lld)\n", level, t->snapshots[i].seconds, (long long)t->snapshots[i].step);
+      fprintf(people, "%d dB held out after %.1f s (step %lld)\n", level, t->snapshots[i].seconds,
+              (long long)t->snapshots[i].step);
   }
   pags_json_end_object(json);
 }
@@ -145,11 +146,12 @@ static void put_result(const pags_train_result *r, FILE *people, pags_json_write
   pags_json_put_number(json, "density", r->ms_density);
   pags_json_end_object(json);
   if (people)
-    fprintf(people,
-            "%lld steps in %.1f s, %.1f it/s over the last tenth, %lld Gaussians, peak memory %.0f MB\n"
-            "ms a step, mean of the whole run: wait %.2f, forward %.2f, loss %.2f, backward and Adam %.2f, density %.2f\n",
-            (long long)r->iterations, r->seconds, r->iterations_per_second, (long long)r->gaussians,
-            (double)r->peak_rss_bytes * 1e-6, r->ms_wait, r->ms_forward, r->ms_loss, r->ms_backward, r->ms_density);
+    fprintf(
+        people,
+        "%lld steps in %.1f s, %.1f it/s over the last tenth, %lld Gaussians, peak memory %.0f MB\n"
+        "ms a step, mean of the whole run: wait %.2f, forward %.2f, loss %.2f, backward and Adam %.2f, density %.2f\n",
+        (long long)r->iterations, r->seconds, r->iterations_per_second, (long long)r->gaussians,
+        (double)r->peak_rss_bytes * 1e-6, r->ms_wait, r->ms_forward, r->ms_loss, r->ms_backward, r->ms_density);
 }
 
 /* The stages and roofline of the trained Gaussians from up to four training views. */

@@ -20,7 +20,9 @@ static float *make_gradient(int stride, int rows) {
   return gradient;
 }
 
-static void keep_least(double *best, double now) { *best = now < *best ? now : *best; }
+static void keep_least(double *best, double now) {
+  *best = now < *best ? now : *best;
+}
 
 static void keep_times(pags_frame_stats *best, const pags_frame_stats *now) {
   keep_least(&best->ms_cull, now->ms_cull);
@@ -33,8 +35,8 @@ static void keep_times(pags_frame_stats *best, const pags_frame_stats *now) {
   keep_least(&best->ms_project_backward, now->ms_project_backward);
 }
 
-static pags_result measure_camera(const pags_bench_view *view, const pags_camera *camera, int backward, pags_frame *frame,
-                                  pags_frame_stats *out) {
+static pags_result measure_camera(const pags_bench_view *view, const pags_camera *camera, int backward,
+                                  pags_frame *frame, pags_frame_stats *out) {
   pags_frame_options options = view->options;
   options.keep_for_backward = backward;
   options.count_pairs = 1;
@@ -49,7 +51,8 @@ static pags_result measure_camera(const pags_bench_view *view, const pags_camera
   if (backward && !gradient)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a gradient");
   const size_t plane = (size_t)picture.stride * (size_t)rows;
-  const pags_picture_gradient planes = {.rgb = {gradient, backward ? gradient + plane : NULL, backward ? gradient + 2 * plane : NULL}};
+  const pags_picture_gradient planes = {
+      .rgb = {gradient, backward ? gradient + plane : NULL, backward ? gradient + 2 * plane : NULL}};
   pags_result result = PAGS_OK;
   for (int i = 0; i < view->repetitions && result == PAGS_OK; i++) {
     result = pags_frame_render(frame, view->parts, view->part_count, camera, &options, NULL, NULL, &picture);

@@ -14,8 +14,8 @@ static int point_at(const pags_picture *picture, const pags_camera *camera, int 
   return z > 0;
 }
 
-/* The step along the surface for one pixel in direction (dx, dy): of the two neighbours the one nearer in depth, so that at an
- * edge both pixels keep the normal of their own side. */
+/* The step along the surface for one pixel in direction (dx, dy): of the two neighbours the one nearer in depth, so
+ * that at an edge both pixels keep the normal of their own side. */
 static int step_along(const pags_picture *picture, const pags_camera *camera, int x, int y, int dx, int dy,
                       const double here[3], double step[3]) {
   double ahead[3], behind[3];

@@ -24,9 +24,12 @@ void pags_deadline_destroy(pags_deadline *deadline) {
   memset(deadline, 0, sizeof *deadline);
 }
 
-static double cut(float v) { return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v; }
+static double cut(float v) {
+  return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v;
+}
 
-/* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full picture. */
+/* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
+ * picture. */
 static void compare(pags_deadline *d, const pags_picture *picture, const pags_picture *whole) {
   for (int y = 0; y < whole->height; y++)
     for (int x = 0; x < whole->width; x++) {
@@ -87,14 +90,17 @@ static void say_step(const pags_budget_step *step, const pags_session *session, 
   if (step->eps <= 0) /* the first: all others are bounded */
     pags_say(session, "  %5.1f %% of frames: in full\n", share);
   else
-    pags_say(session, "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below %g px\n", share,
-             (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less, (double)step->cut);
+    pags_say(
+        session,
+        "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below %g px\n",
+        share, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less,
+        (double)step->cut);
 }
 
 void pags_deadline_say(const pags_deadline *d, const pags_session *session) {
   const double n = d->frames ? (double)d->frames : 1;
-  pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms, (long long)d->met,
-           (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
+  pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms,
+           (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
   for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
     const pags_budget_step *step = &pags_budget_steps()[k];
     if (d->at_step[k])

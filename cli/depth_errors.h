@@ -22,8 +22,8 @@ typedef struct pags_depth_figures {
 
 void pags_depth_errors_destroy(pags_depth_errors *errors); /* a zeroed struct is allowed */
 
-/* Adds what the LiDAR of a view's time step says. The picture, with its extra channels, has the size of the view's camera; pixels where the mask
- * (one byte a pixel, NULL: none) is 0 are left out. */
+/* Adds what the LiDAR of a view's time step says. The picture, with its extra channels, has the size of the view's
+ * camera; pixels where the mask (one byte a pixel, NULL: none) is 0 are left out. */
 pags_result pags_depth_errors_add(pags_depth_errors *errors, const pags_dataset *dataset, int64_t view,
                                   const pags_picture *picture, const uint8_t *mask);
 

@@ -24,8 +24,8 @@ typedef struct pags_edit_words {
 /* NULL, or what of --move or --add is not X,Y,Z,YAW. */
 const char *pags_edits_misspelt(const pags_edit_words *words);
 
-/* The edits that the words stand for, in the scene's objects. An OBJECT is an id, or "class:" and a category or a class of the
- * data set (all of them). An error names what the scene doesn't have. `edits` is freed by the caller. */
+/* The edits that the words stand for, in the scene's objects. An OBJECT is an id, or "class:" and a category or a class
+ * of the data set (all of them). An error names what the scene doesn't have. `edits` is freed by the caller. */
 pags_result pags_edits_find(const pags_edit_words *words, const pags_scene *scene, pags_edit **edits, int64_t *count);
 
 #endif

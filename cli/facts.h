@@ -25,7 +25,9 @@ void pags_facts_number(pags_facts *facts, const char *key, double value); /* NaN
 void pags_facts_bytes(pags_facts *facts, const char *key, double value);
 void pags_facts_flag(pags_facts *facts, const char *key, bool value);
 void pags_facts_vector(pags_facts *facts, const char *key, const double *values, int count);
-void pags_facts_place(pags_facts *facts, const pags_place *place); /* "geographic_origin": latitude, longitude, altitude; nothing where unknown */
+void pags_facts_place(
+    pags_facts *facts,
+    const pags_place *place); /* "geographic_origin": latitude, longitude, altitude; nothing where unknown */
 
 /* A line for people alone; what machines read of it goes to `json` by the caller. */
 void pags_facts_line(pags_facts *facts, const char *key, const char *format, ...) PAGS_PRINTF(3, 4);
@@ -33,7 +35,7 @@ void pags_facts_line(pags_facts *facts, const char *key, const char *format, ...
 void pags_facts_begin_group(pags_facts *facts, const char *key); /* an object */
 void pags_facts_end_group(pags_facts *facts);
 void pags_facts_begin_list(pags_facts *facts, const char *key);  /* an array of items */
-void pags_facts_sentence(pags_facts *facts, const char *text);         /* in a list: a string, printed as it is */
+void pags_facts_sentence(pags_facts *facts, const char *text);   /* in a list: a string, printed as it is */
 void pags_facts_begin_item(pags_facts *facts, const char *name); /* an object with that "name" */
 void pags_facts_end_item(pags_facts *facts);
 void pags_facts_end_list(pags_facts *facts);

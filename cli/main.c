@@ -56,7 +56,8 @@ static void print_help(void) {
 
 static int unknown_verb(const char *name) {
   if (!strcmp(name, "bench")) {
-    fprintf(stderr, "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
+    fprintf(stderr,
+            "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
     return PAGS_EXIT_USAGE;
   }
   const char *names[VERB_COUNT + 1];

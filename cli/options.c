@@ -323,7 +323,8 @@ bool pags_option_given(const pags_parsed *parsed, const char *name) {
   return was_given(parsed, option);
 }
 
-/* NAME=VALUE in `text`, or NAME there and VALUE in `after`. A value has a comma: other '=' belong to the name. Returns the number of words beyond `text`, -1 when it is neither. */
+/* NAME=VALUE in `text`, or NAME there and VALUE in `after`. A value has a comma: other '=' belong to the name. Returns
+ * the number of words beyond `text`, -1 when it is neither. */
 static int store_pair(pags_words *words, const char *text, const char *after) {
   const char *equals = strrchr(text, '=');
   if (equals && strchr(equals, ','))
@@ -381,7 +382,8 @@ static int take_short(pags_parsed *parsed, const char *argument, char **next, vo
   const pags_option *option = find_short(parsed->verb, argument[1]);
   char shown[3] = {'-', argument[1], 0};
   if (!option) {
-    pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name, parsed->verb->name);
+    pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name,
+                     parsed->verb->name);
     return -1;
   }
   const char *value = argument[2] == '=' ? argument + 3 : argument[2] ? argument + 2 : NULL;
@@ -407,7 +409,8 @@ static pags_parse_status check_complete(const pags_parsed *parsed, int positiona
     if (option->required && !was_given(parsed, option)) {
       pags_usage_error(verb, "%s%c%s%s %s is missing; usage: %s %s %s", option->short_name ? "-" : "",
                        option->short_name ? option->short_name : '-', option->short_name ? "" : "-",
-                       option->short_name ? "" : option->name, option->metavar, pags_program_name, verb->name, verb->usage);
+                       option->short_name ? "" : option->name, option->metavar, pags_program_name, verb->name,
+                       verb->usage);
       return PAGS_PARSE_USAGE;
     }
   return PAGS_PARSE_OK;

@@ -36,7 +36,7 @@ typedef enum pags_option_type {
   PAGS_OPTION_SPAN,     /* int64_t[2], "A-B", both included, "A-" (to the end, -1) or "A" */
   PAGS_OPTION_STRING,   /* const char *, points into argv */
   PAGS_OPTION_WORDS,    /* pags_words; may be given again and again */
-  PAGS_OPTION_PAIRS     /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
+  PAGS_OPTION_PAIRS /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
 } pags_option_type;
 
 enum { PAGS_MAX_WORDS = 64 };
@@ -45,8 +45,8 @@ enum { PAGS_MAX_WORDS = 64 };
 typedef struct pags_words {
   int count;
   struct {
-    const char *name; /* points into argv */
-    int length;       /* of the name, which "=VALUE" may follow */
+    const char *name;  /* points into argv */
+    int length;        /* of the name, which "=VALUE" may follow */
     const char *value; /* NULL for WORDS */
   } items[PAGS_MAX_WORDS];
 } pags_words;
@@ -66,19 +66,17 @@ typedef struct pags_option {
 } pags_option;
 
 /* Rows of a table; letter 0: no short name; `kind` is what follows PAGS_OPTION_. */
-#define PAGS_GROUP(heading) \
-  { .type = PAGS_OPTION_GROUP, .help = heading }
+#define PAGS_GROUP(heading) {.type = PAGS_OPTION_GROUP, .help = heading}
 #define PAGS_FLAG(long_name, letter, where, text) \
-  { .name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .offset = where, .help = text }
+  {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .offset = where, .help = text}
 #define PAGS_TEXT(long_name, letter, where, meta, standard, text) \
-  { long_name, letter, false, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, standard, text }
+  {long_name, letter, false, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, standard, text}
 #define PAGS_CHOICE(long_name, where, choices, standard, text) \
-  { long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text }
+  {long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text}
 #define PAGS_VALUE(long_name, letter, kind, where, least, most, meta, units, standard, text) \
-  { long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text }
+  {long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text}
 /* -o, which must be given. */
-#define PAGS_OUTPUT(where, meta, text) \
-  { "output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text }
+#define PAGS_OUTPUT(where, meta, text) {"output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text}
 #define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {

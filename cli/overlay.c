@@ -1,7 +1,7 @@
 /* Boxes and LiDAR beside photographs.
  *
- * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures are for
- * machines. */
+ * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures
+ * are for machines. */
 #include "overlay.h"
 
 #include "interrupt.h"

@@ -6,8 +6,9 @@
 
 #include <pags/dataset.h>
 
-/* Draws the photographs of at most twenty time steps, evenly chosen, into `folder` (NAME.jpg, made if missing) and adds a group "overlay" of
- * what they say, measured on the same photographs, with a list "warnings". PAGS_ERROR_ARGUMENT for static sets. */
+/* Draws the photographs of at most twenty time steps, evenly chosen, into `folder` (NAME.jpg, made if missing) and adds
+ * a group "overlay" of what they say, measured on the same photographs, with a list "warnings". PAGS_ERROR_ARGUMENT for
+ * static sets. */
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
                          pags_facts *facts);
 

@@ -15,7 +15,8 @@ void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_
         memcpy(data + 3 * ((size_t)j * (size_t)image->width + (size_t)i), rgb, 3);
 }
 
-/* Cuts the segment a + s (b - a), s from lo to hi, down to where p + s d lies in 0..most; false where nothing is left. */
+/* Cuts the segment a + s (b - a), s from lo to hi, down to where p + s d lies in 0..most; false where nothing is left.
+ */
 static int cut(double p, double d, double most, double *lo, double *hi) {
   if (fabs(d) < 1e-12)
     return p >= 0 && p <= most;

@@ -9,7 +9,8 @@
 /* A square of 2 * half + 1 px about (x, y); what lies outside of the picture is left out. `image`: U8, 3 channels. */
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]);
 
-/* The twelve edges of a box where it stands, the part nearer than 0.1 m cut off; the face in front (+x) has its diagonals, too. */
+/* The twelve edges of a box where it stands, the part nearer than 0.1 m cut off; the face in front (+x) has its
+ * diagonals, too. */
 void pags_draw_box(pags_image *image, const pags_camera *camera, const double world_from_object[12],
                    const double size[3], const uint8_t rgb[3]);
 

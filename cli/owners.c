@@ -33,7 +33,9 @@ typedef struct measuring {
   int64_t *id;
 } measuring;
 
-static int64_t id_of(const pags_part *part, int64_t row) { return part->id ? part->id[row] : part->first_id + row; }
+static int64_t id_of(const pags_part *part, int64_t row) {
+  return part->id ? part->id[row] : part->first_id + row;
+}
 
 static void add_weights(void *user, const pags_cluster_score *c, int worker) {
   measuring *m = user;
@@ -104,7 +106,8 @@ static int64_t list_points(measuring *m, double time) {
 }
 
 static pags_result check_interrupted(void) {
-  return pags_interrupted() ? pags_fail(PAGS_CANCELLED, "interrupted while comparing priorities with the truth") : PAGS_OK;
+  return pags_interrupted() ? pags_fail(PAGS_CANCELLED, "interrupted while comparing priorities with the truth")
+                            : PAGS_OK;
 }
 
 static void judge(const measuring *m, int64_t i, double *left_out, double *all, pags_owners *out) {

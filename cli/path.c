@@ -215,7 +215,8 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   return result;
 }
 
-/* Cameras that look along a street have no common middle: from above, round a place ahead of the middle of the drive. */
+/* Cameras that look along a street have no common middle: from above, round a place ahead of the middle of the drive.
+ */
 static pags_result orbit_of_drive(const pags_scene *scene, orbit *out) {
   enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough for the sides that cameras saw */
   vec3 base = column(&scene->views[0].camera, 3), sum = {0, 0, 0};

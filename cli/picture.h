@@ -25,7 +25,8 @@ bool pags_channels_parse(const char *list, unsigned *set, char *unknown, size_t 
 typedef enum pags_picture_format { PAGS_PICTURE_PNG, PAGS_PICTURE_EXR } pags_picture_format;
 
 /* How pictures are written. Colour and alpha go to NAME.png or NAME.exr and NAME_alpha.*; depth (metres), id, object,
- * priority and normal always to NAME_depth.exr and so on, float32; heat, the priorities as colours, to NAME_heat.png. */
+ * priority and normal always to NAME_depth.exr and so on, float32; heat, the priorities as colours, to NAME_heat.png.
+ */
 typedef struct pags_picture_writer {
   unsigned channels; /* bits 1 << pags_channel */
   pags_picture_format format;
@@ -46,8 +47,8 @@ typedef struct pags_plane_scratch {
   size_t capacity;
 } pags_plane_scratch;
 
-/* Writes every channel of one picture into `folder`; `camera` is what it was rendered with. Several threads may do so at
- * once, each with its own scratch. */
+/* Writes every channel of one picture into `folder`; `camera` is what it was rendered with. Several threads may do so
+ * at once, each with its own scratch. */
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
                                const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
                                const char *name);

@@ -11,8 +11,8 @@ typedef struct pags_pose_error {
   double metres, degrees;             /* of the poses as the scene has them */
 } pags_pose_error;
 
-/* Of moving objects. `relative` is after each track's mean error, in the object's frame, has been taken away: where in its box a thing stands is
- * a matter of convention, which no photograph decides. */
+/* Of moving objects. `relative` is after each track's mean error, in the object's frame, has been taken away: where in
+ * its box a thing stands is a matter of convention, which no photograph decides. */
 typedef struct pags_pose_errors {
   int64_t objects, knots, held_out_knots; /* objects 0: there is no truth */
   pags_pose_error absolute, relative;     /* trained knots */

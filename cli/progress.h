@@ -11,7 +11,8 @@ typedef struct pags_progress {
   bool terminal;
   double shown_at; /* pags_seconds() of the last line */
   int length;      /* characters of the line that stands on the terminal now */
-  double begun, from, fraction; /* pags_progress_watch: when and at what fraction the part began, and where it is; 0: not begun */
+  double begun, from,
+      fraction; /* pags_progress_watch: when and at what fraction the part began, and where it is; 0: not begun */
 } pags_progress;
 
 #if defined(__GNUC__)
@@ -27,8 +28,9 @@ bool pags_progress_due(const pags_progress *progress);
 void pags_progress_show(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
 /* A line that stays, above the progress. */
 void pags_progress_say(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* A pags_progress_fn over a pags_progress: what, per cent and the time that is left; ends the work once it is interrupted. What was done
- * before the first call counts as done at once, and a fraction that falls begins another part. */
+/* A pags_progress_fn over a pags_progress: what, per cent and the time that is left; ends the work once it is
+ * interrupted. What was done before the first call counts as done at once, and a fraction that falls begins another
+ * part. */
 int pags_progress_watch(void *progress, double fraction, const char *what);
 /* Clears the line that stands on the terminal. */
 void pags_progress_end(pags_progress *progress);

@@ -356,8 +356,8 @@ static double stored_bytes(const pags_scene *scene, int *degree) {
   return stored;
 }
 
-/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes the
- * scene. */
+/* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes
+ * the scene. */
 static pags_result put_memory(pags_facts *facts, pags_tasks *tasks, pags_scene *scene) {
   pags_path path = {0};
   pags_frame *frame;

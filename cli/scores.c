@@ -1,7 +1,7 @@
 /* Scores of views and their means.
  *
- * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have such pixels; SSIM is
- * the mean of the whole picture's map over them. */
+ * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have
+ * such pixels; SSIM is the mean of the whole picture's map over them. */
 #include "scores.h"
 
 #include <math.h>

@@ -23,13 +23,14 @@ typedef struct pags_view_score {
   const char *name;
   int test;
   double psnr[PAGS_REGION_COUNT], ssim[PAGS_REGION_COUNT]; /* NaN: not measured, or no pixel of that kind */
-  double lpips, psnr_unexposed; /* NaN: not measured. psnr_unexposed: of the picture as the scene is, where the rest is as the camera exposes */
+  double lpips, psnr_unexposed; /* NaN: not measured. psnr_unexposed: of the picture as the scene is, where the rest is
+                                   as the camera exposes */
 } pags_view_score;
 
 pags_view_score pags_view_score_make(const char *name, int test);
 
-/* Which regions each pixel counts in: bit r for region r. `mask` (one byte a pixel) and `labels` (`stride` bytes a row) may be NULL; without
- * labels there is the whole only. */
+/* Which regions each pixel counts in: bit r for region r. `mask` (one byte a pixel) and `labels` (`stride` bytes a row)
+ * may be NULL; without labels there is the whole only. */
 void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
                        uint16_t *regions);
 

@@ -28,21 +28,22 @@ typedef struct pags_session {
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options. */
-#define PAGS_DRIVING_OPTIONS(where)                                                                                    \
-  PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                 \
-            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan", "as dataset.json says",                                 \
-            "driving sets: whose rules drivestudio's layout follows"),                                                 \
-      PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                        \
-                "driving sets: numbers of the cameras to use, separated by commas"),                                   \
-      PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps",  \
-                 "all", "driving sets: time steps to use, both included"),                                             \
-      PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",            \
-                "driving sets: hold out this camera altogether"),                                                      \
-      PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                      \
-                "ego_masks/C.png, else found", "driving sets: white where the recording car itself is seen"),          \
-      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST", "vehicle,pedestrian,cyclist",   \
-                "driving sets: what is critical: kinds, classes of semantic by name or number, classes of boxes"),          \
-      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                             \
+#define PAGS_DRIVING_OPTIONS(where)                                                                                   \
+  PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
+            "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan", "as dataset.json says",                                \
+            "driving sets: whose rules drivestudio's layout follows"),                                                \
+      PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
+                "driving sets: numbers of the cameras to use, separated by commas"),                                  \
+      PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
+                 "all", "driving sets: time steps to use, both included"),                                            \
+      PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
+                "driving sets: hold out this camera altogether"),                                                     \
+      PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
+                "ego_masks/C.png, else found", "driving sets: white where the recording car itself is seen"),         \
+      PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
+                "vehicle,pedestrian,cyclist",                                                                         \
+                "driving sets: what is critical: kinds, classes of semantic by name or number, classes of boxes"),    \
+      PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                            \
                 "driving sets: a COLMAP model of the same world, whose points are added")
 
 /* Opens the streams, checks that --json can be written, sends the library's log lines to people, starts the threads. */

@@ -17,8 +17,9 @@ typedef struct pags_shift_scores {
   pags_shift_score *items; /* in the order of their names */
 } pags_shift_scores;
 
-/* Draws the cameras of every DATASET/truth/shift/NAME/path.json, `downscale` times smaller, and compares with the pictures beside it. An error when
- * the data set has none. With `images` (a folder, may be NULL) writes NAME_00000_render.png and NAME_00000_truth.png. */
+/* Draws the cameras of every DATASET/truth/shift/NAME/path.json, `downscale` times smaller, and compares with the
+ * pictures beside it. An error when the data set has none. With `images` (a folder, may be NULL) writes
+ * NAME_00000_render.png and NAME_00000_truth.png. */
 pags_result pags_shift_measure(const char *dataset, double downscale, pags_composition *composition, pags_frame *frame,
                                const pags_frame_options *options, const pags_session *session, const char *images,
                                pags_shift_scores *out);

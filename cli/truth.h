@@ -21,9 +21,9 @@ typedef struct pags_truth {
   pags_truth_view *views; /* in the data set's order */
 } pags_truth;
 
-/* Opens the data set `path`; `scene` must outlive `out`. A scene that records its views decides by them: the downscale (from the focal lengths),
- * which views count and which of them were held out; a view whose photograph is gone, or whose pose differs, is an
- * error. A scene without views (a bare splat file) leaves all that to `options`. */
+/* Opens the data set `path`; `scene` must outlive `out`. A scene that records its views decides by them: the downscale
+ * (from the focal lengths), which views count and which of them were held out; a view whose photograph is gone, or
+ * whose pose differs, is an error. A scene without views (a bare splat file) leaves all that to `options`. */
 pags_result pags_truth_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                             pags_tasks *tasks, uint64_t image_cache, pags_truth *out);
 void pags_truth_close(pags_truth *truth);

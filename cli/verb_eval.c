@@ -71,7 +71,8 @@ static const pags_verb verb = {
         "with figures from AlexNet or VGG. Driving scenes: also by region (critical: vehicles, pedestrians and "
         "cyclists; "
         "moving: dynamic_masks/all, else the boxes of what moves; vehicles, pedestrians and cyclists: those boxes), "
-        "each over the views that have such pixels; depth beside LiDAR; without the exposures found in training; and of "
+        "each over the views that have such pixels; depth beside LiDAR; without the exposures found in training; and "
+        "of "
         "synthetic data the error of the tracks' poses, as labelled and as trained.",
     .positionals = positionals,
     .options = options};
@@ -155,8 +156,8 @@ static pags_result compare_picture(evaluation *self, const pags_truth_view *at, 
 }
 
 /* The photograph beside the picture as the scene's colours are, without the camera's exposure. */
-static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts, int part_count,
-                                     const pags_truth_photo *photo, pags_view_score *score) {
+static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts,
+                                     int part_count, const pags_truth_photo *photo, pags_view_score *score) {
   pags_picture picture;
   pags_image render;
   PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
@@ -280,28 +281,35 @@ static void print_poses(const pags_session *session, const pags_pose_errors *e) 
     return;
   pags_say(session,
            "poses of %lld objects: off by %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
-           (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres, e->absolute.degrees);
+           (long long)e->objects, e->absolute.label_metres, e->absolute.label_degrees, e->absolute.metres,
+           e->absolute.degrees);
   pags_say(session,
            "  but for each track's mean: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as trained\n",
            e->relative.label_metres, e->relative.label_degrees, e->relative.metres, e->relative.degrees);
   if (e->held_out_knots)
-    pags_say(session, "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
+    pags_say(session,
+             "  at held-out time steps: %.3f m and %.2f degrees as labelled, %.3f m and %.2f degrees as drawn\n",
              e->held_out.label_metres, e->held_out.label_degrees, e->held_out.metres, e->held_out.degrees);
 }
 
-static double percent(int64_t part, int64_t whole) { return whole ? 100 * (double)part / (double)whole : 0; }
+static double percent(int64_t part, int64_t whole) {
+  return whole ? 100 * (double)part / (double)whole : 0;
+}
 
 static void print_owners(const pags_session *session, const pags_owners *o) {
   if (!o->seen)
     return;
   pags_say(session,
-           "priorities beside the truth: over 0.5 have %.1f %% of %lld Gaussians on something critical and %.1f %% of %lld others\n",
-           percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other), (long long)o->other);
+           "priorities beside the truth: over 0.5 have %.1f %% of %lld Gaussians on something critical and %.1f %% of "
+           "%lld others\n",
+           percent(o->critical_high, o->critical), (long long)o->critical, percent(o->other_high, o->other),
+           (long long)o->other);
   pags_say(session,
-           "  left out: %.1f %% of %lld seen (%.1f %% of what is seen): %.1f %% over 5 cm from any surface, %.1f %% within 15 cm of both "
+           "  left out: %.1f %% of %lld seen (%.1f %% of what is seen): %.1f %% over 5 cm from any surface, %.1f %% "
+           "within 15 cm of both "
            "kinds\n",
-           percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight, percent(o->astray, o->seen),
-           percent(o->between, o->seen));
+           percent(o->seen - o->counted, o->seen), (long long)o->seen, 100 * o->left_out_weight,
+           percent(o->astray, o->seen), percent(o->between, o->seen));
 }
 
 static void print_more(const evaluation *self) {

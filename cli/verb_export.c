@@ -25,8 +25,9 @@ typedef struct export_arguments {
 
 static const pags_option options[] = {
     PAGS_GROUP("Proxies (.glb, .gltf; with the Gaussians, .usda)"),
-    PAGS_CHOICE("proxy", AT(level), "mesh|cage|hull|box", NULL,
-                "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box"),
+    PAGS_CHOICE(
+        "proxy", AT(level), "mesh|cage|hull|box", NULL,
+        "what stands for each object: its surface, a closed cage subdivided, its convex hull, its labelled box"),
     PAGS_FLAG("lod", 0, AT(proxy.lod), "all of them in one file by MSFT_lod, in place of --proxy"),
     PAGS_CHOICE("naming", AT(naming), "plain|unreal", NULL, "unreal: hulls are UCX_NAME_00, boxes UBX_NAME_00"),
     PAGS_VALUE("only", 0, WORDS, AT(only), 0, 0, "OBJECT,...", NULL, NULL,
@@ -36,11 +37,13 @@ static const pags_option options[] = {
     PAGS_VALUE("cage-level", 0, INT, AT(proxy.cage_level), 0, 3, "0..3", "subdivisions", NULL,
                "of the cage as written; 0: the cage itself"),
     PAGS_FLAG("no-background", 0, AT(proxy.background), "labelled objects alone, without ground and chunks"),
-    PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL, "most of the ground"),
+    PAGS_VALUE("ground-triangles", 0, INT64, AT(proxy.ground_triangles), 2, 1e8, "N", "triangles", NULL,
+               "most of the ground"),
     PAGS_VALUE("chunk-triangles", 0, INT64, AT(proxy.chunk_triangles), 12, 1e8, "N", "triangles", NULL,
                "most of all chunks of the background together"),
     PAGS_VALUE("chunk", 0, DOUBLE, AT(proxy.chunk), 2, 1000, "M", "metres", NULL, "side of the background's chunks"),
-    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 0.02, 2, "M", "metres", NULL, "fineness of the background's surface"),
+    PAGS_VALUE("voxel", 0, DOUBLE, AT(proxy.voxel), 0.02, 2, "M", "metres", NULL,
+               "fineness of the background's surface"),
     PAGS_VALUE("range", 0, DOUBLE, AT(proxy.range), 1, 10000, "M", "metres", NULL,
                "what is farther from the cameras is left out of the background"),
     PAGS_FLAG("cameras", 0, AT(proxy.cameras), "the training views as cameras, and the recording car's way"),
@@ -56,16 +59,20 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(export_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file"}, {"FILE", "what to write; its extension says which format"}, {NULL, NULL}};
+static const pags_positional positionals[] = {{"SCENE", "a scene folder, or a splat file"},
+                                              {"FILE", "what to write; its extension says which format"},
+                                              {NULL, NULL}};
 
-static const pags_verb verb = {.name = "export",
-                               .usage = "SCENE FILE [options]",
-                               .about = "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
-                                        "its class, its track as animation and its measured error. Or its Gaussians, for "
-                                        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz. Or both as a USD stage: .usda.",
-                               .positionals = positionals,
-                               .options = options};
+static const pags_verb verb = {
+    .name = "export",
+    .usage = "SCENE FILE [options]",
+    .about =
+        "Writes proxy geometry of a scene (.glb, .gltf): a named node for each labelled object with "
+        "its class, its track as animation and its measured error. Or its Gaussians, for "
+        "other programs: .ply, .spz, .splat; or packed, to be drawn without unpacking: .pagsz. Or both as a USD stage: "
+        ".usda.",
+    .positionals = positionals,
+    .options = options};
 
 static void say_proxy(const pags_session *session, const pags_proxy_facts *f) {
   pags_say(session, "%-28s %-5s %7lld triangles", f->name, pags_proxy_level_name(f->level), (long long)f->triangles);
@@ -105,8 +112,8 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   arguments->proxy.naming = (pags_proxy_naming)arguments->naming;
   pags_interrupt_install(arguments->session.tasks);
-  pags_result result =
-      pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks, pags_progress_watch, &progress, &report);
+  pags_result result = pags_export_proxies(scene, path, &arguments->proxy, arguments->session.tasks,
+                                           pags_progress_watch, &progress, &report);
   pags_progress_end(&progress);
   if (result != PAGS_OK)
     return result;
@@ -136,7 +143,8 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
   for (int64_t i = 0; *chosen && i < count; ++i)
     (*chosen)[edits[i].object] = 1;
   free(edits);
-  return *chosen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+  return *chosen ? PAGS_OK
+                 : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
 }
 
 static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {
@@ -164,8 +172,8 @@ static pags_result export_usd(export_arguments *arguments, pags_scene *scene, co
   arguments->splat.time = scene->time_begin + arguments->time;
   arguments->proxy.level = (pags_proxy_level)arguments->level;
   pags_interrupt_install(arguments->session.tasks);
-  const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat, arguments->session.tasks,
-                                             pags_progress_watch, &progress, &count);
+  const pags_result result = pags_export_usd(scene, path, &arguments->proxy, &arguments->splat,
+                                             arguments->session.tasks, pags_progress_watch, &progress, &count);
   pags_progress_end(&progress);
   PAGS_TRY(result);
   pags_say(&arguments->session, "%s: %lld Gaussians, %.1f s\n", path, (long long)count, pags_seconds() - begun);
@@ -199,7 +207,8 @@ int pags_verb_export(int argc, char **argv) {
   const char *extension = pags_path_extension(parsed.positionals[1]);
   if (strcmp(extension, ".glb") != 0 && strcmp(extension, ".gltf") != 0 && strcmp(extension, ".usda") != 0 &&
       !pags_export_is_splat(parsed.positionals[1]))
-    return pags_usage_error(&verb, "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
+    return pags_usage_error(&verb,
+                            "expected a file name ending in .glb, .gltf, .ply, .spz, .splat, .pagsz or .usda, got '%s'",
                             parsed.positionals[1]);
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)

@@ -68,8 +68,8 @@ static pags_result import(import_arguments *arguments, const struct kind *kind, 
   pags_progress progress = pags_progress_begin(arguments->session.people);
   pags_interrupt_install(arguments->session.tasks);
   const double begun = pags_seconds();
-  const pags_result result =
-      kind->import(source, arguments->output, &arguments->options, arguments->session.tasks, pags_progress_watch, &progress);
+  const pags_result result = kind->import(source, arguments->output, &arguments->options, arguments->session.tasks,
+                                          pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result == PAGS_CANCELLED)
     return pags_fail(result, "interrupted; the same command goes on from here");

@@ -26,8 +26,9 @@ typedef struct info_arguments {
 #define AT(member) offsetof(info_arguments, member)
 
 static const pags_option options[] = {
-    PAGS_FLAG("memory", 0, AT(memory),
-              "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"),
+    PAGS_FLAG(
+        "memory", 0, AT(memory),
+        "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"),
     PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
     PAGS_TEXT("overlay", 0, AT(overlay), "FOLDER", NULL,
               "of driving sets: draw boxes (fronts crossed; parked ones dim) and LiDAR (red near, blue far) onto the "
@@ -215,7 +216,7 @@ static pags_result describe(pags_facts *facts, const info_arguments *arguments, 
   unsigned char head[16];
   if (pags_dir_exists(path))
     return pags_folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
-                                          : describe_dataset(facts, arguments, path);
+                                               : describe_dataset(facts, arguments, path);
   PAGS_TRY(read_head(path, head));
   if (is_image(head))
     return describe_image(facts, path);

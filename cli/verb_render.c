@@ -98,7 +98,8 @@ static const pags_option options[] = {
     PAGS_CHOICE("order", AT(order), "depth|paper", NULL,
                 "paper: everything critical in front of the rest, as the paper sorts; blends wrongly"),
     PAGS_VALUE("budget-ms", 0, DOUBLE, AT(budget_ms), 0.1, 1e6, "T", "milliseconds a frame", "none",
-               "keep within this time: critical Gaussians at full quality but for a few grey levels, the rest reduced as much as needed; every eighth frame is held "
+               "keep within this time: critical Gaussians at full quality but for a few grey levels, the rest reduced "
+               "as much as needed; every eighth frame is held "
                "against full quality. What is drawn then depends on how fast this machine is"),
     PAGS_FLAG("packed", 0, AT(packed),
               "draw from the packed form: less memory, rounded as docs/splat-files.md says (a packed file always is)"),
@@ -106,7 +107,8 @@ static const pags_option options[] = {
     {0}};
 
 static const pags_positional positionals[] = {
-    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat, .pagsz (mapped, not read)"}, {NULL, NULL}};
+    {"SCENE", "a scene folder, or a splat file: .ply (also compressed), .spz, .splat, .pagsz (mapped, not read)"},
+    {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "render",
@@ -128,8 +130,8 @@ typedef struct renderer {
   pags_frame_options options;
   pags_picture_writer writer;
   pags_picture_queue queue;
-  pags_frame_stats *stats; /* per frame done */
-  pags_deadline deadline;  /* with --budget-ms */
+  pags_frame_stats *stats;  /* per frame done */
+  pags_deadline deadline;   /* with --budget-ms */
   pags_budget_facts *facts; /* per frame done, with --budget-ms */
   int64_t done;
 } renderer;
@@ -211,8 +213,7 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
 }
 
 static double total_ms(const pags_frame_stats *s) {
-  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster +
-         s->ms_occlude;
+  return s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_bin + s->ms_raster + s->ms_occlude;
 }
 
 static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
@@ -293,10 +294,12 @@ static pags_result draw(renderer *self, int64_t index) {
   if (self->arguments->exposure)
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
   if (self->facts) {
-    PAGS_TRY(pags_deadline_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture, &self->facts[index]));
+    PAGS_TRY(pags_deadline_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
+                                &self->facts[index]));
     self->stats[index] = self->facts[index].stats;
   } else {
-    PAGS_TRY(pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
+    PAGS_TRY(
+        pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
     self->stats[index] = *pags_frame_stats_get(self->frame);
   }
   PAGS_TRY(pags_picture_queue_put(&self->queue, &picture, &viewpoint->camera, viewpoint->name));
@@ -360,7 +363,8 @@ static pags_result open_packed(renderer *self, const pags_parsed *parsed, pags_e
   const char *path = parsed->positionals[0];
   const char *way = self->arguments->path;
   if (!self->arguments->camera && (!strcmp(way, "orbit") || !strcmp(way, "ego")))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE", path);
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: a packed file has no views: expected --camera FILE or --path FILE",
+                     path);
   PAGS_TRY(pags_composition_open_packed(path, &self->composition));
   self->packed = true;
   return find_work(self, parsed, pags_composition_scene(self->composition), edits, edit_count);
@@ -399,8 +403,8 @@ static pags_result begin_deadline(renderer *self) {
   self->facts = calloc((size_t)self->viewpoints.count + 1, sizeof *self->facts);
   if (!self->facts)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
-  return pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, CHECK_EVERY,
-                              &self->deadline);
+  return pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
+                              CHECK_EVERY, &self->deadline);
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {

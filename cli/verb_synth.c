@@ -25,8 +25,10 @@ typedef struct synth_arguments {
 static const pags_option options[] = {
     PAGS_OUTPUT(AT(output), "FOLDER", "folder to write the data set, or the town's scene, to"),
     PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
-    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480, town 960", "of each picture"),
-    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270, town 540", "of each picture"),
+    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480, town 960",
+               "of each picture"),
+    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270, town 540",
+               "of each picture"),
     PAGS_TEXT("size", 0, AT(size), "WxH", "", "width and height at once, 480x270"),
     PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8",
                "of a room and a street: more give smoother edges"),
@@ -111,11 +113,12 @@ static void tell_street(const synth_arguments *a, double seconds, pags_json_writ
 
 static void tell_town(const synth_arguments *a, double seconds, pags_json_writer *json) {
   const pags_town_facts *f = &a->town_facts;
-  pags_say(&a->session,
-           "%s: %lld Gaussians, %d streets and %d blocks on %.0f x %.0f m, %.0f a square metre seen, %d views of %dx%d, in "
-           "%.1f s\n",
-           a->output, (long long)f->gaussians, f->streets, f->blocks, f->length, f->breadth,
-           (double)f->gaussians / f->square_metres, 3 * a->town.frames, a->town.width, a->town.height, seconds);
+  pags_say(
+      &a->session,
+      "%s: %lld Gaussians, %d streets and %d blocks on %.0f x %.0f m, %.0f a square metre seen, %d views of %dx%d, in "
+      "%.1f s\n",
+      a->output, (long long)f->gaussians, f->streets, f->blocks, f->length, f->breadth,
+      (double)f->gaussians / f->square_metres, 3 * a->town.frames, a->town.width, a->town.height, seconds);
   pags_json_put_integer(json, "gaussians", f->gaussians);
   pags_json_put_integer(json, "streets", f->streets);
   pags_json_put_integer(json, "blocks", f->blocks);
@@ -131,18 +134,17 @@ static const struct kind {
   pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
   const char *foreign[16]; /* options that it has no use for */
-} kinds[] = {
-    {"room",
-     make_room,
-     tell_room,
-     {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts",
-      "gaussians", "density"}},
-    {"street", make_street, tell_street, {"views", "points", "depth", "gaussians", "density"}},
-    {"town",
-     make_town,
-     tell_town,
-     {"samples", "views", "points", "depth", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise",
-      "yaw-noise", "no-shifts"}}};
+} kinds[] = {{"room",
+              make_room,
+              tell_room,
+              {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise",
+               "no-shifts", "gaussians", "density"}},
+             {"street", make_street, tell_street, {"views", "points", "depth", "gaussians", "density"}},
+             {"town",
+              make_town,
+              tell_town,
+              {"samples", "views", "points", "depth", "fps", "cameras", "objects", "lidar-points", "lidar-noise",
+               "pose-noise", "yaw-noise", "no-shifts"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
 static const pags_positional positionals[] = {{"KIND",
@@ -159,8 +161,10 @@ static const pags_verb verb = {
         "asked for, depth. A "
         "street: a driving set in drivestudio's layout with poses, LiDAR, tracks and masks, and in truth/ the exact "
         "tracks, depth, "
-        "object ids and pictures from shifted cameras. A town: not a data set but a scene, to render and to measure with: "
-        "Gaussians on houses, roads, trees and cars of several blocks, sizes and opacities drawn as a trained street has "
+        "object ids and pictures from shifted cameras. A town: not a data set but a scene, to render and to measure "
+        "with: "
+        "Gaussians on houses, roads, trees and cars of several blocks, sizes and opacities drawn as a trained street "
+        "has "
         "them. The same bytes for any number of threads.",
     .positionals = positionals,
     .options = options};
@@ -173,8 +177,7 @@ static pags_result make(synth_arguments *arguments, const struct kind *kind) {
   const pags_result result = kind->make(arguments, pags_progress_watch, &progress);
   pags_progress_end(&progress);
   if (result != PAGS_OK)
-    return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is not complete", arguments->output)
-                                    : result;
+    return result == PAGS_CANCELLED ? pags_fail(result, "interrupted; %s is not complete", arguments->output) : result;
   const double seconds = pags_seconds() - begun;
   pags_json_writer_init(&writer, 2);
   pags_json_begin_object(&writer, NULL);

@@ -34,7 +34,8 @@ static const pags_option options[] = {
     PAGS_VALUE("schedule-iterations", 0, INT64, CONFIG(schedule_iterations), 0, PAGS_UNLIMITED, "N", "steps",
                "0: as --iterations", "stretch the schedule over so many; steps beyond run at its end rates"),
     PAGS_FLAG("resume", 0, RUN(resume),
-              "go on from SCENE's checkpoint, or start where there is neither that nor a scene; --iterations may be larger than before"),
+              "go on from SCENE's checkpoint, or start where there is neither that nor a scene; --iterations may be "
+              "larger than before"),
     PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that is not empty"),
     PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps; 0: only at the end",
                NULL, "write a checkpoint every N steps"),
@@ -51,10 +52,11 @@ static const pags_option options[] = {
 
     PAGS_GROUP("The photographs"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views or time steps; 0: none",
-               "8; driving sets 4",
-               "hold out every Nth photograph, in file-name order, for eval; of driving sets all cameras of every Nth time "
-               "step"),
+    PAGS_VALUE(
+        "split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views or time steps; 0: none",
+        "8; driving sets 4",
+        "hold out every Nth photograph, in file-name order, for eval; of driving sets all cameras of every Nth time "
+        "step"),
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
               "take cameras and points from this COLMAP model even where transforms.json exists"),
@@ -79,7 +81,8 @@ static const pags_option options[] = {
     PAGS_VALUE("depth-share", 0, DOUBLE, CONFIG(depth_share), 0.01, 1, "F", NULL, NULL,
                "of LiDAR samples that count, those that fit best"),
     PAGS_VALUE("lidar-pull", 0, DOUBLE, CONFIG(lidar_pull), 0, 1, "F", "0: none", NULL,
-               "move Gaussians of the background by this share of the way to a plane that LiDAR shows near them, as often as densify's "
+               "move Gaussians of the background by this share of the way to a plane that LiDAR shows near them, as "
+               "often as densify's "
                "interval"),
     PAGS_VALUE("sky-weight", 0, DOUBLE, CONFIG(sky_weight), 0, 1e3, "W", "0: none", NULL, "of the sky opacity term"),
     PAGS_VALUE("object-weight", 0, DOUBLE, CONFIG(object_weight), 0, 1e3, "W", "0: none", NULL,
@@ -112,19 +115,22 @@ static const pags_option options[] = {
     PAGS_VALUE("target-size", 0, DOUBLE, CONFIG(target_size), 0, 1e9, "MB", "10^6 bytes; 0: none", NULL,
                "never have more Gaussians than scene.json, models and sky of the finished scene may hold in MB"),
     PAGS_VALUE("sh-error", 0, DOUBLE, CONFIG(sh_error), 0, 255, "E", "255ths; 0: all keep theirs", NULL,
-               "let each Gaussian of the scene keep the lowest degree of spherical harmonics that changes its colour by no more "
+               "let each Gaussian of the scene keep the lowest degree of spherical harmonics that changes its colour "
+               "by no more "
                "than E from wherever a training view sees it"),
 
     PAGS_GROUP("Priority (see docs/priority.md)"),
     PAGS_CHOICE("preset", CONFIG(preset), "none|lean|short|paper", NULL,
-                "prune by score: lean: after steps 4000, 8000, ... 20 000 of 30 000, what loses least; the paper's: short: after 10 000, 15 000, "
+                "prune by score: lean: after steps 4000, 8000, ... 20 000 of 30 000, what loses least; the paper's: "
+                "short: after 10 000, 15 000, "
                 "20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 of 50 000"),
     PAGS_VALUE("alpha", 0, DOUBLE, CONFIG(alpha), 0, 1, "A", NULL, NULL,
                "how much of the score is what shows vehicles and people; the rest is what the picture hangs on"),
     PAGS_CHOICE("hybrid", CONFIG(hybrid), "preset|sum|product", "preset: product with lean, otherwise sum",
-                "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where nothing critical is shown"),
-    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times", "1; 1 + 5 A with --preset lean",
-               "count pixels that show vehicles and people W times in the loss"),
+                "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where "
+                "nothing critical is shown"),
+    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(critical_weight), 1, 100, "W", "times",
+               "1; 1 + 5 A with --preset lean", "count pixels that show vehicles and people W times in the loss"),
     PAGS_VALUE("critical-growth", 0, DOUBLE, CONFIG(critical_growth), 1, 100, "G", "times", "as --critical-weight",
                "count them G times where it is decided what to clone and split; 1: no more than the rest"),
     PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; 0.5/0.2 with lean",
@@ -132,7 +138,8 @@ static const pags_option options[] = {
     PAGS_VALUE("prune-floor", 0, INT64, CONFIG(prune_floor), 0, 2147483584.0, "N", NULL, NULL,
                "prune no object below so many Gaussians"),
     PAGS_CHOICE("s-sem", CONFIG(s_sem), "pass|init|overlap", NULL,
-                "what shows vehicles and people: by weight in the photographs, anew at each prune; as at the start; or by mere overlap"),
+                "what shows vehicles and people: by weight in the photographs, anew at each prune; as at the start; or "
+                "by mere overlap"),
     PAGS_CHOICE("s-grad", CONFIG(s_grad), "rank|minmax|log", NULL, "how the other score is brought to 0..1"),
     PAGS_CHOICE("s-grad-from", CONFIG(s_grad_from), "pass|training", NULL,
                 "take it from a pass over the training views, or from the loss's gradients since the last prune"),
@@ -235,11 +242,11 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
 
-static const pags_positional positionals[] = {
-    {"DATASET",
-     "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP model and images, a transforms file, or a driving set in "
-     "drivestudio's layout"},
-    {NULL, NULL}};
+static const pags_positional positionals[] = {{"DATASET",
+                                               "a folder with transforms.json (nerfstudio, instant-ngp) or a COLMAP "
+                                               "model and images, a transforms file, or a driving set in "
+                                               "drivestudio's layout"},
+                                              {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "train",
@@ -260,10 +267,10 @@ static int show_progress(void *user, const pags_train_progress *now) {
     snprintf(size, sizeof size, ", 1/%d size", now->level);
   if (now->bad_rows > 0)
     snprintf(bad, sizeof bad, ", %lld rows left out", (long long)now->bad_rows);
-  pags_progress_show(
-      progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
-      (long long)now->step, (long long)now->iterations, size, now->it_per_second, (long long)now->gaussians, now->loss,
-      now->psnr, bad, pags_format_duration(now->eta_seconds, eta, sizeof eta));
+  pags_progress_show(progress, "step %lld of %lld%s, %.1f it/s, %lld Gaussians, loss %.4f, PSNR %.2f dB%s, %s left",
+                     (long long)now->step, (long long)now->iterations, size, now->it_per_second,
+                     (long long)now->gaussians, now->loss, now->psnr, bad,
+                     pags_format_duration(now->eta_seconds, eta, sizeof eta));
   return 1;
 }
 
@@ -376,7 +383,9 @@ static pags_result train(train_arguments *arguments, const char *path, pags_trai
   return status;
 }
 
-static bool is_prune_rate(double share) { return share >= 0.0 && share <= 0.99; }
+static bool is_prune_rate(double share) {
+  return share >= 0.0 && share <= 0.99;
+}
 
 /* "0.6/0.3" */
 static int read_prune_rate(train_arguments *arguments) {
@@ -388,7 +397,8 @@ static int read_prune_rate(train_arguments *arguments) {
   if (end != text && *end == '/') {
     text = end + 1;
     arguments->config.prune_late = pags_text_to_double(text, &end);
-    if (end != text && !*end && is_prune_rate(arguments->config.prune_early) && is_prune_rate(arguments->config.prune_late))
+    if (end != text && !*end && is_prune_rate(arguments->config.prune_early) &&
+        is_prune_rate(arguments->config.prune_late))
       return PAGS_EXIT_OK;
   }
   return pags_usage_error(&verb, "--prune-rate: expected EARLY/LATE, two numbers from 0 to 0.99, got '%s'",

@@ -1,7 +1,7 @@
 /* The background: drawn without labelled objects by a choice of the training cameras, its depth fused tile by tile.
  *
- * A surface that is near the ground belongs to the ground. The rest is cut by class: by what the data set's semantic pictures say where they
- * are at hand, else by shape and colour. */
+ * A surface that is near the ground belongs to the ground. The rest is cut by class: by what the data set's semantic
+ * pictures say where they are at hand, else by shape and colour. */
 #include "backdrop.h"
 
 #include <math.h>
@@ -20,7 +20,8 @@ enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
 enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
 static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
 
-static const double ground_reach = 11; /* metres from the cameras that the ground covers without holes: 10 from the path between them */
+static const double ground_reach =
+    11; /* metres from the cameras that the ground covers without holes: 10 from the path between them */
 static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
 static const double least_area = 0.4;  /* square metres of a part: less floats */
 
@@ -34,7 +35,8 @@ void pags_backdrop_destroy(pags_backdrop *backdrop) {
 
 /* Cityscapes' train ids. */
 static uint8_t class_of_label(uint8_t label) {
-  static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING, BUILDING, POLE, POLE, POLE, VEGETATION, VEGETATION};
+  static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
+                                 POLE, POLE,     POLE,     VEGETATION, VEGETATION};
   return label < 10 ? of[label] : UNLABELLED;
 }
 
@@ -98,7 +100,8 @@ static int shows_training(const pags_scene_view *view) {
   return !view->test;
 }
 
-static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user, pags_backdrop *out) {
+static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user,
+                        pags_backdrop *out) {
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; ++v)
     count += shows_training(&w->scene->views[v]);
@@ -161,8 +164,9 @@ static double *path_of(const pags_scene *scene) {
 
 static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
   double *path = path_of(w->scene);
-  pags_result result = path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
-                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
+  pags_result result =
+      path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
+           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
   free(path);
   PAGS_TRY(result);
   if (!ground->nx)
@@ -223,11 +227,13 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
   free(seen);
 }
 
-static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, const pags_shell *shell, uint8_t *class_of) {
+static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, const pags_shell *shell,
+                                uint8_t *class_of) {
   naming self = {.shell = shell, .sights = &b->sights, .tolerance = 3 * w->options->voxel, .class_of = class_of};
   if (b->labelled)
-    return pags_parallel_for(w->tasks, shell->vertex_count, 256, name_vertices, &self) ? PAGS_OK
-                                                                                     : pags_fail(PAGS_CANCELLED, "interrupted");
+    return pags_parallel_for(w->tasks, shell->vertex_count, 256, name_vertices, &self)
+               ? PAGS_OK
+               : pags_fail(PAGS_CANCELLED, "interrupted");
   float *normals = malloc(((size_t)shell->vertex_count + 1) * 3 * sizeof *normals);
   if (!normals)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)shell->vertex_count);
@@ -283,8 +289,8 @@ static pags_result take_class(const pags_shell *whole, const uint8_t *class_of, 
   return result == PAGS_OK ? pags_shell_drop_small(part, least_area) : result;
 }
 
-static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, const pags_ground *ground, pags_shell *whole,
-                                tile *out) {
+static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, const pags_ground *ground,
+                                pags_shell *whole, tile *out) {
   drop_ground(whole, ground);
   PAGS_TRY(pags_shell_compact(whole));
   PAGS_TRY(pags_shell_drop_small(whole, least_area));
@@ -505,7 +511,8 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
     pags_shell *shell = &d->backdrop->chunks[i].shell, simple = {0};
     if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
       continue;
-    int64_t budget = (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
+    int64_t budget =
+        (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
     d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_shell_simplify(shell, budget, &simple);
     pags_shell_destroy(shell);
     *shell = simple;
@@ -523,8 +530,9 @@ static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
   d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
   if (!d.results)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b->chunk_count);
-  pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d) ? PAGS_OK
-                                                                                          : pags_fail(PAGS_CANCELLED, "interrupted");
+  pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
+                           ? PAGS_OK
+                           : pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; ++i) {
     pags_chunk *chunk = &b->chunks[i];
     if (d.results[i] == PAGS_ERROR_LIMIT)
@@ -541,8 +549,8 @@ static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
   return result;
 }
 
-static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_backdrop *out, pags_gaussians *g,
-                        pags_ground *ground) {
+static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_backdrop *out,
+                        pags_gaussians *g, pags_ground *ground) {
   PAGS_TRY(gather_background(w, g));
   out->gaussians = g->count;
   out->s_sem = (double)NAN;

@@ -1,8 +1,9 @@
 /* Fitting a cage: a box of quads about the shell, moved so that its limit surface comes to lie on the shell.
  *
- * Each round, every sample of the limit surface is drawn to the nearest point of the shell, and the nearest sample to every vertex of the shell
- * to that vertex (so that what sticks out is not lost). The control points that do this best are found by linear least
- * squares over the limit stencils, with a price on the second differences of the cage that falls from round to round. */
+ * Each round, every sample of the limit surface is drawn to the nearest point of the shell, and the nearest sample to
+ * every vertex of the shell to that vertex (so that what sticks out is not lost). The control points that do this best
+ * are found by linear least squares over the limit stencils, with a price on the second differences of the cage that
+ * falls from round to round. */
 #include "cage.h"
 
 #include <math.h>
@@ -14,8 +15,8 @@
 
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
-/* Price of all pulls at the shell's vertices beside that of all at samples: what sticks out, a wheel, has few of the first and none of the second, which
- * find something nearer. */
+/* Price of all pulls at the shell's vertices beside that of all at samples: what sticks out, a wheel, has few of the
+ * first and none of the second, which find something nearer. */
 static const double vertex_price = 8;
 
 typedef struct cage {
@@ -64,7 +65,8 @@ static pags_result build_box(cage *c, const double lo[3], const double hi[3], in
     size[k] = hi[k] - lo[k];
   choose_counts(size, most_quads, c->n);
   size_t points = (size_t)(c->n[0] + 1) * (size_t)(c->n[1] + 1) * (size_t)(c->n[2] + 1);
-  size_t quads = 2 * ((size_t)c->n[0] * (size_t)c->n[1] + (size_t)c->n[1] * (size_t)c->n[2] + (size_t)c->n[2] * (size_t)c->n[0]);
+  size_t quads =
+      2 * ((size_t)c->n[0] * (size_t)c->n[1] + (size_t)c->n[1] * (size_t)c->n[2] + (size_t)c->n[2] * (size_t)c->n[0]);
   c->lattice = malloc(points * sizeof *c->lattice);
   c->positions = malloc(points * 3 * sizeof *c->positions);
   c->quads = malloc(quads * 4 * sizeof *c->quads);
@@ -95,8 +97,8 @@ typedef struct equations {
   double *right;  /* 3 * n */
 } equations;
 
-static void add_equation(equations *e, const int32_t *indices, const float *weights, int64_t count, const double target[3],
-                         double price) {
+static void add_equation(equations *e, const int32_t *indices, const float *weights, int64_t count,
+                         const double target[3], double price) {
   for (int64_t i = 0; i < count; ++i) {
     double w = price * (double)weights[i];
     for (int64_t j = 0; j < count; ++j)
@@ -175,7 +177,8 @@ static void add_smoothness(fit *f, double price) {
     indices[0] = v;
     for (int q = 0; q < c->quad_count; ++q)
       for (int k = 0; k < 4; ++k)
-        if (c->quads[4 * q + k] == v && count < 32) /* the edge that leaves it; each neighbour once, as all quads turn the same way */
+        if (c->quads[4 * q + k] == v &&
+            count < 32) /* the edge that leaves it; each neighbour once, as all quads turn the same way */
           indices[++count] = c->quads[4 * q + (k + 1) % 4];
     weights[0] = 1;
     for (int i = 1; i <= count; ++i)

@@ -1,4 +1,5 @@
-/* Views as glTF cameras. What glTF's perspective can't say (principal point, held out or not) is in the node's extras. */
+/* Views as glTF cameras. What glTF's perspective can't say (principal point, held out or not) is in the node's extras.
+ */
 #include "cameras.h"
 
 #include <stdio.h>
@@ -29,7 +30,8 @@ static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_sc
 }
 
 /* Columns of `from`'s rotation as `order` and `sign` say; relative to the origin. */
-static void turn(const pags_scene *scene, const double from[12], const int order[3], const double sign[3], double out[12]) {
+static void turn(const pags_scene *scene, const double from[12], const int order[3], const double sign[3],
+                 double out[12]) {
   for (int k = 0; k < 3; ++k) {
     for (int c = 0; c < 3; ++c)
       out[4 * k + c] = sign[c] * from[4 * k + order[c]];
@@ -62,8 +64,8 @@ static pags_result put_extras(pags_gltf *gltf, int node, const pags_scene_view *
 }
 
 /* glTF's camera looks along -z, y up; ours along z, y down. */
-static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view, int camera,
-                            double time_zero) {
+static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view,
+                            int camera, double time_zero) {
   static const int order[3] = {0, 1, 2};
   static const double sign[3] = {1, -1, -1};
   double pose[12];
@@ -94,7 +96,9 @@ static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene,
   const pags_scene_view **list = malloc((size_t)scene->view_count * sizeof *list);
   double *times = malloc((size_t)scene->view_count * sizeof *times);
   double(*poses)[12] = malloc((size_t)scene->view_count * sizeof *poses);
-  pags_result result = list && times && poses ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+  pags_result result = list && times && poses
+                           ? PAGS_OK
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
   for (int64_t i = 1; i < scene->view_count; ++i)
     sensor = scene->views[i].sensor < sensor ? scene->views[i].sensor : sensor;
   for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
@@ -127,7 +131,8 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
   int group = pags_gltf_node(gltf, parent, "cameras");
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
-    result = add_view(gltf, group, scene, &scene->views[i], camera_of(gltf, kinds, &kind_count, &scene->views[i]), time_zero);
+    result = add_view(gltf, group, scene, &scene->views[i], camera_of(gltf, kinds, &kind_count, &scene->views[i]),
+                      time_zero);
   free(kinds);
   return result == PAGS_OK ? add_ego(gltf, parent, scene, time_zero) : result;
 }

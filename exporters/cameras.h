@@ -10,8 +10,9 @@
 extern "C" {
 #endif
 
-/* Below `parent`, whose frame is the scene's relative to its origin: a node `cameras` with one of each view, held-out ones too, and a
- * node `ego` that moves as the first sensor does, x forward, y left, z up. `time_zero` is 0 in the file. */
+/* Below `parent`, whose frame is the scene's relative to its origin: a node `cameras` with one of each view, held-out
+ * ones too, and a node `ego` that moves as the first sensor does, x forward, y left, z up. `time_zero` is 0 in the
+ * file. */
 pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero);
 
 #ifdef __cplusplus

@@ -5,8 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt / radius^2, the more the finer
- * it is, or noise (of cars that move while a laser turns, 5 to 10 cm) would be modelled. */
+/* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt
+ * / radius^2, the more the finer it is, or noise (of cars that move while a laser turns, 5 to 10 cm) would be modelled.
+ */
 static const double radii[] = {0.4, 0.2, 0.1};
 static const double doubt = 0.16;
 
@@ -44,7 +45,8 @@ static int sample(const pags_grid *g, const float p[3], double *out) {
   *out = 0;
   for (int c = 0; c < 8; ++c) {
     int64_t i = at + (c & 1) + (c >> 1 & 1) * row + (c >> 2) * layer;
-    *out += (double)g->distance[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) * (c & 4 ? part[2] : 1 - part[2]);
+    *out += (double)g->distance[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
+            (c & 4 ? part[2] : 1 - part[2]);
   }
   return 1;
 }
@@ -60,7 +62,8 @@ static void spread(const pags_grid *g, const float p[3], double radius, double r
     for (int y = from[1]; y <= to[1]; ++y)
       for (int x = from[0]; x <= to[0]; ++x) {
         double dx = g->origin[0] + x * g->step - (double)p[0], dy = g->origin[1] + y * g->step - (double)p[1],
-               dz = g->origin[2] + z * g->step - (double)p[2], w = 1 - (dx * dx + dy * dy + dz * dz) / (radius * radius);
+               dz = g->origin[2] + z * g->step - (double)p[2],
+               w = 1 - (dx * dx + dy * dy + dz * dz) / (radius * radius);
         if (w <= 0)
           continue;
         int64_t at = ((int64_t)z * g->n[1] + y) * g->n[0] + x;

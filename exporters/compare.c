@@ -1,8 +1,9 @@
-/* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their silhouettes.
+/* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their
+ * silhouettes.
  *
- * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface (its depth) and a
- * point of the proxy (where its ray meets it first): the former is measured to the nearest triangle, the latter to the nearest
- * of the former. */
+ * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface
+ * (its depth) and a point of the proxy (where its ray meets it first): the former is measured to the nearest triangle,
+ * the latter to the nearest of the former. */
 #include "compare.h"
 
 #include <math.h>
@@ -29,7 +30,7 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
 }
 
 typedef struct sample {
-  float seen[3], met[3]; /* of the Gaussians, of the proxy */
+  float seen[3], met[3];                /* of the Gaussians, of the proxy */
   uint32_t triangle_met, triangle_near; /* of the proxy: met by the ray, nearest to what is seen */
   uint8_t has_seen, has_met, covered;
 } sample;
@@ -102,8 +103,8 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
 }
 
 /* Of one group, or of all where `group_of` is NULL, into `kept`. */
-static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near, int64_t group,
-                                     double *kept) {
+static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near,
+                                     int64_t group, double *kept) {
   int64_t n = 0;
   for (int64_t i = 0; i < count; ++i) {
     const sample *s = &self->samples[i];

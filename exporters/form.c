@@ -6,38 +6,42 @@
 #include <string.h>
 
 enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* 4 to 5 cm on a car: a wing mirror is 10 */
-static const double reach = 0.55; /* of the lattice, in sizes of the box */
+static const double reach = 0.55;                           /* of the lattice, in sizes of the box */
 
 /* Sizes that differ by a few per cent are of the same kind of vehicle, or labelled by another hand. */
 static const double size_spread = 0.08, least_likeness = 0.02;
 
-/* Weights are counted in views that see every step of the grid with a pixel. A form is sure of a point from `sure` such views on. What forms
- * alike are together less sure of than `least_known` is nobody's: shadows, mostly. */
+/* Weights are counted in views that see every step of the grid with a pixel. A form is sure of a point from `sure` such
+ * views on. What forms alike are together less sure of than `least_known` is nobody's: shadows, mostly. */
 static const double sure = 4;
 static const float least_known = 0.3f;
 
-/* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from `seen_well` views on. What
- * far views show is no help: they all look from one side, and are wrong in depth alike. */
+/* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from
+ * `seen_well` views on. What far views show is no help: they all look from one side, and are wrong in depth alike. */
 static const double form_weight = 16, seen_well = 12;
 
-/* Points of the laser, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of their grids), `tells` is what
- * they are off by noise and by cars of a kind being different, and no more than `most_points` tell anything new. A form that fits badly keeps
- * `least_weight`, for what no better one knows. */
+/* Points of the laser, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of
+ * their grids), `tells` is what they are off by noise and by cars of a kind being different, and no more than
+ * `most_points` tell anything new. A form that fits badly keeps `least_weight`, for what no better one knows. */
 static const double far_off = 0.14, tells = 0.08, most_points = 60, least_weight = 0.03;
 enum { ROUNDS = 3 }; /* of choosing by whom those that know less are measured */
 
 /* Points farther from the completed surface are of something else, or of what was seen to be different; metres. */
 static const double laser_reach = 0.13;
 
-/* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be those of its mirrors; metres. */
+/* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be
+ * those of its mirrors; metres. */
 static const double seen_free = 1, mirrors = 0.12;
 
-/* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but body between its sides; metres. */
+/* Unseen and lower than this over the box's lower face is the air under a vehicle; from here on there is nothing but
+ * body between its sides; metres. */
 static const double clearance = 0.20, body = 0.35;
 
-/* Boxes stand on the ground, and tyres are flat by so much there. What wheels are known from, over the box's lower face, how long they are there, how
- * wide they are, and how many steps of that a view shows; metres. How far from the vehicle's middle they are at least, as a share of its length. */
-static const double flat = 0.02, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22, off_middle = 0.15;
+/* Boxes stand on the ground, and tyres are flat by so much there. What wheels are known from, over the box's lower
+ * face, how long they are there, how wide they are, and how many steps of that a view shows; metres. How far from the
+ * vehicle's middle they are at least, as a share of its length. */
+static const double flat = 0.02, wheels_from = 0.15, shortest_wheel = 0.3, longest_wheel = 0.8, wheel_width = 0.22,
+                    off_middle = 0.15;
 enum { SEEN_DEPTH = 4 };
 
 static const float meet = 0.02f; /* half a step of the lattice; metres */
@@ -65,8 +69,8 @@ static void point_of(const double size[3], int i, double p[3]) {
     p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
 }
 
-/* Between a lattice's points, of those known; returns how well it is known: not at all where most of what is next to it isn't, or what is seen
- * to be free would reach a step into what nobody sees. */
+/* Between a lattice's points, of those known; returns how well it is known: not at all where most of what is next to it
+ * isn't, or what is seen to be free would reach a step into what nobody sees. */
 static double between(const int n[3], const float *values, const float *known, const double u[3], double *value) {
   int64_t stride[3] = {1, n[0], (int64_t)n[0] * n[1]}, at = 0;
   double part[3], sum = 0, weight = 0, share = 0;
@@ -95,15 +99,17 @@ static double look_up(const pags_grid *g, const double p[3], double *distance) {
   return between(g->n, g->distance, g->weight, u, distance);
 }
 
-/* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The free point is as free as can be,
- * which says nothing of how far the roof is, and would outvote the forms that know better. */
+/* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The
+ * free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that know
+ * better. */
 static void meet_unknown(pags_form *form) {
   for (int i = NX * NY; i < POINTS; ++i) {
     int below = i - NX * NY;
     double p[3];
     point_of(form->size, below, p);
-    if (!(form->known[i] > 0) || form->known[below] > 0 || !(form->distance[i] > 0) || p[2] < body - 0.5 * form->size[2] || p[2] > 0.5 * form->size[2] ||
-        fabs(p[0]) > 0.5 * form->size[0] || fabs(p[1]) > 0.5 * form->size[1])
+    if (!(form->known[i] > 0) || form->known[below] > 0 || !(form->distance[i] > 0) ||
+        p[2] < body - 0.5 * form->size[2] || p[2] > 0.5 * form->size[2] || fabs(p[0]) > 0.5 * form->size[0] ||
+        fabs(p[1]) > 0.5 * form->size[1])
       continue;
     form->distance[i] = fminf(form->distance[i], meet);
     form->distance[below] = -meet;
@@ -159,8 +165,8 @@ static fit fit_point(const pags_form *form, const double size[3], const float *p
   return (fit){known, fmin(d * d, far_off * far_off)};
 }
 
-/* Adds to each form's misfit that of a point. For points that it knows nothing of, a form answers as the others do that count (`trust`), or those that
- * were hardly seen would win. */
+/* Adds to each form's misfit that of a point. For points that it knows nothing of, a form answers as the others do that
+ * count (`trust`), or those that were hardly seen would win. */
 static void add_misfits(const fit *fits, int64_t count, const float *trust, float *misfits) {
   double sum = 0, weight = 0;
   for (int64_t f = 0; f < count; ++f)
@@ -175,10 +181,11 @@ static void add_misfits(const fit *fits, int64_t count, const float *trust, floa
       misfits[f] += (float)(mean + fits[f].known * (fits[f].square - mean));
 }
 
-/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates. Who counts follows from
- * who fits: first all do that are alike, then by what came of that. `weights` has room for twice `count`. */
-static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like, const pags_cloud *cloud,
-                                  float *weights) {
+/* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates.
+ * Who counts follows from who fits: first all do that are alike, then by what came of that. `weights` has room for
+ * twice `count`. */
+static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like,
+                                  const pags_cloud *cloud, float *weights) {
   double points = fmin((double)cloud->count, most_points);
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
@@ -205,7 +212,8 @@ static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const d
   return PAGS_OK;
 }
 
-/* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits. */
+/* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits.
+ */
 static void add_forms(const pags_form *forms, int64_t count, const float *like, const float *weights, pags_form *out) {
   for (int i = 0; i < POINTS; ++i) {
     float sum = 0, total = 0, known = 0;
@@ -220,8 +228,8 @@ static void add_forms(const pags_form *forms, int64_t count, const float *like, 
   }
 }
 
-pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object, const pags_cloud *cloud,
-                            pags_form *out) {
+pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object,
+                            const pags_cloud *cloud, pags_form *out) {
   float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
   *out = (pags_form){0};
   if (!like)
@@ -293,8 +301,8 @@ static void fill_point(pags_grid *grid, const float *own, const double size[3], 
   grid->distance[here] = (float)value;
 }
 
-/* Vehicles have no pits: between a left and a right side there is body, unless that was seen to be free. Cameras at the height of a roof don't see
- * it, and forms of cars with a tail say that there is none. */
+/* Vehicles have no pits: between a left and a right side there is body, unless that was seen to be free. Cameras at the
+ * height of a roof don't see it, and forms of cars with a tail say that there is none. */
 static void fill_across(pags_grid *grid, const double size[3]) {
   int outer = (int)ceil(fmax(0, (-0.5 * size[1] + mirrors - grid->origin[1]) / grid->step));
   for (int z = 0; z < grid->n[2]; ++z) {
@@ -302,7 +310,8 @@ static void fill_across(pags_grid *grid, const double size[3]) {
       continue;
     for (int x = 0; x < grid->n[0]; ++x) {
       int64_t row = grid->n[0], first = (int64_t)z * row * grid->n[1] + x;
-      int side = outer, other = grid->n[1] - 1 - outer; /* where both sides are solid: the grid is even about the middle */
+      int side = outer,
+          other = grid->n[1] - 1 - outer; /* where both sides are solid: the grid is even about the middle */
       while (side < other && !(grid->distance[first + side * row] < 0 && grid->distance[first + other * row] < 0)) {
         ++side;
         --other;
@@ -314,7 +323,8 @@ static void fill_across(pags_grid *grid, const double size[3]) {
   }
 }
 
-/* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the row's end. */
+/* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the
+ * row's end. */
 static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
   for (; x + 1 < g->n[0]; ++x) {
     double a = (double)g->distance[row + x], b = (double)g->distance[row + x + 1];
@@ -326,12 +336,13 @@ static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
   return -1;
 }
 
-/* What is solid from `left` to `right` in a row of layer `top` goes on down to `lowest` by the circle through there, and inwards as far as wheels are
- * wide. */
+/* What is solid from `left` to `right` in a row of layer `top` goes on down to `lowest` by the circle through there,
+ * and inwards as far as wheels are wide. */
 static void stand_wheel(pags_grid *g, int y, int top, double lowest, double left, double right) {
   double height = g->origin[2] + top * g->step - lowest, half = 0.5 * (right - left), middle = 0.5 * (left + right);
   double radius = (half * half + height * height) / (2 * height);
-  int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y, inwards = 2 * y < g->n[1] ? g->n[0] : -g->n[0];
+  int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y,
+          inwards = 2 * y < g->n[1] ? g->n[0] : -g->n[0];
   int rows = (int)fmin(fmax(0, wheel_width / g->step - SEEN_DEPTH), (g->n[1] - 1) / 2);
   for (int z = 0; z < top; ++z)
     for (int x = 0; x < g->n[0]; ++x) {
@@ -343,7 +354,8 @@ static void stand_wheel(pags_grid *g, int y, int top, double lowest, double left
     }
 }
 
-/* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where wheels end. */
+/* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where
+ * wheels end. */
 static void stand_wheels(pags_grid *g, const double size[3]) {
   double ground = -0.5 * size[2], left, right;
   int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
@@ -351,7 +363,8 @@ static void stand_wheels(pags_grid *g, const double size[3]) {
     int64_t row = ((int64_t)top * g->n[1] + y) * g->n[0];
     int x = g->distance[row] < 0 ? next_change(g, row, 0, &left) : 0;
     while (x >= 0 && (x = next_change(g, row, x, &left)) >= 0 && (x = next_change(g, row, x, &right)) >= 0)
-      if (right - left > shortest_wheel && right - left < longest_wheel && 0.5 * fabs(left + right) > off_middle * size[0])
+      if (right - left > shortest_wheel && right - left < longest_wheel &&
+          0.5 * fabs(left + right) > off_middle * size[0])
         stand_wheel(g, y, top, ground - flat, left, right);
   }
   for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i)
@@ -366,7 +379,8 @@ static void close_border(pags_grid *grid) {
   }
 }
 
-pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form, const pags_cloud *cloud) {
+pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form,
+                               const pags_cloud *cloud) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   float *own = malloc(count * sizeof *own);
   int at[3];

@@ -23,8 +23,10 @@ struct pags_gltf {
 
 namespace {
 
-/* Runs what may throw; -1 and the failure remembered when it does. Of any type: making a std::function could throw before the try. */
-template <typename Work> int guarded(pags_gltf *gltf, const Work &what) {
+/* Runs what may throw; -1 and the failure remembered when it does. Of any type: making a std::function could throw
+ * before the try. */
+template <typename Work>
+int guarded(pags_gltf *gltf, const Work &what) {
   if (gltf->failed)
     return -1;
   try {
@@ -253,15 +255,18 @@ int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
 
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags) {
   return guarded(gltf, [&] {
-    size_t vertices = static_cast<size_t>(surface->vertex_count), indices = 3 * static_cast<size_t>(surface->triangle_count);
+    size_t vertices = static_cast<size_t>(surface->vertex_count),
+           indices = 3 * static_cast<size_t>(surface->triangle_count);
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_TRIANGLES;
     primitive.material = material;
-    primitive.attributes["POSITION"] = put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
+    primitive.attributes["POSITION"] =
+        put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
     if (flags & PAGS_GLTF_NORMALS) {
       std::vector<float> normals(3 * vertices);
       pags_shell_normals(surface, normals.data());
-      primitive.attributes["NORMAL"] = put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+      primitive.attributes["NORMAL"] =
+          put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
     }
     primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
     primitive.indices = put_indices(gltf, surface->triangles, indices, vertices);
@@ -413,7 +418,7 @@ pags_result pags_gltf_save(pags_gltf *gltf, const char *path) {
   try {
     std::string glb = serialize(gltf);
     return std::strcmp(pags_path_extension(path), ".gltf") == 0 ? save_apart(glb, path)
-                                                               : pags_file_write(path, glb.data(), glb.size());
+                                                                : pags_file_write(path, glb.data(), glb.size());
   } catch (...) {
     return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory building it", path);
   }

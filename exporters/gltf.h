@@ -18,8 +18,8 @@ void pags_gltf_destroy(pags_gltf *gltf); /* NULL is allowed */
 /* All return an index, -1 after a failure. Names are copied. */
 int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
-/* Positions, COLOR_0 (linear, 16 bits), smooth normals by flag (else readers shade flat), EXT_mesh_manifold by flag (the surface must be
- * closed). */
+/* Positions, COLOR_0 (linear, 16 bits), smooth normals by flag (else readers shade flat), EXT_mesh_manifold by flag
+ * (the surface must be closed). */
 int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags);
 /* parent -1: a root of the scene; -2: in no scene (levels of detail). */
 int pags_gltf_node(pags_gltf *gltf, int parent, const char *name);
@@ -35,7 +35,8 @@ void pags_gltf_asset_extras(pags_gltf *gltf, const char *json);
 void pags_gltf_node_extension(pags_gltf *gltf, int node, const char *name, const char *json);
 void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json);
 
-/* Translation and rotation at `times` (seconds, ascending, from 0 on), linear between; all nodes share one animation. */
+/* Translation and rotation at `times` (seconds, ascending, from 0 on), linear between; all nodes share one animation.
+ */
 void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double *times, const double (*poses)[12]);
 
 /* Attributes of points (mode POINTS), for splats: see splats_gltf.c. */

@@ -41,7 +41,8 @@ void pags_grid_touch(pags_grid *grid, const double point[3], double reach) {
   int from[3], to[3];
   double side = PAGS_GRID_BLOCK * grid->step;
   for (int k = 0; k < 3; ++k) {
-    double low = floor((point[k] - reach - grid->origin[k]) / side), high = floor((point[k] + reach - grid->origin[k]) / side);
+    double low = floor((point[k] - reach - grid->origin[k]) / side),
+           high = floor((point[k] + reach - grid->origin[k]) / side);
     if (!(high >= 0 && low < grid->blocks[k]))
       return;
     from[k] = low < 0 ? 0 : (int)low;
@@ -87,7 +88,8 @@ typedef struct known {
   double sum, weight;
 } known;
 
-static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3], int64_t at) {
+static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3],
+                       int64_t at) {
   double sum = sure.sum, weight = sure.weight, distance = 0;
   for (int64_t i = 0; i < seen_count; ++i) {
     double w = ask(self, &self->sights->list[seen[i]], point, &distance);
@@ -162,7 +164,8 @@ bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncatio
   return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
 }
 
-int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end, int64_t *seen) {
+int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end,
+                           int64_t *seen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
   int64_t count = 0;
   for (int64_t i = 3 * begin; i < 3 * end; ++i) {

@@ -1,8 +1,9 @@
 /* Finding the ground.
  *
- * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the ground must be, it
- * grows from cell to cell: a cell's height is the median of those near what its neighbours say, so that tables, roofs and
- * reflections are passed over and a kerb is not. Heights are the laser's where there are some, else those of near pixels, else of far ones. */
+ * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the
+ * ground must be, it grows from cell to cell: a cell's height is the median of those near what its neighbours say, so
+ * that tables, roofs and reflections are passed over and a kerb is not. Heights are the laser's where there are some,
+ * else those of near pixels, else of far ones. */
 #include "ground.h"
 
 #include <math.h>
@@ -11,20 +12,29 @@
 
 #include "base/sort.h"
 
-static const double cell = 0.2;         /* metres */
-static const double farthest = 25, nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
+static const double cell = 0.2; /* metres */
+static const double
+    farthest = 25,
+    nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
-static const double seed_band = 0.3, grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
-static const double laser_band = 0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
+static const double seed_band = 0.3,
+                    grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
+static const double laser_band =
+    0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
 static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
-enum { LEAST_HEIGHTS = 3, ENOUGH_HEIGHTS = 8, WINDOW = 2, LEAP = 7 }; /* windows of cells: what lies about one, how far laser rings lie apart */
+enum {
+  LEAST_HEIGHTS = 3,
+  ENOUGH_HEIGHTS = 8,
+  WINDOW = 2,
+  LEAP = 7
+}; /* windows of cells: what lies about one, how far laser rings lie apart */
 
 /* Of one source: the laser, near pixels, all pixels. */
 typedef struct heights {
-  int64_t *first; /* cells + 1 */
-  float *values;  /* by cell, ascending */
-  int enough;     /* of a cell, to ask no other source */
-  double most_band; /* about the height expected */
+  int64_t *first;             /* cells + 1 */
+  float *values;              /* by cell, ascending */
+  int enough;                 /* of a cell, to ask no other source */
+  double most_band;           /* about the height expected */
   const struct heights *next; /* the source to ask then; NULL: none */
 } heights;
 
@@ -124,7 +134,8 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   return PAGS_OK;
 }
 
-/* The median of a cell's heights within `band` of `expected`, of the first source that has enough; returns how many there are. */
+/* The median of a cell's heights within `band` of `expected`, of the first source that has enough; returns how many
+ * there are. */
 static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
   for (;; h = h->next) {
     int64_t begin = h->first[at], end = h->first[at + 1];
@@ -141,8 +152,8 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
   }
 }
 
-/* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of its height above
- * their lower quartile. NaN when nothing is seen there. */
+/* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of
+ * its height above their lower quartile. NaN when nothing is seen there. */
 static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
   int64_t most = path_count * 1681, found = 0;
   double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
@@ -164,15 +175,15 @@ static double camera_height(const pags_ground *g, const heights *h, const double
   return result;
 }
 
-static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height, int64_t *queue) {
+static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height,
+                     int64_t *queue) {
   int64_t count = 0;
   for (int64_t i = 0; i < path_count; ++i)
     for (int dy = -15; dy <= 15; ++dy)
       for (int dx = -15; dx <= 15; ++dx) {
         int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
         double z = 0;
-        if (at < 0 || g->known[at] ||
-            median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
+        if (at < 0 || g->known[at] || median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
           continue;
         g->known[at] = 1;
         g->z[at] = (float)z;
@@ -223,7 +234,8 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
     }
 }
 
-/* Growing stops where a laser's rings lie too far apart and no pixel says what is between them: cells that it measured beyond go on. */
+/* Growing stops where a laser's rings lie too far apart and no pixel says what is between them: cells that it measured
+ * beyond go on. */
 static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   heights laser = *h;
   laser.next = NULL;
@@ -243,7 +255,8 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   }
 }
 
-/* Weights of cells for smoothing: a height of the laser counts 1, a pixel's nearly nothing beside it, since pixels blur kerbs. */
+/* Weights of cells for smoothing: a height of the laser counts 1, a pixel's nearly nothing beside it, since pixels blur
+ * kerbs. */
 static pags_result weigh(const pags_ground *g, const heights *laser, const heights *all, float **out) {
   int64_t cells = (int64_t)g->nx * g->ny;
   double of_pixel = laser->first[cells] ? 0.004 : 0.5;
@@ -251,14 +264,15 @@ static pags_result weigh(const pags_ground *g, const heights *laser, const heigh
   if (!weights)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   for (int64_t i = 0; i < cells; ++i) {
-    double by_laser = (double)(laser->first[i + 1] - laser->first[i]), count = (double)(all->first[i + 1] - all->first[i]);
+    double by_laser = (double)(laser->first[i + 1] - laser->first[i]),
+           count = (double)(all->first[i + 1] - all->first[i]);
     weights[i] = (float)(by_laser >= laser->enough ? fmin(by_laser, 40) : fmin(count, 24) * of_pixel);
   }
   return PAGS_OK;
 }
 
-static pags_result find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count, double reach,
-                        heights sources[3], pags_ground *g) {
+static pags_result find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+                        double reach, heights sources[3], pags_ground *g) {
   const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
   int64_t cells = (int64_t)g->nx * g->ny;
@@ -300,8 +314,8 @@ pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser,
     return PAGS_OK;
   double nx = ceil((hi[0] - lo[0]) / cell) + 1, ny = ceil((hi[1] - lo[1]) / cell) + 1;
   if (!(nx * ny < 1e8))
-    return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground", hi[0] - lo[0],
-                     hi[1] - lo[1]);
+    return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground",
+                     hi[0] - lo[0], hi[1] - lo[1]);
   out->nx = (int)nx;
   out->ny = (int)ny;
   out->x0 = lo[0];
@@ -347,7 +361,8 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *ou
     for (int i = 0; i < nx; ++i) {
       int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;
       const float p[3] = {(float)(g->x0 + i * stride * g->step), (float)(g->y0 + j * stride * g->step), g->z[at]};
-      place[(size_t)j * (size_t)nx + (size_t)i] = g->known[at] ? pags_shell_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
+      place[(size_t)j * (size_t)nx + (size_t)i] =
+          g->known[at] ? pags_shell_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
     }
   for (int j = 0; j + 1 < ny; ++j)
     for (int i = 0; i + 1 < nx; ++i) {
@@ -367,7 +382,8 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *ou
 static int single_valued(const pags_shell *s) {
   for (int64_t i = 0; i < s->triangle_count; ++i) {
     const uint32_t *t = s->triangles + 3 * i;
-    const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1], *c = s->positions + 3 * (int64_t)t[2];
+    const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
+                *c = s->positions + 3 * (int64_t)t[2];
     double area = ((double)b[0] - (double)a[0]) * ((double)c[1] - (double)a[1]) -
                   ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]);
     if (!(area > 0))
@@ -376,7 +392,8 @@ static int single_valued(const pags_shell *s) {
   return 1;
 }
 
-/* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn over unnoticed. */
+/* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
+ * over unnoticed. */
 static void jitter(pags_shell *s) {
   uint32_t state = 1;
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {

@@ -1,4 +1,5 @@
-/* The ground as heights over a lattice of x and y: one value each, no holes near the recording car's path. World z up. */
+/* The ground as heights over a lattice of x and y: one value each, no holes near the recording car's path. World z up.
+ */
 #ifndef PAGS_EXPORTERS_GROUND_H
 #define PAGS_EXPORTERS_GROUND_H
 
@@ -17,12 +18,13 @@ typedef struct pags_ground {
   uint8_t *known; /* 0: no ground here; 1: measured; 2: filled in */
 } pags_ground;
 
-/* From what the views (in the scene's frame) see and the laser measured; `path` are 3 doubles a camera. nx is 0 where no ground was
- * found. */
+/* From what the views (in the scene's frame) see and the laser measured; `path` are 3 doubles a camera. nx is 0 where
+ * no ground was found. */
 pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
                              double reach, pags_ground *out);
 /* Ground everywhere within `reach` of the path, what is there smoothed; cells that are known count by their weights. */
-pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count, double reach);
+pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
+                             double reach);
 void pags_ground_destroy(pags_ground *ground);
 
 /* Height at x, y; 0 where there is no ground. */

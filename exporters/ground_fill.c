@@ -1,7 +1,7 @@
 /* Filling the ground's holes near the path, and smoothing it.
  *
- * A membrane is laid over the lattice that follows what was measured. It is stiff along the path and soft across it, for kerbs and ruts run
- * along roads: what parked cars hide is as it is before and behind them. */
+ * A membrane is laid over the lattice that follows what was measured. It is stiff along the path and soft across it,
+ * for kerbs and ruts run along roads: what parked cars hide is as it is before and behind them. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -58,7 +58,8 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
   for (int64_t i = 0; i < cells; ++i)
     owner[i] = -1;
   for (int64_t i = 0; i < count; ++i) {
-    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5), y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
+    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5),
+            y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
     if (!inside(g, x, y) || owner[y * g->nx + x] >= 0)
       continue;
     owner[y * g->nx + x] = (int32_t)i;
@@ -78,7 +79,8 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
 static void extend(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
   int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
   for (int64_t i = 0; i < path_count; ++i) {
-    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5), y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
+    int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5),
+            y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
     for (int64_t j = -radius; j <= radius; ++j)
       for (int64_t k = -radius; k <= radius; ++k)
         if (k * k + j * j <= radius * radius && inside(g, x + k, y + j) && !g->known[(y + j) * g->nx + x + k])
@@ -102,7 +104,8 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
 }
 
 /* Minimises sum of w (z - measured)^2 + sum over neighbours of s (z - z')^2 by successive over-relaxation. */
-static void relax(pags_ground *g, const float *weights, const float *measured, const int32_t *owner, const stiffness *stiff) {
+static void relax(pags_ground *g, const float *weights, const float *measured, const int32_t *owner,
+                  const stiffness *stiff) {
   int64_t cells = (int64_t)g->nx * g->ny;
   for (int sweep = 0; sweep < SWEEPS; ++sweep)
     for (int64_t i = 0; i < cells; ++i) {
@@ -122,15 +125,17 @@ static void relax(pags_ground *g, const float *weights, const float *measured, c
     }
 }
 
-pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count, double reach) {
+pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
+                             double reach) {
   int64_t cells = (int64_t)ground->nx * ground->ny;
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
   int32_t *owner = malloc(((size_t)cells + 1) * sizeof *owner);
   float *measured = malloc(((size_t)cells + 1) * sizeof *measured);
   stiffness *stiff = malloc(((size_t)path_count + 1) * sizeof *stiff);
-  pags_result result = queue && owner && measured && stiff
-                           ? PAGS_OK
-                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  pags_result result =
+      queue && owner && measured && stiff
+          ? PAGS_OK
+          : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
   if (result == PAGS_OK) {
     extend(ground, path, path_count, reach, queue);
     find_owners(ground, path, path_count, owner, queue);

@@ -7,8 +7,8 @@
 
 #include "shell.h"
 
-/* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their hull has at
- * most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
+/* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their
+ * hull has at most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
 static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
@@ -54,7 +54,7 @@ static void read_facets(qhT *qh, const pags_shell *from, const int64_t *chosen, 
       int point = qh_pointid(qh, vertex->point);
       if (place[point] == UINT32_MAX)
         place[point] = pags_shell_vertex(out, from->positions + 3 * chosen[point], from->colors + 3 * chosen[point],
-                                           from->observed[chosen[point]]);
+                                         from->observed[chosen[point]]);
       if (n < 3)
         corners[n++] = place[point];
     }
@@ -95,7 +95,8 @@ pags_result pags_shell_hull(const pags_shell *from, int64_t budget, pags_shell *
   int64_t *chosen = malloc((size_t)most * sizeof *chosen);
   double *points = malloc((size_t)most * 3 * sizeof *points);
   uint32_t *place = malloc((size_t)most * sizeof *place);
-  pags_result result = chosen && points && place ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
+  pags_result result =
+      chosen && points && place ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
   if (result == PAGS_OK) {
     count = farthest(from, most, chosen);
     for (int64_t i = 0; i < 3 * count; ++i)

@@ -1,5 +1,6 @@
-/* Marching tetrahedra. Each cell of the grid is cut into six tetrahedra round its long diagonal (Kuhn 1960), the same way in all
- * cells, so that faces of neighbours meet; a tetrahedron has no ambiguous case, so the surface has no holes. */
+/* Marching tetrahedra. Each cell of the grid is cut into six tetrahedra round its long diagonal (Kuhn 1960), the same
+ * way in all cells, so that faces of neighbours meet; a tetrahedron has no ambiguous case, so the surface has no holes.
+ */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,7 +8,8 @@
 #include "grid.h"
 
 /* Corners of the six tetrahedra as bits (1: +x, 2: +y, 4: +z), all of positive volume. */
-static const int tetrahedra[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7}, {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
+static const int tetrahedra[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
+                                     {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
 
 /* Even orders of the four corners by which of them are inside, those first. */
 static const int one_first[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 0, 1, 3}, {3, 0, 2, 1}};
@@ -25,7 +27,8 @@ typedef struct corner {
   int bits;      /* of the cell's corner */
 } corner;
 
-/* The vertex where the distance between two corners is zero. The edge belongs to the corner whose bits the other's include. */
+/* The vertex where the distance between two corners is zero. The edge belongs to the corner whose bits the other's
+ * include. */
 static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) {
   const pags_grid *g = self->grid;
   if (a.bits > b.bits) {
@@ -98,7 +101,8 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
 
 /* In a block that wasn't fused. */
 static int is_idle(const pags_grid *g, const int cell[3]) {
-  int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] + cell[0] / PAGS_GRID_BLOCK;
+  int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] +
+                  cell[0] / PAGS_GRID_BLOCK;
   return g->active && !g->active[block];
 }
 

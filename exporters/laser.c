@@ -17,7 +17,8 @@ void pags_laser_destroy(pags_laser *laser) {
 
 #ifdef PAGS_WITH_DATASET
 
-/* Metres about labelled boxes that aren't the ground's; that are the object's; over their lower face that aren't, for a kerb may be there. */
+/* Metres about labelled boxes that aren't the ground's; that are the object's; over their lower face that aren't, for a
+ * kerb may be there. */
 static const double box_margin = 0.2, own_margin = 0.1, stand = 0.3;
 
 typedef struct box {
@@ -73,7 +74,8 @@ static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
   return 0;
 }
 
-static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes, pags_laser *out) {
+static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes,
+                             pags_laser *out) {
   const pags_sweep *sweep = pags_dataset_sweep(dataset, index);
   const double *m = sweep->world_from_sweep;
   float *xyz = NULL;
@@ -93,7 +95,8 @@ static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int
     double p[3];
     int taken;
     for (int k = 0; k < 3; ++k)
-      p[k] = m[4 * k] * (double)xyz[3 * i] + m[4 * k + 1] * (double)xyz[3 * i + 1] + m[4 * k + 2] * (double)xyz[3 * i + 2] + m[4 * k + 3];
+      p[k] = m[4 * k] * (double)xyz[3 * i] + m[4 * k + 1] * (double)xyz[3 * i + 1] +
+             m[4 * k + 2] * (double)xyz[3 * i + 2] + m[4 * k + 3];
     if ((result = sort_point(boxes, box_count, p, out, &taken)) != PAGS_OK || taken)
       continue;
     for (int k = 0; k < 3; ++k)
@@ -109,7 +112,8 @@ static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, i
   out->object_count = scene->object_count;
   out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
   pags_result result = boxes && out->objects ? PAGS_OK
-                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld boxes", (long long)scene->object_count);
+                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld boxes",
+                                                         (long long)scene->object_count);
   for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; ++i)
     result = add_sweep(scene, dataset, i, held_out, boxes, out);
   free(boxes);

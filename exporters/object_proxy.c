@@ -60,7 +60,8 @@ static pags_result make_level(const pags_workshop *w, const pags_object_shape *s
 }
 
 pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level, const char **note) {
+                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level,
+                                   const char **note) {
   pags_shell_topology topology;
   float color[3];
   *note = wanted == PAGS_PROXY_BOX ? NULL : shape->note;

@@ -37,9 +37,9 @@ typedef struct pags_object_shape {
   double s_sem;             /* mean; NaN */
   pags_sights sights;       /* in the object's frame */
   int64_t surface_pixels;   /* of all sights that have a depth within the box */
-  pags_shell surface;     /* closed, at full resolution; empty where too little is seen */
+  pags_shell surface;       /* closed, at full resolution; empty where too little is seen */
   double voxel;
-  const char *note;       /* static: what was too little to see, and what stands for it; NULL: enough */
+  const char *note; /* static: what was too little to see, and what stands for it; NULL: enough */
 } pags_object_shape;
 
 /* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
@@ -54,7 +54,8 @@ void pags_object_shape_destroy(pags_object_shape *shape);
 
 /* The level asked for; where it can't be, the box, `note` (static) saying why. `level` receives what was made. */
 pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level, const char **note);
+                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level,
+                                   const char **note);
 
 #ifdef __cplusplus
 }

@@ -20,8 +20,8 @@ typedef struct making {
   atomic_int stopped;
 } making;
 
-static pags_result make_level(const pags_workshop *w, int64_t object, const pags_object_shape *shape, pags_proxy_level level,
-                              int measure, pags_made_level *out) {
+static pags_result make_level(const pags_workshop *w, int64_t object, const pags_object_shape *shape,
+                              pags_proxy_level level, int measure, pags_made_level *out) {
   const pags_scene_object *o = &w->scene->objects[object];
   pags_proxy_facts *facts = &out->facts;
   pags_shell_topology topology;
@@ -140,14 +140,16 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
   *out = NULL;
   self.objects = calloc((size_t)count + 1, sizeof *self.objects);
   self.frames = calloc((size_t)workers, sizeof(pags_frame *));
-  pags_result result = self.objects && self.frames ? PAGS_OK
-                                                   : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)count);
+  pags_result result = self.objects && self.frames
+                           ? PAGS_OK
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)count);
   forming rough = {.workshop = workshop, .frames = self.frames};
   if (result == PAGS_OK && count && workshop->options->level != PAGS_PROXY_BOX)
     result = find_forms(&rough);
   equipped.forms = rough.forms;
   equipped.form_count = rough.count;
-  if (result == PAGS_OK && (!pags_parallel_for(workshop->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
+  if (result == PAGS_OK &&
+      (!pags_parallel_for(workshop->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < count && result == PAGS_OK; ++i)
     if (self.objects[i].result != PAGS_OK)

@@ -1,7 +1,8 @@
 /* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
  *
- * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the scene hides, are fused
- * in the box's frame into a signed distance. What no camera saw is completed (form.h), so the surface is closed whatever was seen. */
+ * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the
+ * scene hides, are fused in the box's frame into a signed distance. What no camera saw is completed (form.h), so the
+ * surface is closed whatever was seen. */
 #include "object_proxy.h"
 
 #include <math.h>
@@ -12,11 +13,12 @@
 
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
 
-/* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side of the box. */
+/* How closely to look at an object: most views, pixels of their longer side, steps of the grid along the longest side
+ * of the box. */
 enum { MOST_VIEWS = 64, MOST_SIDE = 320, STEPS = 128 };
 
-/* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if they aren't known
- * to be the object's; metres. */
+/* Labels are tight or loose: Gaussians up to this much beyond the box, and no closer to its lower face than this if
+ * they aren't known to be the object's; metres. */
 static const double margin = 0.15, lift = 0.08;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
@@ -68,8 +70,8 @@ static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_ga
   const pags_gaussians *g = &w->scene->models[0].gaussians;
   int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
   uint8_t *taken = calloc((size_t)g->count + 1, 1);
-  pags_result result = index && taken ? PAGS_OK
-                                      : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  pags_result result =
+      index && taken ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
   if (result == PAGS_OK) {
     pags_object_mark(w, object, taken);
     for (int64_t i = 0; i < g->count; ++i)
@@ -91,7 +93,8 @@ static double mean_s_sem(const pags_gaussians *g) {
   return g->s_sem && g->count ? sum / (double)g->count : (double)NAN;
 }
 
-/* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture. */
+/* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture.
+ */
 static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
   double world_from_object[12], object_from_world[12], lo[3];
   pags_camera camera = view->camera;
@@ -143,8 +146,8 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_workshop *w, int64_t object, const double model_pose[12], const double reach[3],
-                              pags_object_shape *shape) {
+static pags_result draw_views(const pags_workshop *w, int64_t object, const double model_pose[12],
+                              const double reach[3], pags_object_shape *shape) {
   pags_clusters clusters;
   PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
   pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
@@ -163,8 +166,8 @@ static int64_t count_pixels(const pags_sights *sights) {
   return count;
 }
 
-static pags_result fuse(const pags_workshop *w, const pags_object *record, const double reach[3], pags_object_shape *shape,
-                        pags_grid *grid) {
+static pags_result fuse(const pags_workshop *w, const pags_object *record, const double reach[3],
+                        pags_object_shape *shape, pags_grid *grid) {
   double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
   shape->voxel = fmax(0.02, longest / STEPS);
   for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
@@ -173,8 +176,9 @@ static pags_result fuse(const pags_workshop *w, const pags_object *record, const
     hi[k] = half - 0.5 * shape->voxel;
   }
   PAGS_TRY(pags_grid_create(grid, lo, hi, shape->voxel, 0));
-  return pags_grid_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks) ? PAGS_OK
-                                                                                     : pags_fail(PAGS_CANCELLED, "interrupted");
+  return pags_grid_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */

@@ -16,7 +16,8 @@ static void parked_pose(const pags_scene *scene, const pags_object *record, doub
     out[4 * k + 3] -= scene->origin[k];
 }
 
-pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree, pags_gaussians *out) {
+pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
+                                 pags_gaussians *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   const pags_part *parts;
@@ -53,7 +54,8 @@ pags_result pags_owned_degree(pags_composition *composition, int most, int *out)
   return PAGS_OK;
 }
 
-pags_result pags_owned_track_make(const pags_composition *composition, int64_t object, double time_zero, pags_owned_track *out) {
+pags_result pags_owned_track_make(const pags_composition *composition, int64_t object, double time_zero,
+                                  pags_owned_track *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   const pags_object *record = &scene->objects[object].record;
   int64_t count = record->moving ? record->knot_count : 1;

@@ -6,15 +6,15 @@
 
 #include <pags/export.h>
 
+#include "backdrop.h"
 #include "base/json.h"
 #include "base/text.h"
-#include "scene/place_json.h"
-#include "backdrop.h"
 #include "cameras.h"
 #include "compare.h"
 #include "gltf.h"
 #include "object_set.h"
 #include "proxy_report.h"
+#include "scene/place_json.h"
 
 enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
 
@@ -48,7 +48,7 @@ typedef struct exporter {
   int material, sheet;            /* of closed meshes, of open ones */
   group groups[MOST_GROUPS];
   int group_count;
-  double time_zero;      /* seconds of the scene that are 0 in the file */
+  double time_zero;        /* seconds of the scene that are 0 in the file */
   pags_json_writer shapes; /* of KHR_implicit_shapes */
   int shape_count;
   pags_progress_fn *progress;
@@ -212,8 +212,9 @@ static pags_result add_level(exporter *self, int64_t object, pags_made_level *ma
     snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
   else
     snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
-  *mesh = pags_gltf_mesh(self->gltf, mesh_name, &made->shell, self->material,
-                         (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
+  *mesh = pags_gltf_mesh(
+      self->gltf, mesh_name, &made->shell, self->material,
+      (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
   return pags_proxy_report_add(self->report, facts);
 }
 
@@ -276,7 +277,8 @@ static pags_result add_object(exporter *self, int64_t object, pags_made_object *
 
 /* Y up: z-up worlds turn by -90 degrees about x, worlds whose y points down by 180. */
 static void root_pose(pags_up up, double out[12]) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
   memcpy(out, up == PAGS_UP_Z ? from_z : from_minus_y, 12 * sizeof *out);
 }
 
@@ -286,7 +288,8 @@ static pags_result put_asset(const exporter *self) {
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
   pags_json_put_string(&w, "units", "metres");
-  pags_json_put_string(&w, "frame", "below the node 'scene' positions are in the axes of the recording, relative to origin");
+  pags_json_put_string(&w, "frame",
+                       "below the node 'scene' positions are in the axes of the recording, relative to origin");
   pags_json_put_numbers(&w, "origin", scene->origin, 3);
   pags_json_put_string(&w, "up", scene->up == PAGS_UP_Z ? "z" : scene->up == PAGS_UP_MINUS_Y ? "-y" : "unknown");
   pags_json_put_number(&w, "time_zero", self->time_zero);
@@ -337,7 +340,8 @@ static pags_result join_chunks(const pags_backdrop *b, pags_shell *all, int32_t 
       pags_shell_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
     for (int64_t t = 0; t < s->triangle_count; ++t) {
       (*group_of)[all->triangle_count] = (int32_t)i;
-      pags_shell_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1], first + s->triangles[3 * t + 2]);
+      pags_shell_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1],
+                          first + s->triangles[3 * t + 2]);
     }
   }
   return pags_shell_check(all);
@@ -363,7 +367,8 @@ static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t ind
     self->background = pags_gltf_node(self->gltf, self->root, "background");
   int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
   int node = pags_gltf_node(self->gltf, parent, name);
-  pags_gltf_node_mesh(self->gltf, node, pags_gltf_mesh(self->gltf, name, &chunk->shell, self->sheet, PAGS_GLTF_NORMALS));
+  pags_gltf_node_mesh(self->gltf, node,
+                      pags_gltf_mesh(self->gltf, name, &chunk->shell, self->sheet, PAGS_GLTF_NORMALS));
   if (self->workshop.options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(self, node, facts, NULL));
@@ -386,7 +391,8 @@ static pags_result add_background(exporter *self) {
   pags_backdrop b;
   PAGS_TRY(pags_backdrop_make(&self->workshop, tell_background, self, &b));
   pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
-  pags_result result = facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
+  pags_result result =
+      facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
   if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
     self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
   if (result == PAGS_OK)
@@ -435,8 +441,7 @@ static pags_result fill(exporter *self) {
 }
 
 pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
-                                pags_tasks *tasks, pags_progress_fn *progress, void *user,
-                                pags_proxy_report *report) {
+                                pags_tasks *tasks, pags_progress_fn *progress, void *user, pags_proxy_report *report) {
   pags_proxy_report own = {0};
   exporter self = {
       .report = report ? report : &own, .critical = -1, .background = -1, .progress = progress, .user = user};

@@ -1,9 +1,10 @@
 /* Making a decimated surface closed again.
  *
- * Collapses leave two faults in a surface that was closed: pairs of faces that cover each other, and edges where four faces meet. The
- * former are taken out; the latter are cut apart: going round the edge, each face is joined to the one that bounds the same piece of
- * solid, and vertices are doubled so that only joined faces share them. Where such sheets hang together about both ends of the edge,
- * that doesn't part them: then each pair of faces gets a vertex of its own in the edge's middle. */
+ * Collapses leave two faults in a surface that was closed: pairs of faces that cover each other, and edges where four
+ * faces meet. The former are taken out; the latter are cut apart: going round the edge, each face is joined to the one
+ * that bounds the same piece of solid, and vertices are doubled so that only joined faces share them. Where such sheets
+ * hang together about both ends of the edge, that doesn't part them: then each pair of faces gets a vertex of its own
+ * in the edge's middle. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -130,8 +131,8 @@ static void join(int64_t *parent, int64_t a, int64_t b) {
   parent[a < b ? b : a] = a < b ? a : b;
 }
 
-/* Joins the faces round one edge. A face that runs along the edge has its solid towards smaller angles: it is joined to the nearest
- * below that runs back. */
+/* Joins the faces round one edge. A face that runs along the edge has its solid towards smaller angles: it is joined to
+ * the nearest below that runs back. */
 static void join_edge(half *halves, int64_t count, int64_t *parent) {
   for (int64_t i = 0; i < count; ++i) {
     if (halves[i].backward || halves[i].id < 0)
@@ -157,7 +158,8 @@ static pags_result renumber(pags_shell *s, int64_t *parent) {
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld corners", (long long)corners);
   for (int64_t i = 0; i < corners; ++i) { /* a root is the smallest of its class and comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
-    place[i] = root == i ? pags_shell_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
+    place[i] =
+        root == i ? pags_shell_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
   }
   for (int64_t i = 0; i < s->triangle_count; ++i)
     pags_shell_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
@@ -171,8 +173,8 @@ static pags_result cut_edges(pags_shell *s) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
-  pags_result result = halves && parent ? PAGS_OK
-                                        : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+  pags_result result =
+      halves && parent ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
   for (int64_t i = 0; i < count && result == PAGS_OK; ++i) {
     uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
     parent[i] = i;
@@ -193,14 +195,17 @@ static pags_result cut_edges(pags_shell *s) {
   return result;
 }
 
-/* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half becomes a new triangle. */
+/* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half
+ * becomes a new triangle. */
 static void split_face(pags_shell *s, int64_t id, uint32_t middle) {
-  const uint32_t corners[3] = {s->triangles[id], s->triangles[next_corner(id)], s->triangles[next_corner(next_corner(id))]};
+  const uint32_t corners[3] = {s->triangles[id], s->triangles[next_corner(id)],
+                               s->triangles[next_corner(next_corner(id))]};
   s->triangles[next_corner(id)] = middle;
   pags_shell_triangle(s, middle, corners[1], corners[2]);
 }
 
-/* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next pass. */
+/* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next
+ * pass. */
 static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split) {
   for (int64_t i = 0; i < count; ++i) {
     if (halves[i].backward || split[halves[i].id / 3])
@@ -211,7 +216,8 @@ static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split
         continue;
       float position[3], color[3];
       for (int k = 0; k < 3; ++k) {
-        position[k] = 0.5f * (s->positions[3 * (int64_t)halves[i].low + k] + s->positions[3 * (int64_t)halves[i].high + k]);
+        position[k] =
+            0.5f * (s->positions[3 * (int64_t)halves[i].low + k] + s->positions[3 * (int64_t)halves[i].high + k]);
         color[k] = s->colors[3 * (int64_t)halves[i].low + k];
       }
       uint32_t middle = pags_shell_vertex(s, position, color, s->observed[halves[i].low]);

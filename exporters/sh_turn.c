@@ -1,5 +1,6 @@
-/* Turning spherical harmonics. Each degree l turns by itself by a matrix of (2 l + 1)^2, found by asking what the turned functions are in enough
- * directions: least squares over a lattice of directions, exact but for rounding as the functions lie in the space asked for. */
+/* Turning spherical harmonics. Each degree l turns by itself by a matrix of (2 l + 1)^2, found by asking what the
+ * turned functions are in enough directions: least squares over a lattice of directions, exact but for rounding as the
+ * functions lie in the space asked for. */
 #include <math.h>
 #include <string.h>
 
@@ -7,8 +8,8 @@
 
 enum { DIRECTIONS = 40 };
 
-/* The basis of Kerbl et al. 2023, terms 1..15, without their constants: a factor of a row and of its column cancels but for the
- * ratio, so that they must be there. */
+/* The basis of Kerbl et al. 2023, terms 1..15, without their constants: a factor of a row and of its column cancels but
+ * for the ratio, so that they must be there. */
 static void basis(const double d[3], double out[15]) {
   double x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   const double values[15] = {-0.4886025119029199 * y,

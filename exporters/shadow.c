@@ -4,13 +4,14 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the wheels, from the side
- * level on the ground. What is dark (display-referred), low and well within the box's sides is no part of them, nor is what is
- * level near the box's lower face; metres. */
+/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the
+ * wheels, from the side level on the ground. What is dark (display-referred), low and well within the box's sides is no
+ * part of them, nor is what is level near the box's lower face; metres. */
 static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
 
-/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is one: a box is as wide
- * as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the wheels; metres. */
+/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is
+ * one: a box is as wide as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the
+ * wheels; metres. */
 static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
 
 static int is_dark(const uint8_t *rgb) {

@@ -91,7 +91,7 @@ pags_result pags_shell_compact(pags_shell *surface) {
     uint32_t v = surface->triangles[i];
     if (place[v] == UINT32_MAX)
       place[v] = pags_shell_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
-                                     surface->observed[v]);
+                                   surface->observed[v]);
     surface->triangles[i] = place[v];
   }
   free(place);
@@ -111,7 +111,8 @@ pags_result pags_shell_compact(pags_shell *surface) {
 
 pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out) {
   /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
-  static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+  static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
+                                       {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
   *out = (pags_shell){0};
   for (int i = 0; i < 8; ++i) {
     float p[3];
@@ -237,7 +238,8 @@ static pags_result annex_parts(const pags_shell *s, parts *p, double large, doub
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
   pags_result result = pags_solid_of_shell(&main, &solid);
   for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; ++i) {
-    const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1], (double)s->positions[3 * i + 2]};
+    const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1],
+                          (double)s->positions[3 * i + 2]};
     double *area = &p->area[root_of(p->parent, (uint32_t)i)];
     int within = fabs(at[0]) <= 0.5 * size[0] && fabs(at[1]) <= 0.5 * size[1] && fabs(at[2]) <= 0.5 * size[2];
     if (within && *area < large && *area >= crumb * p->largest && pags_solid_distance(solid, at, NULL) < reach)

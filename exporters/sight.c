@@ -1,7 +1,7 @@
 /* Drawing Gaussians by the training cameras for their depth.
  *
- * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth of their
- * neighbours, which jumps there, and say nothing. */
+ * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth
+ * of their neighbours, which jumps there, and say nothing. */
 #include "sight.h"
 
 #include <math.h>
@@ -10,8 +10,8 @@
 
 enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: nothing */
 
-/* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes by
- * 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
+/* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes
+ * by 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
 static const float jump = 0.05f;
 
 static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
@@ -67,9 +67,10 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
     return 0;
   for (int k = 0; k < 4; ++k)
     q[k] /= sqrt(length);
-  const double columns[3][3] = {{1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
-                                {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
-                                {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
+  const double columns[3][3] = {
+      {1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
+      {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
+      {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
   memcpy(axis, columns[thin], sizeof axis);
   for (int k = 0; k < 3; ++k) {
     const double *m = part->world_from_model + 4 * k;
@@ -80,8 +81,8 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
   return 1;
 }
 
-/* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in front of the plane
- * that they are in. */
+/* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in
+ * front of the plane that they are in. */
 static void find_planes(const pags_picture *picture, const pags_part *part, pags_sight *sight) {
   const double *m = sight->camera.world_from_camera;
   for (int y = 0; y < picture->height; ++y)
@@ -237,7 +238,8 @@ int pags_sight_may_see(const pags_sight *sight, const double middle[3], double r
   pags_rigid_point(sight->camera_from_model, middle, p);
   if (p[2] < -radius || p[2] > range + radius)
     return 0;
-  const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx}, {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
+  const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx},
+                              {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
   for (int k = 0; k < 2; ++k) {
     double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
     double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
@@ -247,7 +249,8 @@ int pags_sight_may_see(const pags_sight *sight, const double middle[3], double r
   return 1;
 }
 
-pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin, double *z) {
+pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin,
+                                    double *z) {
   const pags_camera *c = &sight->camera;
   double p[3];
   pags_rigid_point(sight->camera_from_model, middle, p);

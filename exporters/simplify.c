@@ -38,7 +38,8 @@ pags_result pags_shell_simplify(const pags_shell *from, int64_t budget, pags_she
     pags_result result = before.closed ? pags_shell_repair(out) : PAGS_OK;
     if (result == PAGS_OK)
       result = pags_shell_inspect(out, &after);
-    if (result == PAGS_OK && out->triangle_count > 0 && out->triangle_count <= budget && (!before.closed || after.closed))
+    if (result == PAGS_OK && out->triangle_count > 0 && out->triangle_count <= budget &&
+        (!before.closed || after.closed))
       return PAGS_OK;
     pags_shell_destroy(out);
     PAGS_TRY(result);

@@ -30,8 +30,8 @@ static double dot(const double a[3], const double b[3]) {
   return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it, else to the
- * nearest edge. `foot` receives the nearest point. */
+/* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it,
+ * else to the nearest edge. `foot` receives the nearest point. */
 static double triangle_distance(const double a[3], const double b[3], const double c[3], double foot[3]) {
   const double *corners[3] = {a, b, c};
   double u[3], v[3], n[3], nearest = HUGE_VAL;

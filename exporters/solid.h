@@ -16,7 +16,8 @@ pags_result pags_solid_of_shell(const pags_shell *shell, pags_solid **out);
 pags_result pags_solid_of_points(const float *points, int64_t count, pags_solid **out);
 void pags_solid_destroy(pags_solid *solid); /* NULL is allowed */
 
-/* By several threads at once. Distance to the nearest triangle or point; infinite when there is none. `primitive` may be NULL. */
+/* By several threads at once. Distance to the nearest triangle or point; infinite when there is none. `primitive` may
+ * be NULL. */
 double pags_solid_distance(const pags_solid *solid, const double point[3], uint32_t *primitive);
 /* The nearest point itself; same return. */
 double pags_solid_nearest(const pags_solid *solid, const double point[3], double nearest[3]);

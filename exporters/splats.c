@@ -12,8 +12,8 @@
 
 static const double sh_c0 = 0.28209479177387814;
 
-static void bake_row(const pags_part *part, const pags_sh_turn *turn, const double turn_q[4], int64_t i, pags_gaussians *out,
-                     int64_t at) {
+static void bake_row(const pags_part *part, const pags_sh_turn *turn, const double turn_q[4], int64_t i,
+                     pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
   const double *m = part->world_from_model;
   double p[3], q[4], rest[15];
@@ -23,10 +23,12 @@ static void bake_row(const pags_part *part, const pags_sh_turn *turn, const doub
   for (int k = 0; k < 4; ++k)
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
   const double *t = turn_q;
-  const double product[4] = {t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
-                             t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
+  const double product[4] = {
+      t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
+      t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
   for (int k = 0; k < 3; ++k) {
-    pags_plane(out, PAGS_MEAN + k)[at] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
+    pags_plane(out, PAGS_MEAN + k)[at] =
+        (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
     pags_plane(out, PAGS_SCALE + k)[at] = pags_plane(g, PAGS_SCALE + k)[i];
     pags_plane(out, PAGS_SH + k)[at] = part->dc ? part->dc[k * g->stride + i] : pags_plane(g, PAGS_SH + k)[i];
   }

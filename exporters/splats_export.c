@@ -52,7 +52,8 @@ static float *add_column(columns *c, const char *name, int components) {
 /* KHR_gaussian_splatting's attributes; COLOR_0 is for readers that know points alone. */
 static void fill_columns(const pags_gaussians *g, columns *c) {
   float *position = add_column(c, "POSITION", 3), *color = add_column(c, "COLOR_0", 4);
-  float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4), *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
+  float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
+        *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
   float *opacity = add_column(c, "KHR_gaussian_splatting:OPACITY", 1);
   for (int64_t i = 0; i < g->count; ++i) {
     double q[4], length = 0;
@@ -102,7 +103,8 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
 
 /* Y up by the root node, as proxies have it: what is below keeps its axes, and its harmonics with them. */
 static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *g) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
   pags_gltf *gltf;
   if (!g->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
@@ -143,8 +145,10 @@ static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *compos
   return result;
 }
 
-static pags_result save_tracks(const char *path, pags_composition *composition, const pags_splat_options *options, int64_t *count) {
-  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0}, from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+static pags_result save_tracks(const char *path, pags_composition *composition, const pags_splat_options *options,
+                               int64_t *count) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
   const pags_scene *scene = pags_composition_scene(composition);
   int degree;
   double time_zero = scene->time_begin;
@@ -175,7 +179,8 @@ static pags_result save_packed(const char *path, const pags_scene *scene, const 
   return pags_packed_export(path, g, &head);
 }
 
-static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options, const pags_gaussians *g) {
+static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
+                        const pags_gaussians *g) {
   const char *extension = pags_path_extension(path);
   if (!strcmp(extension, ".ply"))
     return pags_ply_save(path, g);
@@ -203,7 +208,8 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
   pags_compose(composition, options->time, &parts, &part_count);
   for (int i = 0; i < part_count; ++i)
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
-  pags_result result = pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);
+  pags_result result =
+      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);
   if (result == PAGS_OK)
     result = save(path, pags_composition_scene(composition), options, &baked);
   if (count)

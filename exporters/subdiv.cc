@@ -17,7 +17,9 @@ namespace {
 
 struct point {
   float p[3];
-  void Clear() { p[0] = p[1] = p[2] = 0; }
+  void Clear() {
+    p[0] = p[1] = p[2] = 0;
+  }
   void AddWithWeight(const point &other, float weight) {
     for (int k = 0; k < 3; ++k)
       p[k] += weight * other.p[k];
@@ -36,7 +38,8 @@ std::unique_ptr<far::TopologyRefiner> make_refiner(int vertex_count, int quad_co
       factory::Create(descriptor, factory::Options(sdc::SCHEME_CATMARK, sdc::Options())));
 }
 
-template <typename T> T *copy(const std::vector<T> &from) {
+template <typename T>
+T *copy(const std::vector<T> &from) {
   T *out = static_cast<T *>(std::malloc((from.size() + 1) * sizeof(T)));
   if (out && !from.empty())
     std::memcpy(out, from.data(), from.size() * sizeof(T));

@@ -1,8 +1,9 @@
 /* pags_export_usd: Gaussians and proxies as one USD stage, in text.
  *
- * Z up, metres; /scene holds one Xform an object, with its track as time samples: a kinematic body whose Gaussians are a
- * ParticleField3DGaussianSplat (OpenUSD 26.03) and whose proxy an invisible mesh that collides; and /scene/background, likewise. Gaussians have
- * no harmonics beyond the constant or all of degree 3: Isaac Sim hangs on what lies between. */
+ * Z up, metres; /scene holds one Xform an object, with its track as time samples: a kinematic body whose Gaussians are
+ * a ParticleField3DGaussianSplat (OpenUSD 26.03) and whose proxy an invisible mesh that collides; and
+ * /scene/background, likewise. Gaussians have no harmonics beyond the constant or all of degree 3: Isaac Sim hangs on
+ * what lies between. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -77,11 +78,14 @@ static void put_extent(pags_usd *usd, const float *positions, int64_t count, con
   pags_usd_floats(usd, "float3[] extent", bounds, 2, 3, NULL);
 }
 
-static void put_mesh(usd_export *self, const char *name, const char *label, const pags_shell *shell, const char *approximation) {
+static void put_mesh(usd_export *self, const char *name, const char *label, const pags_shell *shell,
+                     const char *approximation) {
   pags_usd *usd = &self->usd;
   float *colors = malloc(((size_t)shell->vertex_count * 3 + 1) * sizeof *colors);
   pags_usd_line(usd, "def Mesh \"%s\" (", name);
-  pags_usd_line(usd, "    prepend apiSchemas = [\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"SemanticsLabelsAPI:class\"]");
+  pags_usd_line(
+      usd,
+      "    prepend apiSchemas = [\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"SemanticsLabelsAPI:class\"]");
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
   ++usd->depth;
@@ -183,7 +187,8 @@ static void put_samples(usd_export *self, const pags_owned_track *track, int tur
     for (int k = 0; k < 4; ++k)
       before[k] = along < 0 ? -q[k] : q[k]; /* the shorter way round */
     if (turns)
-      pags_usd_line(usd, "    %.9g: (%.9g, %.9g, %.9g, %.9g),", track->times[i] * self->rate, before[0], before[1], before[2], before[3]);
+      pags_usd_line(usd, "    %.9g: (%.9g, %.9g, %.9g, %.9g),", track->times[i] * self->rate, before[0], before[1],
+                    before[2], before[3]);
     else
       pags_usd_line(usd, "    %.9g: (%.9g, %.9g, %.9g),", track->times[i] * self->rate, p[3], p[7], p[11]);
   }
@@ -213,10 +218,12 @@ static void put_custom(usd_export *self, const pags_scene_object *o, int64_t num
   pags_usd_name(o->record.id, track, sizeof track);
   pags_usd_line(usd, "    customData = {");
   pags_usd_line(usd, "        bool critical = %d", o->critical != 0);
-  pags_usd_line(usd, "        string level = \"%s\"", pags_proxy_level_name(self->objects[number].levels[0].facts.level));
+  pags_usd_line(usd, "        string level = \"%s\"",
+                pags_proxy_level_name(self->objects[number].levels[0].facts.level));
   pags_usd_line(usd, "        bool moving = %d", o->record.moving != 0);
   pags_usd_line(usd, "        int number = %lld", (long long)number);
-  pags_usd_line(usd, "        double3 size = (%.9g, %.9g, %.9g)", o->record.size[0], o->record.size[1], o->record.size[2]);
+  pags_usd_line(usd, "        double3 size = (%.9g, %.9g, %.9g)", o->record.size[0], o->record.size[1],
+                o->record.size[2]);
   pags_usd_line(usd, "        string track = \"%s\"", track);
   pags_usd_line(usd, "    }");
 }
@@ -267,10 +274,11 @@ static void put_head(usd_export *self, const pags_scene *scene) {
   pags_usd *usd = &self->usd;
   pags_usd_line(usd, "(");
   pags_usd_line(usd, "    customLayerData = {");
-  pags_usd_line(usd, "        double3 origin = (%.17g, %.17g, %.17g)", scene->origin[0], scene->origin[1], scene->origin[2]);
+  pags_usd_line(usd, "        double3 origin = (%.17g, %.17g, %.17g)", scene->origin[0], scene->origin[1],
+                scene->origin[2]);
   if (scene->place.known)
-    pags_usd_line(usd, "        double3 geographicOrigin = (%.17g, %.17g, %.17g)", scene->place.latitude, scene->place.longitude,
-                  scene->place.altitude);
+    pags_usd_line(usd, "        double3 geographicOrigin = (%.17g, %.17g, %.17g)", scene->place.latitude,
+                  scene->place.longitude, scene->place.altitude);
   pags_usd_line(usd, "        double timeZero = %.17g", self->time_zero);
   pags_usd_line(usd, "    }");
   pags_usd_line(usd, "    defaultPrim = \"scene\"");

@@ -1,4 +1,5 @@
-/* Text is gathered in a buffer a line or an array's piece at a time. Numbers are the shortest that read back to the same float. */
+/* Text is gathered in a buffer a line or an array's piece at a time. Numbers are the shortest that read back to the
+ * same float. */
 #include "usd_text.h"
 
 #include <stdarg.h>
@@ -83,7 +84,8 @@ static size_t put_float(float value, char *out) {
   return (size_t)length;
 }
 
-void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width, const char *interpolation) {
+void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
+                     const char *interpolation) {
   char *piece = malloc(PIECE);
   size_t used = 0;
   if (!piece) {

@@ -1,4 +1,5 @@
-/* Writing USD's text form (.usda): indentation, values, arrays. The first failure is remembered and reported by the end. */
+/* Writing USD's text form (.usda): indentation, values, arrays. The first failure is remembered and reported by the
+ * end. */
 #ifndef PAGS_EXPORTERS_USD_TEXT_H
 #define PAGS_EXPORTERS_USD_TEXT_H
 
@@ -23,8 +24,10 @@ void pags_usd_line(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
 void pags_usd_open(pags_usd *usd, const char *format, ...) PAGS_PRINTF(2, 3);
 void pags_usd_close(pags_usd *usd);
 
-/* `head = [(a, b, c), ...]`, `width` numbers a tuple (1: bare). With `interpolation` (may be NULL) as the attribute's metadata. */
-void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width, const char *interpolation);
+/* `head = [(a, b, c), ...]`, `width` numbers a tuple (1: bare). With `interpolation` (may be NULL) as the attribute's
+ * metadata. */
+void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
+                     const char *interpolation);
 void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, int64_t count);
 /* The same `value` so many times. */
 void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count);

@@ -9,7 +9,7 @@
 
 enum { CLUSTER = 64 };
 
-static const float solid = 0.5f; /* alpha from which a pixel's depth is one */
+static const float solid = 0.5f;          /* alpha from which a pixel's depth is one */
 static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
 
 void pags_whole_destroy(pags_whole *whole) {
@@ -19,7 +19,8 @@ void pags_whole_destroy(pags_whole *whole) {
   memset(whole, 0, sizeof *whole);
 }
 
-pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained, const pags_camera *drawn) {
+pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
+                                   const pags_camera *drawn) {
   pags_frame_options out = *drawing;
   double scale = drawn->fx / trained->fx;
   if (scale < 1)
@@ -82,8 +83,8 @@ static int place(const pags_scene *scene, const layout *l, double time) {
   return count;
 }
 
-static pags_result draw_view(const pags_scene *scene, const layout *l, pags_frame *frame, const pags_frame_options *drawing,
-                             const pags_camera *trained, pags_whole_view *view) {
+static pags_result draw_view(const pags_scene *scene, const layout *l, pags_frame *frame,
+                             const pags_frame_options *drawing, const pags_camera *trained, pags_whole_view *view) {
   pags_picture picture;
   const pags_camera *camera = &view->camera;
   pags_frame_options options = pags_drawing_at(drawing, trained, camera);

@@ -1,5 +1,5 @@
-/* How far the training cameras see into the whole scene, objects where they are at each view's time: what lies behind that is hidden,
- * whatever it would look like drawn alone. */
+/* How far the training cameras see into the whole scene, objects where they are at each view's time: what lies behind
+ * that is hidden, whatever it would look like drawn alone. */
 #ifndef PAGS_EXPORTERS_WHOLE_H
 #define PAGS_EXPORTERS_WHOLE_H
 
@@ -27,10 +27,11 @@ pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pa
 void pags_whole_destroy(pags_whole *whole); /* frees and zeroes */
 
 /* The drawing of a view by a camera of another size: the low-pass, a pixel's when trained, shrinks with the picture. */
-pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained, const pags_camera *drawn);
+pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
+                                   const pags_camera *drawn);
 
-/* Takes back what `sight`, drawn of a part of the scene by the same view, says of what the rest hides: there its rays are free as far as the
- * whole scene lets them through, and nothing is known beyond. */
+/* Takes back what `sight`, drawn of a part of the scene by the same view, says of what the rest hides: there its rays
+ * are free as far as the whole scene lets them through, and nothing is known beyond. */
 void pags_sight_hide(pags_sight *sight, const pags_whole_view *view);
 
 #ifdef __cplusplus

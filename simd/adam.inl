@@ -3,20 +3,21 @@
  * Dense Adam at step k, gradient g, rate r, bias corrections 1 - b1^k and 1 - b2^k:
  *     m = b1 m + (1 - b1) g;   v = b2 v + (1 - b2) g^2;   p -= r c_k m / (sqrt v + e_k)
  *     c_k = sqrt(1 - b2^k) / (1 - b1^k),   e_k = eps sqrt(1 - b2^k)
- * which is the usual r (m / (1 - b1^k)) / (sqrt(v / (1 - b2^k)) + eps) with both sides of the quotient times sqrt(1 - b2^k).
- * After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is
- *     p -= r c_(s+j) q^j u,   q = b1 / sqrt b2,
- * up to a share (1 - b2^(j/2)) eps / sqrt v of the step: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and v stay as they were at step s, and each owed step is p -= weight[j] u: rounding takes place step by step,
- * whenever the replay is done and in however many pieces. */
+ * which is the usual r (m / (1 - b1^k)) / (sqrt(v / (1 - b2^k)) + eps) with both sides of the quotient times sqrt(1 -
+ * b2^k). After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is p -= r c_(s+j) q^j
+ * u,   q = b1 / sqrt b2, up to a share (1 - b2^(j/2)) eps / sqrt v of the step: under 2e-6 while gradients exceed 1e5
+ * eps = 1e-10. So m and v stay as they were at step s, and each owed step is p -= weight[j] u: rounding takes place
+ * step by step, whenever the replay is done and in however many pieces. */
 
 /* u, 0 where both moments are 0. */
 static inline vf adam_direction(const float *m, const float *v, vf eps) {
   return v_div(v_load(m), v_add(v_sqrt(v_load(v)), eps));
 }
 
-/* p -= weight[j] u for j = 0 .. steps - 1 in order; four vectors at a time hide the latency of the chain. `rows` is rounded
- * up to 16; rows beyond hold zeros. */
-static void adam_replay(float *p, const float *m, const float *v, int rows, const float *weights, int steps, float eps) {
+/* p -= weight[j] u for j = 0 .. steps - 1 in order; four vectors at a time hide the latency of the chain. `rows` is
+ * rounded up to 16; rows beyond hold zeros. */
+static void adam_replay(float *p, const float *m, const float *v, int rows, const float *weights, int steps,
+                        float eps) {
   const vf e = v_set(eps);
   int i = 0;
   for (; i + 48 < rows; i += 64) {
@@ -62,13 +63,15 @@ static void adam_update(float *p, float *m, float *v, const float *gradient, int
 }
 
 /* Comparisons are false for NaN. Runs before the update of the same rows, which then finds them in cache. */
-static int adam_check(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes, int rows, uint16_t *bad) {
+static int adam_check(const float *p, int64_t p_stride, const float *gradient, int64_t gradient_stride, int planes,
+                      int rows, uint16_t *bad) {
   const vf most = v_set(3e38f), steep = v_set(1e18f);
   unsigned any = 0;
   for (int i = 0; i < rows; i += 16) {
     vm good = m_first(rows - i);
     for (int k = 0; k < planes; k++)
-      good = m_and(good, m_and(v_lt(v_abs(v_load(p + k * p_stride + i)), most), v_lt(v_abs(v_load(gradient + k * gradient_stride + i)), steep)));
+      good = m_and(good, m_and(v_lt(v_abs(v_load(p + k * p_stride + i)), most),
+                               v_lt(v_abs(v_load(gradient + k * gradient_stride + i)), steep)));
     const unsigned found = m_bits(m_first(rows - i)) & ~m_bits(good);
     bad[i / 16] = (uint16_t)(bad[i / 16] | found);
     any |= found;
@@ -76,9 +79,10 @@ static int adam_check(const float *p, int64_t p_stride, const float *gradient, i
   return any != 0;
 }
 
-/* Widens [range[0], range[1]] by where rows can get without a further gradient: between p and p - weight u, the steps all having the
- * sign of u. Rows that are not finite are left out. */
-static void adam_reach(const float *p, const float *m, const float *v, int rows, float weight, float eps, float range[2]) {
+/* Widens [range[0], range[1]] by where rows can get without a further gradient: between p and p - weight u, the steps
+ * all having the sign of u. Rows that are not finite are left out. */
+static void adam_reach(const float *p, const float *m, const float *v, int rows, float weight, float eps,
+                       float range[2]) {
   const vf w = v_set(weight), e = v_set(eps);
   vf least = v_set(range[0]), most = v_set(range[1]);
   for (int i = 0; i < rows; i += 16) {

@@ -1,5 +1,6 @@
-/* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the rectangle of pixel
- * centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024, Hanson et al. 2025). */
+/* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the
+ * rectangle of pixel centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024,
+ * Hanson et al. 2025). */
 
 typedef struct quadratic {
   vf p, h, w, slope; /* of pags_splat */
@@ -9,8 +10,8 @@ static inline quadratic quadratic_of(const pags_splat *s) {
   return (quadratic){v_set(s->p), v_set(s->h), v_set(s->w), v_set(s->slope)};
 }
 
-/* Smallest u^2 + v^2 over [x0, x1] x [y0, y1], all relative to the mean. A convex quadratic with its minimum at the origin
- * has its minimum over a rectangle on an edge that faces the origin, or at the origin. */
+/* Smallest u^2 + v^2 over [x0, x1] x [y0, y1], all relative to the mean. A convex quadratic with its minimum at the
+ * origin has its minimum over a rectangle on an edge that faces the origin, or at the origin. */
 static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
   const vf zero = v_zero();
   const vf x = v_clamp(zero, x0, x1), y = v_clamp(zero, y0, y1); /* nearest to the origin */
@@ -21,9 +22,12 @@ static inline vf quadratic_min(quadratic q, vf x0, vf x1, vf y0, vf y1) {
   return v_min(v_fma(u1, u1, v_mul(v1, v1)), v_fma(u2, u2, v_mul(v2, v2)));
 }
 
-static inline float cut_off(const pags_splat *s) { return s->log2_opacity + (PAGS_LOG2_255 + PAGS_CUT_SLACK); }
+static inline float cut_off(const pags_splat *s) {
+  return s->log2_opacity + (PAGS_LOG2_255 + PAGS_CUT_SLACK);
+}
 
-/* Truth lane by lane of whether the tile at (column, row) of the picture is touched; mean and cut-off may differ from lane to lane. */
+/* Truth lane by lane of whether the tile at (column, row) of the picture is touched; mean and cut-off may differ from
+ * lane to lane. */
 static inline vm tile_touched(vm lanes, quadratic q, vf cut, vf mean_x, vf mean_y, vf column, vf row) {
   const vf tile = v_set((float)PAGS_TILE), half = v_set(0.5f), side = v_set((float)(PAGS_TILE - 1));
   const vf x0 = v_sub(v_fma(column, tile, half), mean_x), y0 = v_sub(v_fma(row, tile, half), mean_y);
@@ -41,7 +45,8 @@ static inline uint64_t small_box_touched(const pags_splat *s, const pags_tile_bo
   const int tiles = box->nx * box->ny;
   const vf nx = v_set((float)box->nx), inv_nx = v_set(1.0f / (float)box->nx), half = v_set(0.5f);
   uint64_t touched = 0;
-  for (int first = 0; first < tiles; first += V_LANES) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps l / nx off whole numbers */
+  for (int first = 0; first < tiles;
+       first += V_LANES) { /* lane l is tile (l mod nx, l / nx); + 0.5 keeps l / nx off whole numbers */
     const vf l = v_add(v_iota(), v_set((float)first));
     const vf row = i_to_v(v_to_i(v_sub(v_mul(v_add(l, half), inv_nx), half)));
     touched |= (uint64_t)box_touched(s, box, tiles - first, v_fnma(row, nx, l), row) << first;
@@ -72,7 +77,8 @@ static inline vf tile_floor(vf t, int tiles) {
   return v_sub(nearest, v_maskz(v_gt(nearest, cut), v_set(1.0f)));
 }
 
-/* Bit k of a lane: tile k of its box is touched, for boxes of 2..LANE_TILES tiles; 1 for boxes of one, 0 for larger ones. */
+/* Bit k of a lane: tile k of its box is touched, for boxes of 2..LANE_TILES tiles; 1 for boxes of one, 0 for larger
+ * ones. */
 static inline vi few_touched(const box_lanes *l, vf x0, vf y0, vf nx, vf tiles) {
   const quadratic q = {v_load(l->p), v_load(l->h), v_load(l->w), v_load(l->slope)};
   const vf x = v_load(l->x), y = v_load(l->y), cut = v_load(l->cut), one = v_set(1.0f);
@@ -97,7 +103,8 @@ static inline uint32_t large_box_tiles(const pags_splat *s, const pags_tile_box 
   uint32_t tiles = 0;
   for (int y = 0; y < box->ny; y++)
     for (int x = 0; x < box->nx; x += V_LANES)
-      tiles += (uint32_t)__builtin_popcount(box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y)));
+      tiles += (uint32_t)__builtin_popcount(
+          box_touched(s, box, box->nx - x, v_add(v_iota(), v_set((float)x)), v_set((float)y)));
   return tiles;
 }
 
@@ -105,8 +112,10 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
                                     pags_splat *splats, pags_tile_box *boxes) {
   const vf inv = v_set(1.0f / (float)PAGS_TILE), one = v_set(1.0f);
   const vf x = v_load(l->x), y = v_load(l->y), extent_x = v_load(l->extent_x), extent_y = v_load(l->extent_y);
-  const vf x0 = tile_floor(v_mul(v_sub(x, extent_x), inv), tiles_x), x1 = tile_floor(v_fma(v_add(x, extent_x), inv, one), tiles_x);
-  const vf y0 = tile_floor(v_mul(v_sub(y, extent_y), inv), tiles_y), y1 = tile_floor(v_fma(v_add(y, extent_y), inv, one), tiles_y);
+  const vf x0 = tile_floor(v_mul(v_sub(x, extent_x), inv), tiles_x),
+           x1 = tile_floor(v_fma(v_add(x, extent_x), inv, one), tiles_x);
+  const vf y0 = tile_floor(v_mul(v_sub(y, extent_y), inv), tiles_y),
+           y1 = tile_floor(v_fma(v_add(y, extent_y), inv, one), tiles_y);
   const vf nx = v_sub(x1, x0), ny = v_sub(y1, y0), tiles = v_mul(nx, ny);
   int32_t column[V_LANES], row[V_LANES], across[V_LANES], down[V_LANES], touched[V_LANES];
   i_store(column, v_to_i(x0));
@@ -117,7 +126,8 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
   for (int k = 0; k < count; k++) {
     pags_splat *const s = splats + members[k];
     pags_tile_box *const box = boxes + members[k];
-    *box = (pags_tile_box){(uint64_t)touched[k], (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k], (uint16_t)down[k]};
+    *box = (pags_tile_box){(uint64_t)touched[k], (uint16_t)column[k], (uint16_t)row[k], (uint16_t)across[k],
+                           (uint16_t)down[k]};
     const int64_t area = (int64_t)across[k] * down[k];
     if (area <= 0)
       *box = (pags_tile_box){0, 0, 0, 0, 0};
@@ -127,7 +137,8 @@ static inline void box_lanes_finish(const box_lanes *l, const uint16_t *members,
   }
 }
 
-static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y, pags_tile_box *boxes) {
+static void tile_boxes(pags_splat *splats, const uint32_t *keys, int count, int tiles_x, int tiles_y,
+                       pags_tile_box *boxes) {
   uint16_t members[256 + 1]; /* those drawn */
   int drawn = 0;
   for (int k = 0; k < count; k++) {
@@ -170,8 +181,8 @@ V_INLINE void bin_tile(bin_sink *sink, int64_t tile, bool fill) {
   sink->rank++;
 }
 
-/* One loop over the touched tiles whatever their rows: how often a loop runs can't be foreseen, and each one's end costs as much as
- * several pairs. Tile k is in row k / nx; + 0.5 keeps that off whole numbers. */
+/* One loop over the touched tiles whatever their rows: how often a loop runs can't be foreseen, and each one's end
+ * costs as much as several pairs. Tile k is in row k / nx; + 0.5 keeps that off whole numbers. */
 V_INLINE void bin_small(bin_sink *sink, const pags_tile_box *box, bool fill) {
   const int64_t first = (int64_t)box->y0 * sink->tiles_x + box->x0;
   const float inv_nx = 1.0f / (float)box->nx;

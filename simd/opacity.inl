@@ -4,9 +4,12 @@
  *   full     -log(1 - T)       d/dT = 1 / (1 - T)
  *   unsure   -T log T - (1 - T) log(1 - T)     d/dT = log((1 - T) / T)
  *
- * Arguments of the first two logarithms and the third's T are clamped to [1e-6, 1 - 1e-6], outside of which the slope is zero. */
+ * Arguments of the first two logarithms and the third's T are clamped to [1e-6, 1 - 1e-6], outside of which the slope
+ * is zero. */
 
-V_INLINE vf opacity_log(vf x) { return v_mul(v_log2(x), v_set(0.693147181f)); }
+V_INLINE vf opacity_log(vf x) {
+  return v_mul(v_log2(x), v_set(0.693147181f));
+}
 
 /* The clamped argument; `within`: that it needed no clamp. */
 V_INLINE vf opacity_argument(vf x, vm *within) {
@@ -45,4 +48,6 @@ V_INLINE double opacity_all(const pags_opacity_row *in, bool unsure) {
   return (double)v_sum(sum);
 }
 
-static double opacity_row(const pags_opacity_row *in) { return in->unsure ? opacity_all(in, true) : opacity_all(in, false); }
+static double opacity_row(const pags_opacity_row *in) {
+  return in->unsure ? opacity_all(in, true) : opacity_all(in, false);
+}

@@ -8,21 +8,21 @@
 
 /* Everything that the forward writes out or the backward starts from. */
 typedef struct projected {
-  vf x, y, z;              /* camera space */
-  vf mx, my;               /* px */
-  vf inv_z, tx, ty;        /* clamped x/z, y/z */
+  vf x, y, z;       /* camera space */
+  vf mx, my;        /* px */
+  vf inv_z, tx, ty; /* clamped x/z, y/z */
   vm clamped_x, clamped_y;
   vf sigma[3];
-  vf q[4], q_inv_norm;     /* unit quaternion, 1/|q| (0 for a zero quaternion, which is taken as the identity) */
-  vf rotation[9];          /* R */
-  vf j00, j02, j11, j12;   /* J */
-  vf t[6];                 /* J W, 2x3 */
-  vf m[6];                 /* M */
-  vf minor[3];             /* 12, 13, 23 */
+  vf q[4], q_inv_norm;   /* unit quaternion, 1/|q| (0 for a zero quaternion, which is taken as the identity) */
+  vf rotation[9];        /* R */
+  vf j00, j02, j11, j12; /* J */
+  vf t[6];               /* J W, 2x3 */
+  vf m[6];               /* M */
+  vf minor[3];           /* 12, 13, 23 */
   vf a, b, c, d0, d;
-  vf compensation;         /* sqrt(max(2.5e-5, D0 / D)), 1 without antialiasing */
-  vf opacity;              /* compensated */
-  vf raw_opacity, rest;    /* sigmoid(logit), and what it leaves of 1, to all its digits */
+  vf compensation;      /* sqrt(max(2.5e-5, D0 / D)), 1 without antialiasing */
+  vf opacity;           /* compensated */
+  vf raw_opacity, rest; /* sigmoid(logit), and what it leaves of 1, to all its digits */
 } projected;
 
 static inline void rotation_from_quaternion(projected *s, const float *data, int64_t stride) {
@@ -48,8 +48,8 @@ static inline void rotation_from_quaternion(projected *s, const float *data, int
   s->rotation[8] = v_fnma(two, v_add(xx, yy), one);
 }
 
-/* Camera-space mean; J at the clamped direction. The clamp (INRIA's 1.3 tan, around the principal point as in gsplat) bounds what
- * a Gaussian beside the picture can smear into it; the mean itself is not clamped. */
+/* Camera-space mean; J at the clamped direction. The clamp (INRIA's 1.3 tan, around the principal point as in gsplat)
+ * bounds what a Gaussian beside the picture can smear into it; the mean itself is not clamped. */
 static inline void project_mean(projected *s, const pags_projection *view, const float *data, int64_t stride) {
   const vf px = v_load(data), py = v_load(data + stride), pz = v_load(data + 2 * stride);
   vf cam[3];
@@ -81,9 +81,9 @@ static inline void project_covariance(projected *s, const pags_projection *view,
   }
   for (int i = 0; i < 2; i++)
     for (int k = 0; k < 3; k++)
-      s->m[3 * i + k] = v_mul(v_dot3(s->t[3 * i], s->t[3 * i + 1], s->t[3 * i + 2], s->rotation[k], s->rotation[3 + k],
-                                     s->rotation[6 + k]),
-                              s->sigma[k]);
+      s->m[3 * i + k] = v_mul(
+          v_dot3(s->t[3 * i], s->t[3 * i + 1], s->t[3 * i + 2], s->rotation[k], s->rotation[3 + k], s->rotation[6 + k]),
+          s->sigma[k]);
   const vf *const m = s->m;
   s->minor[0] = v_fnma(m[1], m[3], v_mul(m[0], m[4]));
   s->minor[1] = v_fnma(m[2], m[3], v_mul(m[0], m[5]));
@@ -117,8 +117,8 @@ static inline void project_all(projected *s, const pags_projection *view, const 
 
 #define PAGS_HALF_LOG2E 0.72134752f
 
-/* Blocks whose pixel centres lie within `extent` of the mean: first[k] = floor((m - e + 1/2)/4), end[k] = floor((m + e - 1/2)/4) + 1,
- * floors being roundings half a block away; e gets a hair more for the roundings before. */
+/* Blocks whose pixel centres lie within `extent` of the mean: first[k] = floor((m - e + 1/2)/4), end[k] = floor((m + e
+ * - 1/2)/4) + 1, floors being roundings half a block away; e gets a hair more for the roundings before. */
 static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int32_t *first, int32_t *end) {
   const vf e = v_fma(extent, v_set(1.00001f), v_fma(v_abs(mean), v_set(1e-6f), v_set(1e-3f)));
   const vf zero = v_zero(), blocks = v_set(ceilf(size * 0.25f)), quarter = v_set(0.25f), half = v_set(0.5f);
@@ -127,9 +127,10 @@ static inline void project_blocks(vm drawn, vf mean, vf extent, float size, int3
   i_store(end, v_to_i(v_clamp(v_maskz(drawn, v_add(hi, half)), zero, blocks)));
 }
 
-/* Beyond the reach, u^2 + v^2 exceeds what the rasteriser's test of blocks lets pass (bin.inl): the cut-off with its slack. */
-static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vm drawn, int lanes,
-                                   pags_reach *reaches) {
+/* Beyond the reach, u^2 + v^2 exceeds what the rasteriser's test of blocks lets pass (bin.inl): the cut-off with its
+ * slack. */
+static inline void project_reaches(const projected *s, const pags_projection *view, vf log2_opacity, vm drawn,
+                                   int lanes, pags_reach *reaches) {
   const vf reach = v_mul(v_add(log2_opacity, v_set(PAGS_LOG2_255 + PAGS_CUT_SLACK)), v_set(1.0f / PAGS_HALF_LOG2E));
   int32_t x0[V_LANES], x1[V_LANES], y0[V_LANES], y1[V_LANES];
   project_blocks(drawn, s->mx, v_sqrt(v_max(v_mul(reach, s->a), v_zero())), view->width, x0, x1);
@@ -156,7 +157,8 @@ static void project(const pags_projection *view, const float *data, int64_t stri
     drawn = m_and(drawn, m_and(v_lt(s.a, huge), v_lt(s.c, huge)));
     drawn = m_and(drawn, m_and(v_gt(s.d, v_zero()), v_lt(s.d, v_set(1e36f))));
     drawn = m_and(drawn, m_and(v_gt(v_add(s.mx, extent_x), v_zero()), v_lt(v_sub(s.mx, extent_x), v_set(view->width))));
-    drawn = m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
+    drawn =
+        m_and(drawn, m_and(v_gt(v_add(s.my, extent_y), v_zero()), v_lt(v_sub(s.my, extent_y), v_set(view->height))));
     drawn = m_and(drawn, m_and(v_lt(s.z, huge), m_and(v_lt(v_abs(s.mx), huge), v_lt(v_abs(s.my), huge))));
     drawn = m_and(drawn, m_first(count - first));
     const unsigned bits = m_bits(drawn);

@@ -4,8 +4,8 @@
  *   dL/dmx = 2 p Su               dL/dmy = 2 (w Sv - p h Su)
  *   dL/dB  = 2 Suv / sqrt(D)      dL/dC  = (Svv - Suu) / C - 2 h Suv / sqrt(D)      dL/dD = Suu / D
  *   dL/dopacity = S / (ln 2 opacity)
- * then through D = D0 + low (A0 + C0) + low^2 and the minors to M = J W R S. A0, B, C0 and D0 are all plain sums of products
- * of M's entries, so nothing cancels on the way. */
+ * then through D = D0 + low (A0 + C0) + low^2 and the minors to M = J W R S. A0, B, C0 and D0 are all plain sums of
+ * products of M's entries, so nothing cancels on the way. */
 
 typedef struct slot_sums {
   vf field[PAGS_SLOT_FLOATS];
@@ -71,8 +71,8 @@ static inline void quaternion_backward(const projected *s, const vf *gr, vf *gq)
 }
 
 /* J and the mean's own projection back to camera space. */
-static inline void camera_backward(const projected *s, const pags_projection *view, const vf *gt, vf gmx, vf gmy, vf gdepth,
-                                   vf *gcam) {
+static inline void camera_backward(const projected *s, const pags_projection *view, const vf *gt, vf gmx, vf gmy,
+                                   vf gdepth, vf *gcam) {
   vf g00 = v_zero(), g02 = v_zero(), g11 = v_zero(), g12 = v_zero();
   for (int k = 0; k < 3; k++) {
     g00 = v_fma(gt[k], v_set(view->r[k]), g00);
@@ -119,15 +119,19 @@ static inline void sh_direction_gradient(int degree, const vf *d, const vf *k, v
   const vf three = v_set(3.0f), six = v_set(6.0f), eight = v_set(8.0f);
   const vf minus = v_sub(xx, yy), four_zz = v_mul(four, zz);
   g[0] = v_fma(s[0], v_mul(six, xy), v_fma(s[1], yz, v_fnma(s[2], v_mul(two, xy), v_fnma(s[3], v_mul(six, xz), g[0]))));
-  g[0] = v_fma(s[4], v_sub(v_sub(four_zz, yy), v_mul(three, xx)), v_fma(s[5], v_mul(two, xz), v_fma(s[6], v_mul(three, minus), g[0])));
-  g[1] = v_fma(s[0], v_mul(three, minus), v_fma(s[1], xz, v_fma(s[2], v_sub(v_sub(four_zz, xx), v_mul(three, yy)), g[1])));
-  g[1] = v_fnma(s[3], v_mul(six, yz), v_fnma(s[4], v_mul(two, xy), v_fnma(s[5], v_mul(two, yz), v_fnma(s[6], v_mul(six, xy), g[1]))));
-  g[2] = v_fma(s[1], xy, v_fma(s[2], v_mul(eight, yz), v_fma(v_mul(s[3], three), v_sub(v_add(zz, zz), v_add(xx, yy)), g[2])));
+  g[0] = v_fma(s[4], v_sub(v_sub(four_zz, yy), v_mul(three, xx)),
+               v_fma(s[5], v_mul(two, xz), v_fma(s[6], v_mul(three, minus), g[0])));
+  g[1] =
+      v_fma(s[0], v_mul(three, minus), v_fma(s[1], xz, v_fma(s[2], v_sub(v_sub(four_zz, xx), v_mul(three, yy)), g[1])));
+  g[1] = v_fnma(s[3], v_mul(six, yz),
+                v_fnma(s[4], v_mul(two, xy), v_fnma(s[5], v_mul(two, yz), v_fnma(s[6], v_mul(six, xy), g[1]))));
+  g[2] = v_fma(s[1], xy,
+               v_fma(s[2], v_mul(eight, yz), v_fma(v_mul(s[3], three), v_sub(v_add(zz, zz), v_add(xx, yy)), g[2])));
   g[2] = v_fma(s[4], v_mul(eight, xz), v_fma(s[5], minus, g[2]));
 }
 
-static inline void shade_backward(const pags_projection *view, const float *data, int64_t stride, const vf *gcolour, float *out,
-                                  int64_t out_stride, vf *gmean) {
+static inline void shade_backward(const pags_projection *view, const float *data, int64_t stride, const vf *gcolour,
+                                  float *out, int64_t out_stride, vf *gmean) {
   vf direction[3], inverse_distance, basis[16], weighted[16], gdirection[3];
   sh_direction(view, data, stride, direction, &inverse_distance);
   sh_basis(view->sh_degree, direction[0], direction[1], direction[2], basis);
@@ -240,7 +244,8 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   const vf half_w = v_set(0.5f * view->width), half_h = v_set(0.5f * view->height);
   const vf nx = v_mul(gmx, half_w), ny = v_mul(gmy, half_h);
   v_store(mean2d, v_maskz(good, v_sqrt(v_fma(nx, nx, v_mul(ny, ny)))));
-  const vf ax = v_mul(v_mul(v_mul(two, p), f[PAGS_SLOT_ABS_X]), half_w), ay = v_mul(v_mul(two, f[PAGS_SLOT_ABS_Y]), half_h);
+  const vf ax = v_mul(v_mul(v_mul(two, p), f[PAGS_SLOT_ABS_X]), half_w),
+           ay = v_mul(v_mul(two, f[PAGS_SLOT_ABS_Y]), half_h);
   v_store(mean2d_abs, v_maskz(good, v_sqrt(v_fma(ax, ax, v_mul(ay, ay)))));
   const vf middle = v_mul(v_set(0.5f), v_add(s.a, s.c));
   const vf largest = v_add(middle, v_sqrt(v_max(v_set(0.1f), v_fma(middle, middle, v_sub(v_zero(), s.d)))));
@@ -248,9 +253,9 @@ static inline int rows_backward(const pags_projection *view, const float *data, 
   return __builtin_popcount(bad);
 }
 
-static int project_backward(const pags_projection *view, const float *data, int64_t stride, int count, const uint32_t *keys,
-                            const pags_splat *splats, const int64_t *slot_start, const float *slots,
-                            const pags_row_gradient *out) {
+static int project_backward(const pags_projection *view, const float *data, int64_t stride, int count,
+                            const uint32_t *keys, const pags_splat *splats, const int64_t *slot_start,
+                            const float *slots, const pags_row_gradient *out) {
   const int planes = 11 + 3 * (view->sh_degree + 1) * (view->sh_degree + 1);
   int bad = 0;
   for (int first = 0; first < count; first += V_LANES) {
@@ -259,7 +264,8 @@ static int project_backward(const pags_projection *view, const float *data, int6
     const unsigned drawn = gather_slots(&sums, lanes, keys + first, splats + first, slot_start + first, slots);
     if (drawn) {
       bad += rows_backward(view, data + first, stride, &sums, drawn, splats + first, out->data + first, out->stride,
-                           out->mean2d + first, out->mean2d_abs + first, out->radius + first, out->bad ? out->bad + first : NULL);
+                           out->mean2d + first, out->mean2d_abs + first, out->radius + first,
+                           out->bad ? out->bad + first : NULL);
       continue;
     }
     for (int p = 0; p < planes; p++)

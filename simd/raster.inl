@@ -1,21 +1,21 @@
 /* Front-to-back blending of a tile (Kerbl et al. 2023), organised for vectors.
  *
- * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it can change
- * are found at once (bin.inl's exact test, one lane a block) and written down as pairs of splat and block, which one loop then blends.
- * Neighbouring pairs are mostly of different blocks, so that several blocks' chains of transmittance are under way at once. A stopped
- * pixel carries its transmittance with the sign set, so that no separate mask is kept: what would be blended next turns out below the
- * stop threshold by itself. */
+ * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it
+ * can change are found at once (bin.inl's exact test, one lane a block) and written down as pairs of splat and block,
+ * which one loop then blends. Neighbouring pairs are mostly of different blocks, so that several blocks' chains of
+ * transmittance are under way at once. A stopped pixel carries its transmittance with the sign set, so that no separate
+ * mask is kept: what would be blended next turns out below the stop threshold by itself. */
 
-/* In splats. Blocks are looked at for having stopped once a chunk: with twice as many splats three per cent more pairs are blended for
- * nothing, with half as many the loops are left too often. */
+/* In splats. Blocks are looked at for having stopped once a chunk: with twice as many splats three per cent more pairs
+ * are blended for nothing, with half as many the loops are left too often. */
 enum { RASTER_CHUNK = 32 };
 
 typedef struct raster_state { /* of one block */
-  vf px, py; /* pixel centres */
+  vf px, py;                  /* pixel centres */
   vf t, r, g, b;
   vf depth, weight, best; /* extra channels only */
   vi id;
-  vf hard; /* depth beyond which nothing blends; where that is asked for */
+  vf hard;   /* depth beyond which nothing blends; where that is asked for */
   vf marked; /* weight of marked splats; likewise */
 } raster_state;
 
@@ -36,13 +36,13 @@ V_INLINE vf raster_alpha(vf exponent, int degree) {
 typedef struct raster_how {
   int degree;
   bool sum, extra, counted, bounded, hard; /* sum: of w z, which extra channels take */
-  float eps; /* where bounded */
-  const uint8_t *marks; /* per id, 0 or 1; NULL: not asked for */
+  float eps;                               /* where bounded */
+  const uint8_t *marks;                    /* per id, 0 or 1; NULL: not asked for */
   int64_t mark_count;
 } raster_how;
 
-/* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel that has stopped,
- * for either reason, would stop there whatever came in between. */
+/* Transmittance never grows, and rounding is monotone: what blends later can't take it above where it was. So a pixel
+ * that has stopped, for either reason, would stop there whatever came in between. */
 V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alpha, raster_how how) {
   const vf t = state->t;
   if (how.hard)
@@ -58,7 +58,8 @@ V_INLINE unsigned raster_blend(raster_state *state, const pags_splat *s, vf alph
   if (how.sum)
     state->depth = v_fma(w, v_set(s->z), state->depth);
   if (how.marks)
-    state->marked = v_fma(w, v_set(s->id >= 0 && s->id < how.mark_count ? (float)how.marks[s->id] : 0.0f), state->marked);
+    state->marked =
+        v_fma(w, v_set(s->id >= 0 && s->id < how.mark_count ? (float)how.marks[s->id] : 0.0f), state->marked);
   if (how.extra) {
     state->weight = v_add(state->weight, w);
     const vm heavier = v_gt(w, state->best);
@@ -81,7 +82,8 @@ V_INLINE vf pair_exponent(raster_pair pair) {
 }
 
 /* Three pairs are under way at once: the exponent of k + 2, alpha of k + 1, the blending of k. A pair's chain of
- * dependent operations is some 70 cycles long, more than the scheduler's window covers when they are written one after another. */
+ * dependent operations is some 70 cycles long, more than the scheduler's window covers when they are written one after
+ * another. */
 typedef struct raster_pipeline {
   vf now, next;
   raster_pair pair, next_pair; /* whose they are */
@@ -118,7 +120,8 @@ typedef struct block_corners { /* centres of the blocks' top left pixels */
 static inline block_corners corners_of(int x0, int y0) {
   static const float lane_x[V_LANES] = {0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12, 0, 4, 8, 12};
   static const float lane_y[V_LANES] = {0, 0, 0, 0, 4, 4, 4, 4, 8, 8, 8, 8, 12, 12, 12, 12};
-  return (block_corners){v_add(v_load(lane_x), v_set((float)x0 + 0.5f)), v_add(v_load(lane_y), v_set((float)y0 + 0.5f))};
+  return (block_corners){v_add(v_load(lane_x), v_set((float)x0 + 0.5f)),
+                         v_add(v_load(lane_y), v_set((float)y0 + 0.5f))};
 }
 
 /* The blocks of the tile that a splat can change. */
@@ -136,10 +139,10 @@ typedef struct raster_chunk {
   int32_t pairs[RASTER_CHUNK * PAGS_TILE_BLOCKS + V_LANES]; /* 16 splat + block; 2 more than there are can be read */
 } raster_chunk;
 
-/* Copies splats and lists their pairs in one loop, so that these are worked out while splats come from memory. Returns how many
- * there are; masks[i], unless NULL, receives the active blocks that splat i can change. */
+/* Copies splats and lists their pairs in one loop, so that these are worked out while splats come from memory. Returns
+ * how many there are; masks[i], unless NULL, receives the active blocks that splat i can change. */
 V_INLINE int load_chunk(const pags_splat *splats, const pags_entry *entries, int count, const block_corners *corners,
-                         unsigned active, raster_chunk *chunk, uint16_t *masks) {
+                        unsigned active, raster_chunk *chunk, uint16_t *masks) {
   const vm blocks = m_from_bits(active);
   int pairs = 0;
   vi code = v_to_i(v_iota());
@@ -237,7 +240,8 @@ V_INLINE void raster_resume(const pags_raster_out *out, raster_state *state, int
 }
 
 /* Returns the blocks that are to be blended: those inside of the picture that haven't stopped. */
-V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, const pags_raster_out *out, raster_how how) {
+V_INLINE unsigned raster_begin(raster_state *state, const pags_raster_in *in, const pags_raster_out *out,
+                               raster_how how) {
   unsigned active = 0;
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
     state[b].px = block_x(b, in->x0);
@@ -288,12 +292,18 @@ V_INLINE unsigned raster_tile(const pags_raster_in *in, const pags_raster_out *o
   return active;
 }
 
-/* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go together: who
- * asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
-#define RASTER_VARIANT(name, exp_degree, extras, stops, hidden)                     \
-  static unsigned name(const pags_raster_in *in, const pags_raster_out *out) {      \
-    return raster_tile(in, out, (raster_how){.degree = exp_degree, .sum = extras, .extra = extras, .counted = extras, .bounded = stops, \
-                                             .hard = hidden, .eps = in->eps});      \
+/* Every choice is a function of its own, so that none is left to the inner loop. Extra channels and counting go
+ * together: who asks for either doesn't mind the other's few per cent, and each function costs seconds of compiling. */
+#define RASTER_VARIANT(name, exp_degree, extras, stops, hidden)                \
+  static unsigned name(const pags_raster_in *in, const pags_raster_out *out) { \
+    return raster_tile(in, out,                                                \
+                       (raster_how){.degree = exp_degree,                      \
+                                    .sum = extras,                             \
+                                    .extra = extras,                           \
+                                    .counted = extras,                         \
+                                    .bounded = stops,                          \
+                                    .hard = hidden,                            \
+                                    .eps = in->eps});                          \
   }
 RASTER_VARIANT(raster_5, 5, false, false, false)
 RASTER_VARIANT(raster_5_extra, 5, true, false, false)
@@ -344,7 +354,8 @@ static void raster_depth(const pags_raster_in *in, float *depth, int64_t stride,
   for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
     v_store_4x4(depth + (int64_t)(b >> 2) * 4 * stride + 4 * (b & 3), stride, nearest[b]);
     float lane[V_LANES];
-    v_store(lane, v_select(block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height), nearest[b], v_zero()));
+    v_store(lane, v_select(block_inside(block_x(b, in->x0), block_y(b, in->y0), in->width, in->height), nearest[b],
+                           v_zero()));
     farthest[b] = 0.0f;
     for (int k = 0; k < V_LANES; k++)
       farthest[b] = lane[k] > farthest[b] ? lane[k] : farthest[b];

@@ -1,5 +1,5 @@
-/* A tile seen by 4 x 4 samples, 4 pixels apart, each in the middle of the 16 pixels that it stands for: one vector, whose state stays in
- * registers. They are blended as pixels are (raster.inl), with the short exponential. */
+/* A tile seen by 4 x 4 samples, 4 pixels apart, each in the middle of the 16 pixels that it stands for: one vector,
+ * whose state stays in registers. They are blended as pixels are (raster.inl), with the short exponential. */
 
 enum { SAMPLES_AHEAD = 16, SAMPLES_LOOK = 16 }; /* splats fetched ahead; splats between two looks at what has stopped */
 
@@ -14,7 +14,8 @@ V_INLINE void sample_tile(const pags_raster_in *in, const pags_raster_out *out, 
   state.id = i_set(-1);
   const int64_t last = in->count - 1;
   if (last >= 0) {
-    raster_pair pair = {in->splats + in->entries[0].splat, &state}, next = {in->splats + in->entries[last > 0].splat, &state};
+    raster_pair pair = {in->splats + in->entries[0].splat, &state},
+                next = {in->splats + in->entries[last > 0].splat, &state};
     raster_pipeline pipe = raster_prime(pair, next, how.degree);
     for (int64_t i = 0; i <= last; i++) {
       __builtin_prefetch(in->splats + in->entries[i + SAMPLES_AHEAD < last ? i + SAMPLES_AHEAD : last].splat);
@@ -28,7 +29,8 @@ V_INLINE void sample_tile(const pags_raster_in *in, const pags_raster_out *out, 
   raster_write(out, &state, 0, how);
 }
 
-static void sample(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out, float *marked) {
+static void sample(const pags_raster_in *in, const uint8_t *marks, int64_t mark_count, const pags_raster_out *out,
+                   float *marked) {
   raster_how how = {.degree = 3, .bounded = true, .eps = in->eps, .marks = marks, .mark_count = mark_count};
   if (!out->depth) {
     sample_tile(in, out, marked, how);

@@ -1,13 +1,13 @@
-/* What a splat matters to a tile: how much of it is seen, how much of that where something critical is, and how hard the picture
- * hangs on it (Speedy-Splat's score, Hanson et al. 2025).
+/* What a splat matters to a tile: how much of it is seen, how much of that where something critical is, and how hard
+ * the picture hangs on it (Speedy-Splat's score, Hanson et al. 2025).
  *
  * Front to back as the gradient goes (raster_backward.inl), with w = alpha T:
  *   seen     = sum of w n              n: how much a pixel counts
  *   critical = sum of w n m            m: how critical it is
  *   squared  = sum of n (dL/dG)^2      G: value of the projected Gaussian at the pixel, alpha = o G, L = what the
  *                                      gradient planes say, without them the sum of the picture's channels
- * dL/dG = o dL/dalpha. The 0.99 cap is let through, as in Speedy-Splat (and INRIA's backward): what is opaque would have
- * no weight at all where it covers most.
+ * dL/dG = o dL/dalpha. The 0.99 cap is let through, as in Speedy-Splat (and INRIA's backward): what is opaque would
+ * have no weight at all where it covers most.
  *
  * With overlap `seen` and `critical` are sums of alpha instead, as if every splat were alone in the picture. */
 
@@ -61,8 +61,7 @@ V_INLINE void score_step(score_tile *tile, const pags_splat *s, int b, bool over
   tile->behind[b] = v_maskz(goes_on, behind);
 
   const vf seen = overlap ? alpha : w;
-  const vf by_alpha =
-      v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha))));
+  const vf by_alpha = v_maskz(blends, v_sub(v_mul(t, shine), v_div(behind, v_sub(v_set(1.0f), alpha))));
   sum[0] = v_fma(seen, tile->counted[b], sum[0]);
   sum[1] = v_fma(seen, tile->critical[b], sum[1]);
   sum[2] = v_fma(v_mul(by_alpha, by_alpha), tile->counted[b], sum[2]);
@@ -90,8 +89,10 @@ V_INLINE void score_all(const pags_raster_score *in, bool overlap, bool loss) {
   }
 }
 
-#define SCORE_VARIANT(name, overlap, loss) \
-  static void name(const pags_raster_score *in) { score_all(in, overlap, loss); }
+#define SCORE_VARIANT(name, overlap, loss)        \
+  static void name(const pags_raster_score *in) { \
+    score_all(in, overlap, loss);                 \
+  }
 SCORE_VARIANT(score_seen, false, false)
 SCORE_VARIANT(score_overlap, true, false)
 SCORE_VARIANT(score_loss, false, true)

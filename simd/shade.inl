@@ -1,12 +1,13 @@
 /* Colour of a Gaussian seen from the camera: real spherical harmonics to degree 3 with INRIA's constants and signs,
- * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's frame. No colour is
- * more than PAGS_COLOUR_MAX: infinity times a weight of 0 is NaN, and what covers a light of 1e20 would have a gradient of that size. */
+ * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's
+ * frame. No colour is more than PAGS_COLOUR_MAX: infinity times a weight of 0 is NaN, and what covers a light of 1e20
+ * would have a gradient of that size. */
 
 #define SH_C0 0.28209479177387814f
 #define SH_C1 0.4886025119029199f
 static const float sh_c2[5] = {1.0925484305920792f, -1.0925484305920792f, 0.31539156525252005f, -1.0925484305920792f,
                                0.5462742152960396f};
-static const float sh_c3[7] = {-0.5900435899266435f, 2.890611442640554f,  -0.4570457994644658f, 0.3731763325901154f,
+static const float sh_c3[7] = {-0.5900435899266435f, 2.890611442640554f, -0.4570457994644658f, 0.3731763325901154f,
                                -0.4570457994644658f, 1.445305721320277f, -0.5900435899266435f};
 
 /* basis[0 .. (degree+1)^2). */
@@ -39,7 +40,8 @@ static inline void sh_basis(int degree, vf x, vf y, vf z, vf *basis) {
 }
 
 /* Unit direction from the eye; (0, 0, 1) at the eye itself, where *inverse_distance is 0 and so is every gradient. */
-static inline void sh_direction(const pags_projection *view, const float *data, int64_t stride, vf *d, vf *inverse_distance) {
+static inline void sh_direction(const pags_projection *view, const float *data, int64_t stride, vf *d,
+                                vf *inverse_distance) {
   for (int k = 0; k < 3; k++)
     d[k] = v_sub(v_load(data + k * stride), v_set(view->eye[k]));
   const vf norm2 = v_dot3(d[0], d[1], d[2], d[0], d[1], d[2]);

@@ -1,28 +1,35 @@
-/* The cube map behind the Gaussians (pags/sky.h): which texels a pixel sees, and their colour blended in by what transmittance is left.
+/* The cube map behind the Gaussians (pags/sky.h): which texels a pixel sees, and their colour blended in by what
+ * transmittance is left.
  *
- * A cell is the square between four texel centres, named by its top left texel; a pixel's texels are the cell's corners, weighted
- * bilinearly by where in the cell (along, down in [0, 1]) its direction falls. Half a texel from a face's border the clamp puts
- * directions onto the cell's edge. A map of one texel a side has one cell a face, all of whose corners are that texel. */
+ * A cell is the square between four texel centres, named by its top left texel; a pixel's texels are the cell's
+ * corners, weighted bilinearly by where in the cell (along, down in [0, 1]) its direction falls. Half a texel from a
+ * face's border the clamp puts directions onto the cell's edge. A map of one texel a side has one cell a face, all of
+ * whose corners are that texel. */
 
 typedef struct sky_cells16 {
   vi row, column; /* of the top left texel; rows count on from face to face */
   vf along, down;
 } sky_cells16;
 
-V_INLINE vf sky_negated(vf x) { return v_sub(v_zero(), x); }
+V_INLINE vf sky_negated(vf x) {
+  return v_sub(v_zero(), x);
+}
 
-/* From -1..1 over a face to the first texel and the rest. NaN, of a direction without length, becomes the last texel. */
+/* From -1..1 over a face to the first texel and the rest. NaN, of a direction without length, becomes the last texel.
+ */
 V_INLINE vi sky_axis(vf position, int size, vf *rest) {
   const float half = 0.5f * (float)size;
   const vf last = v_set((float)(size - 1)), last_cell = v_set(size > 1 ? (float)(size - 2) : 0.0f);
   const vf u = v_max(v_min(v_fma(position, v_set(half), v_set(half - 0.5f)), last), v_zero());
-  const vi first = v_to_i(v_min(v_sub(u, v_set(0.5f)), last_cell)); /* a whole u may fall to the left: the rest is 1 then */
+  const vi first =
+      v_to_i(v_min(v_sub(u, v_set(0.5f)), last_cell)); /* a whole u may fall to the left: the rest is 1 then */
   *rest = v_sub(u, i_to_v(first));
   return first;
 }
 
 V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
-  const vf px = v_sub(v_add(v_iota(), v_set((float)x0 + 0.5f)), v_set(rays->cx)), py = v_set((float)y + 0.5f - rays->cy);
+  const vf px = v_sub(v_add(v_iota(), v_set((float)x0 + 0.5f)), v_set(rays->cx)),
+           py = v_set((float)y + 0.5f - rays->cy);
   vf d[3], a[3];
   vm minus[3];
   for (int k = 0; k < 3; k++) {
@@ -36,8 +43,9 @@ V_INLINE sky_cells16 sky_cells_of(const pags_sky_rays *rays, int x0, int y) {
   const vf s = v_select(on_x, v_select(minus[0], d[2], aside),
                         v_select(on_y, d[0], v_select(minus[2], sky_negated(d[0]), d[0])));
   const vf t = v_select(on_x, up, v_select(on_y, v_select(minus[1], aside, d[2]), up));
-  const vi face = i_select(on_x, i_select(minus[0], i_set(1), i_set(0)),
-                           i_select(on_y, i_select(minus[1], i_set(3), i_set(2)), i_select(minus[2], i_set(5), i_set(4))));
+  const vi face =
+      i_select(on_x, i_select(minus[0], i_set(1), i_set(0)),
+               i_select(on_y, i_select(minus[1], i_set(3), i_set(2)), i_select(minus[2], i_set(5), i_set(4))));
   const vf inverse = v_div(v_set(1.0f), major);
   sky_cells16 c;
   c.column = sky_axis(v_mul(s, inverse), rays->size, &c.along);
@@ -52,7 +60,8 @@ V_INLINE void sky_weights(vf along, vf down, vf t, vf weight[4]) {
   weight[2] = v_fnma(lower, along, lower), weight[3] = v_mul(lower, along);
 }
 
-static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column, float *const weight[4]) {
+static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32_t *row, int32_t *column,
+                      float *const weight[4]) {
   for (int y = 0; y * step < PAGS_TILE; y++) {
     const sky_cells16 c = sky_cells_of(rays, x0, y0 + y * step);
     vf of_row[4];
@@ -64,8 +73,8 @@ static void sky_cells(const pags_sky_rays *rays, int x0, int y0, int step, int32
   }
 }
 
-/* Texels lie in a map of tens of megabytes: without this, waiting for them is two thirds of the blending. Enough of a row's are asked for
- * to name each cache line that a row of one texel a pixel or fewer comes to. */
+/* Texels lie in a map of tens of megabytes: without this, waiting for them is two thirds of the blending. Enough of a
+ * row's are asked for to name each cache line that a row of one texel a pixel or fewer comes to. */
 V_INLINE void sky_fetch(const float *texels, const int32_t *texel, int below) {
   for (int k = 0; k < V_LANES; k += 5) {
     const float *const at = texels + 3 * (int64_t)texel[k];
@@ -85,14 +94,14 @@ static void sky_find(const pags_sky_rays *rays, const float *texels, int x0, int
   }
 }
 
-/* The four corners of four pixels' cells, each a texel and one float more; `right` and `below` floats on. After the map's very last texel
- * nothing comes: where a cell belongs to it, it is taken from `ending`. */
+/* The four corners of four pixels' cells, each a texel and one float more; `right` and `below` floats on. After the
+ * map's very last texel nothing comes: where a cell belongs to it, it is taken from `ending`. */
 typedef struct sky_corners {
   const float *at[4], *last[4];
 } sky_corners;
 
-V_INLINE sky_corners sky_corners_of(const float *texels, const int32_t *texel, int64_t right, int64_t below, int32_t ending_texel,
-                                    const float *ending) {
+V_INLINE sky_corners sky_corners_of(const float *texels, const int32_t *texel, int64_t right, int64_t below,
+                                    int32_t ending_texel, const float *ending) {
   sky_corners c;
   for (int k = 0; k < 4; k++) {
     c.at[k] = texels + 3 * (int64_t)texel[k];
@@ -101,12 +110,16 @@ V_INLINE sky_corners sky_corners_of(const float *texels, const int32_t *texel, i
   return c;
 }
 
-V_INLINE vf sky_load(const float *const at[4], int64_t on) { return v_load_fours(at[0] + on, at[1] + on, at[2] + on, at[3] + on); }
+V_INLINE vf sky_load(const float *const at[4], int64_t on) {
+  return v_load_fours(at[0] + on, at[1] + on, at[2] + on, at[3] + on);
+}
 
-/* Four pixels at a time, red, green, blue and what comes after them in a group of lanes: gathers of a lane each take five times as long. */
+/* Four pixels at a time, red, green, blue and what comes after them in a group of lanes: gathers of a lane each take
+ * five times as long. */
 static void sky_blend(const pags_sky_rays *rays, const float *texels, const pags_sky_tile *tile, int64_t stride,
                       const float *transmittance, float *const rgb[3]) {
-  const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size, last = 18 * (int64_t)rays->size * rays->size - 3;
+  const int64_t right = rays->size > 1 ? 3 : 0, below = right * rays->size,
+                last = 18 * (int64_t)rays->size * rays->size - 3;
   float all[20] = {0.0f}, ending[4] = {texels[last], texels[last + 1], texels[last + 2]};
   const int32_t ending_texel = (int32_t)((last - right - below) / 3);
   if (rays->size == 1) /* all of a cell's corners are one texel, the last's as well */

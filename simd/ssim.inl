@@ -1,5 +1,5 @@
-/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004), both of
- * sums over pixels that may count more than once.
+/* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004), both
+ * of sums over pixels that may count more than once.
  *
  *   S = A1 A2 / (B1 B2),  A1 = 2 mx my + C1,  A2 = 2 s_xy + C2,  B1 = mx^2 + my^2 + C1,  B2 = s_xx + s_yy + C2
  *
@@ -214,8 +214,8 @@ static void loss_derivatives(loss_state *s, int row) {
   }
 }
 
-/* The gradient of one row from the sums of its derivatives, by the prediction and summed up by its exposure; zero in the padding and where
- * nothing counts. */
+/* The gradient of one row from the sums of its derivatives, by the prediction and summed up by its exposure; zero in
+ * the padding and where nothing counts. */
 static void loss_gradient(loss_state *s, int row, float *const sums[3]) {
   const pags_loss_rows *io = s->io;
   const float *x = loss_ring(s, s->x, row), *y = loss_ring(s, s->y, row);

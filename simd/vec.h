@@ -1,7 +1,7 @@
 /* Sixteen float lanes on every machine: one AVX-512 register, two AVX2, four NEON, or an array in the scalar build.
  *
- * A kernel source is written once over these functions and compiled once per ISA (simd/CMakeLists.txt). Because the lane
- * count and the order of every horizontal sum are the same everywhere, builds without fused multiply-add
+ * A kernel source is written once over these functions and compiled once per ISA (simd/CMakeLists.txt). Because the
+ * lane count and the order of every horizontal sum are the same everywhere, builds without fused multiply-add
  * (PAGS_REPRODUCIBLE) agree to the bit on all ISAs.
  *
  * Rules that hold for every implementation
@@ -26,7 +26,8 @@
 
 enum { V_LANES = 16 };
 
-/* For kernels whose constant arguments choose what is compiled: gcc's own judgement leaves the choice in the inner loop. */
+/* For kernels whose constant arguments choose what is compiled: gcc's own judgement leaves the choice in the inner
+ * loop. */
 #define V_INLINE static inline __attribute__((always_inline))
 
 /* Where the bytes of four lanes go when those of set bits are moved together; 128: nowhere. */
@@ -74,10 +75,16 @@ static inline vf v_iota(void) {
   return v_load(lanes);
 }
 
-static inline vm m_first(int count) { return m_from_bits(count >= V_LANES ? 0xFFFFu : (1u << count) - 1u); }
+static inline vm m_first(int count) {
+  return m_from_bits(count >= V_LANES ? 0xFFFFu : (1u << count) - 1u);
+}
 /* NaN stays NaN. */
-static inline vf v_clamp(vf x, vf lo, vf hi) { return v_min(hi, v_max(lo, x)); }
-static inline vf v_dot3(vf a, vf b, vf c, vf x, vf y, vf z) { return v_fma(a, x, v_fma(b, y, v_mul(c, z))); }
+static inline vf v_clamp(vf x, vf lo, vf hi) {
+  return v_min(hi, v_max(lo, x));
+}
+static inline vf v_dot3(vf a, vf b, vf c, vf x, vf y, vf z) {
+  return v_fma(a, x, v_fma(b, y, v_mul(c, z)));
+}
 
 /* 2^x for |x| < 126: 2^round(x) by adding to the exponent, times a polynomial on [-0.5, 0.5], minimax in relative error
  * (Lawson's reweighted least squares): 7.5e-5 at degree 3, 7.5e-8 (plus float rounding) at degree 5. */
@@ -113,7 +120,7 @@ static inline vf v_exp(vf x) {
   vf f;
   const vf shifted = v_exp2_scale(hi, &f);
   const vf n = v_sub(shifted, v_set(12582912.0f));
-  f = v_fnma(n, v_set(0.693359375f), clamped);         /* x - n ln 2, ln 2 split so that the first product is exact */
+  f = v_fnma(n, v_set(0.693359375f), clamped); /* x - n ln 2, ln 2 split so that the first product is exact */
   f = v_fnma(n, v_set(-2.12194440e-4f), f);
   vf p = v_fma(v_set(1.9875691500e-4f), f, v_set(1.3981999507e-3f)); /* Cephes expf */
   p = v_fma(p, f, v_set(8.3334519073e-3f));

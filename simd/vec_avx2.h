@@ -1,30 +1,68 @@
 /* vec.h on AVX2 + FMA: two registers of eight lanes. */
 #include <immintrin.h>
 
-typedef struct vf { __m256 a, b; } vf;
-typedef struct vi { __m256i a, b; } vi;
-typedef struct vm { __m256 a, b; } vm; /* all ones or all zeros per lane */
+typedef struct vf {
+  __m256 a, b;
+} vf;
+typedef struct vi {
+  __m256i a, b;
+} vi;
+typedef struct vm {
+  __m256 a, b;
+} vm; /* all ones or all zeros per lane */
 
 #define V_EACH2(op, x, y) ((vf){op((x).a, (y).a), op((x).b, (y).b)})
 #define I_EACH2(op, x, y) ((vi){op((x).a, (y).a), op((x).b, (y).b)})
 
-static inline vf v_set(float x) { const __m256 s = _mm256_set1_ps(x); return (vf){s, s}; }
-static inline vf v_zero(void) { return v_set(0.0f); }
-static inline vf v_load(const float *p) { return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)}; }
-static inline void v_store(float *p, vf x) { _mm256_storeu_ps(p, x.a); _mm256_storeu_ps(p + 8, x.b); }
-static inline vf v_add(vf x, vf y) { return V_EACH2(_mm256_add_ps, x, y); }
-static inline vf v_sub(vf x, vf y) { return V_EACH2(_mm256_sub_ps, x, y); }
-static inline vf v_mul(vf x, vf y) { return V_EACH2(_mm256_mul_ps, x, y); }
-static inline vf v_div(vf x, vf y) { return V_EACH2(_mm256_div_ps, x, y); }
-static inline vf v_sqrt(vf x) { return (vf){_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)}; }
-static inline vf v_min(vf x, vf y) { return V_EACH2(_mm256_min_ps, x, y); }
-static inline vf v_max(vf x, vf y) { return V_EACH2(_mm256_max_ps, x, y); }
+static inline vf v_set(float x) {
+  const __m256 s = _mm256_set1_ps(x);
+  return (vf){s, s};
+}
+static inline vf v_zero(void) {
+  return v_set(0.0f);
+}
+static inline vf v_load(const float *p) {
+  return (vf){_mm256_loadu_ps(p), _mm256_loadu_ps(p + 8)};
+}
+static inline void v_store(float *p, vf x) {
+  _mm256_storeu_ps(p, x.a);
+  _mm256_storeu_ps(p + 8, x.b);
+}
+static inline vf v_add(vf x, vf y) {
+  return V_EACH2(_mm256_add_ps, x, y);
+}
+static inline vf v_sub(vf x, vf y) {
+  return V_EACH2(_mm256_sub_ps, x, y);
+}
+static inline vf v_mul(vf x, vf y) {
+  return V_EACH2(_mm256_mul_ps, x, y);
+}
+static inline vf v_div(vf x, vf y) {
+  return V_EACH2(_mm256_div_ps, x, y);
+}
+static inline vf v_sqrt(vf x) {
+  return (vf){_mm256_sqrt_ps(x.a), _mm256_sqrt_ps(x.b)};
+}
+static inline vf v_min(vf x, vf y) {
+  return V_EACH2(_mm256_min_ps, x, y);
+}
+static inline vf v_max(vf x, vf y) {
+  return V_EACH2(_mm256_max_ps, x, y);
+}
 #if defined(PAGS_FUSED)
-static inline vf v_fma(vf x, vf y, vf z) { return (vf){_mm256_fmadd_ps(x.a, y.a, z.a), _mm256_fmadd_ps(x.b, y.b, z.b)}; }
-static inline vf v_fnma(vf x, vf y, vf z) { return (vf){_mm256_fnmadd_ps(x.a, y.a, z.a), _mm256_fnmadd_ps(x.b, y.b, z.b)}; }
+static inline vf v_fma(vf x, vf y, vf z) {
+  return (vf){_mm256_fmadd_ps(x.a, y.a, z.a), _mm256_fmadd_ps(x.b, y.b, z.b)};
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  return (vf){_mm256_fnmadd_ps(x.a, y.a, z.a), _mm256_fnmadd_ps(x.b, y.b, z.b)};
+}
 #else
-static inline vf v_fma(vf x, vf y, vf z) { return v_add(v_mul(x, y), z); }
-static inline vf v_fnma(vf x, vf y, vf z) { return v_sub(z, v_mul(x, y)); }
+static inline vf v_fma(vf x, vf y, vf z) {
+  return v_add(v_mul(x, y), z);
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  return v_sub(z, v_mul(x, y));
+}
 #endif
 static inline vf v_abs(vf x) {
   const __m256 s = _mm256_set1_ps(-0.0f);
@@ -36,15 +74,33 @@ static inline vf v_minus_abs(vf x) {
 }
 
 #define M_COMPARE(x, y, how) ((vm){_mm256_cmp_ps((x).a, (y).a, how), _mm256_cmp_ps((x).b, (y).b, how)})
-static inline vm v_lt(vf x, vf y) { return M_COMPARE(x, y, _CMP_LT_OQ); }
-static inline vm v_le(vf x, vf y) { return M_COMPARE(x, y, _CMP_LE_OQ); }
-static inline vm v_gt(vf x, vf y) { return M_COMPARE(x, y, _CMP_GT_OQ); }
-static inline vm v_ge(vf x, vf y) { return M_COMPARE(x, y, _CMP_GE_OQ); }
-static inline vm m_and(vm x, vm y) { return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)}; }
-static inline vm m_or(vm x, vm y) { return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)}; }
-static inline vm m_andnot(vm x, vm y) { return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)}; }
-static inline vm v_ge_and(vm m, vf x, vf y) { return m_and(m, v_ge(x, y)); }
-static inline unsigned m_bits(vm x) { return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8; }
+static inline vm v_lt(vf x, vf y) {
+  return M_COMPARE(x, y, _CMP_LT_OQ);
+}
+static inline vm v_le(vf x, vf y) {
+  return M_COMPARE(x, y, _CMP_LE_OQ);
+}
+static inline vm v_gt(vf x, vf y) {
+  return M_COMPARE(x, y, _CMP_GT_OQ);
+}
+static inline vm v_ge(vf x, vf y) {
+  return M_COMPARE(x, y, _CMP_GE_OQ);
+}
+static inline vm m_and(vm x, vm y) {
+  return (vm){_mm256_and_ps(x.a, y.a), _mm256_and_ps(x.b, y.b)};
+}
+static inline vm m_or(vm x, vm y) {
+  return (vm){_mm256_or_ps(x.a, y.a), _mm256_or_ps(x.b, y.b)};
+}
+static inline vm m_andnot(vm x, vm y) {
+  return (vm){_mm256_andnot_ps(y.a, x.a), _mm256_andnot_ps(y.b, x.b)};
+}
+static inline vm v_ge_and(vm m, vf x, vf y) {
+  return m_and(m, v_ge(x, y));
+}
+static inline unsigned m_bits(vm x) {
+  return (unsigned)_mm256_movemask_ps(x.a) | (unsigned)_mm256_movemask_ps(x.b) << 8;
+}
 static inline vm m_from_bits(unsigned bits) {
   const __m256i lane = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
   const __m256i lo = _mm256_and_si256(_mm256_set1_epi32((int)(bits & 255u)), lane);
@@ -54,28 +110,54 @@ static inline vm m_from_bits(unsigned bits) {
 static inline vf v_select(vm m, vf yes, vf no) {
   return (vf){_mm256_blendv_ps(no.a, yes.a, m.a), _mm256_blendv_ps(no.b, yes.b, m.b)};
 }
-static inline vf v_maskz(vm m, vf x) { return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)}; }
+static inline vf v_maskz(vm m, vf x) {
+  return (vf){_mm256_and_ps(m.a, x.a), _mm256_and_ps(m.b, x.b)};
+}
 
-static inline vi i_set(int32_t x) { const __m256i s = _mm256_set1_epi32(x); return (vi){s, s}; }
+static inline vi i_set(int32_t x) {
+  const __m256i s = _mm256_set1_epi32(x);
+  return (vi){s, s};
+}
 static inline vi i_load(const int32_t *p) {
-  return (vi){_mm256_loadu_si256((const __m256i *)(const void *)p), _mm256_loadu_si256((const __m256i *)(const void *)(p + 8))};
+  return (vi){_mm256_loadu_si256((const __m256i *)(const void *)p),
+              _mm256_loadu_si256((const __m256i *)(const void *)(p + 8))};
 }
 static inline void i_store(int32_t *p, vi x) {
   _mm256_storeu_si256((__m256i *)(void *)p, x.a);
   _mm256_storeu_si256((__m256i *)(void *)(p + 8), x.b);
 }
-static inline vi i_add(vi x, vi y) { return I_EACH2(_mm256_add_epi32, x, y); }
-static inline vi i_sub(vi x, vi y) { return I_EACH2(_mm256_sub_epi32, x, y); }
-static inline vi i_mul(vi x, vi y) { return I_EACH2(_mm256_mullo_epi32, x, y); }
-static inline vi i_and(vi x, vi y) { return I_EACH2(_mm256_and_si256, x, y); }
-static inline vi i_or(vi x, vi y) { return I_EACH2(_mm256_or_si256, x, y); }
-static inline vi v_bits(vf x) { return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)}; }
-static inline vf v_from_bits(vi x) { return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)}; }
-static inline vi i_select(vm m, vi yes, vi no) { return v_bits(v_select(m, v_from_bits(yes), v_from_bits(no))); }
+static inline vi i_add(vi x, vi y) {
+  return I_EACH2(_mm256_add_epi32, x, y);
+}
+static inline vi i_sub(vi x, vi y) {
+  return I_EACH2(_mm256_sub_epi32, x, y);
+}
+static inline vi i_mul(vi x, vi y) {
+  return I_EACH2(_mm256_mullo_epi32, x, y);
+}
+static inline vi i_and(vi x, vi y) {
+  return I_EACH2(_mm256_and_si256, x, y);
+}
+static inline vi i_or(vi x, vi y) {
+  return I_EACH2(_mm256_or_si256, x, y);
+}
+static inline vi v_bits(vf x) {
+  return (vi){_mm256_castps_si256(x.a), _mm256_castps_si256(x.b)};
+}
+static inline vf v_from_bits(vi x) {
+  return (vf){_mm256_castsi256_ps(x.a), _mm256_castsi256_ps(x.b)};
+}
+static inline vi i_select(vm m, vi yes, vi no) {
+  return v_bits(v_select(m, v_from_bits(yes), v_from_bits(no)));
+}
 #define i_shl(x, n) ((vi){_mm256_slli_epi32((x).a, n), _mm256_slli_epi32((x).b, n)})
 #define i_shr(x, n) ((vi){_mm256_srli_epi32((x).a, n), _mm256_srli_epi32((x).b, n)})
-static inline vi v_to_i(vf x) { return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)}; }
-static inline vf i_to_v(vi x) { return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)}; }
+static inline vi v_to_i(vf x) {
+  return (vi){_mm256_cvtps_epi32(x.a), _mm256_cvtps_epi32(x.b)};
+}
+static inline vf i_to_v(vi x) {
+  return (vf){_mm256_cvtepi32_ps(x.a), _mm256_cvtepi32_ps(x.b)};
+}
 
 static inline vf v_load_u8(const uint8_t *p) {
   const __m128i bytes = _mm_loadu_si128((const __m128i *)(const void *)p);
@@ -107,15 +189,18 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
 
 static inline vf v_spread(vf x, int k) {
   const __m256 half = k < 2 ? x.a : x.b;
-  const __m256i lo = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1), shift = _mm256_set1_epi32(k % 2 * 4), two = _mm256_set1_epi32(2);
+  const __m256i lo = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1), shift = _mm256_set1_epi32(k % 2 * 4),
+                two = _mm256_set1_epi32(2);
   const __m256i first = _mm256_add_epi32(lo, shift);
   return (vf){_mm256_permutevar8x32_ps(half, first), _mm256_permutevar8x32_ps(half, _mm256_add_epi32(first, two))};
 }
-/* Eight groups, of which rows[0] and rows[1] hold four each: k is paired with k + 4 across the halves, so that two rounds of unpacking give
- * columns in order. */
+/* Eight groups, of which rows[0] and rows[1] hold four each: k is paired with k + 4 across the halves, so that two
+ * rounds of unpacking give columns in order. */
 static inline void v_columns3_8(const vf *rows, __m256 *x, __m256 *y, __m256 *z) {
-  const __m256 r0 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x20), r1 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x31);
-  const __m256 r2 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x20), r3 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x31);
+  const __m256 r0 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x20),
+               r1 = _mm256_permute2f128_ps(rows[0].a, rows[1].a, 0x31);
+  const __m256 r2 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x20),
+               r3 = _mm256_permute2f128_ps(rows[0].b, rows[1].b, 0x31);
   const __m256 xy02 = _mm256_unpacklo_ps(r0, r2), xy13 = _mm256_unpacklo_ps(r1, r3);
   *x = _mm256_unpacklo_ps(xy02, xy13);
   *y = _mm256_unpackhi_ps(xy02, xy13);

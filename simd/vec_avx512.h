@@ -5,55 +5,139 @@ typedef __m512 vf;
 typedef __m512i vi;
 typedef __mmask16 vm;
 
-static inline vf v_set(float x) { return _mm512_set1_ps(x); }
-static inline vf v_zero(void) { return _mm512_setzero_ps(); }
-static inline vf v_load(const float *p) { return _mm512_loadu_ps(p); }
-static inline void v_store(float *p, vf a) { _mm512_storeu_ps(p, a); }
-static inline vf v_add(vf a, vf b) { return _mm512_add_ps(a, b); }
-static inline vf v_sub(vf a, vf b) { return _mm512_sub_ps(a, b); }
-static inline vf v_mul(vf a, vf b) { return _mm512_mul_ps(a, b); }
-static inline vf v_div(vf a, vf b) { return _mm512_div_ps(a, b); }
-static inline vf v_sqrt(vf a) { return _mm512_sqrt_ps(a); }
-static inline vf v_min(vf a, vf b) { return _mm512_min_ps(a, b); }
-static inline vf v_max(vf a, vf b) { return _mm512_max_ps(a, b); }
+static inline vf v_set(float x) {
+  return _mm512_set1_ps(x);
+}
+static inline vf v_zero(void) {
+  return _mm512_setzero_ps();
+}
+static inline vf v_load(const float *p) {
+  return _mm512_loadu_ps(p);
+}
+static inline void v_store(float *p, vf a) {
+  _mm512_storeu_ps(p, a);
+}
+static inline vf v_add(vf a, vf b) {
+  return _mm512_add_ps(a, b);
+}
+static inline vf v_sub(vf a, vf b) {
+  return _mm512_sub_ps(a, b);
+}
+static inline vf v_mul(vf a, vf b) {
+  return _mm512_mul_ps(a, b);
+}
+static inline vf v_div(vf a, vf b) {
+  return _mm512_div_ps(a, b);
+}
+static inline vf v_sqrt(vf a) {
+  return _mm512_sqrt_ps(a);
+}
+static inline vf v_min(vf a, vf b) {
+  return _mm512_min_ps(a, b);
+}
+static inline vf v_max(vf a, vf b) {
+  return _mm512_max_ps(a, b);
+}
 #if defined(PAGS_FUSED)
-static inline vf v_fma(vf a, vf b, vf c) { return _mm512_fmadd_ps(a, b, c); }
-static inline vf v_fnma(vf a, vf b, vf c) { return _mm512_fnmadd_ps(a, b, c); }
+static inline vf v_fma(vf a, vf b, vf c) {
+  return _mm512_fmadd_ps(a, b, c);
+}
+static inline vf v_fnma(vf a, vf b, vf c) {
+  return _mm512_fnmadd_ps(a, b, c);
+}
 #else
-static inline vf v_fma(vf a, vf b, vf c) { return _mm512_add_ps(_mm512_mul_ps(a, b), c); }
-static inline vf v_fnma(vf a, vf b, vf c) { return _mm512_sub_ps(c, _mm512_mul_ps(a, b)); }
+static inline vf v_fma(vf a, vf b, vf c) {
+  return _mm512_add_ps(_mm512_mul_ps(a, b), c);
+}
+static inline vf v_fnma(vf a, vf b, vf c) {
+  return _mm512_sub_ps(c, _mm512_mul_ps(a, b));
+}
 #endif
-static inline vf v_abs(vf a) { return _mm512_abs_ps(a); }
-static inline vf v_minus_abs(vf a) { return _mm512_or_ps(a, _mm512_set1_ps(-0.0f)); }
+static inline vf v_abs(vf a) {
+  return _mm512_abs_ps(a);
+}
+static inline vf v_minus_abs(vf a) {
+  return _mm512_or_ps(a, _mm512_set1_ps(-0.0f));
+}
 
-static inline vm v_lt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ); }
-static inline vm v_le(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ); }
-static inline vm v_gt(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ); }
-static inline vm v_ge(vf a, vf b) { return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ); }
-static inline vm v_ge_and(vm m, vf a, vf b) { return _mm512_mask_cmp_ps_mask(m, a, b, _CMP_GE_OQ); }
-static inline vm m_and(vm a, vm b) { return (vm)(a & b); }
-static inline vm m_or(vm a, vm b) { return (vm)(a | b); }
-static inline vm m_andnot(vm a, vm b) { return (vm)(a & ~b); }
-static inline unsigned m_bits(vm a) { return a; }
-static inline vm m_from_bits(unsigned bits) { return (vm)bits; }
-static inline vf v_select(vm m, vf yes, vf no) { return _mm512_mask_blend_ps(m, no, yes); }
-static inline vf v_maskz(vm m, vf a) { return _mm512_maskz_mov_ps(m, a); }
+static inline vm v_lt(vf a, vf b) {
+  return _mm512_cmp_ps_mask(a, b, _CMP_LT_OQ);
+}
+static inline vm v_le(vf a, vf b) {
+  return _mm512_cmp_ps_mask(a, b, _CMP_LE_OQ);
+}
+static inline vm v_gt(vf a, vf b) {
+  return _mm512_cmp_ps_mask(a, b, _CMP_GT_OQ);
+}
+static inline vm v_ge(vf a, vf b) {
+  return _mm512_cmp_ps_mask(a, b, _CMP_GE_OQ);
+}
+static inline vm v_ge_and(vm m, vf a, vf b) {
+  return _mm512_mask_cmp_ps_mask(m, a, b, _CMP_GE_OQ);
+}
+static inline vm m_and(vm a, vm b) {
+  return (vm)(a & b);
+}
+static inline vm m_or(vm a, vm b) {
+  return (vm)(a | b);
+}
+static inline vm m_andnot(vm a, vm b) {
+  return (vm)(a & ~b);
+}
+static inline unsigned m_bits(vm a) {
+  return a;
+}
+static inline vm m_from_bits(unsigned bits) {
+  return (vm)bits;
+}
+static inline vf v_select(vm m, vf yes, vf no) {
+  return _mm512_mask_blend_ps(m, no, yes);
+}
+static inline vf v_maskz(vm m, vf a) {
+  return _mm512_maskz_mov_ps(m, a);
+}
 
-static inline vi i_set(int32_t x) { return _mm512_set1_epi32(x); }
-static inline vi i_load(const int32_t *p) { return _mm512_loadu_si512(p); }
-static inline void i_store(int32_t *p, vi a) { _mm512_storeu_si512(p, a); }
-static inline vi i_add(vi a, vi b) { return _mm512_add_epi32(a, b); }
-static inline vi i_sub(vi a, vi b) { return _mm512_sub_epi32(a, b); }
-static inline vi i_mul(vi a, vi b) { return _mm512_mullo_epi32(a, b); }
-static inline vi i_and(vi a, vi b) { return _mm512_and_si512(a, b); }
-static inline vi i_or(vi a, vi b) { return _mm512_or_si512(a, b); }
-static inline vi i_select(vm m, vi yes, vi no) { return _mm512_mask_blend_epi32(m, no, yes); }
+static inline vi i_set(int32_t x) {
+  return _mm512_set1_epi32(x);
+}
+static inline vi i_load(const int32_t *p) {
+  return _mm512_loadu_si512(p);
+}
+static inline void i_store(int32_t *p, vi a) {
+  _mm512_storeu_si512(p, a);
+}
+static inline vi i_add(vi a, vi b) {
+  return _mm512_add_epi32(a, b);
+}
+static inline vi i_sub(vi a, vi b) {
+  return _mm512_sub_epi32(a, b);
+}
+static inline vi i_mul(vi a, vi b) {
+  return _mm512_mullo_epi32(a, b);
+}
+static inline vi i_and(vi a, vi b) {
+  return _mm512_and_si512(a, b);
+}
+static inline vi i_or(vi a, vi b) {
+  return _mm512_or_si512(a, b);
+}
+static inline vi i_select(vm m, vi yes, vi no) {
+  return _mm512_mask_blend_epi32(m, no, yes);
+}
 #define i_shl(a, n) _mm512_slli_epi32(a, n)
 #define i_shr(a, n) _mm512_srli_epi32(a, n)
-static inline vi v_bits(vf a) { return _mm512_castps_si512(a); }
-static inline vf v_from_bits(vi a) { return _mm512_castsi512_ps(a); }
-static inline vi v_to_i(vf a) { return _mm512_cvtps_epi32(a); }
-static inline vf i_to_v(vi a) { return _mm512_cvtepi32_ps(a); }
+static inline vi v_bits(vf a) {
+  return _mm512_castps_si512(a);
+}
+static inline vf v_from_bits(vi a) {
+  return _mm512_castsi512_ps(a);
+}
+static inline vi v_to_i(vf a) {
+  return _mm512_cvtps_epi32(a);
+}
+static inline vf i_to_v(vi a) {
+  return _mm512_cvtepi32_ps(a);
+}
 
 static inline vf v_load_u8(const uint8_t *p) {
   return _mm512_cvtepi32_ps(_mm512_cvtepu8_epi32(_mm_loadu_si128((const __m128i *)(const void *)p)));
@@ -84,7 +168,7 @@ static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
   for (int k = 0; k < 3; k++) {
     const __m512i at = _mm512_add_epi32(first, _mm512_set1_epi32(k));
     *out[k] = _mm512_shuffle_f32x4(_mm512_permutex2var_ps(rows[0], at, rows[1]),
-                                    _mm512_permutex2var_ps(rows[2], at, rows[3]), 0x44);
+                                   _mm512_permutex2var_ps(rows[2], at, rows[3]), 0x44);
   }
 }
 
@@ -118,5 +202,9 @@ static inline float v_sum(vf a) {
   return _mm_cvtss_f32(_mm_add_ss(d, _mm_shuffle_ps(d, d, 1)));
 }
 /* Stores the first 12 lanes. */
-static inline void v_store12(float *p, vf a) { _mm512_mask_storeu_ps(p, 0x0FFF, a); }
-static inline vf v_load12(const float *p) { return _mm512_maskz_loadu_ps(0x0FFF, p); }
+static inline void v_store12(float *p, vf a) {
+  _mm512_mask_storeu_ps(p, 0x0FFF, a);
+}
+static inline vf v_load12(const float *p) {
+  return _mm512_maskz_loadu_ps(0x0FFF, p);
+}

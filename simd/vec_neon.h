@@ -1,49 +1,103 @@
 /* vec.h on AArch64 NEON: four registers of four lanes. */
 #include <arm_neon.h>
 
-typedef struct vf { float32x4_t r[4]; } vf;
-typedef struct vi { int32x4_t r[4]; } vi;
-typedef struct vm { uint32x4_t r[4]; } vm;
+typedef struct vf {
+  float32x4_t r[4];
+} vf;
+typedef struct vi {
+  int32x4_t r[4];
+} vi;
+typedef struct vm {
+  uint32x4_t r[4];
+} vm;
 
-#define V_DO(result, expression)   \
-  result out;                      \
-  for (int k = 0; k < 4; k++)      \
-    out.r[k] = (expression);       \
+#define V_DO(result, expression) \
+  result out;                    \
+  for (int k = 0; k < 4; k++)    \
+    out.r[k] = (expression);     \
   return out
 
-static inline vf v_set(float x) { V_DO(vf, vdupq_n_f32(x)); }
-static inline vf v_zero(void) { return v_set(0.0f); }
-static inline vf v_load(const float *p) { V_DO(vf, vld1q_f32(p + 4 * k)); }
+static inline vf v_set(float x) {
+  V_DO(vf, vdupq_n_f32(x));
+}
+static inline vf v_zero(void) {
+  return v_set(0.0f);
+}
+static inline vf v_load(const float *p) {
+  V_DO(vf, vld1q_f32(p + 4 * k));
+}
 static inline void v_store(float *p, vf x) {
   for (int k = 0; k < 4; k++)
     vst1q_f32(p + 4 * k, x.r[k]);
 }
-static inline vf v_add(vf x, vf y) { V_DO(vf, vaddq_f32(x.r[k], y.r[k])); }
-static inline vf v_sub(vf x, vf y) { V_DO(vf, vsubq_f32(x.r[k], y.r[k])); }
-static inline vf v_mul(vf x, vf y) { V_DO(vf, vmulq_f32(x.r[k], y.r[k])); }
-static inline vf v_div(vf x, vf y) { V_DO(vf, vdivq_f32(x.r[k], y.r[k])); }
-static inline vf v_sqrt(vf x) { V_DO(vf, vsqrtq_f32(x.r[k])); }
+static inline vf v_add(vf x, vf y) {
+  V_DO(vf, vaddq_f32(x.r[k], y.r[k]));
+}
+static inline vf v_sub(vf x, vf y) {
+  V_DO(vf, vsubq_f32(x.r[k], y.r[k]));
+}
+static inline vf v_mul(vf x, vf y) {
+  V_DO(vf, vmulq_f32(x.r[k], y.r[k]));
+}
+static inline vf v_div(vf x, vf y) {
+  V_DO(vf, vdivq_f32(x.r[k], y.r[k]));
+}
+static inline vf v_sqrt(vf x) {
+  V_DO(vf, vsqrtq_f32(x.r[k]));
+}
 /* By comparison: vminq and vminnmq treat NaN otherwise than vec.h promises. */
-static inline vf v_min(vf x, vf y) { V_DO(vf, vbslq_f32(vcltq_f32(x.r[k], y.r[k]), x.r[k], y.r[k])); }
-static inline vf v_max(vf x, vf y) { V_DO(vf, vbslq_f32(vcgtq_f32(x.r[k], y.r[k]), x.r[k], y.r[k])); }
+static inline vf v_min(vf x, vf y) {
+  V_DO(vf, vbslq_f32(vcltq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]));
+}
+static inline vf v_max(vf x, vf y) {
+  V_DO(vf, vbslq_f32(vcgtq_f32(x.r[k], y.r[k]), x.r[k], y.r[k]));
+}
 #if defined(PAGS_FUSED)
-static inline vf v_fma(vf x, vf y, vf z) { V_DO(vf, vfmaq_f32(z.r[k], x.r[k], y.r[k])); }
-static inline vf v_fnma(vf x, vf y, vf z) { V_DO(vf, vfmsq_f32(z.r[k], x.r[k], y.r[k])); }
+static inline vf v_fma(vf x, vf y, vf z) {
+  V_DO(vf, vfmaq_f32(z.r[k], x.r[k], y.r[k]));
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  V_DO(vf, vfmsq_f32(z.r[k], x.r[k], y.r[k]));
+}
 #else
-static inline vf v_fma(vf x, vf y, vf z) { return v_add(v_mul(x, y), z); }
-static inline vf v_fnma(vf x, vf y, vf z) { return v_sub(z, v_mul(x, y)); }
+static inline vf v_fma(vf x, vf y, vf z) {
+  return v_add(v_mul(x, y), z);
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  return v_sub(z, v_mul(x, y));
+}
 #endif
-static inline vf v_abs(vf x) { V_DO(vf, vabsq_f32(x.r[k])); }
-static inline vf v_minus_abs(vf x) { V_DO(vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vdupq_n_u32(0x80000000u)))); }
+static inline vf v_abs(vf x) {
+  V_DO(vf, vabsq_f32(x.r[k]));
+}
+static inline vf v_minus_abs(vf x) {
+  V_DO(vf, vreinterpretq_f32_u32(vorrq_u32(vreinterpretq_u32_f32(x.r[k]), vdupq_n_u32(0x80000000u))));
+}
 
-static inline vm v_lt(vf x, vf y) { V_DO(vm, vcltq_f32(x.r[k], y.r[k])); }
-static inline vm v_le(vf x, vf y) { V_DO(vm, vcleq_f32(x.r[k], y.r[k])); }
-static inline vm v_gt(vf x, vf y) { V_DO(vm, vcgtq_f32(x.r[k], y.r[k])); }
-static inline vm v_ge(vf x, vf y) { V_DO(vm, vcgeq_f32(x.r[k], y.r[k])); }
-static inline vm m_and(vm x, vm y) { V_DO(vm, vandq_u32(x.r[k], y.r[k])); }
-static inline vm m_or(vm x, vm y) { V_DO(vm, vorrq_u32(x.r[k], y.r[k])); }
-static inline vm m_andnot(vm x, vm y) { V_DO(vm, vbicq_u32(x.r[k], y.r[k])); }
-static inline vm v_ge_and(vm m, vf x, vf y) { return m_and(m, v_ge(x, y)); }
+static inline vm v_lt(vf x, vf y) {
+  V_DO(vm, vcltq_f32(x.r[k], y.r[k]));
+}
+static inline vm v_le(vf x, vf y) {
+  V_DO(vm, vcleq_f32(x.r[k], y.r[k]));
+}
+static inline vm v_gt(vf x, vf y) {
+  V_DO(vm, vcgtq_f32(x.r[k], y.r[k]));
+}
+static inline vm v_ge(vf x, vf y) {
+  V_DO(vm, vcgeq_f32(x.r[k], y.r[k]));
+}
+static inline vm m_and(vm x, vm y) {
+  V_DO(vm, vandq_u32(x.r[k], y.r[k]));
+}
+static inline vm m_or(vm x, vm y) {
+  V_DO(vm, vorrq_u32(x.r[k], y.r[k]));
+}
+static inline vm m_andnot(vm x, vm y) {
+  V_DO(vm, vbicq_u32(x.r[k], y.r[k]));
+}
+static inline vm v_ge_and(vm m, vf x, vf y) {
+  return m_and(m, v_ge(x, y));
+}
 static inline unsigned m_bits(vm x) {
   static const uint32_t weights[4] = {1, 2, 4, 8};
   const uint32x4_t w = vld1q_u32(weights);
@@ -57,29 +111,59 @@ static inline vm m_from_bits(unsigned bits) {
   const uint32x4_t w = vld1q_u32(weights);
   V_DO(vm, vceqq_u32(vandq_u32(vdupq_n_u32(bits >> 4 * k), w), w));
 }
-static inline vf v_select(vm m, vf yes, vf no) { V_DO(vf, vbslq_f32(m.r[k], yes.r[k], no.r[k])); }
-static inline vf v_maskz(vm m, vf x) { V_DO(vf, vreinterpretq_f32_u32(vandq_u32(m.r[k], vreinterpretq_u32_f32(x.r[k])))); }
+static inline vf v_select(vm m, vf yes, vf no) {
+  V_DO(vf, vbslq_f32(m.r[k], yes.r[k], no.r[k]));
+}
+static inline vf v_maskz(vm m, vf x) {
+  V_DO(vf, vreinterpretq_f32_u32(vandq_u32(m.r[k], vreinterpretq_u32_f32(x.r[k]))));
+}
 
-static inline vi i_set(int32_t x) { V_DO(vi, vdupq_n_s32(x)); }
-static inline vi i_load(const int32_t *p) { V_DO(vi, vld1q_s32(p + 4 * k)); }
+static inline vi i_set(int32_t x) {
+  V_DO(vi, vdupq_n_s32(x));
+}
+static inline vi i_load(const int32_t *p) {
+  V_DO(vi, vld1q_s32(p + 4 * k));
+}
 static inline void i_store(int32_t *p, vi x) {
   for (int k = 0; k < 4; k++)
     vst1q_s32(p + 4 * k, x.r[k]);
 }
-static inline vi i_add(vi x, vi y) { V_DO(vi, vaddq_s32(x.r[k], y.r[k])); }
-static inline vi i_sub(vi x, vi y) { V_DO(vi, vsubq_s32(x.r[k], y.r[k])); }
-static inline vi i_mul(vi x, vi y) { V_DO(vi, vmulq_s32(x.r[k], y.r[k])); }
-static inline vi i_and(vi x, vi y) { V_DO(vi, vandq_s32(x.r[k], y.r[k])); }
-static inline vi i_or(vi x, vi y) { V_DO(vi, vorrq_s32(x.r[k], y.r[k])); }
-static inline vi i_select(vm m, vi yes, vi no) { V_DO(vi, vbslq_s32(m.r[k], yes.r[k], no.r[k])); }
-static inline vi i_shl(vi x, int n) { V_DO(vi, vshlq_s32(x.r[k], vdupq_n_s32(n))); }
+static inline vi i_add(vi x, vi y) {
+  V_DO(vi, vaddq_s32(x.r[k], y.r[k]));
+}
+static inline vi i_sub(vi x, vi y) {
+  V_DO(vi, vsubq_s32(x.r[k], y.r[k]));
+}
+static inline vi i_mul(vi x, vi y) {
+  V_DO(vi, vmulq_s32(x.r[k], y.r[k]));
+}
+static inline vi i_and(vi x, vi y) {
+  V_DO(vi, vandq_s32(x.r[k], y.r[k]));
+}
+static inline vi i_or(vi x, vi y) {
+  V_DO(vi, vorrq_s32(x.r[k], y.r[k]));
+}
+static inline vi i_select(vm m, vi yes, vi no) {
+  V_DO(vi, vbslq_s32(m.r[k], yes.r[k], no.r[k]));
+}
+static inline vi i_shl(vi x, int n) {
+  V_DO(vi, vshlq_s32(x.r[k], vdupq_n_s32(n)));
+}
 static inline vi i_shr(vi x, int n) {
   V_DO(vi, vreinterpretq_s32_u32(vshlq_u32(vreinterpretq_u32_s32(x.r[k]), vdupq_n_s32(-n))));
 }
-static inline vi v_bits(vf x) { V_DO(vi, vreinterpretq_s32_f32(x.r[k])); }
-static inline vf v_from_bits(vi x) { V_DO(vf, vreinterpretq_f32_s32(x.r[k])); }
-static inline vi v_to_i(vf x) { V_DO(vi, vcvtnq_s32_f32(x.r[k])); }
-static inline vf i_to_v(vi x) { V_DO(vf, vcvtq_f32_s32(x.r[k])); }
+static inline vi v_bits(vf x) {
+  V_DO(vi, vreinterpretq_s32_f32(x.r[k]));
+}
+static inline vf v_from_bits(vi x) {
+  V_DO(vf, vreinterpretq_f32_s32(x.r[k]));
+}
+static inline vi v_to_i(vf x) {
+  V_DO(vi, vcvtnq_s32_f32(x.r[k]));
+}
+static inline vf i_to_v(vi x) {
+  V_DO(vf, vcvtq_f32_s32(x.r[k]));
+}
 
 static inline vf v_load_u8(const uint8_t *p) {
   const uint8x16_t bytes = vld1q_u8(p);
@@ -126,11 +210,15 @@ static inline float32x4_t v_quarter(vf x) {
 }
 static inline float32x4_t v_sum4(const vf *a) {
   const float32x4_t p = v_quarter(a[0]), q = v_quarter(a[1]), r = v_quarter(a[2]), s = v_quarter(a[3]);
-  const float32x4_t pq = vaddq_f32(vcombine_f32(vget_low_f32(p), vget_low_f32(q)), vcombine_f32(vget_high_f32(p), vget_high_f32(q)));
-  const float32x4_t rs = vaddq_f32(vcombine_f32(vget_low_f32(r), vget_low_f32(s)), vcombine_f32(vget_high_f32(r), vget_high_f32(s)));
+  const float32x4_t pq =
+      vaddq_f32(vcombine_f32(vget_low_f32(p), vget_low_f32(q)), vcombine_f32(vget_high_f32(p), vget_high_f32(q)));
+  const float32x4_t rs =
+      vaddq_f32(vcombine_f32(vget_low_f32(r), vget_low_f32(s)), vcombine_f32(vget_high_f32(r), vget_high_f32(s)));
   return vaddq_f32(vuzp1q_f32(pq, rs), vuzp2q_f32(pq, rs));
 }
-static inline vf v_sum12(const vf a[12]) { return (vf){{v_sum4(a), v_sum4(a + 4), v_sum4(a + 8), vdupq_n_f32(0.0f)}}; }
+static inline vf v_sum12(const vf a[12]) {
+  return (vf){{v_sum4(a), v_sum4(a + 4), v_sum4(a + 8), vdupq_n_f32(0.0f)}};
+}
 static inline float v_sum(vf x) {
   const float32x4_t q = v_quarter(x);
   const float32x2_t d = vadd_f32(vget_low_f32(q), vget_high_f32(q));
@@ -140,4 +228,6 @@ static inline void v_store12(float *p, vf x) {
   for (int k = 0; k < 3; k++)
     vst1q_f32(p + 4 * k, x.r[k]);
 }
-static inline vf v_load12(const float *p) { return (vf){{vld1q_f32(p), vld1q_f32(p + 4), vld1q_f32(p + 8), vdupq_n_f32(0.0f)}}; }
+static inline vf v_load12(const float *p) {
+  return (vf){{vld1q_f32(p), vld1q_f32(p + 4), vld1q_f32(p + 8), vdupq_n_f32(0.0f)}};
+}

@@ -1,29 +1,63 @@
 /* vec.h in plain C: arrays of sixteen. The reference that the other ISAs are held against. */
 
-typedef struct vf { float l[16]; } vf;
-typedef struct vi { int32_t l[16]; } vi;
-typedef struct vm { uint32_t l[16]; } vm; /* all ones or all zeros */
+typedef struct vf {
+  float l[16];
+} vf;
+typedef struct vi {
+  int32_t l[16];
+} vi;
+typedef struct vm {
+  uint32_t l[16];
+} vm; /* all ones or all zeros */
 
-#define V_DO(result, expression)        \
-  result out;                           \
-  for (int k = 0; k < V_LANES; k++)     \
-    out.l[k] = (expression);            \
+#define V_DO(result, expression)    \
+  result out;                       \
+  for (int k = 0; k < V_LANES; k++) \
+    out.l[k] = (expression);        \
   return out
 
-static inline vf v_set(float x) { V_DO(vf, x); }
-static inline vf v_zero(void) { V_DO(vf, 0.0f); }
-static inline vf v_load(const float *p) { V_DO(vf, p[k]); }
-static inline void v_store(float *p, vf x) { memcpy(p, x.l, sizeof x.l); }
-static inline vf v_add(vf x, vf y) { V_DO(vf, x.l[k] + y.l[k]); }
-static inline vf v_sub(vf x, vf y) { V_DO(vf, x.l[k] - y.l[k]); }
-static inline vf v_mul(vf x, vf y) { V_DO(vf, x.l[k] * y.l[k]); }
-static inline vf v_div(vf x, vf y) { V_DO(vf, x.l[k] / y.l[k]); }
-static inline vf v_sqrt(vf x) { V_DO(vf, sqrtf(x.l[k])); }
-static inline vf v_min(vf x, vf y) { V_DO(vf, x.l[k] < y.l[k] ? x.l[k] : y.l[k]); }
-static inline vf v_max(vf x, vf y) { V_DO(vf, x.l[k] > y.l[k] ? x.l[k] : y.l[k]); }
-static inline vf v_fma(vf x, vf y, vf z) { V_DO(vf, x.l[k] * y.l[k] + z.l[k]); }
-static inline vf v_fnma(vf x, vf y, vf z) { V_DO(vf, z.l[k] - x.l[k] * y.l[k]); }
-static inline vf v_abs(vf x) { V_DO(vf, fabsf(x.l[k])); }
+static inline vf v_set(float x) {
+  V_DO(vf, x);
+}
+static inline vf v_zero(void) {
+  V_DO(vf, 0.0f);
+}
+static inline vf v_load(const float *p) {
+  V_DO(vf, p[k]);
+}
+static inline void v_store(float *p, vf x) {
+  memcpy(p, x.l, sizeof x.l);
+}
+static inline vf v_add(vf x, vf y) {
+  V_DO(vf, x.l[k] + y.l[k]);
+}
+static inline vf v_sub(vf x, vf y) {
+  V_DO(vf, x.l[k] - y.l[k]);
+}
+static inline vf v_mul(vf x, vf y) {
+  V_DO(vf, x.l[k] * y.l[k]);
+}
+static inline vf v_div(vf x, vf y) {
+  V_DO(vf, x.l[k] / y.l[k]);
+}
+static inline vf v_sqrt(vf x) {
+  V_DO(vf, sqrtf(x.l[k]));
+}
+static inline vf v_min(vf x, vf y) {
+  V_DO(vf, x.l[k] < y.l[k] ? x.l[k] : y.l[k]);
+}
+static inline vf v_max(vf x, vf y) {
+  V_DO(vf, x.l[k] > y.l[k] ? x.l[k] : y.l[k]);
+}
+static inline vf v_fma(vf x, vf y, vf z) {
+  V_DO(vf, x.l[k] * y.l[k] + z.l[k]);
+}
+static inline vf v_fnma(vf x, vf y, vf z) {
+  V_DO(vf, z.l[k] - x.l[k] * y.l[k]);
+}
+static inline vf v_abs(vf x) {
+  V_DO(vf, fabsf(x.l[k]));
+}
 static inline vi v_bits(vf x) {
   vi out;
   memcpy(out.l, x.l, sizeof out.l);
@@ -35,42 +69,92 @@ static inline vf v_from_bits(vi x) {
   return out;
 }
 
-static inline vm v_lt(vf x, vf y) { V_DO(vm, 0u - (uint32_t)(x.l[k] < y.l[k])); }
-static inline vm v_le(vf x, vf y) { V_DO(vm, 0u - (uint32_t)(x.l[k] <= y.l[k])); }
-static inline vm v_gt(vf x, vf y) { V_DO(vm, 0u - (uint32_t)(x.l[k] > y.l[k])); }
-static inline vm v_ge(vf x, vf y) { V_DO(vm, 0u - (uint32_t)(x.l[k] >= y.l[k])); }
-static inline vm m_and(vm x, vm y) { V_DO(vm, x.l[k] & y.l[k]); }
-static inline vm m_or(vm x, vm y) { V_DO(vm, x.l[k] | y.l[k]); }
-static inline vm m_andnot(vm x, vm y) { V_DO(vm, x.l[k] & ~y.l[k]); }
-static inline vm v_ge_and(vm m, vf x, vf y) { return m_and(m, v_ge(x, y)); }
+static inline vm v_lt(vf x, vf y) {
+  V_DO(vm, 0u - (uint32_t)(x.l[k] < y.l[k]));
+}
+static inline vm v_le(vf x, vf y) {
+  V_DO(vm, 0u - (uint32_t)(x.l[k] <= y.l[k]));
+}
+static inline vm v_gt(vf x, vf y) {
+  V_DO(vm, 0u - (uint32_t)(x.l[k] > y.l[k]));
+}
+static inline vm v_ge(vf x, vf y) {
+  V_DO(vm, 0u - (uint32_t)(x.l[k] >= y.l[k]));
+}
+static inline vm m_and(vm x, vm y) {
+  V_DO(vm, x.l[k] & y.l[k]);
+}
+static inline vm m_or(vm x, vm y) {
+  V_DO(vm, x.l[k] | y.l[k]);
+}
+static inline vm m_andnot(vm x, vm y) {
+  V_DO(vm, x.l[k] & ~y.l[k]);
+}
+static inline vm v_ge_and(vm m, vf x, vf y) {
+  return m_and(m, v_ge(x, y));
+}
 static inline unsigned m_bits(vm x) {
   unsigned bits = 0;
   for (int k = 0; k < V_LANES; k++)
     bits |= (x.l[k] & 1u) << k;
   return bits;
 }
-static inline vm m_from_bits(unsigned bits) { V_DO(vm, 0u - (bits >> k & 1u)); }
-static inline vi i_set(int32_t x) { V_DO(vi, x); }
-static inline vi i_load(const int32_t *p) { V_DO(vi, p[k]); }
-static inline void i_store(int32_t *p, vi x) { memcpy(p, x.l, sizeof x.l); }
+static inline vm m_from_bits(unsigned bits) {
+  V_DO(vm, 0u - (bits >> k & 1u));
+}
+static inline vi i_set(int32_t x) {
+  V_DO(vi, x);
+}
+static inline vi i_load(const int32_t *p) {
+  V_DO(vi, p[k]);
+}
+static inline void i_store(int32_t *p, vi x) {
+  memcpy(p, x.l, sizeof x.l);
+}
 /* Unsigned inside, so that wrapping is defined as it is in a register. */
-static inline vi i_add(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k])); }
-static inline vi i_sub(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] - (uint32_t)y.l[k])); }
-static inline vi i_mul(vi x, vi y) { V_DO(vi, (int32_t)((uint32_t)x.l[k] * (uint32_t)y.l[k])); }
-static inline vi i_and(vi x, vi y) { V_DO(vi, x.l[k] & y.l[k]); }
-static inline vi i_or(vi x, vi y) { V_DO(vi, x.l[k] | y.l[k]); }
+static inline vi i_add(vi x, vi y) {
+  V_DO(vi, (int32_t)((uint32_t)x.l[k] + (uint32_t)y.l[k]));
+}
+static inline vi i_sub(vi x, vi y) {
+  V_DO(vi, (int32_t)((uint32_t)x.l[k] - (uint32_t)y.l[k]));
+}
+static inline vi i_mul(vi x, vi y) {
+  V_DO(vi, (int32_t)((uint32_t)x.l[k] * (uint32_t)y.l[k]));
+}
+static inline vi i_and(vi x, vi y) {
+  V_DO(vi, x.l[k] & y.l[k]);
+}
+static inline vi i_or(vi x, vi y) {
+  V_DO(vi, x.l[k] | y.l[k]);
+}
 static inline vi i_select(vm m, vi yes, vi no) {
   V_DO(vi, (int32_t)(((uint32_t)yes.l[k] & m.l[k]) | ((uint32_t)no.l[k] & ~m.l[k])));
 }
-static inline vi i_shl(vi x, int n) { V_DO(vi, (int32_t)((uint32_t)x.l[k] << n)); }
-static inline vi i_shr(vi x, int n) { V_DO(vi, (int32_t)((uint32_t)x.l[k] >> n)); }
-static inline vf v_select(vm m, vf yes, vf no) { return v_from_bits(i_select(m, v_bits(yes), v_bits(no))); }
-static inline vf v_maskz(vm m, vf x) { return v_select(m, x, v_zero()); }
-static inline vf v_minus_abs(vf x) { V_DO(vf, -fabsf(x.l[k])); }
-static inline vi v_to_i(vf x) { V_DO(vi, (int32_t)lrintf(x.l[k])); }
-static inline vf i_to_v(vi x) { V_DO(vf, (float)x.l[k]); }
+static inline vi i_shl(vi x, int n) {
+  V_DO(vi, (int32_t)((uint32_t)x.l[k] << n));
+}
+static inline vi i_shr(vi x, int n) {
+  V_DO(vi, (int32_t)((uint32_t)x.l[k] >> n));
+}
+static inline vf v_select(vm m, vf yes, vf no) {
+  return v_from_bits(i_select(m, v_bits(yes), v_bits(no)));
+}
+static inline vf v_maskz(vm m, vf x) {
+  return v_select(m, x, v_zero());
+}
+static inline vf v_minus_abs(vf x) {
+  V_DO(vf, -fabsf(x.l[k]));
+}
+static inline vi v_to_i(vf x) {
+  V_DO(vi, (int32_t)lrintf(x.l[k]));
+}
+static inline vf i_to_v(vi x) {
+  V_DO(vf, (float)x.l[k]);
+}
 
-static inline vf v_load_u8(const uint8_t *p) { V_DO(vf, (float)p[k]); }
+static inline vf v_load_u8(const uint8_t *p) {
+  V_DO(vf, (float)p[k]);
+}
 static inline vf v_load_fours(const float *a, const float *b, const float *c, const float *d) {
   const float *const from[4] = {a, b, c, d};
   V_DO(vf, from[k >> 2][k & 3]);
@@ -87,7 +171,9 @@ static inline int i_compress(int32_t *out, vm m, vi index) {
   return n;
 }
 
-static inline vf v_spread(vf x, int quarter) { V_DO(vf, x.l[4 * quarter + (k >> 2)]); }
+static inline vf v_spread(vf x, int quarter) {
+  V_DO(vf, x.l[4 * quarter + (k >> 2)]);
+}
 static inline void v_columns3(const vf rows[4], vf *x, vf *y, vf *z) {
   for (int k = 0; k < V_LANES; k++) {
     const float *const group = rows[k >> 2].l + 4 * (k & 3);
@@ -104,6 +190,12 @@ static inline float v_sum(vf x) {
       l[k] += l[k + step];
   return l[0];
 }
-static inline vf v_sum12(const vf a[12]) { V_DO(vf, k < 12 ? v_sum(a[k < 12 ? k : 0]) : 0.0f); }
-static inline void v_store12(float *p, vf x) { memcpy(p, x.l, 12 * sizeof(float)); }
-static inline vf v_load12(const float *p) { V_DO(vf, k < 12 ? p[k] : 0.0f); }
+static inline vf v_sum12(const vf a[12]) {
+  V_DO(vf, k < 12 ? v_sum(a[k < 12 ? k : 0]) : 0.0f);
+}
+static inline void v_store12(float *p, vf x) {
+  memcpy(p, x.l, 12 * sizeof(float));
+}
+static inline vf v_load12(const float *p) {
+  V_DO(vf, k < 12 ? p[k] : 0.0f);
+}

@@ -36,10 +36,18 @@ void memory_guard_begin(size_t limit, int64_t fail_at) {
   watching = 1;
 }
 
-void memory_guard_end(void) { watching = 0; }
-int64_t memory_guard_count(void) { return asked; }
-int64_t memory_guard_live(void) { return live; }
-size_t memory_guard_peak(void) { return (size_t)peak; }
+void memory_guard_end(void) {
+  watching = 0;
+}
+int64_t memory_guard_count(void) {
+  return asked;
+}
+int64_t memory_guard_live(void) {
+  return live;
+}
+size_t memory_guard_peak(void) {
+  return (size_t)peak;
+}
 
 /* Without stdio, which may be what allocates. */
 static void stop(size_t size) {
@@ -67,7 +75,9 @@ static int allow(size_t size) {
   return 1;
 }
 
-int memory_guard_allows(size_t size) { return allow(size); }
+int memory_guard_allows(size_t size) {
+  return allow(size);
+}
 
 static void *made(void *block) {
   if (block && watching) {
@@ -87,7 +97,9 @@ static void gone(void *block) {
   }
 }
 
-void *__wrap_malloc(size_t size) { return allow(size) ? made(__real_malloc(size)) : NULL; }
+void *__wrap_malloc(size_t size) {
+  return allow(size) ? made(__real_malloc(size)) : NULL;
+}
 
 void *__wrap_calloc(size_t count, size_t size) {
   const size_t total = size && count > SIZE_MAX / size ? SIZE_MAX : count * size;

@@ -1,4 +1,5 @@
-/* Writes Waymo segments for tests: TFRecord files of frames, with a CRC and a serialiser that share nothing with the reader. */
+/* Writes Waymo segments for tests: TFRecord files of frames, with a CRC and a serialiser that share nothing with the
+ * reader. */
 #ifndef PAGS_TESTS_RAW_WAYMO_H
 #define PAGS_TESTS_RAW_WAYMO_H
 
@@ -28,14 +29,15 @@ Pags__Waymo__Transform *raw_transform(raw_waymo *w, const double m[12]);
 /* A zlib stream of the serialised rows x columns x depth matrix. */
 ProtobufCBinaryData raw_matrix(raw_waymo *w, const float *values, int rows, int columns, int depth);
 
-/* A laser that turns: its range images are filled through `range`, which is told the ray of a pixel in the world (origin and unit
- * direction) and the number of the return (0, 1), and gives the distance, 0 for none. */
+/* A laser that turns: its range images are filled through `range`, which is told the ray of a pixel in the world
+ * (origin and unit direction) and the number of the return (0, 1), and gives the distance, 0 for none. */
 typedef struct raw_laser {
   int name, rows, columns;
   const double *inclinations; /* `rows` of them, ascending; NULL: evenly between low and high */
   double low, high;           /* radians */
   double vehicle_from_laser[12];
-  /* Vehicle's pose roll, pitch, yaw, x, y, z while a column is seen; NULL: the frame's pose for all, and no poses are written. */
+  /* Vehicle's pose roll, pitch, yaw, x, y, z while a column is seen; NULL: the frame's pose for all, and no poses are
+   * written. */
   void (*pose)(void *user, int column, float out[6]);
   float (*range)(void *user, const double origin[3], const double direction[3], int which);
   void *user;
@@ -44,10 +46,11 @@ typedef struct raw_laser {
 /* Appends calibration and both returns to the frame, whose pose must be set; room for both lists must be there. */
 void raw_laser_add(raw_waymo *w, Pags__Waymo__Frame *frame, const raw_laser *laser);
 
-/* Writes the data set in drivestudio's layout in `folder` (constant extrinsics in OpenCV axes, boxes' front +x, LiDAR rows that begin with
- * x y z) as a segment: photographs as they are (JPEGs of those that aren't), poses, times, boxes, semantic masks as panoptic labels,
- * and each LiDAR point in the pixel of a roof laser whose beam is nearest, its range exact; what finds its pixel taken goes to the
- * second return, and what finds that taken is lost. Ends the program with a message where a file is missing. */
+/* Writes the data set in drivestudio's layout in `folder` (constant extrinsics in OpenCV axes, boxes' front +x, LiDAR
+ * rows that begin with x y z) as a segment: photographs as they are (JPEGs of those that aren't), poses, times, boxes,
+ * semantic masks as panoptic labels, and each LiDAR point in the pixel of a roof laser whose beam is nearest, its range
+ * exact; what finds its pixel taken goes to the second return, and what finds that taken is lost. Ends the program with
+ * a message where a file is missing. */
 void raw_waymo_write(const char *folder, const char *path);
 
 #endif

@@ -39,7 +39,13 @@ static void add_view(pags_scene *scene) {
   scene->view_count = 1;
   scene->views = need(calloc(1, sizeof *scene->views));
   scene->views[0] = (pags_scene_view){.name = need(pags_text_copy("000_0.png")), .gain = {1, 1.1, 1}};
-  scene->views[0].camera = (pags_camera){.width = 40, .height = 30, .fx = 30, .fy = 30, .cx = 20, .cy = 15, .time = 0.25,
+  scene->views[0].camera = (pags_camera){.width = 40,
+                                         .height = 30,
+                                         .fx = 30,
+                                         .fy = 30,
+                                         .cx = 20,
+                                         .cy = 15,
+                                         .time = 0.25,
                                          .world_from_camera = {1, 0, 0, 1, 0, 1, 0, 2, 0, 0, 1, -6}};
 }
 
@@ -51,7 +57,8 @@ void small_scene_make(pags_scene *scene) {
                                     .file = need(pags_text_copy(i ? "objects/a_b.ply" : "background.ply"))};
     sample_gaussians(&scene->models[i].gaussians, i ? MOVING : STILL, 1, 5);
   }
-  if (pags_gaussians_add_object_id(&scene->models[0].gaussians) != PAGS_OK || pags_sky_create(&scene->sky, 2) != PAGS_OK)
+  if (pags_gaussians_add_object_id(&scene->models[0].gaussians) != PAGS_OK ||
+      pags_sky_create(&scene->sky, 2) != PAGS_OK)
     abort();
   scene->models[0].gaussians.object_id[2] = 0;
   scene->config = need(pags_text_copy("{\"iterations\": 10}"));

@@ -1,4 +1,5 @@
-/* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, everything a scene.json can say. */
+/* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, everything a scene.json
+ * can say. */
 #ifndef PAGS_TESTS_SMALL_SCENE_H
 #define PAGS_TESTS_SMALL_SCENE_H
 

@@ -25,8 +25,8 @@ void sample_gaussians(pags_gaussians *g, int64_t count, int sh_degree, uint64_t 
 
 /* A PLY in INRIA's order. */
 file_bytes make_ply(const pags_gaussians *g);
-/* The same numbers, the properties in another order; "ascii 1.0", "binary_little_endian 1.0" or "binary_big_endian 1.0";
- * x y z as double. */
+/* The same numbers, the properties in another order; "ascii 1.0", "binary_little_endian 1.0" or
+ * "binary_big_endian 1.0"; x y z as double. */
 file_bytes make_scrambled_ply(const pags_gaussians *g, const char *format);
 
 /* Random contents. */

@@ -1,8 +1,8 @@
 /* Renderers, jobs and what a job is asked for, as the files that read, queue and draw them share them.
  *
- * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what is shared is guarded by the renderer's
- * lock. A Job object holds its Scene and Renderer, and its end cancels and waits, so that nothing is freed under a running
- * frame. */
+ * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what is shared is guarded by the
+ * renderer's lock. A Job object holds its Scene and Renderer, and its end cancels and waits, so that nothing is freed
+ * under a running frame. */
 #ifndef PAGS_NATIVE_JOB_H
 #define PAGS_NATIVE_JOB_H
 

@@ -98,8 +98,10 @@ static PyMethodDef methods[] = {
     {"render", (PyCFunction)(void (*)(void))native_render, METH_VARARGS | METH_KEYWORDS,
      "render(scene, camera, threads=0, **as for Renderer.submit) -> Picture\n\nDraws once and waits."},
     {"pick", (PyCFunction)(void (*)(void))native_pick, METH_VARARGS | METH_KEYWORDS,
-     "pick(scene, camera, x, y, placements=None) -> dict or None\n\nWhat is met through pixel (x, y), row 0 at the top: id of the "
-     "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along the camera's "
+     "pick(scene, camera, x, y, placements=None) -> dict or None\n\nWhat is met through pixel (x, y), row 0 at the "
+     "top: id of the "
+     "Gaussian behind which\nless than half of the ray is left, object (number or None), priority, depth (metres along "
+     "the camera's "
      "axis),\npoint (world, metres). placements: as for Renderer.submit."},
     {"available_threads", available_threads, METH_NOARGS, "Processors that this process may use."},
     {0}};

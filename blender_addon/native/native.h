@@ -1,8 +1,8 @@
 /* What the parts of the Python module share. The module is limited-API Python (abi3) over the public C API; rows of
  * packed Gaussians are read by scene/packed_rows.h.
  *
- * Scenes, renderers, jobs and pictures are Python objects that own what they stand for. Whatever may take time runs with the
- * interpreter lock released; the engine's threads never touch Python. */
+ * Scenes, renderers, jobs and pictures are Python objects that own what they stand for. Whatever may take time runs
+ * with the interpreter lock released; the engine's threads never touch Python. */
 #ifndef PAGS_NATIVE_H
 #define PAGS_NATIVE_H
 

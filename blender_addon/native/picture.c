@@ -1,5 +1,5 @@
-/* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's planes, on the
- * engine's threads; Python sees the result without a copy. */
+/* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's
+ * planes, on the engine's threads; Python sees the result without a copy. */
 #include "native.h"
 
 #include <math.h>
@@ -9,8 +9,8 @@
 
 #include <pags/tasks.h>
 
-/* sRGB to linear light for [0, 1] by a table between whose entries a line runs: its error is under h^2 / 8 times the largest second
- * derivative above the knee, 2e-8. */
+/* sRGB to linear light for [0, 1] by a table between whose entries a line runs: its error is under h^2 / 8 times the
+ * largest second derivative above the knee, 2e-8. */
 enum { TABLE = 4096, ROWS = 8 };
 
 typedef struct decoder {
@@ -122,7 +122,8 @@ static bool is_plain(const native_layout *l) {
 
 static void fill_plain_row(const fill *f, int64_t from, float *out) {
   const decoder *d = &f->decoder;
-  const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from, *const b = f->picture->rgb[2] + from;
+  const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from,
+                     *const b = f->picture->rgb[2] + from;
   for (int x = 0; x < f->layout->width; ++x, out += 4) {
     out[0] = decode(d, r[x]);
     out[1] = decode(d, g[x]);
@@ -283,7 +284,9 @@ static PyGetSetDef picture_getset[] = {
     {"width", picture_size, NULL, "pixels", NULL},
     {"height", picture_size, NULL, "pixels", PLANE(0)},
     {"stats", picture_stats, NULL,
-     "dictionary: ms of the frame, of the whole job and of filling these planes, Gaussians that exist, loaded, shaded, ...", NULL},
+     "dictionary: ms of the frame, of the whole job and of filling these planes, Gaussians that exist, loaded, shaded, "
+     "...",
+     NULL},
     {"rgba", picture_plane, NULL, "Buffer [height][width][4] float32, premultiplied; None where it wasn't asked for",
      PLANE(PLANE_RGBA)},
     {"depth", picture_plane, NULL, "Buffer [height][width] float32, along the camera's axis", PLANE(PLANE_DEPTH)},

@@ -211,7 +211,8 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
 static PyMethodDef renderer_methods[] = {
     {"submit", (PyCFunction)(void (*)(void))renderer_submit, METH_VARARGS | METH_KEYWORDS,
      "submit(scene, camera, *, outputs=('rgba',), placements=None, window=None, object_values=None, background=None,\n"
-     "       exposure=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, antialiased=-1, "
+     "       exposure=None, mode='rgb', early_z='lossless', linear=False, flip=False, transparent=False, "
+     "antialiased=-1, "
      "sh_degree=3, exp_degree=5,\n"
      "       cut=0, near_plane=0, depth_empty=0, depth_scale=1) -> Job\n\n"
      "Queues a picture and returns at once. placements: list of (object, world_from_object) in place of the scene's "

@@ -84,8 +84,8 @@ pags_result native_scene_need_priorities(native_scene *scene) {
   return PAGS_OK;
 }
 
-/* Geometry of up to ROWS rows from row ROWS * block on, planes `*stride` floats apart. Packed parts have no planes: their rows are unpacked
- * into `unpacked`, which has room for PAGS_SH planes of ROWS floats. */
+/* Geometry of up to ROWS rows from row ROWS * block on, planes `*stride` floats apart. Packed parts have no planes:
+ * their rows are unpacked into `unpacked`, which has room for PAGS_SH planes of ROWS floats. */
 static const float *read_geometry(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
   *stride = part->packed ? ROWS : part->gaussians->stride;
   if (!part->packed)
@@ -319,8 +319,8 @@ static float to_linear(float v) {
   return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
-/* Constant colour terms of the rows that read_geometry gave, planes `*stride` floats apart: those of the scene's begin where the colour
- * changes. `unpacked` has room for 3 planes of ROWS floats. */
+/* Constant colour terms of the rows that read_geometry gave, planes `*stride` floats apart: those of the scene's begin
+ * where the colour changes. `unpacked` has room for 3 planes of ROWS floats. */
 static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
   *stride = part->packed ? ROWS : part->gaussians->stride;
   if (!part->packed)
@@ -372,7 +372,8 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
   }
 }
 
-/* Of each part, which lies along a Morton curve, every n-th Gaussian that can be seen (opacity of 0.2 or more): even over the surface. */
+/* Of each part, which lies along a Morton curve, every n-th Gaussian that can be seen (opacity of 0.2 or more): even
+ * over the surface. */
 static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, float *points, float *colors) {
   sampling s = {.most = most};
   for (int p = 0; p < part_count; p++)

@@ -54,7 +54,7 @@ void pags_file_writer_abort(pags_file_writer *writer);
 
 bool pags_file_exists(const char *path); /* a regular file, or a link to one */
 bool pags_dir_exists(const char *path);
-bool pags_path_exists(const char *path); /* anything */
+bool pags_path_exists(const char *path);                    /* anything */
 bool pags_folder_has(const char *folder, const char *name); /* as pags_file_exists; false when memory is out */
 
 /* "a" + "b" -> "a/b"; an absolute b stays as it is. Freed by the caller; NULL when memory is out. */

@@ -1,7 +1,8 @@
 /* Boxes in pictures: the outline of a projected box, and the pixels inside of it.
  *
- * The box's part nearer than 0.1 m is cut off in space first (a corner behind the camera projects to nonsense): what remains is spanned
- * by the corners in front and by the edges' crossings with that plane, and its picture is the convex hull of theirs. */
+ * The box's part nearer than 0.1 m is cut off in space first (a corner behind the camera projects to nonsense): what
+ * remains is spanned by the corners in front and by the edges' crossings with that plane, and its picture is the convex
+ * hull of theirs. */
 #include <pags/dataset.h>
 
 #include <assert.h>
@@ -9,7 +10,8 @@
 
 #include "base/sort.h"
 
-/* Eight corners, or four and the crossings: a plane cuts at most six of the twelve edges and then leaves at most seven corners. */
+/* Eight corners, or four and the crossings: a plane cuts at most six of the twelve edges and then leaves at most seven
+ * corners. */
 enum { MOST_POINTS = 16 };
 
 static const double nearest = 0.1; /* metres */

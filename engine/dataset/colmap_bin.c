@@ -1,5 +1,5 @@
-/* The binary form: little-endian, 64-bit counts, records without padding. Every count is held against what is left of the
- * file before anything is allocated. */
+/* The binary form: little-endian, 64-bit counts, records without padding. Every count is held against what is left of
+ * the file before anything is allocated. */
 #include "dataset/colmap.h"
 
 #include <string.h>

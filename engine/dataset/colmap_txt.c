@@ -1,5 +1,5 @@
-/* The text form: '#' comments, one record a line, fields between blanks. images.txt has a second line for each image, its
- * observations, which may be empty and is never needed here. */
+/* The text form: '#' comments, one record a line, fields between blanks. images.txt has a second line for each image,
+ * its observations, which may be empty and is never needed here. */
 #include "dataset/colmap.h"
 
 #include "base/text.h"
@@ -108,8 +108,8 @@ pags_result pags_colmap_cameras_txt(pags_colmap *model, const pags_colmap_bytes 
   return pags_colmap_sort_cameras(model, bytes->path);
 }
 
-/* Observations come in threes (x, y, point). Anything else means that the empty line of an image without observations was
- * lost and that the next image would be skipped. */
+/* Observations come in threes (x, y, point). Anything else means that the empty line of an image without observations
+ * was lost and that the next image would be skipped. */
 static pags_result check_observations(lines *l) {
   int fields = 0;
   for (char *at = l->field; *at; fields++)

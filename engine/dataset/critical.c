@@ -1,9 +1,9 @@
 /* What counts as critical, and the notes that say where it comes from (critical.h).
  *
- * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or the class of boxes.
- * A class of label images takes the boxes of the same name along, and where no box has that name those of its kind; what only boxes
- * know is drawn from them even where there are label images. Dynamic masks know vehicles from people and no more; they count where a kind or a
- * class of label images of theirs is named. */
+ * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or the
+ * class of boxes. A class of label images takes the boxes of the same name along, and where no box has that name those
+ * of its kind; what only boxes know is drawn from them even where there are label images. Dynamic masks know vehicles
+ * from people and no more; they count where a kind or a class of label images of theirs is named. */
 #include "dataset/critical.h"
 
 #include <stdio.h>

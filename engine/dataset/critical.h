@@ -1,10 +1,12 @@
-/* Which classes, boxes and masks of a driving set are critical: vehicles, pedestrians and cyclists, or what was asked for. */
+/* Which classes, boxes and masks of a driving set are critical: vehicles, pedestrians and cyclists, or what was asked
+ * for. */
 #ifndef PAGS_DATASET_CRITICAL_H
 #define PAGS_DATASET_CRITICAL_H
 
 #include "dataset/driving.h"
 
-/* Fills in driving->critical and the views' part_path. `list` NULL: vehicles, pedestrians and cyclists. After rules, views and tracks. */
+/* Fills in driving->critical and the views' part_path. `list` NULL: vehicles, pedestrians and cyclists. After rules,
+ * views and tracks. */
 pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_draft *draft);
 
 /* Adds the notes that say which masks there are and what sky and critical pixels come from. After the sweeps. */

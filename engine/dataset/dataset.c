@@ -152,7 +152,8 @@ static void swap_views(pags_draft_view *a, pags_draft_view *b) {
   *b = keep;
 }
 
-/* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the others. */
+/* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the
+ * others. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
   pags_draft *draft = &dataset->draft;
   const char *first = NULL, *where = NULL;

@@ -21,7 +21,7 @@ typedef struct pags_draft_view {
   int sensor, frame;
   double time, shutter_time;                     /* seconds; shutter_time NaN where unknown */
   char *sky_path, *semantic_path, *dynamic_path; /* NULL: none */
-  char *part_path; /* the dynamic mask of what is critical alone; NULL: none */
+  char *part_path;                               /* the dynamic mask of what is critical alone; NULL: none */
 } pags_draft_view;
 
 typedef struct pags_draft_point {

@@ -11,14 +11,14 @@
 
 /* What drivestudio's layout leaves open: the kind's defaults and what dataset.json says (rules.c). */
 typedef struct pags_rules {
-  const char *kind; /* static */
-  bool waymo_axes;  /* cameras x forward, y left, z up; else OpenCV's */
-  bool per_frame;   /* extrinsics/TTT_C.txt, camera-to-world; else extrinsics/C.txt, camera-to-ego */
-  bool laser_frame; /* sweeps in the laser's frame, posed by lidar_pose/TTT.txt; else in the ego frame */
-  bool forward_y;   /* boxes' front is their +y; else +x */
-  int columns;      /* floats a row of a sweep; 0: not stated */
-  int position[3];  /* which of them are x, y, z */
-  double fps;       /* 0: not stated */
+  const char *kind;             /* static */
+  bool waymo_axes;              /* cameras x forward, y left, z up; else OpenCV's */
+  bool per_frame;               /* extrinsics/TTT_C.txt, camera-to-world; else extrinsics/C.txt, camera-to-ego */
+  bool laser_frame;             /* sweeps in the laser's frame, posed by lidar_pose/TTT.txt; else in the ego frame */
+  bool forward_y;               /* boxes' front is their +y; else +x */
+  int columns;                  /* floats a row of a sweep; 0: not stated */
+  int position[3];              /* which of them are x, y, z */
+  double fps;                   /* 0: not stated */
   const pags_label_set *labels; /* what label images hold */
   pags_place place;
 } pags_rules;
@@ -77,8 +77,9 @@ bool pags_driving_is_set(const char *folder);
 /* Leaves an empty draft on failure. */
 pags_result pags_driving_read(const char *folder, const pags_dataset_options *options, pags_draft *draft);
 
-/* `kind` as asked for, NULL: as dataset.json says. `per_frame_files`: there are extrinsics named TTT_C, which settles the kind where
- * neither says it. Names of cameras, as far as dataset.json has them, go to `names(context, number, name)`. */
+/* `kind` as asked for, NULL: as dataset.json says. `per_frame_files`: there are extrinsics named TTT_C, which settles
+ * the kind where neither says it. Names of cameras, as far as dataset.json has them, go to `names(context, number,
+ * name)`. */
 typedef pags_result pags_camera_name_fn(void *context, int number, const char *name);
 pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
                             pags_camera_name_fn *name, void *context);

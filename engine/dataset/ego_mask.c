@@ -1,10 +1,10 @@
 /* Where the recording car sees itself: masks as given, else a search for pixels that never change.
  *
- * The search looks at training photographs of one camera, at least half a metre apart and spread over the way driven, shrunk to about 240
- * pixels. A pixel is still when the standard deviation of its brightness over them is below two levels: a road's texture moves by more,
- * grey as it may look. The still pixels, opened by 3x3 so that lone ones go, propose a mask where they hang together, touch the
- * picture's lower edge over a twentieth of it and cover a hundredth of the picture. Four photographs rule most cameras out; only
- * what they leave is looked at in twelve. */
+ * The search looks at training photographs of one camera, at least half a metre apart and spread over the way driven,
+ * shrunk to about 240 pixels. A pixel is still when the standard deviation of its brightness over them is below two
+ * levels: a road's texture moves by more, grey as it may look. The still pixels, opened by 3x3 so that lone ones go,
+ * propose a mask where they hang together, touch the picture's lower edge over a twentieth of it and cover a hundredth
+ * of the picture. Four photographs rule most cameras out; only what they leave is looked at in twelve. */
 #include "dataset/internal.h"
 
 #include "dataset/driving.h"
@@ -85,7 +85,8 @@ static double distance(const pags_dataset *dataset, int64_t a, int64_t b) {
   return sqrt((p[3] - q[3]) * (p[3] - q[3]) + (p[7] - q[7]) * (p[7] - q[7]) + (p[11] - q[11]) * (p[11] - q[11]));
 }
 
-/* Views of one camera that train, in the order of time, whose way driven reaches `reach` metres more than the last one's. */
+/* Views of one camera that train, in the order of time, whose way driven reaches `reach` metres more than the last
+ * one's. */
 static int choose_spaced(const search *s, int number, double reach, int most, int64_t *out) {
   int count = 0;
   double since = 0;

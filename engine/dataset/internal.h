@@ -26,7 +26,8 @@ pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_o
 /* Driving sets: where cameras see their own car. After the views are made. */
 pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options);
 
-/* One photograph in memory: planes of height * stride bytes: R, G, B, then the mask's and the labels' where it has them. */
+/* One photograph in memory: planes of height * stride bytes: R, G, B, then the mask's and the labels' where it has
+ * them. */
 typedef struct pags_photo_data {
   int width, height, stride;
   bool has_mask, has_labels;
@@ -36,7 +37,8 @@ typedef struct pags_photo_data {
 /* Reads, undistorts and shrinks; safe on several threads at once. */
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t view, int shrink, pags_photo_data *out);
 
-/* Bytes of the photograph with its mask, and of everything that decoding one (8 bit a sample) holds at once, itself included. */
+/* Bytes of the photograph with its mask, and of everything that decoding one (8 bit a sample) holds at once, itself
+ * included. */
 void pags_photo_bytes(const pags_dataset *dataset, int64_t view, int shrink, uint64_t *kept, uint64_t *decoding);
 
 /* What a cache has in use now and had at most, in bytes, and how many photographs it has decoded. For tests. */

@@ -2,8 +2,8 @@
  *
  * Sources: Cityscapes' labels.py (mcordts/cityscapesScripts: train ids and ids), KITTI-360's labels.py
  * (autonomousvision/kitti360Scripts: Cityscapes' ids and some of its own), KITTI-STEP (Cityscapes' train ids), Waymo's
- * camera_segmentation.proto, PandaSet's classes.json (its cuboids' words are the same). Two-wheelers count with their riders, as
- * pags_category_of has them. */
+ * camera_segmentation.proto, PandaSet's classes.json (its cuboids' words are the same). Two-wheelers count with their
+ * riders, as pags_category_of has them. */
 #include "dataset/label_sets.h"
 
 #include <ctype.h>

@@ -1,7 +1,7 @@
 /* Labels of pixels: sky, critical, moving, kinds of moving things, parked. What is critical says critical.c.
  *
- * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes come last, straight
- * into the finished photograph: the box of time step t as it stands, for every camera. */
+ * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes
+ * come last, straight into the finished photograph: the box of time step t as it stands, for every camera. */
 #include "dataset/labels.h"
 
 #include "dataset/critical.h"

@@ -10,8 +10,8 @@
 /* Whether photographs of this view have a label plane. */
 bool pags_labels_exist(const pags_dataset *dataset, int64_t view);
 
-/* What picture files say, in the source's pixels. `labels` (one channel, bits PAGS_LABEL_*) is created where any of them exists;
- * `mask` (one channel, 255 = use) is created where pixels are to be left out, or has them cleared. */
+/* What picture files say, in the source's pixels. `labels` (one channel, bits PAGS_LABEL_*) is created where any of
+ * them exists; `mask` (one channel, 255 = use) is created where pixels are to be left out, or has them cleared. */
 pags_result pags_labels_load(const pags_dataset *dataset, int64_t view, pags_image *labels, pags_image *mask);
 
 /* What boxes and laser say, added to a plane of the finished photograph, whose camera is `camera`. */

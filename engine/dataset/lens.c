@@ -1,6 +1,7 @@
 /* Distortion models, their inverse, and the choice of the pinhole to resample to.
  *
- * Sources: the OpenCV manual (calib3d, fisheye) for the models; COLMAP's undistortion for the rule of the output size. */
+ * Sources: the OpenCV manual (calib3d, fisheye) for the models; COLMAP's undistortion for the rule of the output size.
+ */
 #include "dataset/lens.h"
 
 #include <math.h>
@@ -101,7 +102,8 @@ void pags_lens_project_row(const pags_lens *lens, int count, double x, double st
   }
 }
 
-/* The radial part alone: r with r * poly(r^2) = target (or theta, for a fisheye), by bisection where the function grows. */
+/* The radial part alone: r with r * poly(r^2) = target (or theta, for a fisheye), by bisection where the function
+ * grows. */
 static double invert_radial(const pags_lens *lens, double target) {
   bool fisheye = lens->kind == PAGS_LENS_FISHEYE;
   double low = 0, high = fisheye ? atan(sqrt(lens->limit)) : sqrt(lens->limit);
@@ -147,8 +149,8 @@ bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, d
          fabs(check[1] - target[1]) * lens->fy < 1e-3;
 }
 
-/* Narrows bounds = {left, top, right, bottom} of the undistorted rectangle (pixels of the pinhole with the source's fx, fy,
- * cx, cy) by one point of the source's border. `side` indexes bounds. A point without a ray bounds nothing. */
+/* Narrows bounds = {left, top, right, bottom} of the undistorted rectangle (pixels of the pinhole with the source's fx,
+ * fy, cx, cy) by one point of the source's border. `side` indexes bounds. A point without a ray bounds nothing. */
 static void narrow(const pags_lens *lens, double u, double v, int side, double bounds[4]) {
   double x, y;
   if (!pags_lens_unproject(lens, u, v, &x, &y))

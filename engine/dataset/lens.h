@@ -1,5 +1,5 @@
-/* A camera as a data set describes it: a pinhole with a distortion model. Everything past the reader works on the pinhole it
- * is brought to. */
+/* A camera as a data set describes it: a pinhole with a distortion model. Everything past the reader works on the
+ * pinhole it is brought to. */
 #ifndef PAGS_DATASET_LENS_H
 #define PAGS_DATASET_LENS_H
 
@@ -29,16 +29,17 @@ bool pags_lens_is_pinhole(const pags_lens *lens);
 /* Source pixel position of (x, y, 1) in the camera's frame. Says false past the limit, where the model folds back. */
 bool pags_lens_project(const pags_lens *lens, double x, double y, double *u, double *v);
 
-/* The same for a row of `count` points (x + i * step, y, 1): source[2 i] = u, source[2 i + 1] = v, both NaN past the limit. */
+/* The same for a row of `count` points (x + i * step, y, 1): source[2 i] = u, source[2 i + 1] = v, both NaN past the
+ * limit. */
 void pags_lens_project_row(const pags_lens *lens, int count, double x, double step, double y, double *source);
 
 /* The inverse: (x, y) on the plane z = 1 of a source pixel position; false where there is none. */
 bool pags_lens_unproject(const pags_lens *lens, double u, double v, double *x, double *y);
 
-/* Size and intrinsics of the pinhole that the pictures are resampled to. It keeps fx and fy (the resolution at the centre)
- * and is the largest upright rectangle within the undistorted borders, as COLMAP's undistorter chooses with blank_pixels = 0;
- * never beyond twice the source's extent from the principal point on any side, where wide lenses only stretch. Pose and
- * time of `out` are left alone. */
+/* Size and intrinsics of the pinhole that the pictures are resampled to. It keeps fx and fy (the resolution at the
+ * centre) and is the largest upright rectangle within the undistorted borders, as COLMAP's undistorter chooses with
+ * blank_pixels = 0; never beyond twice the source's extent from the principal point on any side, where wide lenses only
+ * stretch. Pose and time of `out` are left alone. */
 pags_result pags_lens_pinhole(const pags_lens *lens, const char *where, pags_camera *out);
 
 #endif

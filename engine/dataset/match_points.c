@@ -1,12 +1,12 @@
 /* Points to start from, found in the photographs themselves.
  *
- * Random points leave it to training to move everything into place, and cost decibels that a short run never gets back (on
- * data/fox 4 dB after 1,000 steps at a quarter of the size, against the points of a structure-from-motion model). Poses being
- * known, depth is cheap to find: a small patch around a random pixel of a training photograph is projected, for each of
- * many depths along the pixel's ray, into a few other training photographs, and the depth at which they agree best is taken
- * (plane sweep: Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; patches and the choice of views
- * as in multi-view stereo). Pixels without a clear answer (bare walls, sky) borrow the depth of the nearest pixel of the same
- * photograph that has one.
+ * Random points leave it to training to move everything into place, and cost decibels that a short run never gets back
+ * (on data/fox 4 dB after 1,000 steps at a quarter of the size, against the points of a structure-from-motion model).
+ * Poses being known, depth is cheap to find: a small patch around a random pixel of a training photograph is projected,
+ * for each of many depths along the pixel's ray, into a few other training photographs, and the depth at which they
+ * agree best is taken (plane sweep: Collins, "A space-sweep approach to true multi-image matching", CVPR 1996; patches
+ * and the choice of views as in multi-view stereo). Pixels without a clear answer (bare walls, sky) borrow the depth of
+ * the nearest pixel of the same photograph that has one.
  *
  * Works on photographs of 160 to 320 pixels; a ray costs some 8,000 samples. Each ray is decided by itself from its own
  * random numbers, so that the number of threads changes nothing. */
@@ -145,8 +145,8 @@ static double angle_at(const double point[3], const pags_camera *a, const pags_c
   return acos(fmax(-1, fmin(1, dot / sqrt(aa * bb))));
 }
 
-/* How good a partner the second view is: seen from the subject, ten degrees apart are wide enough to tell depths and narrow
- * enough to look alike. Smaller is better; infinity: no use. */
+/* How good a partner the second view is: seen from the subject, ten degrees apart are wide enough to tell depths and
+ * narrow enough to look alike. Smaller is better; infinity: no use. */
 static double partner_cost(const matcher *m, const picture *a, const picture *b) {
   double point[3];
   point_on_ray(&a->camera, 0.5 * a->width, 0.5 * a->height, m->distance, point);
@@ -225,8 +225,8 @@ static void between(const picture *a, const picture *b, double out[12]) {
   pags_rigid_multiply(inverse, a->camera.world_from_camera, out);
 }
 
-/* Where the other camera sees a patch that faces this one at 1 / inverse: the centre through the pinhole, the rest by its
- * derivative. False outside of the photograph or where the patch is squeezed or blown up beyond use. */
+/* Where the other camera sees a patch that faces this one at 1 / inverse: the centre through the pinhole, the rest by
+ * its derivative. False outside of the photograph or where the patch is squeezed or blown up beyond use. */
 static bool project_patch(const picture *from, const picture *to, const double m[12], double u, double v,
                           double inverse, patch *out) {
   const pags_camera *f = &from->camera, *t = &to->camera;

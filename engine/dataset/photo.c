@@ -69,8 +69,8 @@ static void pick_labels(const pags_image *from, double step_x, double step_y, pa
   }
 }
 
-/* One area average from full size, whatever --downscale and the trainer's own shrink multiply to. The step is what the two
- * cameras say, so that pixels and intrinsics agree also where a size was rounded down. */
+/* One area average from full size, whatever --downscale and the trainer's own shrink multiply to. The step is what the
+ * two cameras say, so that pixels and intrinsics agree also where a size was rounded down. */
 static pags_result shrink(const pags_camera *from, const pags_camera *to, pictures *p) {
   double step_x = fmax(from->fx / to->fx, 1), step_y = fmax(from->fy / to->fy, 1);
   if (is_full_size(from, to))
@@ -172,8 +172,8 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
   const pags_camera *pinhole = &dataset->pinholes[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
-  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one step. Labels
-   * come from files that are held one at a time. */
+  /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one
+   * step. Labels come from files that are held one at a time. */
   uint64_t labels = pags_labels_exist(dataset, index) ? 1 : 0;
   uint64_t source = (4 + 2 * labels) * (uint64_t)lens->width * (uint64_t)lens->height;
   uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;

@@ -1,11 +1,11 @@
 /* Decoded photographs within a budget.
  *
- * One slot a view. Bytes are booked before they are taken: a decode books what it holds at its worst, and hands back all but
- * the photograph itself when it has been harvested. The owner's thread does all booking; jobs touch nothing but their own
- * slot's result, and say so through `done`.
+ * One slot a view. Bytes are booked before they are taken: a decode books what it holds at its worst, and hands back
+ * all but the photograph itself when it has been harvested. The owner's thread does all booking; jobs touch nothing but
+ * their own slot's result, and say so through `done`.
  *
- * What goes first when room is needed: what is wanted latest (views outside of the announced order never are), then what was
- * used longest ago. For a background decode only what is wanted later than it may go. */
+ * What goes first when room is needed: what is wanted latest (views outside of the announced order never are), then
+ * what was used longest ago. For a background decode only what is wanted later than it may go. */
 #include "dataset/internal.h"
 
 #include <assert.h>

@@ -1,9 +1,9 @@
 /* Random points to start from where a data set has none.
  *
- * A uniform cube would put most of them where no camera looks, or right in front of one. Ours are drawn along the cameras'
- * own rays: a random training view, a random pixel of it, a random depth; those that too few other views see are drawn
- * again. Depth is spread evenly in its logarithm, so that the density falls with distance as the size of a pixel in
- * space grows, around the depth of the subject: the point nearest to all optical axes. */
+ * A uniform cube would put most of them where no camera looks, or right in front of one. Ours are drawn along the
+ * cameras' own rays: a random training view, a random pixel of it, a random depth; those that too few other views see
+ * are drawn again. Depth is spread evenly in its logarithm, so that the density falls with distance as the size of a
+ * pixel in space grows, around the depth of the subject: the point nearest to all optical axes. */
 #include "dataset/draft.h"
 
 #include "base/rng.h"

@@ -1,7 +1,7 @@
 /* What drivestudio's layout leaves open, by kind and by dataset.json.
  *
- * Sources of the kinds' rules: drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/), and for PandaSet's boxes
- * measurement: their front is +y. A key of dataset.json wins over the kind's rule. */
+ * Sources of the kinds' rules: drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/), and for
+ * PandaSet's boxes measurement: their front is +y. A key of dataset.json wins over the kind's rule. */
 #include "dataset/driving.h"
 
 #include "base/file.h"
@@ -17,8 +17,9 @@
 #define CONSTANT false
 #define PER_FRAME true
 
-/* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor. nuPlan: xyz,
- * intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in the laser's frame. */
+/* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor.
+ * nuPlan: xyz, intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in
+ * the laser's frame. */
 static const pags_rules kinds[] = {
     {"waymo", WAYMO, CONSTANT, false, false, 14, .position = {3, 4, 5}},
     {"pandaset", OPENCV, PER_FRAME, false, true, 5, .position = {0, 1, 2}},

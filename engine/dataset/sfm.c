@@ -1,5 +1,5 @@
-/* Points of a COLMAP model that stands in the world of a driving set: its poses are not used, its tracks are, so that points that
- * held-out photographs made can be told. */
+/* Points of a COLMAP model that stands in the world of a driving set: its poses are not used, its tracks are, so that
+ * points that held-out photographs made can be told. */
 #include "dataset/driving.h"
 
 #include "base/file.h"

@@ -1,11 +1,12 @@
 /* Sky without masks: where the laser would have met something.
  *
- * Directions from the camera are sorted by azimuth into bins of one degree, and each bin keeps the elevation of its highest return. A pixel
- * is sky when its direction is more than a degree above the horizon and MARGIN above the highest return within two bins on either side.
- * Two cases say nothing and are not called sky: no return at all in those bins (the laser didn't look there), and a highest return near
- * the top of the laser's field of view (whatever stands there may go on above it; the upper beams of common lasers lie 3 to 4 degrees
- * apart). That top is the highest elevation among far returns, for which it doesn't matter where on the car the laser sits. Thinned sweeps are made up for by sweeps of other time steps, most things in the way of the sky
- * being at rest. */
+ * Directions from the camera are sorted by azimuth into bins of one degree, and each bin keeps the elevation of its
+ * highest return. A pixel is sky when its direction is more than a degree above the horizon and MARGIN above the
+ * highest return within two bins on either side. Two cases say nothing and are not called sky: no return at all in
+ * those bins (the laser didn't look there), and a highest return near the top of the laser's field of view (whatever
+ * stands there may go on above it; the upper beams of common lasers lie 3 to 4 degrees apart). That top is the highest
+ * elevation among far returns, for which it doesn't matter where on the car the laser sits. Thinned sweeps are made up
+ * for by sweeps of other time steps, most things in the way of the sky being at rest. */
 #include "dataset/labels.h"
 
 #include <math.h>
@@ -78,8 +79,8 @@ static void mark(const pags_camera *camera, const double limit[BINS], int stride
   }
 }
 
-/* The nearest sweep that is `rank` or more frames away; of training, unless it is the frame's own: what is held out must not speak for
- * other frames. Returns its distance in frames, -1: there is none. */
+/* The nearest sweep that is `rank` or more frames away; of training, unless it is the frame's own: what is held out
+ * must not speak for other frames. Returns its distance in frames, -1: there is none. */
 static int next_sweep(const pags_driving *driving, int frame, int rank, int64_t after, int64_t *index) {
   int best = -1;
   for (int64_t i = 0; i < driving->sweep_count; i++) {

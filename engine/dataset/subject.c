@@ -25,8 +25,8 @@ static void centre_of(const pags_camera *camera, double c[3]) {
     c[i] = camera->world_from_camera[4 * i + 3];
 }
 
-/* The point with the smallest sum of squared distances from all optical axes: sum of (I - d d^T)(x - c) = 0. Relative to
- * `middle`, so that large coordinates cancel nothing. */
+/* The point with the smallest sum of squared distances from all optical axes: sum of (I - d d^T)(x - c) = 0. Relative
+ * to `middle`, so that large coordinates cancel nothing. */
 static bool find_subject(const pags_camera *const *cameras, int64_t count, const double middle[3], double subject[3]) {
   double a[6] = {0}, b[3] = {0};
   for (int64_t i = 0; i < count; i++) {
@@ -106,8 +106,8 @@ bool pags_camera_sees(const pags_camera *camera, const double point[3], double n
   return u >= 0 && u <= camera->width && v >= 0 && v <= camera->height;
 }
 
-/* In a room with an object in its middle (the model of data/fox), 98 % of all observations lie above 0.45; most lie below 1.6,
- * but outdoors what is behind the subject begins there. */
+/* In a room with an object in its middle (the model of data/fox), 98 % of all observations lie above 0.45; most lie
+ * below 1.6, but outdoors what is behind the subject begins there. */
 double pags_subject_depth(double distance, double draw) {
   const double low = 0.45, high = 4;
   return distance * low * pow(high / low, draw);

@@ -1,5 +1,5 @@
-/* timestamps.json: {"frames": [seconds of each time step], "cameras": {"0": [seconds of each exposure], ...}}; both are indexed by the
- * frame numbers of file names. */
+/* timestamps.json: {"frames": [seconds of each time step], "cameras": {"0": [seconds of each exposure], ...}}; both are
+ * indexed by the frame numbers of file names. */
 #include "dataset/driving.h"
 
 #include "base/file.h"

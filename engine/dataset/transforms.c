@@ -1,8 +1,8 @@
 /* transforms.json of nerfstudio and instant-ngp.
  *
  * Keys of a camera may stand at the top, shared by all frames, or in a frame, which then wins. transform_matrix is
- * camera-to-world with OpenGL camera axes (x right, y up, z backward): negating its y and z columns gives OpenCV's. World
- * axes are left as they are; nerfstudio's tools turn the world so that +z is up. */
+ * camera-to-world with OpenGL camera axes (x right, y up, z backward): negating its y and z columns gives OpenCV's.
+ * World axes are left as they are; nerfstudio's tools turn the world so that +z is up. */
 #include "dataset/draft.h"
 
 #include "base/file.h"

@@ -1,14 +1,15 @@
 /* Bilinear resampling through the distortion model, row by row; display-referred values as they are stored.
  *
- * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5); its ray goes through the model to a source position (u, v),
- * which lies between the four pixels whose centres surround it. Within half a pixel of the border the outermost pixels
- * are repeated. */
+ * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5); its ray goes through the model to a source position (u,
+ * v), which lies between the four pixels whose centres surround it. Within half a pixel of the border the outermost
+ * pixels are repeated. */
 #include "dataset/undistort.h"
 
 #include <assert.h>
 #include <stdlib.h>
 
-/* Weights are fixed-point with FRACTION bits a direction, far below what a byte shows; the four add up to UNIT exactly. */
+/* Weights are fixed-point with FRACTION bits a direction, far below what a byte shows; the four add up to UNIT exactly.
+ */
 enum { FRACTION = 10 };
 static const uint32_t unit = UINT32_C(1) << 2 * FRACTION;
 

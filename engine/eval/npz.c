@@ -183,7 +183,8 @@ static pags_result read_members(const archive *zip, pags_npz *out) {
   if (at > end)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: the directory begins beyond the end of the file", zip->path);
   if (entries > (end - at) / CENTRAL_RECORD)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: a directory of %zu bytes can't have %zu entries", zip->path, end - at, entries);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: a directory of %zu bytes can't have %zu entries", zip->path, end - at,
+                     entries);
   out->arrays = calloc(entries ? entries : 1, sizeof *out->arrays);
   if (!out->arrays)
     return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", zip->path);

@@ -19,7 +19,7 @@ enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, 
 static const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03;
 
 typedef struct ssim_job {
-  const float *a, *b; /* interleaved */
+  const float *a, *b;      /* interleaved */
   const uint8_t *mask;     /* with one region only; NULL: every pixel counts */
   const uint16_t *regions; /* NULL: one region */
   int region_count;
@@ -147,8 +147,7 @@ static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
 pags_result pags_eval_ssim(const pags_image *a, const pags_image *b, const uint8_t *mask, pags_tasks *tasks,
                            double *ssim) {
   PAGS_TRY(pags_metric_check(a, b, "SSIM"));
-  ssim_job job = {
-      .a = a->data, .b = b->data, .mask = mask, .region_count = 1, .width = a->width, .height = a->height};
+  ssim_job job = {.a = a->data, .b = b->data, .mask = mask, .region_count = 1, .width = a->width, .height = a->height};
   return run(&job, tasks, ssim);
 }
 
@@ -157,11 +156,7 @@ pags_result pags_eval_regions(const pags_image *a, const pags_image *b, const ui
   assert(count >= 1 && count <= MOST_REGIONS);
   PAGS_TRY(pags_metric_check(a, b, "PSNR and SSIM"));
   pags_metric_psnr(a, b, regions, count, psnr);
-  ssim_job job = {.a = a->data,
-                  .b = b->data,
-                  .regions = regions,
-                  .region_count = count,
-                  .width = a->width,
-                  .height = a->height};
+  ssim_job job = {
+      .a = a->data, .b = b->data, .regions = regions, .region_count = count, .width = a->width, .height = a->height};
   return run(&job, tasks, ssim);
 }

@@ -1,6 +1,7 @@
-/* A frame of which only what is critical is wanted in full: all tiles are looked at by samples 4 pixels apart; tiles in which a sample or its
- * neighbour shows something critical are drawn pixel by pixel, with the bits that they have without samples, and the others are
- * interpolated between samples. Lists are made once for both. The sky is that of the full size everywhere. */
+/* A frame of which only what is critical is wanted in full: all tiles are looked at by samples 4 pixels apart; tiles in
+ * which a sample or its neighbour shows something critical are drawn pixel by pixel, with the bits that they have
+ * without samples, and the others are interpolated between samples. Lists are made once for both. The sky is that of
+ * the full size everywhere. */
 #include <string.h>
 
 #include "stages.h"
@@ -16,7 +17,8 @@ static pags_result make_samples(pags_frame *f, frame_samples *s) {
   *s = (frame_samples){.width = (f->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
                        .height = (f->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
                        .stride = f->stride / SAMPLE_SIDE};
-  float **const planes[] = {&s->rgb[0], &s->rgb[1], &s->rgb[2], &s->transmittance, &s->critical, &s->depth, &s->depth_sum};
+  float **const planes[] = {&s->rgb[0],   &s->rgb[1], &s->rgb[2],   &s->transmittance,
+                            &s->critical, &s->depth,  &s->depth_sum};
   const int count = f->options.extra_channels ? 7 : 5;
   for (int k = 0; k < count; k++)
     if (!(*planes[k] = sample_plane(f, s)))
@@ -53,7 +55,8 @@ static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
   return PAGS_OK;
 }
 
-/* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones as these. */
+/* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones
+ * as these. */
 typedef struct between {
   int a, b;
   float t;
@@ -67,7 +70,8 @@ static between between_at(int y, int height) {
 
 /* A tile's row of pixels: its samples and one on either side are taken down to the row, then from sample to sample. */
 static void interpolate_row(const float *plane, int64_t stride, int first, int size, between v, float *out) {
-  static const float weight[SAMPLE_SIDE] = {0.625f, 0.875f, 0.125f, 0.375f}; /* of the right one; two pixels left of it, two beyond */
+  static const float weight[SAMPLE_SIDE] = {0.625f, 0.875f, 0.125f,
+                                            0.375f}; /* of the right one; two pixels left of it, two beyond */
   const float *const top = plane + (int64_t)v.a * stride, *const bottom = plane + (int64_t)v.b * stride;
   float row[TILE_SAMPLES + 2];
   for (int k = 0; k < TILE_SAMPLES + 2; k++) {

@@ -1,8 +1,9 @@
-/* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade and project
- * and hands the rows to the receiver while they are in cache. No array of all gradients exists.
+/* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade
+ * and project and hands the rows to the receiver while they are in cache. No array of all gradients exists.
  *
- * A sky needs nothing of the tiles: its share of the picture, T sky, depends on the transmittance as a background's does, and both lie in
- * what remains of the picture's colours once the Gaussians' have been taken off. Only its texels have a gradient of their own. */
+ * A sky needs nothing of the tiles: its share of the picture, T sky, depends on the transmittance as a background's
+ * does, and both lie in what remains of the picture's colours once the Gaussians' have been taken off. Only its texels
+ * have a gradient of their own. */
 #include <assert.h>
 #include <stdatomic.h>
 #include <string.h>
@@ -15,7 +16,7 @@ typedef struct backward_context {
   float *slots;
   pags_receive_fn *receive;
   void *user;
-  float *scratch; /* per worker */
+  float *scratch;       /* per worker */
   uint8_t *drawn, *bad; /* per worker */
   atomic_llong bad_rows;
 } backward_context;
@@ -23,7 +24,9 @@ typedef struct backward_context {
 enum { MOST_MEMBERS = 256, SCRATCH_PLANES = PAGS_MAX_PLANES + 3 };
 enum { TILES_AT_A_TIME = 4 }; /* as in raster.c */
 
-static const float *at_tile(const float *plane, int64_t at) { return plane ? plane + at : NULL; }
+static const float *at_tile(const float *plane, int64_t at) {
+  return plane ? plane + at : NULL;
+}
 
 /* Depth gradients are sparse (LiDAR): tiles without any go the way without depth, which gives the same bits. */
 static const float *tile_gradient(const pags_frame *f, const float *plane, int64_t at) {
@@ -39,9 +42,16 @@ static const float *tile_gradient(const pags_frame *f, const float *plane, int64
 static void name_next(const backward_context *c, int64_t tile, pags_raster_back *in) {
   const pags_frame *const f = c->frame;
   const pags_picture_gradient *const g = c->gradient;
-  const float *const planes[PAGS_BACK_PLANES] = {
-      frame_plane(f, PLANE_R), frame_plane(f, PLANE_G), frame_plane(f, PLANE_B), frame_plane(f, PLANE_T), g->rgb[0], g->rgb[1], g->rgb[2],
-      g->transmittance,        g->depth_sum,            g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
+  const float *const planes[PAGS_BACK_PLANES] = {frame_plane(f, PLANE_R),
+                                                 frame_plane(f, PLANE_G),
+                                                 frame_plane(f, PLANE_B),
+                                                 frame_plane(f, PLANE_T),
+                                                 g->rgb[0],
+                                                 g->rgb[1],
+                                                 g->rgb[2],
+                                                 g->transmittance,
+                                                 g->depth_sum,
+                                                 g->depth_sum ? frame_plane(f, PLANE_DEPTH_SUM) : NULL};
   in->next_count = f->tile_start[tile + 1] - f->tile_start[tile];
   for (int k = 0; k < PAGS_BACK_PLANES; k++)
     in->next[k] = at_tile(planes[k], frame_tile_offset(f, tile));
@@ -85,7 +95,8 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
   backward_context *const c = context;
   const pags_frame *const f = c->frame;
   float *const scratch = c->scratch + (int64_t)worker * SCRATCH_PLANES * MOST_MEMBERS;
-  uint8_t *const drawn = c->drawn + (int64_t)worker * MOST_MEMBERS, *const bad_planes = c->bad + (int64_t)worker * MOST_MEMBERS;
+  uint8_t *const drawn = c->drawn + (int64_t)worker * MOST_MEMBERS, *const bad_planes =
+                                                                        c->bad + (int64_t)worker * MOST_MEMBERS;
   for (int64_t i = begin; i < end; i++) {
     const view_cluster *const v = f->clusters + i;
     const pags_gaussians *const g = f->parts[v->part].gaussians;
@@ -116,15 +127,16 @@ static void clusters_backward(void *context, int64_t begin, int64_t end, int wor
   }
 }
 
-pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive, void *user,
-                                int64_t *bad_rows) {
+pags_result pags_frame_backward(pags_frame *frame, const pags_picture_gradient *gradient, pags_receive_fn *receive,
+                                void *user, int64_t *bad_rows) {
   assert(frame->rendered && frame->options.keep_for_backward && gradient->rgb[0] && receive);
   assert(!gradient->depth_sum || frame->options.extra_channels || frame->options.depth_sum);
   const int workers = pags_tasks_workers(frame->tasks);
   backward_context c = {.frame = frame, .gradient = gradient, .receive = receive, .user = user};
   atomic_init(&c.bad_rows, 0);
   c.slots = pags_frame_alloc(frame, frame->stats.pairs_binned * PAGS_SLOT_FLOATS, sizeof *c.slots, "gradient slots");
-  c.scratch = pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
+  c.scratch =
+      pags_frame_alloc(frame, (int64_t)workers * SCRATCH_PLANES * MOST_MEMBERS, sizeof *c.scratch, "gradient rows");
   c.drawn = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "drawn flags");
   c.bad = pags_frame_alloc(frame, (int64_t)workers * MOST_MEMBERS, 1, "flags of gradients");
   if (!c.slots || !c.scratch || !c.drawn || !c.bad)

@@ -1,8 +1,9 @@
-/* Lists, for each tile, of the splats that can change it, in the order of the list of what is drawn, which is about that of memory:
- * neighbours fall into the same tiles, so that few lines of few lists are written at a time. sort.c then puts each list in order.
+/* Lists, for each tile, of the splats that can change it, in the order of the list of what is drawn, which is about
+ * that of memory: neighbours fall into the same tiles, so that few lines of few lists are written at a time. sort.c
+ * then puts each list in order.
  *
- * What is drawn is cut into fixed blocks. Each block counts its pairs per tile; sums over (tile, block) give every block its own
- * place in each tile's list; then each block writes its pairs there. Stable, and no atomics. */
+ * What is drawn is cut into fixed blocks. Each block counts its pairs per tile; sums over (tile, block) give every
+ * block its own place in each tile's list; then each block writes its pairs there. Stable, and no atomics. */
 #include <string.h>
 
 #include "stages.h"
@@ -111,7 +112,9 @@ static int64_t place_blocks(bin_context *c, int64_t blocks) {
   return start[c->tiles];
 }
 
-static int64_t slots_of(const pags_frame *f, int64_t i) { return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0; }
+static int64_t slots_of(const pags_frame *f, int64_t i) {
+  return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0;
+}
 
 static void count_slots(void *context, int64_t begin, int64_t end, int worker) {
   const list_context *const c = context;

@@ -18,7 +18,9 @@ static const double first_shares[PAGS_BUDGET_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65
 
 #define MARGIN 1.12 /* frames of one path differ by so much from one to the next */
 
-const pags_budget_step *pags_budget_steps(void) { return steps; }
+const pags_budget_step *pags_budget_steps(void) {
+  return steps;
+}
 
 pags_budget_controller pags_budget_controller_begin(double target_ms) {
   pags_budget_controller out = {.target = target_ms, .last_step = -1};
@@ -70,7 +72,8 @@ struct pags_budget {
   int64_t count;
 };
 
-pags_result pags_budget_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count, pags_budget **out) {
+pags_result pags_budget_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
+                               pags_budget **out) {
   assert(target_ms > 0.0 && count >= 0);
   *out = NULL;
   pags_budget *const b = calloc(1, sizeof *b);
@@ -100,9 +103,11 @@ void pags_budget_destroy(pags_budget *budget) {
   free(budget);
 }
 
-pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *parts, int part_count, const pags_camera *camera,
-                                    const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts) {
-  assert(step >= 0 && step < PAGS_BUDGET_STEPS && options->early_z != PAGS_EARLY_Z_PAPER && options->order == PAGS_ORDER_DEPTH);
+pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *parts, int part_count,
+                                    const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
+                                    pags_budget_facts *facts) {
+  assert(step >= 0 && step < PAGS_BUDGET_STEPS && options->early_z != PAGS_EARLY_Z_PAPER &&
+         options->order == PAGS_ORDER_DEPTH);
   const double begun = pags_clock_ms();
   const pags_budget_step *const s = steps + step;
   frame_apart apart = {.critical = b->critical, .count = b->count, .full_tiles = 1.0};

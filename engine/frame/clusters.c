@@ -70,7 +70,8 @@ void pags_clusters_update(pags_clusters *clusters, const pags_gaussians *gaussia
     const int64_t end = begin + clusters->size < gaussians->count ? begin + clusters->size : gaussians->count;
     float largest = -INFINITY;
     for (int k = 0; k < 3; k++) {
-      const float *const mean = pags_plane(gaussians, PAGS_MEAN + k), *const scale = pags_plane(gaussians, PAGS_SCALE + k);
+      const float *const mean = pags_plane(gaussians, PAGS_MEAN + k), *const scale =
+                                                                          pags_plane(gaussians, PAGS_SCALE + k);
       float lo = INFINITY, hi = -INFINITY;
       for (int64_t i = begin; i < end; i++) {
         lo = mean[i] < lo ? mean[i] : lo;

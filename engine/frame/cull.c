@@ -1,12 +1,12 @@
 /* Which clusters can put anything into the picture.
  *
- * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane) and sigma at
- * most s, the per-Gaussian test of the projection kernel uses
- *   mx = fx x/z + cx       within fx [x]/[z] + cx
+ * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane) and
+ * sigma at most s, the per-Gaussian test of the projection kernel uses mx = fx x/z + cx       within fx [x]/[z] + cx
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
- * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its clamp; likewise for y. The row norm of J W is J's, W being a
- * rotation. Boxes are padded for the rounding of the float transform. So a cluster that fails holds no Gaussian that would pass,
- * and who a Gaussian's cluster neighbours are can't change the picture. */
+ * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
+ * clamp; likewise for y. The row norm of J W is J's, W being a rotation. Boxes are padded for the rounding of the float
+ * transform. So a cluster that fails holds no Gaussian that would pass, and who a Gaussian's cluster neighbours are
+ * can't change the picture. */
 #include <math.h>
 #include <string.h>
 
@@ -20,13 +20,17 @@ typedef struct cull_context {
   const pags_projection *view;
   uint8_t *seen;
   cluster_bound *bounds; /* of those seen; NULL: not wanted */
-  float lim2_x, lim2_y; /* 1 + largest clamp^2 */
+  float lim2_x, lim2_y;  /* 1 + largest clamp^2 */
   float reach_max;
 } cull_context;
 
 /* Range of x/z for x in [lo, hi], z in [z0, z1], z0 > 0. */
-static float ratio_min(float lo, float z0, float z1) { return lo < 0.0f ? lo / z0 : lo / z1; }
-static float ratio_max(float hi, float z0, float z1) { return hi > 0.0f ? hi / z0 : hi / z1; }
+static float ratio_min(float lo, float z0, float z1) {
+  return lo < 0.0f ? lo / z0 : lo / z1;
+}
+static float ratio_max(float hi, float z0, float z1) {
+  return hi > 0.0f ? hi / z0 : hi / z1;
+}
 
 typedef struct interval { /* of pixels that members can change, px */
   float lo, hi;
@@ -42,7 +46,9 @@ static interval axis_reach(float lo, float hi, float z0, float z1, float focal, 
 }
 
 /* false for NaN: keep */
-static bool is_outside(interval reach, float size) { return reach.hi <= 0.0f || reach.lo >= size; }
+static bool is_outside(interval reach, float size) {
+  return reach.hi <= 0.0f || reach.lo >= size;
+}
 
 /* Blocks of 4 px whose pixel centres the interval holds; all of them for NaN. */
 static void reach_blocks(interval reach, float size, uint16_t *first, uint16_t *end) {
@@ -61,7 +67,8 @@ static cluster_bound everywhere(const pags_projection *v) {
   return bound;
 }
 
-/* Of clusters or of their runs: a run's box and sigma hold those of its clusters, so that nothing that passes by itself is lost. */
+/* Of clusters or of their runs: a run's box and sigma hold those of its clusters, so that nothing that passes by itself
+ * is lost. */
 static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64_t i, cluster_bound *bound) {
   const pags_projection *const v = c->view;
   float lo[3], hi[3], centre[3], half[3];
@@ -77,7 +84,8 @@ static bool cluster_outside(const cull_context *c, const pags_clusters *k, int64
       reach += fabsf(r) * half[b];
       size += fabsf(r) * (fabsf(centre[b]) + half[b]);
     }
-    const float slack = 4e-6f * size + 1e-20f; /* six roundings of 2^-24 each on terms no larger than size, here and there */
+    const float slack =
+        4e-6f * size + 1e-20f; /* six roundings of 2^-24 each on terms no larger than size, here and there */
     lo[a] = middle - reach - slack;
     hi[a] = middle + reach + slack;
   }
@@ -130,7 +138,9 @@ static float largest_reach(const pags_part *part) {
   return (PAGS_LOG2_255 + PAGS_CUT_SLACK + (boosted ? log2f(part->opacity_factor_most) : 0.0f)) / 0.72134752f;
 }
 
-static float largest_square(float a, float b) { return 1.0f + (a * a > b * b ? a * a : b * b); }
+static float largest_square(float a, float b) {
+  return 1.0f + (a * a > b * b ? a * a : b * b);
+}
 
 static void append_seen(const cull_context *c, int part) {
   pags_frame *const frame = c->frame;
@@ -166,14 +176,21 @@ pags_result pags_stage_cull(pags_frame *frame, bool bounded) {
   frame->cluster_count = frame->dense_count = 0;
   for (int p = 0; p < frame->part_count; p++) {
     const pags_projection *const view = frame->projections + p;
-    cull_context c = {frame, frame->parts[p].clusters, view, seen, bounds, largest_square(view->lim_x0, view->lim_x1),
-                      largest_square(view->lim_y0, view->lim_y1), largest_reach(frame->parts + p)};
+    cull_context c = {frame,
+                      frame->parts[p].clusters,
+                      view,
+                      seen,
+                      bounds,
+                      largest_square(view->lim_x0, view->lim_x1),
+                      largest_square(view->lim_y0, view->lim_y1),
+                      largest_reach(frame->parts + p)};
     PAGS_TRY(pags_frame_for(frame, c.clusters->count, 1024, cull_block, &c));
     append_seen(&c, p);
   }
   frame->stats.clusters = frame->cluster_count;
   if (frame->dense_count >= INT64_C(1) << 31)
-    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn", (long long)frame->dense_count);
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld Gaussians in view; at most 2^31 - 1 can be drawn",
+                     (long long)frame->dense_count);
   return PAGS_OK;
 }
 

@@ -7,10 +7,13 @@
 static const char *const names[] = {"off", "lossless", "bounded", "paper"};
 enum { MODES = sizeof names / sizeof *names };
 
-const char *pags_early_z_name(pags_early_z mode) { return (size_t)mode < MODES ? names[mode] : "unknown"; }
+const char *pags_early_z_name(pags_early_z mode) {
+  return (size_t)mode < MODES ? names[mode] : "unknown";
+}
 
 static pags_result not_understood(const char *text) {
-  return pags_fail(PAGS_ERROR_ARGUMENT, "early-z: expected off, lossless, paper, bounded or bounded=EPS with 0 < EPS < 1, got '%s'", text);
+  return pags_fail(PAGS_ERROR_ARGUMENT,
+                   "early-z: expected off, lossless, paper, bounded or bounded=EPS with 0 < EPS < 1, got '%s'", text);
 }
 
 pags_result pags_early_z_parse(const char *text, pags_frame_options *options) {

@@ -7,14 +7,19 @@
 #include "stages.h"
 
 pags_frame_options pags_frame_options_default(void) {
-  return (pags_frame_options){.near_plane = 0.01f, .low_pass = 0.3f, .sh_degree = 3, .exp_degree = 5, .early_z = PAGS_EARLY_Z_LOSSLESS,
+  return (pags_frame_options){.near_plane = 0.01f,
+                              .low_pass = 0.3f,
+                              .sh_degree = 3,
+                              .exp_degree = 5,
+                              .early_z = PAGS_EARLY_Z_LOSSLESS,
                               .early_z_eps = 1.0f / 255.0f};
 }
 
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
   void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
   if (!block)
-    pags_fail(PAGS_ERROR_MEMORY, "out of memory for the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
+    pags_fail(PAGS_ERROR_MEMORY, "out of memory for the %s of a frame (%lld x %zu bytes)", what, (long long)count,
+              size);
   return block;
 }
 
@@ -65,13 +70,15 @@ static pags_result prepare_planes(pags_frame *frame) {
   frame->planes = aligned_alloc(64, (size_t)frame->plane_size * PLANE_COUNT * sizeof(float));
   frame->plane_calls++;
   if (!frame->planes)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %d x %d", frame->camera.width, frame->camera.height);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %d x %d", frame->camera.width,
+                     frame->camera.height);
   frame->plane_capacity = frame->plane_size;
   return PAGS_OK;
 }
 
 /* All differences of large coordinates are taken here, in double. */
-static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options, const pags_part *part) {
+static pags_projection make_projection(const pags_camera *camera, const pags_frame_options *options,
+                                       const pags_part *part) {
   pags_projection v = {.fx = (float)camera->fx,
                        .fy = (float)camera->fy,
                        .cx = (float)camera->cx,
@@ -82,8 +89,8 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
                        .low_pass = options->low_pass,
                        .antialiased = options->antialiased};
   v.sh_degree = options->sh_degree < part->gaussians->sh_degree ? options->sh_degree : part->gaussians->sh_degree;
-  /* Floats of a part are relative to the scene's origin when it stands still in the world, and to the part's own frame else; world_from_model
-   * carries the rest. */
+  /* Floats of a part are relative to the scene's origin when it stands still in the world, and to the part's own frame
+   * else; world_from_model carries the rest. */
   double local[12], camera_from_world[12], camera_from_model[12], model_from_camera[12];
   memcpy(local, camera->world_from_camera, sizeof local);
   for (int k = 0; k < 3; k++)
@@ -174,7 +181,9 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
 }
 
 /* What is in view of such a scene, drawn at once, might take more than two gigabytes. */
-static bool is_large(const pags_frame *frame) { return frame->stats.gaussians > 8000000; }
+static bool is_large(const pags_frame *frame) {
+  return frame->stats.gaussians > 8000000;
+}
 
 /* The first frame has nothing to go by. Of large scenes it is drawn in slabs, as if three quarters would hide. */
 static void guess_first(pags_frame *frame) {
@@ -227,8 +236,12 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   return PAGS_OK;
 }
 
-const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame) { return &frame->stats; }
-uint64_t pags_frame_heap_calls(const pags_frame *frame) { return pags_arena_heap_calls(frame->arena) + frame->plane_calls; }
+const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame) {
+  return &frame->stats;
+}
+uint64_t pags_frame_heap_calls(const pags_frame *frame) {
+  return pags_arena_heap_calls(frame->arena) + frame->plane_calls;
+}
 size_t pags_frame_bytes(const pags_frame *frame) {
   return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float);
 }

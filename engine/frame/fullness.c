@@ -54,4 +54,6 @@ pags_result pags_frame_fullness_begin(pags_frame *frame) {
   return PAGS_OK;
 }
 
-void pags_frame_fullness_update(pags_frame *frame) { spread(frame); }
+void pags_frame_fullness_update(pags_frame *frame) {
+  spread(frame);
+}

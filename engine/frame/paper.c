@@ -1,8 +1,9 @@
 /* The paper's two passes: occluders write depth, then nothing is drawn behind it.
  *
- * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The paper names neither
- * number but the first.) The second pass tests clusters, then Gaussians, then (Gaussian, tile) pairs, then pixels. It drops what would
- * have shone through: an occluder that covers a pixel with alpha a hides what weighs up to 1 - a there. Nothing bounds that. */
+ * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The
+ * paper names neither number but the first.) The second pass tests clusters, then Gaussians, then (Gaussian, tile)
+ * pairs, then pixels. It drops what would have shone through: an occluder that covers a pixel with alpha a hides what
+ * weighs up to 1 - a there. Nothing bounds that. */
 #include <math.h>
 #include <string.h>
 
@@ -16,13 +17,13 @@ typedef struct paper {
   pags_frame *frame;
   pags_touch_fn *touch;
   void *user;
-  uint8_t *loaded;     /* per cluster: projected */
-  uint8_t *hidden;     /* per cluster */
-  int32_t *dropped;    /* per cluster: members behind */
-  int32_t *occluders;  /* per cluster */
-  uint32_t *all_keys;  /* of the colour pass */
-  pags_reach *reaches; /* per dense index */
-  float *limits;       /* per tile */
+  uint8_t *loaded;      /* per cluster: projected */
+  uint8_t *hidden;      /* per cluster */
+  int32_t *dropped;     /* per cluster: members behind */
+  int32_t *occluders;   /* per cluster */
+  uint32_t *all_keys;   /* of the colour pass */
+  pags_reach *reaches;  /* per dense index */
+  float *limits;        /* per tile */
   float *level[LEVELS]; /* the pyramid: farthest depth of 1, 2x2, 4x4, ... blocks */
   int width[LEVELS], height[LEVELS], levels;
 } paper;
@@ -42,7 +43,8 @@ static void load(const paper *p, int64_t i, int worker) {
   p->loaded[i] = 1;
 }
 
-/* Projects clusters that hold something critical. Keys are left to occluders alone; those of all members go to all_keys. */
+/* Projects clusters that hold something critical. Keys are left to occluders alone; those of all members go to
+ * all_keys. */
 static void find_occluders(void *context, int64_t begin, int64_t end, int worker) {
   const paper *const p = context;
   const pags_frame *const f = p->frame;
@@ -75,8 +77,13 @@ static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t tile = begin; tile < end; tile++) {
     const int tx = (int)(tile % f->tiles_x), ty = (int)(tile / f->tiles_x);
     const int64_t start = f->tile_start[tile];
-    const pags_raster_in in = {.splats = f->splats, .entries = f->entries + start, .count = f->tile_start[tile + 1] - start,
-                               .x0 = tx * PAGS_TILE, .y0 = ty * PAGS_TILE, .width = f->camera.width, .height = f->camera.height};
+    const pags_raster_in in = {.splats = f->splats,
+                               .entries = f->entries + start,
+                               .count = f->tile_start[tile + 1] - start,
+                               .x0 = tx * PAGS_TILE,
+                               .y0 = ty * PAGS_TILE,
+                               .width = f->camera.width,
+                               .height = f->camera.height};
     float farthest[PAGS_TILE_BLOCKS], limit = 0.0f;
     f->kernels->raster_depth(&in, f->hard + frame_tile_offset(f, tile), f->stride, farthest);
     for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
@@ -165,8 +172,8 @@ static pags_result allocate(paper *p) {
   f->keys = pags_frame_alloc(f, dense, sizeof *f->keys, "depth keys");
   f->boxes = pags_frame_alloc(f, dense, sizeof *f->boxes, "tiles of Gaussians");
   f->hard = pags_frame_alloc(f, f->plane_size, sizeof *f->hard, "occluders' depth");
-  if (!p->loaded || !p->hidden || !p->dropped || !p->occluders || !p->all_keys || !p->reaches || !p->limits || !f->splats ||
-      !f->keys || !f->boxes || !f->hard)
+  if (!p->loaded || !p->hidden || !p->dropped || !p->occluders || !p->all_keys || !p->reaches || !p->limits ||
+      !f->splats || !f->keys || !f->boxes || !f->hard)
     return PAGS_ERROR_MEMORY;
   return make_pyramid(p);
 }

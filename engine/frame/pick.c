@@ -1,8 +1,9 @@
 /* pags_pick: clusters by where the ray enters their boxes, then Gaussian by Gaussian.
  *
- * Whom the ray meets lies within sqrt(2 ln(255 opacity)) sigma of the ray, so a cluster's box, widened by that of its largest sigma, holds
- * every place where the ray meets a member: where the ray doesn't enter it, no member is met, and none before it enters. Clusters are
- * gone through by entry; as soon as those met before the next entry have blocked enough, the rest can't matter. */
+ * Whom the ray meets lies within sqrt(2 ln(255 opacity)) sigma of the ray, so a cluster's box, widened by that of its
+ * largest sigma, holds every place where the ray meets a member: where the ray doesn't enter it, no member is met, and
+ * none before it enters. Clusters are gone through by entry; as soon as those met before the next entry have blocked
+ * enough, the rest can't matter. */
 #include <pags/pick.h>
 
 #include <math.h>
@@ -62,11 +63,14 @@ static double reach_of(const pags_part *part) {
   return most * 255 > 1 ? sqrt(2 * log(255 * most)) : -1;
 }
 
-/* Where the ray enters the widened box; negative: it passes by, or leaves it before `nearest`. Floats bound floats, so a hair is added. */
+/* Where the ray enters the widened box; negative: it passes by, or leaves it before `nearest`. Floats bound floats, so
+ * a hair is added. */
 static double enter(const picking *self, const pags_clusters *clusters, int64_t i, double reach) {
-  double begin = self->options->nearest, end = self->options->farthest, pad = reach * (double)clusters->sigma[i] * 1.0001 + 1e-9;
+  double begin = self->options->nearest, end = self->options->farthest,
+         pad = reach * (double)clusters->sigma[i] * 1.0001 + 1e-9;
   for (int k = 0; k < 3; ++k) {
-    double lo = (double)clusters->lo[k][i] - pad - self->origin[k], hi = (double)clusters->hi[k][i] + pad - self->origin[k];
+    double lo = (double)clusters->lo[k][i] - pad - self->origin[k],
+           hi = (double)clusters->hi[k][i] + pad - self->origin[k];
     double d = self->direction[k];
     if (d == 0) {
       if (lo > 0 || hi < 0)
@@ -199,8 +203,8 @@ static const meeting *settle(picking *self, double end, double *blocked) {
   return NULL;
 }
 
-/* Clusters in the order of entry. Meetings are looked at again whenever their number has grown by half, so that what is looked at in
- * vain stays a fixed share. */
+/* Clusters in the order of entry. Meetings are looked at again whenever their number has grown by half, so that what is
+ * looked at in vain stays a fixed share. */
 static pags_result walk(picking *self, const double origin[3], const double direction[3], const meeting **found,
                         double *blocked) {
   int64_t looked = 0;

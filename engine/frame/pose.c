@@ -1,34 +1,31 @@
 /* From the gradients of a part's Gaussians to that of the part's pose.
  *
- * world_from_model * exp(w, v), w and v small, draws what the old pose would draw of Gaussians moved in the model's frame:
- *   mean'       = mean + w x mean + v
- *   quaternion' = (1, w/2) * q = q + 1/2 (-w . q_v,  q_w w + w x q_v)       linear in q, which need not be of unit length
- *   SH'         = SH + sum_a w_a G_a SH                                     G_a antisymmetric, within each degree
- * hence
- *   dL/dv   = g_mean
- *   dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x g_v) + (g_SH . G_a SH)_a
- * The constant term doesn't turn, so that it doesn't matter whose the part showed. */
+ * world_from_model * exp(w, v), w and v small, draws what the old pose would draw of Gaussians moved in the model's
+ * frame: mean'       = mean + w x mean + v quaternion' = (1, w/2) * q = q + 1/2 (-w . q_v,  q_w w + w x q_v) linear in
+ * q, which need not be of unit length SH'         = SH + sum_a w_a G_a SH                                     G_a
+ * antisymmetric, within each degree hence dL/dv   = g_mean dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x
+ * g_v) + (g_SH . G_a SH)_a The constant term doesn't turn, so that it doesn't matter whose the part showed. */
 #include <pags/frame.h>
 
 enum { ROWS = 64 };
 
-/* d(sum_k c_k Y_k(exp(-w) d))/dw_axis = sum over the entries of value (c_row Y_column - c_column Y_row): the real harmonics' angular
- * momentum, with the signs of shade.inl. Roots of small whole numbers. */
+/* d(sum_k c_k Y_k(exp(-w) d))/dw_axis = sum over the entries of value (c_row Y_column - c_column Y_row): the real
+ * harmonics' angular momentum, with the signs of shade.inl. Roots of small whole numbers. */
 static const struct turn {
   int8_t axis, row, column;
   float value;
 } turns[] = {
-    {0, 1, 2, -1.0f},           {0, 4, 7, -1.0f},           {0, 5, 6, -1.73205081f},    {0, 5, 8, -1.0f},
-    {0, 9, 14, -1.22474487f},   {0, 10, 13, -1.58113883f},  {0, 10, 15, -1.22474487f},  {0, 11, 12, -2.44948974f},
-    {0, 11, 14, -1.58113883f},  {1, 2, 3, -1.0f},           {1, 4, 5, 1.0f},            {1, 6, 7, -1.73205081f},
-    {1, 7, 8, -1.0f},           {1, 9, 10, 1.22474487f},    {1, 10, 11, 1.58113883f},   {1, 12, 13, -2.44948974f},
-    {1, 13, 14, -1.58113883f},  {1, 14, 15, -1.22474487f},  {2, 1, 3, -1.0f},           {2, 4, 8, -2.0f},
-    {2, 5, 7, -1.0f},           {2, 9, 15, -3.0f},          {2, 10, 14, -2.0f},         {2, 11, 13, -1.0f},
+    {0, 1, 2, -1.0f},          {0, 4, 7, -1.0f},          {0, 5, 6, -1.73205081f},   {0, 5, 8, -1.0f},
+    {0, 9, 14, -1.22474487f},  {0, 10, 13, -1.58113883f}, {0, 10, 15, -1.22474487f}, {0, 11, 12, -2.44948974f},
+    {0, 11, 14, -1.58113883f}, {1, 2, 3, -1.0f},          {1, 4, 5, 1.0f},           {1, 6, 7, -1.73205081f},
+    {1, 7, 8, -1.0f},          {1, 9, 10, 1.22474487f},   {1, 10, 11, 1.58113883f},  {1, 12, 13, -2.44948974f},
+    {1, 13, 14, -1.58113883f}, {1, 14, 15, -1.22474487f}, {2, 1, 3, -1.0f},          {2, 4, 8, -2.0f},
+    {2, 5, 7, -1.0f},          {2, 9, 15, -3.0f},         {2, 10, 14, -2.0f},        {2, 11, 13, -1.0f},
 };
 
 /* turned[axis][i]: the part of row first + i that is owed to the harmonics. */
-static void turn_harmonics(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians, int64_t first,
-                           int count, float turned[3][ROWS]) {
+static void turn_harmonics(const float *data, int64_t stride, int planes, const pags_gaussians *gaussians,
+                           int64_t first, int count, float turned[3][ROWS]) {
   for (int i = 0; i < ROWS; i++)
     turned[0][i] = turned[1][i] = turned[2][i] = 0.0f;
   for (size_t e = 0; e < sizeof turns / sizeof *turns; e++) {

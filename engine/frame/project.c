@@ -18,12 +18,15 @@ static float exp2_about(float x) {
 }
 
 /* Opacity times area, px: p w = k / sqrt(det), k = log2(e) / 2, area 2 pi sqrt(det). */
-static float weight_of(const pags_splat *s) { return exp2_about(s->log2_opacity) * 4.5323601f / (s->p * s->w); }
+static float weight_of(const pags_splat *s) {
+  return exp2_about(s->log2_opacity) * 4.5323601f / (s->p * s->w);
+}
 
 static void cut_rest(const pags_frame *frame, const view_cluster *c, const pags_splat *splats, uint32_t *keys) {
   const pags_part *const part = frame->parts + c->part;
   for (int k = 0; k < c->count; k++)
-    if (keys[k] != UINT32_MAX && weight_of(splats + k) < frame->options.rest_cut && !frame_is_critical(part, c->first + k))
+    if (keys[k] != UINT32_MAX && weight_of(splats + k) < frame->options.rest_cut &&
+        !frame_is_critical(part, c->first + k))
       keys[k] = UINT32_MAX;
 }
 
@@ -34,8 +37,9 @@ void pags_frame_project_cluster(const pags_frame *frame, const view_cluster *c, 
   row_scratch scratch;
   int64_t stride;
   const float *const rows = pags_frame_geometry(part, c, &scratch, &stride);
-  frame->kernels->project(frame->projections + c->part, rows, stride, part->opacity_factor ? part->opacity_factor + c->first : NULL,
-                          c->count, splats, keys, reaches);
+  frame->kernels->project(frame->projections + c->part, rows, stride,
+                          part->opacity_factor ? part->opacity_factor + c->first : NULL, c->count, splats, keys,
+                          reaches);
   if (frame->options.rest_cut > 0.0f)
     cut_rest(frame, c, splats, keys);
   for (int k = 0; k < c->count; k++)
@@ -102,9 +106,11 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
       continue;
     const pags_projection view = pags_frame_shading(frame, c);
     const float *const rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
-    frame->kernels->shade(&view, rows, stride, part->dc ? part->dc + c->first : NULL, c->count,
-                          frame->keys + c->base, frame->splats + c->base);
+    frame->kernels->shade(&view, rows, stride, part->dc ? part->dc + c->first : NULL, c->count, frame->keys + c->base,
+                          frame->splats + c->base);
   }
 }
 
-pags_result pags_stage_shade(pags_frame *frame) { return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame); }
+pags_result pags_stage_shade(pags_frame *frame) {
+  return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame);
+}

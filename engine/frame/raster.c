@@ -6,7 +6,7 @@ enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leav
 typedef struct raster_context {
   pags_frame *frame;
   const frame_samples *samples; /* NULL: of pixels */
-  int64_t (*counts)[8]; /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
+  int64_t (*counts)[8];         /* per worker: lanes evaluated, lanes blended, entries looked at; a cache line apart */
 } raster_context;
 
 static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
@@ -25,7 +25,8 @@ static pags_raster_out tile_output(const pags_frame *frame, int64_t at) {
   return out;
 }
 
-/* Whether there is nothing to do there: the tile isn't wanted or is finished, or this slab added nothing and more may come. */
+/* Whether there is nothing to do there: the tile isn't wanted or is finished, or this slab added nothing and more may
+ * come. */
 static bool tile_rests(const pags_frame *f, int64_t tile) {
   if (f->wanted && !f->wanted[tile])
     return true;
@@ -125,5 +126,9 @@ static pags_result run_tiles(pags_frame *frame, const frame_samples *samples, pa
   return PAGS_OK;
 }
 
-pags_result pags_stage_raster(pags_frame *frame) { return run_tiles(frame, NULL, raster_tiles); }
-pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) { return run_tiles(frame, samples, sample_tiles); }
+pags_result pags_stage_raster(pags_frame *frame) {
+  return run_tiles(frame, NULL, raster_tiles);
+}
+pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) {
+  return run_tiles(frame, samples, sample_tiles);
+}

@@ -2,7 +2,8 @@
 #include "scene/packed_rows.h"
 #include "stages.h"
 
-const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch, int64_t *stride) {
+const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,
+                                 int64_t *stride) {
   if (!part->packed) {
     *stride = part->gaussians->stride;
     return part->gaussians->data + cluster->first;

@@ -1,5 +1,5 @@
-/* What each Gaussian matters to a picture: tiles write partial sums to their own slots, each cluster adds up its own, in the slots'
- * order. */
+/* What each Gaussian matters to a picture: tiles write partial sums to their own slots, each cluster adds up its own,
+ * in the slots' order. */
 #include <assert.h>
 
 #include "stages.h"

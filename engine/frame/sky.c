@@ -1,12 +1,14 @@
 /* The sky behind a frame, and the gradient of its texels.
  *
- *   rgb += T sky(direction of the pixel's centre)        dL/dtexel += T weight dL/drgb over the pixels that see the texel
+ *   rgb += T sky(direction of the pixel's centre)        dL/dtexel += T weight dL/drgb over the pixels that see the
+ * texel
  *
- * Every pixel of the picture takes part: blending stops before T falls below 1e-4, so that none has lost all of the sky.
+ * Every pixel of the picture takes part: blending stops before T falls below 1e-4, so that none has lost all of the
+ * sky.
  *
- * On the way back the cube map is cut into at most 64 runs of texels. First each tile finds out which runs it sees, then each run is
- * one task that goes through its tiles in order and is received: a texel's terms are added in the same order for any number of threads,
- * and a run's gradient stays in the cache. */
+ * On the way back the cube map is cut into at most 64 runs of texels. First each tile finds out which runs it sees,
+ * then each run is one task that goes through its tiles in order and is received: a texel's terms are added in the same
+ * order for any number of threads, and a run's gradient stays in the cache. */
 #include <math.h>
 #include <string.h>
 
@@ -40,17 +42,22 @@ void pags_frame_prepare_sky(pags_frame *frame) {
 }
 
 void pags_frame_find_sky(const pags_frame *frame, int64_t tile, pags_sky_tile *out) {
-  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, frame_tile_x(frame, tile), frame_tile_y(frame, tile), out);
+  frame->kernels->sky_find(&frame->rays, frame->options.sky->texels, frame_tile_x(frame, tile),
+                           frame_tile_y(frame, tile), out);
 }
 
 void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_tile *found) {
   const int64_t at = frame_tile_offset(frame, tile);
-  float *const rgb[3] = {frame_plane(frame, PLANE_R) + at, frame_plane(frame, PLANE_G) + at, frame_plane(frame, PLANE_B) + at};
-  frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, found, frame->stride, frame_plane(frame, PLANE_T) + at, rgb);
+  float *const rgb[3] = {frame_plane(frame, PLANE_R) + at, frame_plane(frame, PLANE_G) + at,
+                         frame_plane(frame, PLANE_B) + at};
+  frame->kernels->sky_blend(&frame->rays, frame->options.sky->texels, found, frame->stride,
+                            frame_plane(frame, PLANE_T) + at, rgb);
 }
 
 /* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */
-static int cell_reach(int size) { return size > 1 ? size + 1 : 0; }
+static int cell_reach(int size) {
+  return size > 1 ? size + 1 : 0;
+}
 
 /* Runs of texels first..last, both included. */
 static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
@@ -58,7 +65,8 @@ static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
   return upto & UINT64_MAX << (first >> run_bits);
 }
 
-/* Of a row of a tile, which may reach beyond the picture's edge: whether any pixel lets as much of the sky through as counts. */
+/* Of a row of a tile, which may reach beyond the picture's edge: whether any pixel lets as much of the sky through as
+ * counts. */
 static bool row_shows_sky(const sky_context *c, int64_t at) {
   const float *const t = frame_plane(c->frame, PLANE_T) + at;
   int any = 0;
@@ -75,8 +83,8 @@ static bool tile_shows_sky(const sky_context *c, int64_t tile) {
   return false;
 }
 
-/* A face's directions are a convex cone: where a tile's four corners lie on one face, so do all its pixels, and in between of the corners'
- * rows. A row more on either side is for rounding. Elsewhere every pixel is looked at. */
+/* A face's directions are a convex cone: where a tile's four corners lie on one face, so do all its pixels, and in
+ * between of the corners' rows. A row more on either side is for rounding. Elsewhere every pixel is looked at. */
 static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   enum { LAST = PAGS_TILE - 1 };
   if (!tile_shows_sky(c, tile))
@@ -124,13 +132,14 @@ typedef struct texel_run {
 
 enum { PATCH_TEXELS = 1024 };
 
-/* What a tile's pixels add to the sky: row after row, the cells they see, the weights of a cell's corners, and T dL/drgb, zero where the
- * sky doesn't count. */
+/* What a tile's pixels add to the sky: row after row, the cells they see, the weights of a cell's corners, and T
+ * dL/drgb, zero where the sky doesn't count. */
 typedef struct tile_terms {
-  int32_t row[PAGS_TILE_PIXELS], column[PAGS_TILE_PIXELS]; /* of the cell's top left texel; rows count on from face to face */
+  int32_t row[PAGS_TILE_PIXELS],
+      column[PAGS_TILE_PIXELS]; /* of the cell's top left texel; rows count on from face to face */
   float weight[4][PAGS_TILE_PIXELS];
   float colour[PAGS_TILE_PIXELS][4]; /* the fourth is nothing */
-  bool shows[PAGS_TILE]; /* per row: whether any of its pixels counts */
+  bool shows[PAGS_TILE];             /* per row: whether any of its pixels counts */
 } tile_terms;
 
 typedef struct pixel_box {
@@ -157,7 +166,8 @@ static texel_patch patch_of(const tile_terms *t, const pixel_box *box, int size)
 }
 
 static void sum_patch(const tile_terms *t, const pixel_box *box, const texel_patch *p, int size, float (*sum)[4]) {
-  const int32_t right = size > 1 ? 1 : 0, below = size > 1 ? p->columns : 0, corner[4] = {0, right, below, below + right};
+  const int32_t right = size > 1 ? 1 : 0, below = size > 1 ? p->columns : 0,
+                corner[4] = {0, right, below, below + right};
   memset(sum, 0, (size_t)p->rows * (size_t)p->columns * sizeof *sum);
   for (int y = box->y0; y < box->y1; y++)
     for (int x = box->x0; t->shows[y] && x < box->x1; x++) {
@@ -180,8 +190,10 @@ static void see_blocks(const texel_run *run, int32_t first, int32_t last) {
 
 static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4]) {
   for (int32_t i = 0; i < p->rows; i++, sum += p->columns) {
-    const int32_t row = (p->row + i) * run->size + p->column - run->first, all = run->last - run->first; /* texels of the run */
-    const int32_t begin = row < 0 ? -row : 0, end = row + p->columns > all ? all - row : p->columns; /* columns in the run */
+    const int32_t row = (p->row + i) * run->size + p->column - run->first,
+                  all = run->last - run->first; /* texels of the run */
+    const int32_t begin = row < 0 ? -row : 0,
+                  end = row + p->columns > all ? all - row : p->columns; /* columns in the run */
     if (begin >= end)
       continue;
     see_blocks(run, row + begin, row + end - 1);
@@ -192,8 +204,9 @@ static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4
   }
 }
 
-/* Neighbouring pixels share texels: they are summed up in a patch of the map before they go to memory. Where the patch would be large, as
- * between faces or where texels are much smaller than pixels, each half of the pixels has its own. */
+/* Neighbouring pixels share texels: they are summed up in a patch of the map before they go to memory. Where the patch
+ * would be large, as between faces or where texels are much smaller than pixels, each half of the pixels has its own.
+ */
 static void add_pixels(const texel_run *run, const tile_terms *t, const pixel_box *box) {
   const texel_patch patch = patch_of(t, box, run->size);
   if ((int64_t)patch.rows * patch.columns <= PATCH_TEXELS) {
@@ -233,7 +246,8 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
 
 static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
   const pags_frame *const f = c->frame;
-  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0, height = f->camera.height - y0;
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
+            height = f->camera.height - y0;
   pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
   tile_terms terms;
   float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
@@ -263,7 +277,8 @@ static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
 static void fetch_tile(const sky_context *c, int64_t tile) {
   const pags_frame *const f = c->frame;
   const int64_t at = frame_tile_offset(f, tile);
-  const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1], c->gradient->rgb[2]};
+  const float *const planes[] = {frame_plane(f, PLANE_T), c->gradient->rgb[0], c->gradient->rgb[1],
+                                 c->gradient->rgb[2]};
   for (int y = 0; y < PAGS_TILE; y++)
     for (int k = 0; k < 4; k++)
       __builtin_prefetch(planes[k] + at + y * f->stride);
@@ -283,7 +298,8 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
       fetch_tile(c, next);
     add_tile(c, &run, tile);
   }
-  const pags_sky_gradient out = {.first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};
+  const pags_sky_gradient out = {
+      .first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};
   c->gradient->sky(c->gradient->sky_user, &out, worker);
 }
 

@@ -1,25 +1,25 @@
-/* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame is its own depth
- * pre-pass.
+/* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame is
+ * its own depth pre-pass.
  *
- * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When the next cluster's
- * bound is K, every Gaussian whose key is below K has been read, so that those among them that haven't been drawn yet are a stretch of
- * the frame's one order (key, id): they are sorted, binned and blended onto what is there. The others wait. After each slab, tiles all
- * of whose pixels have stopped are full.
+ * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When the
+ * next cluster's bound is K, every Gaussian whose key is below K has been read, so that those among them that haven't
+ * been drawn yet are a stretch of the frame's one order (key, id): they are sorted, binned and blended onto what is
+ * there. The others wait. After each slab, tiles all of whose pixels have stopped are full.
  *
  * Why the picture is that of PAGS_EARLY_Z_OFF to the bit:
  *   (a) stretch after stretch, each pixel runs the same kernel over the same list, its state kept as it is in between;
  *   (b) a pixel stops by itself, whatever its neighbours or its place in a list;
- *   (c) transmittance never grows, rounding being monotone: a pixel that has stopped stays so whatever is left out behind;
- *   (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the keys as floats, and
- *       reaches hold every pixel that the rasteriser could find (cull.c, project.inl);
- *   (e) pixels beyond the picture's edge count as full.
- * The same holds of PAGS_EARLY_Z_BOUNDED beside a frame whose pixels stop at T <= eps too: where the cuts between slabs lie, and so
- * how many there are, changes no bit in either mode.
+ *   (c) transmittance never grows, rounding being monotone: a pixel that has stopped stays so whatever is left out
+ * behind; (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the
+ * keys as floats, and reaches hold every pixel that the rasteriser could find (cull.c, project.inl); (e) pixels beyond
+ * the picture's edge count as full. The same holds of PAGS_EARLY_Z_BOUNDED beside a frame whose pixels stop at T <= eps
+ * too: where the cuts between slabs lie, and so how many there are, changes no bit in either mode.
  *
- * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds sum(w_k c_k) + T' s,
- * w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k (c_k - s)); colours are >= 0, so
- * |c_k - s| <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps times the largest of shaded colours, sky and
- * background. Rounding adds, in OFF, at most 2^-24 of the sum per splat. Transmittance: 0 <= T - T' <= eps. */
+ * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds sum(w_k
+ * c_k) + T' s, w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k (c_k -
+ * s)); colours are >= 0, so |c_k - s| <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps times the
+ * largest of shaded colours, sky and background. Rounding adds, in OFF, at most 2^-24 of the sum per splat.
+ * Transmittance: 0 <= T - T' <= eps. */
 #include <string.h>
 
 #include "stages.h"
@@ -28,27 +28,27 @@ enum { GROUP = 16, MOST_GROUPS = 256 / GROUP };
 
 /* A cluster that has been read and has members left to draw. */
 typedef struct active_cluster {
-  int64_t view;      /* index in the frame's clusters */
-  bool fresh;        /* not projected yet */
-  uint16_t shaded;   /* bit g: group g has its colours and tiles */
+  int64_t view;                  /* index in the frame's clusters */
+  bool fresh;                    /* not projected yet */
+  uint16_t shaded;               /* bit g: group g has its colours and tiles */
   uint16_t waiting[MOST_GROUPS]; /* per group: members neither drawn nor hidden so far */
   uint16_t ready[MOST_GROUPS];   /* per group: members to be drawn now */
   int32_t ready_count, waiting_count, hidden_count, shaded_count;
-  int64_t place;     /* of its first one in the list of what is drawn */
+  int64_t place; /* of its first one in the list of what is drawn */
 } active_cluster;
 
 typedef struct slabs {
   pags_frame *frame;
   pags_touch_fn *touch;
   void *user;
-  depth_key *order;         /* clusters by the bound of their keys */
-  int64_t next;             /* in that order */
-  uint64_t *taken;          /* bit by bit, per cluster: taken into this slab */
-  int64_t dense_next;       /* where the next cluster's members go */
+  depth_key *order;   /* clusters by the bound of their keys */
+  int64_t next;       /* in that order */
+  uint64_t *taken;    /* bit by bit, per cluster: taken into this slab */
+  int64_t dense_next; /* where the next cluster's members go */
   active_cluster *active;
   int64_t active_count;
-  pags_reach *reaches;      /* per dense index */
-  uint32_t limit;           /* keys below are drawn in this slab */
+  pags_reach *reaches; /* per dense index */
+  uint32_t limit;      /* keys below are drawn in this slab */
 } slabs;
 
 /* Whether the reach holds a block that can still change. */
@@ -101,8 +101,8 @@ static pags_result begin(slabs *s) {
   return s->active && s->reaches && f->splats && f->keys && f->boxes ? PAGS_OK : PAGS_ERROR_MEMORY;
 }
 
-/* Those marked become active in the order in which they lie in memory, which is how they will be read; so do their members in the dense
- * arrays. */
+/* Those marked become active in the order in which they lie in memory, which is how they will be read; so do their
+ * members in the dense arrays. */
 static void activate_taken(slabs *s) {
   pags_frame *const f = s->frame;
   for (int64_t word = 0; word * 64 < f->cluster_count; word++) {
@@ -185,7 +185,8 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-/* Colours and tiles of the groups that have a member to be drawn, once. Vectors make the others of a group cost nothing. */
+/* Colours and tiles of the groups that have a member to be drawn, once. Vectors make the others of a group cost
+ * nothing. */
 static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -201,8 +202,8 @@ static void shade_groups(const slabs *s, active_cluster *a) {
     if (!rows)
       rows = pags_frame_colours(part, c, view.sh_degree, &scratch, &stride);
     const uint32_t *const keys = f->keys + c->base + first;
-    f->kernels->shade(&view, rows + first, stride,
-                      part->dc ? part->dc + c->first + first : NULL, count, keys, f->splats + c->base + first);
+    f->kernels->shade(&view, rows + first, stride, part->dc ? part->dc + c->first + first : NULL, count, keys,
+                      f->splats + c->base + first);
     pags_frame_box_members(f, c->base + first, count);
     a->shaded = (uint16_t)(a->shaded | 1u << group);
     for (int k = 0; k < count; k++)

@@ -1,5 +1,6 @@
-/* Front to back, tile by tile: each tile's list is sorted by (bits of z, id) by whoever gets it, in its own cache. No order of all
- * Gaussians is ever made: lists come from memory's order (bin.c), in which neighbours fall into the same tiles.
+/* Front to back, tile by tile: each tile's list is sorted by (bits of z, id) by whoever gets it, in its own cache. No
+ * order of all Gaussians is ever made: lists come from memory's order (bin.c), in which neighbours fall into the same
+ * tiles.
  *
  * z > 0, so its bits order as an unsigned number does. */
 #include <string.h>
@@ -37,7 +38,8 @@ static void digit_places(const depth_key *keys, int64_t count, uint32_t least, i
   }
 }
 
-/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths. */
+/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths.
+ */
 depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count) {
   if (count <= FEW) {
     insertion_sort(keys, count);
@@ -134,6 +136,7 @@ pags_result pags_stage_sort(pags_frame *frame) {
     longest = count > longest ? count : longest;
   }
   sort_context c = {.frame = frame, .stretch = workers * longest < pairs ? longest : 0};
-  c.scratch = pags_frame_alloc(frame, 2 * (c.stretch ? workers * c.stretch : pairs), sizeof *c.scratch, "lists to sort");
+  c.scratch =
+      pags_frame_alloc(frame, 2 * (c.stretch ? workers * c.stretch : pairs), sizeof *c.scratch, "lists to sort");
   return c.scratch ? pags_frame_for(frame, tiles, 1, sort_tiles, &c) : PAGS_ERROR_MEMORY;
 }

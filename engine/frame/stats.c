@@ -5,8 +5,9 @@ enum { MOST = 32 };
 
 /* Pointers to all times and to all counts of `s`. */
 static int times_of(pags_frame_stats *s, double *out[MOST]) {
-  double *const all[] = {&s->ms_cull, &s->ms_project, &s->ms_shade,  &s->ms_sort,            &s->ms_bin,
-                         &s->ms_raster, &s->ms_occlude, &s->ms_raster_backward, &s->ms_project_backward};
+  double *const all[] = {
+      &s->ms_cull,    &s->ms_project,         &s->ms_shade,           &s->ms_sort, &s->ms_bin, &s->ms_raster,
+      &s->ms_occlude, &s->ms_raster_backward, &s->ms_project_backward};
   const int count = sizeof all / sizeof *all;
   for (int i = 0; i < count; i++)
     out[i] = all[i];
@@ -14,10 +15,10 @@ static int times_of(pags_frame_stats *s, double *out[MOST]) {
 }
 
 static int counts_of(pags_frame_stats *s, int64_t *out[MOST]) {
-  int64_t *const all[] = {&s->gaussians,    &s->in_view,       &s->loaded,          &s->hidden,        &s->shaded,
-                          &s->binned,       &s->pairs_hidden,  &s->pairs_binned,    &s->pairs_evaluated, &s->pairs_blended,
-                          &s->clusters,     &s->clusters_hidden, &s->tiles,         &s->tiles_full,    &s->slabs,
-                          &s->occluders};
+  int64_t *const all[] = {&s->gaussians,       &s->in_view,       &s->loaded,       &s->hidden,
+                          &s->shaded,          &s->binned,        &s->pairs_hidden, &s->pairs_binned,
+                          &s->pairs_evaluated, &s->pairs_blended, &s->clusters,     &s->clusters_hidden,
+                          &s->tiles,           &s->tiles_full,    &s->slabs,        &s->occluders};
   const int count = sizeof all / sizeof *all;
   for (int i = 0; i < count; i++)
     out[i] = all[i];

@@ -58,8 +58,8 @@ void pags_image_destroy(pags_image *image) {
   memset(image, 0, sizeof *image);
 }
 
-/* Conversion goes through double on [0, 1], where U8 and U16 are exact, so that u8 -> u16 -> u8 gives the same bytes. NaN
- * becomes 0. */
+/* Conversion goes through double on [0, 1], where U8 and U16 are exact, so that u8 -> u16 -> u8 gives the same bytes.
+ * NaN becomes 0. */
 static double sample_get(const void *data, pags_sample sample, size_t index) {
   if (sample == PAGS_U8)
     return ((const uint8_t *)data)[index] / 255.0;

@@ -8,8 +8,8 @@
 
 enum { START_OF_IMAGE = 0xd8, END_OF_IMAGE = 0xd9, START_OF_SCAN = 0xda };
 
-/* Where the first scan begins; 0 where the segments before it don't fit together, which is the decoder's to report. Skipping
- * them matters: a thumbnail within them has an end-of-image marker of its own. */
+/* Where the first scan begins; 0 where the segments before it don't fit together, which is the decoder's to report.
+ * Skipping them matters: a thumbnail within them has an end-of-image marker of its own. */
 static size_t find_scan(const uint8_t *bytes, size_t size) {
   size_t at = 2;
   while (at + 4 <= size && bytes[at] == 0xff) {

@@ -1,7 +1,7 @@
 /* Loading of the OpenImageIO module.
  *
- * It is looked for beside the running program, in ../lib/pags from there (an installation) and in the folder it was built
- * in (tests). Nothing is taken from the environment: what is loaded runs as us. */
+ * It is looked for beside the running program, in ../lib/pags from there (an installation) and in the folder it was
+ * built in (tests). Nothing is taken from the environment: what is loaded runs as us. */
 #include "image/module.h"
 
 #include <stdio.h>
@@ -32,8 +32,8 @@ static pthread_once_t once = PTHREAD_ONCE_INIT;
 static const pags_oiio *table;
 static char reason[512];
 
-/* Whether loading it ends well, tried in a child: a hundred libraries are loaded, and where address space is short (ulimit -v) some of
- * their initialisers end the process. */
+/* Whether loading it ends well, tried in a child: a hundred libraries are loaded, and where address space is short
+ * (ulimit -v) some of their initialisers end the process. */
 static int survives(const char *path) {
   struct rlimit limit;
   if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY)

@@ -15,8 +15,10 @@ static pags_result walk(const char *path, FILE *file, uint64_t size) {
     const uint32_t length = (uint32_t)head[0] << 24 | (uint32_t)head[1] << 16 | (uint32_t)head[2] << 8 | head[3];
     const uint64_t end = at + HEAD + length + CHECKSUM;
     if (end > size)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: not a readable picture: the chunk at byte %llu is to hold %u bytes, the file ends at byte %llu",
-                       path, (unsigned long long)at, (unsigned)length, (unsigned long long)size);
+      return pags_fail(
+          PAGS_ERROR_FORMAT,
+          "%s: not a readable picture: the chunk at byte %llu is to hold %u bytes, the file ends at byte %llu", path,
+          (unsigned long long)at, (unsigned)length, (unsigned long long)size);
     at = end;
     if (fseek(file, (long)at, SEEK_SET) != 0)
       break;
@@ -32,7 +34,8 @@ pags_result pags_png_check_chunks(const char *path) {
   if (!file)
     return PAGS_OK;
   pags_result result = PAGS_OK;
-  if (fread(begin, sizeof begin, 1, file) == 1 && memcmp(begin, signature, sizeof begin) == 0 && pags_file_size(path, &size) == PAGS_OK)
+  if (fread(begin, sizeof begin, 1, file) == 1 && memcmp(begin, signature, sizeof begin) == 0 &&
+      pags_file_size(path, &size) == PAGS_OK)
     result = walk(path, file, size);
   fclose(file);
   return result;

@@ -104,8 +104,8 @@ pags_result pags_layout_put_picture(const pags_layout *layout, const char *folde
 pags_result pags_layout_copy_image(const pags_layout *layout, int64_t frame, int camera, const char *path);
 /* Poses and extrinsics: 3x4 row-major, written as 4x4. */
 pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, const double world_from_ego[12]);
-/* Camera to ego (or to the world, as info says), OpenCV camera axes, for a frame if info says per frame. Frame -1: the constant
- * camera-to-ego C.txt, which sets with extrinsics per frame may have beside them. */
+/* Camera to ego (or to the world, as info says), OpenCV camera axes, for a frame if info says per frame. Frame -1: the
+ * constant camera-to-ego C.txt, which sets with extrinsics per frame may have beside them. */
 pags_result pags_layout_put_extrinsics(const pags_layout *layout, int64_t frame, int camera, const double m[12]);
 /* lidar/TTT.bin: rows of as many floats as info names columns. */
 pags_result pags_layout_put_lidar(const pags_layout *layout, int64_t frame, int64_t rows, const float *values);

@@ -2,10 +2,10 @@
  *
  *   u64 length | u32 masked CRC of these 8 bytes | data | u32 masked CRC of the data        (little-endian)
  *
- * with CRC-32C (Castagnoli: polynomial 0x1edc6f41, reflected, all ones in and out) and mask(c) = rotate right by 15, plus
- * 0xa282ead8. Both are checked, the first before the length is believed; nor is a length believed that the file has no room
- * for, so that a damaged file can't ask for more memory than it holds bytes. Every message names the file, the record's
- * number, from 0, and the offset of its first byte. */
+ * with CRC-32C (Castagnoli: polynomial 0x1edc6f41, reflected, all ones in and out) and mask(c) = rotate right by 15,
+ * plus 0xa282ead8. Both are checked, the first before the length is believed; nor is a length believed that the file
+ * has no room for, so that a damaged file can't ask for more memory than it holds bytes. Every message names the file,
+ * the record's number, from 0, and the offset of its first byte. */
 #ifndef PAGS_IMPORT_TFRECORD_H
 #define PAGS_IMPORT_TFRECORD_H
 

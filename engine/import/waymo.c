@@ -1,19 +1,21 @@
 /* Imports Waymo Open Dataset v1 segments: TFRecord files of frames.
  *
- * The file is gone through twice: once from length to length, which finds how many frames there are and any cut or damage of the
- * framing, then record by record. Boxes become tracks, and tracks masks, when all frames have been read.
+ * The file is gone through twice: once from length to length, which finds how many frames there are and any cut or
+ * damage of the framing, then record by record. Boxes become tracks, and tracks masks, when all frames have been read.
  *
- * Axes. Waymo's cameras look along x, with y to the left and z up; extrinsics are written for OpenCV's (x right, y down, z forward):
- * E * [0 0 1; -1 0 0; 0 -1 0], which only moves columns. The vehicle, LiDAR and boxes have x forward, y left, z up, as ours.
+ * Axes. Waymo's cameras look along x, with y to the left and z up; extrinsics are written for OpenCV's (x right, y
+ * down, z forward): E * [0 0 1; -1 0 0; 0 -1 0], which only moves columns. The vehicle, LiDAR and boxes have x forward,
+ * y left, z up, as ours.
  *
- * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's turn, while each
- * photograph has a pose of its own, up to 30 ms off (0.45 m at 15 m/s), within 5 ms of the middle of its exposure. Hence extrinsics are
- * written per photograph, camera-to-world: its pose, moved on to that middle by its velocity, times the constant camera-to-vehicle,
- * which is written, too. Columns are read one after another over some 45 ms (rolling shutter, left to right): a single pose can't undo that;
- * timestamps.json keeps what it takes (pose, pose_time, velocity, trigger, readout and shutter of each photograph).
+ * Poses. ego_pose is the frame's: boxes and LiDAR are given in it. It is the car's at about the middle of the laser's
+ * turn, while each photograph has a pose of its own, up to 30 ms off (0.45 m at 15 m/s), within 5 ms of the middle of
+ * its exposure. Hence extrinsics are written per photograph, camera-to-world: its pose, moved on to that middle by its
+ * velocity, times the constant camera-to-vehicle, which is written, too. Columns are read one after another over some
+ * 45 ms (rolling shutter, left to right): a single pose can't undo that; timestamps.json keeps what it takes (pose,
+ * pose_time, velocity, trigger, readout and shutter of each photograph).
  *
- * LiDAR rows are x y z intensity, 16 bytes, of both returns: drivestudio's 14 columns (56 bytes) add origin, flow, ground,
- * elongation and laser, of which we read nothing. */
+ * LiDAR rows are x y z intensity, 16 bytes, of both returns: drivestudio's 14 columns (56 bytes) add origin, flow,
+ * ground, elongation and laser, of which we read nothing. */
 #include <assert.h>
 #include <math.h>
 #include <stdio.h>
@@ -147,7 +149,8 @@ static pags_result read_exposure(const Pags__Waymo__CameraImage *image, const ch
   return PAGS_OK;
 }
 
-/* Where the car was in the middle of the exposure: the photograph's pose moved on by its velocity, the frame's where it has none. */
+/* Where the car was in the middle of the exposure: the photograph's pose moved on by its velocity, the frame's where it
+ * has none. */
 static void exposure_pose(const pags_layout_exposure *e, const double ego_pose[12], double out[12]) {
   static const double still[3] = {0, 0, 0};
   const double dt = e->time - e->pose_time;

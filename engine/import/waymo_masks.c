@@ -21,7 +21,8 @@ static void include_pixel(const pags_lens *lens, double u, double v, bounds *b) 
   b->y1 = fmax(b->y1, y);
 }
 
-/* What the photograph's border shows; twice the undistorted extent at most, since lenses stretch without bound at the limit. */
+/* What the photograph's border shows; twice the undistorted extent at most, since lenses stretch without bound at the
+ * limit. */
 static bounds seen_bounds(const pags_lens *lens) {
   const double w = lens->width, h = lens->height;
   bounds b = {INFINITY, -INFINITY, INFINITY, -INFINITY};
@@ -52,8 +53,8 @@ static pags_camera pinhole_of(const pags_lens *lens, const bounds *b) {
   return c;
 }
 
-/* The inverse of a lens takes a microsecond, so it is taken at every STEPth pixel's corner and linear between: its second derivative
- * is below 1e-4 / px for Waymo's lenses, which makes the error less than a thousandth of a pixel. */
+/* The inverse of a lens takes a microsecond, so it is taken at every STEPth pixel's corner and linear between: its
+ * second derivative is below 1e-4 / px for Waymo's lenses, which makes the error less than a thousandth of a pixel. */
 enum { STEP = 8 };
 
 typedef struct map_job {

@@ -6,7 +6,8 @@
 
 #include "import/layout.h"
 
-/* A camera's pinhole that sees all that the photograph sees, and which of its pixels each pixel of the photograph shows. */
+/* A camera's pinhole that sees all that the photograph sees, and which of its pixels each pixel of the photograph
+ * shows. */
 typedef struct pags_waymo_lens {
   pags_camera pinhole; /* world_from_camera is the caller's */
   pags_layout_lens lens;

@@ -1,4 +1,5 @@
-/* Waymo's messages in memory, and the checks that everything past them relies on. The generated types are waymo.proto's. */
+/* Waymo's messages in memory, and the checks that everything past them relies on. The generated types are
+ * waymo.proto's. */
 #ifndef PAGS_IMPORT_WAYMO_MESSAGE_H
 #define PAGS_IMPORT_WAYMO_MESSAGE_H
 
@@ -12,8 +13,8 @@ typedef Pags__Waymo__Matrix pags_waymo_matrix;
 /* Names as Waymo numbers them; drivestudio's camera numbers are these less one. */
 enum { PAGS_WAYMO_CAMERAS = 5, PAGS_WAYMO_LASERS = 5 };
 
-/* A message is unpacked within a budget of 64 MiB and eight times its size: a small one can otherwise hold millions of empty
- * parts. `where` begins messages. PAGS_ERROR_FORMAT, _LIMIT. */
+/* A message is unpacked within a budget of 64 MiB and eight times its size: a small one can otherwise hold millions of
+ * empty parts. `where` begins messages. PAGS_ERROR_FORMAT, _LIMIT. */
 pags_result pags_waymo_unpack_frame(const void *bytes, size_t size, const char *where, pags_waymo_frame **out);
 void pags_waymo_free_frame(pags_waymo_frame *frame); /* NULL is allowed */
 
@@ -22,7 +23,8 @@ pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int dept
                                      pags_waymo_matrix **out);
 void pags_waymo_free_matrix(pags_waymo_matrix *matrix); /* NULL is allowed */
 
-/* Upper three rows of a 4x4: finite, its rotation one within 1e-3, its last row 0 0 0 1. The digits stay as they are. */
+/* Upper three rows of a 4x4: finite, its rotation one within 1e-3, its last row 0 0 0 1. The digits stay as they are.
+ */
 pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const char *where, const char *what,
                                  double out[12]);
 

@@ -1,5 +1,5 @@
-/* Boxes to tracks (waymo_tracks.h): all labels are sorted by id, frame by frame, so that nothing grows with the square of their
- * number. */
+/* Boxes to tracks (waymo_tracks.h): all labels are sorted by id, frame by frame, so that nothing grows with the square
+ * of their number. */
 #include "import/waymo_tracks.h"
 
 #include <assert.h>

@@ -17,10 +17,10 @@ typedef struct pags_waymo_boxes {
 pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame *message, int64_t frame, double time,
                                  const double world_from_vehicle[12], const char *where);
 
-/* One track an id, in the order of their first labels; classes "Vehicle", "Pedestrian", "Sign", "Cyclist" or "Unknown". Size:
- * the mean of the labels'. Whether it moves is found as readers find it: from its poses, not from the labels' speeds, so that masks
- * and models agree. Each track is destroyed by the caller, who frees the array. Two labels of one id in one frame are
- * PAGS_ERROR_FORMAT; `where` begins the message. */
+/* One track an id, in the order of their first labels; classes "Vehicle", "Pedestrian", "Sign", "Cyclist" or "Unknown".
+ * Size: the mean of the labels'. Whether it moves is found as readers find it: from its poses, not from the labels'
+ * speeds, so that masks and models agree. Each track is destroyed by the caller, who frees the array. Two labels of one
+ * id in one frame are PAGS_ERROR_FORMAT; `where` begins the message. */
 pags_result pags_waymo_boxes_tracks(pags_waymo_boxes *boxes, const char *where, pags_layout_track **tracks,
                                     int64_t *count);
 

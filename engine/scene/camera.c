@@ -30,10 +30,20 @@ void pags_rigid_point(const double m[12], const double p[3], double out[3]) {
 }
 
 void pags_rigid_from_angles(const double turn[3], const double place[3], double out[12]) {
-  const double cx = cos(turn[0]), sx = sin(turn[0]), cy = cos(turn[1]), sy = sin(turn[1]), cz = cos(turn[2]), sz = sin(turn[2]);
-  const double m[12] = {cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx, place[0],
-                        sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx, place[1],
-                        -sy,     cy * sx,                cy * cx,                place[2]};
+  const double cx = cos(turn[0]), sx = sin(turn[0]), cy = cos(turn[1]), sy = sin(turn[1]), cz = cos(turn[2]),
+               sz = sin(turn[2]);
+  const double m[12] = {cz * cy,
+                        cz * sy * sx - sz * cx,
+                        cz * sy * cx + sz * sx,
+                        place[0],
+                        sz * cy,
+                        sz * sy * sx + cz * cx,
+                        sz * sy * cx - cz * sx,
+                        place[1],
+                        -sy,
+                        cy * sx,
+                        cy * cx,
+                        place[2]};
   memcpy(out, m, sizeof m);
 }
 

@@ -1,8 +1,9 @@
 /* From a scene to the parts of a frame.
  *
- * Each model's rows are brought into Morton order; a model that stands in the world is cut by object, so that a parked car is a run of
- * its own. Such a run is drawn with world_from_model = P D P^-1, P being its box and D the edit; one that follows a track
- * with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in double. */
+ * Each model's rows are brought into Morton order; a model that stands in the world is cut by object, so that a parked
+ * car is a run of its own. Such a run is drawn with world_from_model = P D P^-1, P being its box and D the edit; one
+ * that follows a track with P D. Positions stay relative to the scene's origin: of P, the origin is subtracted in
+ * double. */
 #include <pags/compose.h>
 #include <pags/packed.h>
 
@@ -23,9 +24,9 @@ typedef struct group {
   pags_packed packed; /* in place of `gaussians` and `clusters`, which are empty then; no rows where those are */
   int32_t *id;        /* NULL: rows are ids, which a packed file's are */
   int64_t object;     /* -1: none */
-  bool tracked;   /* in the frame of its object and following it; else in the world */
-  float *dc;      /* constant colour at dc_time; NULL: it doesn't change */
-  double dc_time; /* NaN: not computed yet */
+  bool tracked;       /* in the frame of its object and following it; else in the world */
+  float *dc;          /* constant colour at dc_time; NULL: it doesn't change */
+  double dc_time;     /* NaN: not computed yet */
   bool hidden, moved;
   double motion[12]; /* where moved */
 } group;
@@ -266,7 +267,8 @@ pags_frame_options pags_composition_options(const pags_composition *composition)
   return options;
 }
 
-/* Whether an edit of the object moves this group: where an object has a model of its own, that; else what it has in the background. */
+/* Whether an edit of the object moves this group: where an object has a model of its own, that; else what it has in the
+ * background. */
 static bool follows_edits(const pags_composition *c, const group *g, int64_t object) {
   return g->object == object && g->tracked == (c->scene.objects[object].model >= 0);
 }
@@ -449,8 +451,9 @@ static pags_result check_placements(const pags_composition *c, const pags_placem
     double pose[12];
     char what[64];
     if (placements[i].object < -1 || placements[i].object >= c->scene.object_count)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "placement %lld: expected one of the scene's %lld objects or -1, found %lld",
-                       (long long)i, (long long)c->scene.object_count, (long long)placements[i].object);
+      return pags_fail(PAGS_ERROR_ARGUMENT,
+                       "placement %lld: expected one of the scene's %lld objects or -1, found %lld", (long long)i,
+                       (long long)c->scene.object_count, (long long)placements[i].object);
     snprintf(what, sizeof what, "placement %lld", (long long)i);
     memcpy(pose, placements[i].world_from_object, sizeof pose);
     PAGS_TRY(pags_rigid_check(pose, what));
@@ -533,8 +536,7 @@ void pags_composition_objects(const pags_composition *composition, int32_t *obje
   for (int64_t k = 0; k < composition->group_count; ++k) {
     const group *g = &composition->groups[k];
     for (int64_t i = 0; i < group_rows(g); ++i)
-      object_of[id_of(g, i)] =
-          g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
+      object_of[id_of(g, i)] = g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
   }
 }
 
@@ -545,14 +547,15 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
     float rest = priority_of_object(composition, g);
     known = known || g->gaussians.s_sem || g->packed.has_s_sem;
     for (int64_t i = 0; i < group_rows(g); ++i)
-      priority_of[id_of(g, i)] = g->gaussians.s_sem       ? g->gaussians.s_sem[i]
+      priority_of[id_of(g, i)] = g->gaussians.s_sem    ? g->gaussians.s_sem[i]
                                  : g->packed.has_s_sem ? pags_packed_s_sem(&g->packed, i)
-                                                          : rest;
+                                                       : rest;
   }
   return known;
 }
 
-/* Rows are in Morton order already. Where ids of objects are kept for rows without an object of the scene, they are lost. */
+/* Rows are in Morton order already. Where ids of objects are kept for rows without an object of the scene, they are
+ * lost. */
 pags_result pags_composition_pack(pags_composition *composition) {
   for (int64_t k = 0; k < composition->group_count; ++k) {
     group *g = &composition->groups[k];

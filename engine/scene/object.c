@@ -98,7 +98,8 @@ void pags_object_destroy(pags_object *object) {
   memset(object, 0, sizeof *object);
 }
 
-/* Street Gaussians' rule (facts 2.1): the distance between the first and the last position, and the positions' standard deviation. */
+/* Street Gaussians' rule (facts 2.1): the distance between the first and the last position, and the positions' standard
+ * deviation. */
 void pags_object_classify_motion(pags_object *object) {
   assert(object->knot_count > 0);
   const double *first = object->knots[0].world_from_object;

@@ -1,11 +1,12 @@
 /* Where an object is at a time.
  *
- * A track that has been trained is the curve through its trained knots' poses, label * Exp(increment), for these are better known than
- * any label: what a held-out label says is off by its own jitter, and what it would be corrected by, the neighbours' increments, by
- * theirs. Between two trained knots the curve is the cubic of Hermite whose velocity at a knot is that of the parabola through it and its
- * neighbours, in the six numbers of the pose relative to the first of the two (translation and rotation vector): continuous velocities,
- * and exact wherever acceleration is constant. A track without increments, or across a longer gap, is its labels, interpolated on
- * their own (translation linear, rotation along the shorter arc of quaternions), times the increments, interpolated linearly. */
+ * A track that has been trained is the curve through its trained knots' poses, label * Exp(increment), for these are
+ * better known than any label: what a held-out label says is off by its own jitter, and what it would be corrected by,
+ * the neighbours' increments, by theirs. Between two trained knots the curve is the cubic of Hermite whose velocity at
+ * a knot is that of the parabola through it and its neighbours, in the six numbers of the pose relative to the first of
+ * the two (translation and rotation vector): continuous velocities, and exact wherever acceleration is constant. A
+ * track without increments, or across a longer gap, is its labels, interpolated on their own (translation linear,
+ * rotation along the shorter arc of quaternions), times the increments, interpolated linearly. */
 #include <pags/object.h>
 
 #include <pags/camera.h>
@@ -15,7 +16,8 @@
 
 /* Two times are the same: a tenth of the shortest shutter, and four steps of a double at Unix time. */
 static const double same_time = 1e-6;
-/* Median spacings of the knots: no curve is drawn across a longer gap between trained ones. One held-out knot is bridged. */
+/* Median spacings of the knots: no curve is drawn across a longer gap between trained ones. One held-out knot is
+ * bridged. */
 static const double longest_bridge = 2.5;
 
 enum { CHANNELS = 6 }; /* of a pose beside another: rotation vector, translation */
@@ -71,8 +73,8 @@ static void interpolate_pose(const double a[12], const double b[12], double shar
   }
 }
 
-/* Whether the median spacing of the knots (of an even number the upper middle one) is at least `length`: counting says it without
- * sorting. One knot alone has no spacing. */
+/* Whether the median spacing of the knots (of an even number the upper middle one) is at least `length`: counting says
+ * it without sorting. One knot alone has no spacing. */
 static int median_reaches(const pags_object *object, double length) {
   int64_t spacings = object->knot_count - 1, shorter = 0;
   for (int64_t i = 0; i < spacings; i++)
@@ -153,16 +155,17 @@ static void displacement(const double from[12], const pags_knot *k, double out[C
     out[3 + i] = to[4 * i + 3] - from[4 * i + 3];
 }
 
-/* The velocity at the middle one of three knots of the parabola through them; v0 and v1 are the mean velocities before and behind it,
- * over h0 and h1 seconds. */
+/* The velocity at the middle one of three knots of the parabola through them; v0 and v1 are the mean velocities before
+ * and behind it, over h0 and h1 seconds. */
 static double middle_velocity(double v0, double h0, double v1, double h1) {
   return (v0 * h1 + v1 * h0) / (h0 + h1);
 }
 
-/* The curve between trained knots a and b. Where a knot has none before or behind it to take its velocity from, the parabola through the
- * other three goes on, or a straight line through the two. */
+/* The curve between trained knots a and b. Where a knot has none before or behind it to take its velocity from, the
+ * parabola through the other three goes on, or a straight line through the two. */
 static void curve_at(const pags_object *object, const pags_knot *a, const pags_knot *b, double time, double out[12]) {
-  const pags_knot *before = last_trained(object, a - object->knots), *behind = first_trained(object, b - object->knots + 1);
+  const pags_knot *before = last_trained(object, a - object->knots),
+                  *behind = first_trained(object, b - object->knots + 1);
   const int has_before = bridges(object, before, a), has_behind = bridges(object, b, behind);
   const double gap = b->time - a->time, u = (time - a->time) / gap, zero[3] = {0, 0, 0};
   double pose[12], turn[12], to_b[CHANNELS], to_before[CHANNELS], to_behind[CHANNELS], x[CHANNELS];
@@ -173,7 +176,8 @@ static void curve_at(const pags_object *object, const pags_knot *a, const pags_k
   if (has_behind)
     displacement(pose, behind, to_behind);
   for (int i = 0; i < CHANNELS; i++) {
-    const double mean = to_b[i] / gap, h0 = has_before ? a->time - before->time : 0, h1 = has_behind ? behind->time - b->time : 0;
+    const double mean = to_b[i] / gap, h0 = has_before ? a->time - before->time : 0,
+                 h1 = has_behind ? behind->time - b->time : 0;
     double v = has_before ? middle_velocity(-to_before[i] / h0, h0, mean, gap) : mean;
     double w = has_behind ? middle_velocity(mean, gap, (to_behind[i] - to_b[i]) / h1, h1) : 2 * mean - v;
     if (!has_before)

@@ -1,4 +1,5 @@
-/* Packing, and the file: a head of 128 bytes, then bounds (seven planes of floats), geometry and colours, each at a multiple of 64. */
+/* Packing, and the file: a head of 128 bytes, then bounds (seven planes of floats), geometry and colours, each at a
+ * multiple of 64. */
 #include <pags/packed.h>
 
 #include <math.h>
@@ -24,7 +25,9 @@ typedef struct places {
   size_t bounds, geometry, colour, size;
 } places;
 
-static size_t align(size_t size) { return (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT; }
+static size_t align(size_t size) {
+  return (size + ALIGNMENT - 1) / ALIGNMENT * ALIGNMENT;
+}
 
 static places find_places(int64_t clusters, int sh_degree) {
   places p = {.bounds = HEAD};
@@ -98,17 +101,19 @@ static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *
   }
 }
 
-static void pack_geometry(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters, int64_t cluster,
-                          uint8_t *block) {
+static void pack_geometry(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters,
+                          int64_t cluster, uint8_t *block) {
   pack_means(g, first, rows, clusters, cluster, block);
   for (int i = 0; i < rows; i++) {
     for (int k = 0; k < 3; k++)
       put_word(block, 3 + k, i,
                quantise(pags_plane(g, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
     pack_rotation(g, first + i, i, block);
-    put_word(block, 9, i, quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+    put_word(block, 9, i,
+             quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
     if (g->s_sem)
-      block[2 * PAGS_PACKED_WORDS * ROWS + i] = (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
+      block[2 * PAGS_PACKED_WORDS * ROWS + i] =
+          (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
   }
 }
 
@@ -155,7 +160,8 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   for (int64_t c = 0; c < clusters; c++) {
     const int64_t first = c * ROWS;
     const int rows = (int)(gaussians->count - first < ROWS ? gaussians->count - first : ROWS);
-    pack_geometry(gaussians, first, rows, &out->clusters, c, bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY);
+    pack_geometry(gaussians, first, rows, &out->clusters, c,
+                  bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY);
     pack_colours(gaussians, first, rows,
                  bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
     out->clusters.sigma[c] = largest_sigma(out, c, rows);
@@ -175,7 +181,9 @@ void pags_packed_destroy(pags_packed *packed) {
   *packed = (pags_packed){0};
 }
 
-size_t pags_packed_bytes(const pags_packed *packed) { return packed->block_size; }
+size_t pags_packed_bytes(const pags_packed *packed) {
+  return packed->block_size;
+}
 
 pags_result pags_packed_unpack(const pags_packed *packed, pags_gaussians *out) {
   float planes[PAGS_MAX_PLANES * ROWS];
@@ -241,13 +249,15 @@ static pags_result put_all(pags_file_writer *file, const pags_packed *packed, in
   fill_head(packed, count, head);
   PAGS_TRY(pags_file_writer_put(file, head, HEAD));
   for (int k = 0; k < 6; k++)
-    PAGS_TRY(put_bounds(file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3, offsets));
+    PAGS_TRY(put_bounds(file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3,
+                        offsets));
   PAGS_TRY(put_bounds(file, packed->clusters.sigma, clusters, copies, -1, NULL));
   PAGS_TRY(put_zeros(file, p.geometry - p.bounds - (size_t)(clusters * copies) * BOUND_PLANES * sizeof(float)));
   for (int64_t c = 0; c < copies; c++)
     PAGS_TRY(pags_file_writer_put(file, packed->geometry, (size_t)clusters * PAGS_PACKED_GEOMETRY));
   for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(file, packed->colour, (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
+    PAGS_TRY(pags_file_writer_put(file, packed->colour,
+                                  (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
   return PAGS_OK;
 }
 
@@ -299,8 +309,8 @@ static pags_result read_head(const char *path, const uint8_t *head, uint64_t siz
   if (memcmp(head, magic, sizeof magic) != 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a packed splat file, which begins with 'PAGSPK01'", path);
   if (*count < 0 || *count > INT64_C(0x7FFFFFC0) || *degree > 3 || head[17] != ROWS || head[19] > 2)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path,
-                     ROWS);
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: head: expected at most 2^31 - 64 Gaussians of degree 0 to 3 in clusters of %d", path, ROWS);
   const places p = find_places((*count + ROWS - 1) / ROWS, *degree);
   if (p.size != size)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %llu bytes for %lld Gaussians of degree %d, found %llu", path,
@@ -336,7 +346,8 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
   *out = (pags_packed){0};
   PAGS_TRY(pags_file_size(path, &size));
   if (size < HEAD)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD, (unsigned long long)size);
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a head of %d bytes, found %llu", path, HEAD,
+                     (unsigned long long)size);
   PAGS_TRY(map_file(path, size, &bytes));
   pags_result result = read_head(path, bytes, size, &count, &degree, out);
   if (result == PAGS_OK) {
@@ -356,7 +367,8 @@ pags_result pags_packed_open(const char *path, pags_packed *out) {
 int pags_packed_is_file(const char *path) {
   char start[sizeof magic];
   FILE *const file = fopen(path, "rb");
-  const bool is = file && fread(start, 1, sizeof start, file) == sizeof start && memcmp(start, magic, sizeof magic) == 0;
+  const bool is =
+      file && fread(start, 1, sizeof start, file) == sizeof start && memcmp(start, magic, sizeof magic) == 0;
   if (file)
     fclose(file);
   return is;

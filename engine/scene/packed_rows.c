@@ -1,5 +1,5 @@
-/* Unpacking: plain loops over arrays, which compilers make vectors of; products and sums stay apart (-ffp-contract=off), so that every
- * machine gives the same bits. */
+/* Unpacking: plain loops over arrays, which compilers make vectors of; products and sums stay apart
+ * (-ffp-contract=off), so that every machine gives the same bits. */
 #include "scene/packed_rows.h"
 
 #include <math.h>
@@ -7,8 +7,8 @@
 
 enum { ROWS = PAGS_PACKED_ROWS };
 
-/* Exponent and mantissa moved into a float's place and scaled by 2^112, which is exact, zeros and subnormals included. Infinities and
- * NaNs become large numbers: a picture from a bad file is wrong, but it is a picture. */
+/* Exponent and mantissa moved into a float's place and scaled by 2^112, which is exact, zeros and subnormals included.
+ * Infinities and NaNs become large numbers: a picture from a bad file is wrong, but it is a picture. */
 static inline float half_to_float(uint32_t half) {
   const uint32_t bits = (half & 0x7FFFu) << 13, sign = (half & 0x8000u) << 16;
   float value;

@@ -21,7 +21,7 @@ static inline size_t pags_packed_steps_at(int sh_degree) {
 }
 
 #define PAGS_PACKED_LOWEST (-16.0f)
-#define PAGS_PACKED_STEP (32.0f / 65535.0f) /* of ln sigma and logit */
+#define PAGS_PACKED_STEP (32.0f / 65535.0f)       /* of ln sigma and logit */
 #define PAGS_PACKED_TURN (1.41421356f / 32767.0f) /* of a quaternion's three smallest */
 #define PAGS_PACKED_HALF_ROOT 0.70710678f
 

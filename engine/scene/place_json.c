@@ -12,7 +12,8 @@ pags_result pags_place_from_json(const pags_json *json, const pags_json_value *r
     return PAGS_OK;
   PAGS_TRY(pags_json_numbers(json, root, key, 3, numbers));
   if (!(fabs(numbers[0]) <= 90 && fabs(numbers[1]) <= 180))
-    return pags_json_fail(json, value, "expected latitude (-90..90), longitude (-180..180) and altitude for '%s', found %g, %g", key,
+    return pags_json_fail(json, value,
+                          "expected latitude (-90..90), longitude (-180..180) and altitude for '%s', found %g, %g", key,
                           numbers[0], numbers[1]);
   *out = (pags_place){numbers[0], numbers[1], numbers[2], 1};
   return PAGS_OK;

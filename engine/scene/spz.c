@@ -172,9 +172,10 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
   return PAGS_OK;
 }
 
-/* Inflates `size` bytes into a block that grows as they come: what the header claims is no reason to allocate. *out is the caller's,
- * also on failure. */
-static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t file_size, uint64_t size, uint8_t **out) {
+/* Inflates `size` bytes into a block that grows as they come: what the header claims is no reason to allocate. *out is
+ * the caller's, also on failure. */
+static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t file_size, uint64_t size,
+                                   uint8_t **out) {
   uint64_t capacity = 0;
   for (uint64_t have = 0; have < size || !*out; have = capacity) {
     capacity = next_capacity(capacity, file_size, size);

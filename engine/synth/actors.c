@@ -12,9 +12,9 @@ enum { BODY, LEFT_ARM, RIGHT_ARM, LEFT_LEG, RIGHT_LEG, PERSON_PARTS, BICYCLE = P
 
 static pags_person_kind make_person(pags_street *street, pags_dice *dice, uint8_t label) {
   pags_person_kind kind = {.body = pags_street_mesh(street),
-                      .arm = pags_street_mesh(street),
-                      .leg = pags_street_mesh(street),
-                      .bicycle = -1};
+                           .arm = pags_street_mesh(street),
+                           .leg = pags_street_mesh(street),
+                           .bicycle = -1};
   if (street->failed)
     return kind;
   const pags_person person = {&street->meshes[kind.body], &street->meshes[kind.arm], &street->meshes[kind.leg]};
@@ -124,13 +124,13 @@ static void walk(pags_street *street, const pags_cast *models, pags_dice *dice, 
   const double kerb = left ? (double)PAGS_KERB_LEFT : (double)PAGS_KERB_RIGHT;
   const double y = kerb + (left ? 1.0 : -1.0) * (away ? 1.5 : 2.6);
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
-             (pags_actor){.moving = 1,
-                          .start = {pags_street_ego_x(met) + 8.0 - direction * speed * met, y},
-                          .heading = away ? 0.0 : PI,
-                          .speed = speed,
-                          .ground = (double)PAGS_KERB_HEIGHT,
-                          .step_rate = 5.6,
-                          .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
+                    (pags_actor){.moving = 1,
+                                 .start = {pags_street_ego_x(met) + 8.0 - direction * speed * met, y},
+                                 .heading = away ? 0.0 : PI,
+                                 .speed = speed,
+                                 .ground = (double)PAGS_KERB_HEIGHT,
+                                 .step_rate = 5.6,
+                                 .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
 /* Crosses from the right while the recording car is still far enough away. */
@@ -141,22 +141,22 @@ static void cross(pags_street *street, const pags_cast *models, pags_dice *dice,
   const double row = p.index / crossings; /* several on one crossing go side by side and after another */
   const double when = fmax(0.0, (x - 45.0) / 10.0) - 0.9 * row; /* in the middle of the recording car's lane */
   pags_actors_stand(street, &models->people[p.look % PAGS_PERSON_KINDS],
-             (pags_actor){.moving = 1,
-                          .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
-                          .heading = 0.5 * PI,
-                          .speed = speed,
-                          .step_rate = 5.6,
-                          .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
+                    (pags_actor){.moving = 1,
+                                 .start = {x - 1.2 + 0.8 * fmod(row, 4.0), (double)PAGS_EGO_LANE - speed * when},
+                                 .heading = 0.5 * PI,
+                                 .speed = speed,
+                                 .step_rate = 5.6,
+                                 .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
 static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, part p) {
   const double speed = 5.5, met = meeting(street, p.index, p.count, 0.7) + 0.25 * street->duration;
   pags_actors_stand(street, &models->riders[p.look % PAGS_RIDER_KINDS],
-             (pags_actor){.moving = 1,
-                          .start = {pags_street_ego_x(met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
-                          .speed = speed,
-                          .step_rate = 5.0,
-                          .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
+                    (pags_actor){.moving = 1,
+                                 .start = {pags_street_ego_x(met) + 6.0 - speed * met, (double)PAGS_CYCLE_LINE},
+                                 .speed = speed,
+                                 .step_rate = 5.0,
+                                 .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
 /* The roles come in turn, so that few objects are of all kinds. */

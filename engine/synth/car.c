@@ -22,7 +22,8 @@ static uint16_t all_paint(void *user, int ring, int column) {
   return ((const car_parts *)user)->paint;
 }
 
-/* Side view, from the tail to the nose: position (share of half the length), bottom, top (metres), half width (share). */
+/* Side view, from the tail to the nose: position (share of half the length), bottom, top (metres), half width (share).
+ */
 static const float side_view[STATIONS][4] = {
     {-1.000f, 0.48f, 0.70f, 0.80f}, {-0.985f, 0.36f, 0.86f, 0.90f}, {-0.93f, 0.27f, 0.94f, 0.96f},
     {-0.75f, 0.21f, 0.96f, 0.99f},  {-0.40f, 0.19f, 0.95f, 1.00f},  {0.00f, 0.19f, 0.94f, 1.00f},

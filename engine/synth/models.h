@@ -17,7 +17,8 @@ uint16_t pags_materials_add(pags_materials *materials, const pags_material *mate
 /* One of a single colour. */
 uint16_t pags_materials_plain(pags_materials *materials, uint8_t label, float r, float g, float b);
 
-/* A house: `base` is the corner of its front on the ground, fronts run along `along`, `into` points away from the street. */
+/* A house: `base` is the corner of its front on the ground, fronts run along `along`, `into` points away from the
+ * street. */
 typedef struct pags_plot {
   float base[3], along[3], into[3];
   float width, depth;
@@ -32,11 +33,13 @@ void pags_lamp_add(pags_mesh *mesh, pags_materials *materials);
 void pags_sign_add(pags_mesh *mesh, pags_materials *materials, int kind);
 void pags_bin_add(pags_mesh *mesh, pags_materials *materials);
 
-/* Ground at z = 0, middle at x = y = 0, front at +x. Of 10 paints by `kind`. `size` receives length, width, height of a box around it. */
+/* Ground at z = 0, middle at x = y = 0, front at +x. Of 10 paints by `kind`. `size` receives length, width, height of a
+ * box around it. */
 void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, int kind, float size[3]);
 void pags_bicycle_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice);
 
-/* A person in parts, each in its own mesh: trunk and head about the feet's middle; an arm and a leg hanging from the origin. */
+/* A person in parts, each in its own mesh: trunk and head about the feet's middle; an arm and a leg hanging from the
+ * origin. */
 typedef struct pags_person {
   pags_mesh *body, *arm, *leg;
 } pags_person;

@@ -1,7 +1,7 @@
 /* How far points are from the street's true surfaces.
  *
- * Points lie in a grid of cells; each triangle of the street, where it is at that time, visits the cells that its box, widened by the reach,
- * touches, and offers its distance to the points there. */
+ * Points lie in a grid of cells; each triangle of the street, where it is at that time, visits the cells that its box,
+ * widened by the reach, touches, and offers its distance to the points there. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -46,7 +46,8 @@ static pags_result read_options(const char *path, pags_street_options *out) {
     result = pags_json_number(json, root, "seed", &seed);
   pags_json_destroy(json);
   PAGS_TRY(result);
-  if (!(frames >= 2 && frames <= 10000 && fps >= 0.1 && fps <= 1000 && objects >= 0 && objects <= 64 && seed >= 0 && seed < 0x1p53))
+  if (!(frames >= 2 && frames <= 10000 && fps >= 0.1 && fps <= 1000 && objects >= 0 && objects <= 64 && seed >= 0 &&
+        seed < 0x1p53))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: a number lies outside of what a street can have", path);
   *out = pags_street_options_default();
   out->frames = (int)frames;
@@ -148,7 +149,9 @@ static void destroy_grid(grid *g) {
 
 /* Distances. */
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static float dot(const float a[3], const float b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 /* Squared distance to the segment from a along `edge`; `from` = point - a. */
 static float to_segment(const float from[3], const float edge[3]) {

@@ -12,25 +12,24 @@ static void level(pags_mesh *mesh, float x0, float x1, float y0, float y1, float
 }
 
 pags_ground pags_ground_make(pags_materials *materials) {
-  return (pags_ground){
-      .asphalt = pags_materials_add(
-          materials,
-          &(pags_material){.finish = PAGS_FINISH_ASPHALT, .label = PAGS_CLASS_ROAD, .color = {0.135f, 0.135f, 0.14f}}),
-      .slabs = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_PAVING,
-                                                              .label = PAGS_CLASS_SIDEWALK,
-                                                              .color = {0.36f, 0.34f, 0.31f},
-                                                              .second = {0.17f, 0.16f, 0.15f},
-                                                              .size = 0.6f}),
-      .stone = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
-                                                              .label = PAGS_CLASS_SIDEWALK,
-                                                              .color = {0.42f, 0.41f, 0.39f},
-                                                              .second = {0.33f, 0.32f, 0.31f},
-                                                              .size = 0.8f}),
-      .grass = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
-                                                              .label = PAGS_CLASS_TERRAIN,
-                                                              .color = {0.10f, 0.17f, 0.05f},
-                                                              .second = {0.17f, 0.20f, 0.08f},
-                                                              .size = 1.1f})};
+  return (pags_ground){.asphalt = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_ASPHALT,
+                                                                                 .label = PAGS_CLASS_ROAD,
+                                                                                 .color = {0.135f, 0.135f, 0.14f}}),
+                       .slabs = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_PAVING,
+                                                                               .label = PAGS_CLASS_SIDEWALK,
+                                                                               .color = {0.36f, 0.34f, 0.31f},
+                                                                               .second = {0.17f, 0.16f, 0.15f},
+                                                                               .size = 0.6f}),
+                       .stone = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
+                                                                               .label = PAGS_CLASS_SIDEWALK,
+                                                                               .color = {0.42f, 0.41f, 0.39f},
+                                                                               .second = {0.33f, 0.32f, 0.31f},
+                                                                               .size = 0.8f}),
+                       .grass = pags_materials_add(materials, &(pags_material){.finish = PAGS_FINISH_MOTTLED,
+                                                                               .label = PAGS_CLASS_TERRAIN,
+                                                                               .color = {0.10f, 0.17f, 0.05f},
+                                                                               .second = {0.17f, 0.20f, 0.08f},
+                                                                               .size = 1.1f})};
 }
 
 void pags_ground_pave(pags_mesh *mesh, float x0, float x1, float y0, float y1, float z, uint16_t material) {
@@ -105,8 +104,8 @@ static void plant_kerb(pags_street *street, pags_dice *dice, const pags_planting
     else if (!near_crossing(street, x, 6.0f) && what > 1)
       pags_street_place(street, kinds->trees[kind], -1, x + jitter, y, z, turn, scale);
     else if (what == 0)
-      pags_street_place(street, kinds->signs[place % 2 ? 0 : 2], -1, x, y - 0.35f * out, z,
-                        left ? 3.14159265f : 0.0f, 1.0f);
+      pags_street_place(street, kinds->signs[place % 2 ? 0 : 2], -1, x, y - 0.35f * out, z, left ? 3.14159265f : 0.0f,
+                        1.0f);
     if (what == 3)
       pags_street_place(street, kinds->bin, -1, x + 2.5f, y, z, 0.0f, 1.0f);
   }

@@ -1,28 +1,33 @@
 /* Sizes and opacities of trained streets' Gaussians, as quantiles.
  *
- * Measured by scripts/size_tables.py. Ground and fronts: on the background of the real street that `pags train pandaset-002 --iterations 10000`
- * made (3 cameras of 960x540, degree 1, 753 thousand Gaussians), on 22 x 8 m of road before the car (33 thousand Gaussians) and on two house
- * fronts 20 and 28 m beside it (8 thousand). Things: on parked cars and trees of a street of `pags synth street` (40 frames, 3 cameras of 480x270;
- * 3,000 steps; 59 thousand), because the real one has few of them in sight. The same fronts in that synthetic street, which was trained for
- * so much shorter, are fainter: half the opacities below 0.12 against 0.27 here, and optically 4 thick against 8 to 14 (sum of -ln(1 - alpha)
- * square to the wall). The axes of a Gaussian are sorted by length. The logarithm of the longest, the differences to the others and the logit of opacity
- * are drawn with the rank correlations of opacity with the first two; those between the axes are below 0.13. */
+ * Measured by scripts/size_tables.py. Ground and fronts: on the background of the real street that `pags train
+ * pandaset-002 --iterations 10000` made (3 cameras of 960x540, degree 1, 753 thousand Gaussians), on 22 x 8 m of road
+ * before the car (33 thousand Gaussians) and on two house fronts 20 and 28 m beside it (8 thousand). Things: on parked
+ * cars and trees of a street of `pags synth street` (40 frames, 3 cameras of 480x270; 3,000 steps; 59 thousand),
+ * because the real one has few of them in sight. The same fronts in that synthetic street, which was trained for so
+ * much shorter, are fainter: half the opacities below 0.12 against 0.27 here, and optically 4 thick against 8 to 14
+ * (sum of -ln(1 - alpha) square to the wall). The axes of a Gaussian are sorted by length. The logarithm of the
+ * longest, the differences to the others and the logit of opacity are drawn with the rank correlations of opacity with
+ * the first two; those between the axes are below 0.13. */
 #ifndef PAGS_SYNTH_SIZE_TABLES_H
 #define PAGS_SYNTH_SIZE_TABLES_H
 
 enum { PAGS_QUANTILES = 9 };
 
 /* Gaussians a square metre */
-#define PAGS_TRAINED_DENSITY 150.0 /* where nothing below applies: of the synthetic street; the unit of pags_surface.area */
-#define PAGS_TRAINED_FRONTS 107.0  /* 81 to 133 */
+#define PAGS_TRAINED_DENSITY \
+  150.0 /* where nothing below applies: of the synthetic street; the unit of pags_surface.area */
+#define PAGS_TRAINED_FRONTS 107.0 /* 81 to 133 */
 #define PAGS_TRAINED_GROUND 189.0
-#define PAGS_TRAINED_CARS 225.0    /* cars and people: the street side of parked cars */
-#define PAGS_TRAINED_LEAVES 37.0   /* so that crowns close */
+#define PAGS_TRAINED_CARS 225.0  /* cars and people: the street side of parked cars */
+#define PAGS_TRAINED_LEAVES 37.0 /* so that crowns close */
 
-#define PAGS_TRAINED_SPREAD 0.03f  /* sigma of the distance from the surface, metres: half of what road and fronts showed */
+#define PAGS_TRAINED_SPREAD \
+  0.03f /* sigma of the distance from the surface, metres: half of what road and fronts showed */
 #define PAGS_TRAINED_DEGREE_1 0.0354f /* standard deviation of each coefficient of degree 1 */
 
-static const float pags_quantile_shares[PAGS_QUANTILES] = {0.01f, 0.05f, 0.15f, 0.30f, 0.50f, 0.70f, 0.85f, 0.95f, 0.99f};
+static const float pags_quantile_shares[PAGS_QUANTILES] = {0.01f, 0.05f, 0.15f, 0.30f, 0.50f,
+                                                           0.70f, 0.85f, 0.95f, 0.99f};
 
 typedef struct pags_size_table {
   float ln_long[PAGS_QUANTILES]; /* ln sigma of the longest axis, metres */

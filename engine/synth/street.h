@@ -32,7 +32,7 @@ typedef struct pags_street {
   pags_materials materials;
   pags_mesh *meshes;
   pags_stage_placement *placements; /* the street's first, then those of actors, moving ones last */
-  pags_actor *actors;         /* parked ones first */
+  pags_actor *actors;               /* parked ones first */
   int mesh_count, placement_count, actor_count;
   int mesh_capacity, placement_capacity, actor_capacity;
   int first_moving; /* placement; from there on poses change with time */
@@ -82,7 +82,8 @@ typedef struct pags_cast {
 void pags_cast_make(pags_street *street, pags_cast *out);
 /* Cars along both kerbs from begin_x to end_x. */
 void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *models);
-/* Someone on foot or on a bicycle: role, size and placements of `actor` are filled in here, poses by pags_street_set_time. */
+/* Someone on foot or on a bicycle: role, size and placements of `actor` are filled in here, poses by
+ * pags_street_set_time. */
 void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor);
 
 /* The box's pose: x forward, y left, z up, origin in its middle. */

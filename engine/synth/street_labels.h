@@ -15,7 +15,8 @@ pags_result pags_street_write_description(const pags_street *street, const char 
 pags_result pags_street_write_pose(const char *path, const double pose[12]);
 pags_result pags_street_write_intrinsics(const char *path, const pags_camera *camera);
 
-/* What the street is made from. Read from a data set's folder: *found = 0 and the default options where there is none. */
+/* What the street is made from. Read from a data set's folder: *found = 0 and the default options where there is none.
+ */
 pags_result pags_street_write_truth(const pags_street *street, const char *path);
 pags_result pags_street_read_truth(const char *folder, pags_street_options *out, int *found);
 

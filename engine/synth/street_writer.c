@@ -49,8 +49,8 @@ static pags_result check_options(const pags_street_options *o) {
   PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
   PAGS_TRY(pags_synth_in_range("frames", o->frames, 2, 10000));
   PAGS_TRY(pags_synth_in_range("fps", o->fps, 0.1, 1000.0));
-  PAGS_TRY(
-      pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0, 1000.0)); /* seconds: the street is built as long as driven */
+  PAGS_TRY(pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0,
+                               1000.0)); /* seconds: the street is built as long as driven */
   PAGS_TRY(pags_synth_in_range("cameras", o->cameras, 1, CAMERAS));
   PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
   PAGS_TRY(pags_synth_in_range("objects", o->objects, 0, 64));

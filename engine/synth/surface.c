@@ -1,6 +1,7 @@
-/* A Gaussian of a town: a random point of a random face, by area; kept where at least one of eight places on the street nearby sees it, as
- * a trained scene has Gaussians only where photographs looked. It lies flat on its face, along the face's edges where that is small, and
- * no wider than the face. Its colour is the street's own shading (view.c) with all of the sky's directions, filtered over its size. */
+/* A Gaussian of a town: a random point of a random face, by area; kept where at least one of eight places on the street
+ * nearby sees it, as a trained scene has Gaussians only where photographs looked. It lies flat on its face, along the
+ * face's edges where that is small, and no wider than the face. Its colour is the street's own shading (view.c) with
+ * all of the sky's directions, filtered over its size. */
 #include "synth/surface.h"
 
 #include <math.h>
@@ -13,7 +14,16 @@
 #include "synth/view.h"
 
 /* Purposes of draws; a try's are DRAWS * try + purpose, its row is the Gaussian's. */
-enum { DRAW_FACE, DRAW_SPOT, DRAW_SIZE, DRAW_SHAPE, DRAW_EYES, DRAW_TURN = DRAW_EYES + PAGS_PACKET, DRAW_SHEEN, DRAWS = 24 };
+enum {
+  DRAW_FACE,
+  DRAW_SPOT,
+  DRAW_SIZE,
+  DRAW_SHAPE,
+  DRAW_EYES,
+  DRAW_TURN = DRAW_EYES + PAGS_PACKET,
+  DRAW_SHEEN,
+  DRAWS = 24
+};
 enum { TRIES = 48, BLOCK = 4096, CHUNK = 64 };
 
 #define EYE_HEIGHT 1.6f
@@ -41,7 +51,8 @@ static const pags_vertex *corner_of(const pags_mesh *mesh, int64_t face, int cor
 }
 
 static bool is_critical(uint8_t label) {
-  return label == PAGS_CLASS_CAR || label == PAGS_CLASS_PERSON || label == PAGS_CLASS_RIDER || label == PAGS_CLASS_BICYCLE;
+  return label == PAGS_CLASS_CAR || label == PAGS_CLASS_PERSON || label == PAGS_CLASS_RIDER ||
+         label == PAGS_CLASS_BICYCLE;
 }
 
 static const pags_size_table *table_of(uint8_t label) {
@@ -194,16 +205,19 @@ static double share_below(double z) {
   return 0.5 * erfc(-z * 0.70710678118654752);
 }
 
-/* Three of the table's four columns, drawn jointly: normal deviates of its correlations say which quantiles (a Gaussian copula). */
+/* Three of the table's four columns, drawn jointly: normal deviates of its correlations say which quantiles (a Gaussian
+ * copula). */
 static void choose_quantiles(const pags_size_table *table, const double draw[2], const double other[2], float *ln_long,
                              float *ln_middle, float *logit) {
   const double a = (double)table->opacity_with_long, b = (double)table->opacity_with_middle;
   *ln_long = quantile(table->ln_long, share_below(draw[0]));
   *ln_middle = *ln_long + quantile(table->ln_middle_by_long, share_below(draw[1]));
-  *logit = quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
+  *logit =
+      quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
 }
 
-/* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the face. */
+/* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the
+ * face. */
 static void choose_size(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
   const uint64_t seed = s->town->options->seed;
   const facet *f = &out->face;
@@ -247,7 +261,8 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
     const float u = (float)(over ? 1.0 - at[0] : at[0]), v = (float)(over ? 1.0 - at[1] : at[1]);
     memcpy(weight, (float[4]){1.0f - u - v, u, v, 0.0f}, sizeof weight);
   } else {
-    const float u = within(at[0], expf(out->ln_sigma[swap]), f->length), v = within(at[1], expf(out->ln_sigma[!swap]), f->width);
+    const float u = within(at[0], expf(out->ln_sigma[swap]), f->length),
+                v = within(at[1], expf(out->ln_sigma[!swap]), f->width);
     memcpy(weight, (float[4]){(1.0f - u) * (1.0f - v), u * (1.0f - v), u * v, (1.0f - u) * v}, sizeof weight);
   }
   pags_touch *touch = &out->touch;
@@ -273,7 +288,8 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
 }
 
 /* Places on the street: half of them on the nearest one, half in the nearest lane, all within 30 m. */
-static void choose_eyes(const pags_surface *s, const float point[3], uint64_t a, uint64_t row, float eyes[PAGS_PACKET][3]) {
+static void choose_eyes(const pags_surface *s, const float point[3], uint64_t a, uint64_t row,
+                        float eyes[PAGS_PACKET][3]) {
   const float pitch = pags_town_pitch(), length = pags_town_length(s->plan), cell = s->plan->block + PAGS_TOWN_LANE;
   const float street = fminf(fmaxf(floorf(point[1] / pitch + 0.5f), 0.0f), (float)(s->plan->streets - 1));
   const float lane = fminf(fmaxf(floorf(point[0] / cell), 0.0f), (float)(s->plan->columns - 2));

@@ -12,9 +12,9 @@ typedef struct pags_surface {
   const pags_street *town;
   const pags_town_plan *plan;
   const pags_stage *stage;
-  double area;               /* of all faces, by the weight their Gaussians get; square metres */
-  double *placement_area;    /* sums up to and with each placement */
-  double **face_area;        /* of each mesh: sums up to and with each face; NULL for meshes that aren't placed */
+  double area;            /* of all faces, by the weight their Gaussians get; square metres */
+  double *placement_area; /* sums up to and with each placement */
+  double **face_area;     /* of each mesh: sums up to and with each face; NULL for meshes that aren't placed */
 } pags_surface;
 
 pags_result pags_surface_create(const pags_street *town, const pags_town_plan *plan, const pags_stage *stage,

@@ -1,4 +1,5 @@
-/* Beams above each other that turn: 32 from 22 degrees below the horizon to 8 above, denser near it. All rays leave at the frame's time. */
+/* Beams above each other that turn: 32 from 22 degrees below the horizon to 8 above, denser near it. All rays leave at
+ * the frame's time. */
 #include "synth/sweep.h"
 
 #include <math.h>

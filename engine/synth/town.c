@@ -9,7 +9,7 @@
 enum { STREAM_HOUSES = 101, STREAM_KINDS, STREAM_PLANTS, STREAM_PARKED, STREAM_PEOPLE };
 
 #define PI 3.14159265358979324
-#define END_GAP 5.0f       /* from a street's end to the houses that close it */
+#define END_GAP 5.0f /* from a street's end to the houses that close it */
 #define PEOPLE_PER_METRE 0.06f
 
 float pags_town_pitch(void) {
@@ -24,7 +24,8 @@ float pags_town_lane_x(const pags_town_plan *plan, int column) {
   return (float)(column + 1) * (plan->block + PAGS_TOWN_LANE) - 0.5f * PAGS_TOWN_LANE;
 }
 
-/* Fills [from, to] with houses, wall to wall. `plot` says where coordinate 0 lies, which way fronts run and how deep houses are. */
+/* Fills [from, to] with houses, wall to wall. `plot` says where coordinate 0 lies, which way fronts run and how deep
+ * houses are. */
 static void add_row(pags_street *town, pags_mesh *mesh, pags_dice *dice, pags_plot plot, float from, float to) {
   const float length = to - from;
   const int houses = length > 18.0f ? (int)(length / 11.5f) : 1;
@@ -136,11 +137,13 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
 
 pags_result pags_town_build(const pags_street_options *options, const pags_town_plan *plan, pags_street *town) {
   *town = (pags_street){.options = options, .end_x = pags_town_length(plan)};
-  town->markings = (pags_markings){.first_crossing = pags_town_lane_x(plan, 0), .spacing = plan->block + PAGS_TOWN_LANE};
+  town->markings =
+      (pags_markings){.first_crossing = pags_town_lane_x(plan, 0), .spacing = plan->block + PAGS_TOWN_LANE};
   add_all(town, plan);
   bool failed = town->failed || town->materials.failed;
   for (int i = 0; i < town->mesh_count; i++)
     failed |= town->meshes[i].failed;
-  return failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town of %d blocks", (plan->streets + 1) * plan->columns)
+  return failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town of %d blocks",
+                            (plan->streets + 1) * plan->columns)
                 : PAGS_OK;
 }

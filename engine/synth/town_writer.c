@@ -49,14 +49,16 @@ static void raze(town_maker *m) {
 static pags_result raise_town(town_maker *m) {
   raze(m);
   PAGS_TRY(pags_town_build(&m->street_options, &m->plan, &m->town));
-  PAGS_TRY(pags_stage_create(m->town.meshes, m->town.mesh_count, m->town.placements, m->town.placement_count, &m->stage));
+  PAGS_TRY(
+      pags_stage_create(m->town.meshes, m->town.mesh_count, m->town.placements, m->town.placement_count, &m->stage));
   PAGS_TRY(pags_surface_create(&m->town, &m->plan, m->stage, &m->surface));
   m->seen = pags_surface_seen(&m->surface, PROBES);
   return PAGS_OK;
 }
 
-/* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the middle street several
- * blocks stand behind each other; blocks then as long as makes the surface right, found by measuring towns of other lengths. */
+/* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the
+ * middle street several blocks stand behind each other; blocks then as long as makes the surface right, found by
+ * measuring towns of other lengths. */
 static pags_result plan_town(town_maker *m) {
   const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 90.0;
   const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street */
@@ -154,17 +156,17 @@ static pags_result add_background(const town_maker *m, pags_scene *scene, pags_t
 }
 
 static void tell(const town_maker *m, const pags_scene *scene, pags_town_facts *facts) {
-  *facts = (pags_town_facts){
-      .gaussians = pags_scene_gaussian_count(scene),
-      .streets = m->plan.streets,
-      .blocks = (m->plan.streets + 1) * m->plan.columns,
-      .length = (double)pags_town_length(&m->plan),
-      .breadth = (double)(m->plan.streets - 1) * (double)pags_town_pitch() + (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) +
-                 (double)PAGS_TOWN_BLOCK_DEPTH,
-      .square_metres = m->seen};
+  *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(scene),
+                             .streets = m->plan.streets,
+                             .blocks = (m->plan.streets + 1) * m->plan.columns,
+                             .length = (double)pags_town_length(&m->plan),
+                             .breadth = (double)(m->plan.streets - 1) * (double)pags_town_pitch() +
+                                        (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) + (double)PAGS_TOWN_BLOCK_DEPTH,
+                             .square_metres = m->seen};
 }
 
-static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user, pags_scene *scene) {
+static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user,
+                              pags_scene *scene) {
   *scene = (pags_scene){.up = PAGS_UP_Z, .fps = 10, .seed = m->options->seed};
   scene->time_end = 0.1 * (m->options->frames - 1);
   m->street_options = pags_street_options_default();

@@ -1,6 +1,6 @@
-/* Shading of the street: reflectance times (sun, where nothing stands before it, + sky from eight directions, each where nothing
- * stands before it either), plus what glossy surfaces mirror of the sky. Sample i of a pixel looks for the sky in direction i, so
- * that eight samples see all of them. */
+/* Shading of the street: reflectance times (sun, where nothing stands before it, + sky from eight directions, each
+ * where nothing stands before it either), plus what glossy surfaces mirror of the sky. Sample i of a pixel looks for
+ * the sky in direction i, so that eight samples see all of them. */
 #include "synth/view.h"
 
 #include <math.h>
@@ -123,8 +123,8 @@ static void add_haze(float distance, float color[3]) {
     color[c] = color[c] * clear + haze[c] * (1.0f - clear);
 }
 
-/* Colours of the samples that met something. Every other sample borrows its neighbour's surface if both are on one face, and
- * each look is filtered over half a pixel's width. */
+/* Colours of the samples that met something. Every other sample borrows its neighbour's surface if both are on one
+ * face, and each look is filtered over half a pixel's width. */
 static void add_surfaces(const draw_job *job, const pags_camera *camera, const pags_rays *rays,
                          const pags_touch *touches, unsigned met, float sum[3]) {
   const lighting light = find_light(job, touches, met);
@@ -205,8 +205,8 @@ void pags_street_shade(const pags_street *street, const pags_stage *stage, const
   }
 }
 
-/* Steps of a lattice of n samples that has one in each of n rows and n columns and whose mean is the pixel's middle: near the golden
- * section of n and without a common divisor. */
+/* Steps of a lattice of n samples that has one in each of n rows and n columns and whose mean is the pixel's middle:
+ * near the golden section of n and without a common divisor. */
 static int lattice_step(int n) {
   for (int step = (int)(0.618 * n); step > 1; step--) {
     int a = n, b = step;

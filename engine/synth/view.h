@@ -20,8 +20,9 @@ typedef struct pags_street_view {
 pags_result pags_street_draw(const pags_street *street, const pags_stage *stage, pags_street_view *views, int count,
                              pags_tasks *tasks);
 
-/* Linear colour of a surface point that `touch` describes (its `distance` isn't used), filtered over `footprint`: the sun and all of the
- * sky's directions. Patterns of roads and pavements follow the mesh's own frame. By several threads at once. */
+/* Linear colour of a surface point that `touch` describes (its `distance` isn't used), filtered over `footprint`: the
+ * sun and all of the sky's directions. Patterns of roads and pavements follow the mesh's own frame. By several threads
+ * at once. */
 void pags_street_shade(const pags_street *street, const pags_stage *stage, const pags_touch *touch,
                        const pags_footprint *footprint, float color[3]);
 

@@ -260,12 +260,13 @@ static int is_left_out(const left_out *l, int row) {
   return l->bits[row / 16] >> (row % 16) & 1;
 }
 
-static left_out find_left_out(const pags_adam *adam, const pags_gaussians *g, int64_t first, int rows, const float *gradient,
-                              int64_t stride, int planes) {
+static left_out find_left_out(const pags_adam *adam, const pags_gaussians *g, int64_t first, int rows,
+                              const float *gradient, int64_t stride, int planes) {
   left_out l = {.any = 0};
   l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
   if (g->fourier)
-    l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride, PAGS_FOURIER_PLANES, rows, l.bits);
+    l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride,
+                                       PAGS_FOURIER_PLANES, rows, l.bits);
   return l;
 }
 
@@ -290,7 +291,8 @@ static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const l
 }
 
 /* One plane of a cluster in which some rows stay as they are. */
-static void update_others(const pags_adam *adam, column c, const float *gradient, int rows, const left_out *l, const pags_adam_step *s) {
+static void update_others(const pags_adam *adam, column c, const float *gradient, int rows, const left_out *l,
+                          const pags_adam_step *s) {
   float kept[3][MOST_ROWS];
   float *const planes[3] = {c.p, c.m, c.v};
   for (int k = 0; k < 3; k++)

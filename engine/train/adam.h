@@ -48,12 +48,13 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step);
 void pags_adam_begin(pags_adam *adam, int64_t step);
 /* Brings the parameters of a cluster up to `step` - 1. Safe from several threads for different clusters. */
 void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_t step);
-/* Step `step` with gradients (`planes` planes, plane p at data + p * stride; where the Gaussians have Fourier terms, theirs
- * follow), then the cluster's bounds, widened so that they hold until its next update. Thread-safe as touch. A row with a parameter
- * that isn't finite (3e38 or more), or a gradient that isn't or is 1e18 or more, stays as it is, moments included, whatever its other planes hold.
- * Returns how many rows that were; `first` (may be NULL) receives the first of them, its first such plane and why, if there was one. */
+/* Step `step` with gradients (`planes` planes, plane p at data + p * stride; where the Gaussians have Fourier terms,
+ * theirs follow), then the cluster's bounds, widened so that they hold until its next update. Thread-safe as touch. A
+ * row with a parameter that isn't finite (3e38 or more), or a gradient that isn't or is 1e18 or more, stays as it is,
+ * moments included, whatever its other planes hold. Returns how many rows that were; `first` (may be NULL) receives the
+ * first of them, its first such plane and why, if there was one. */
 int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
-                      const float *gradient, int64_t stride, int planes, pags_offender *first);
+                     const float *gradient, int64_t stride, int planes, pags_offender *first);
 /* Bounds of a cluster as of its last update; of all, after regroup. */
 void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, int64_t cluster);
 void pags_adam_bound_all(pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, pags_tasks *tasks);

@@ -11,10 +11,10 @@
 
 enum {
   FOURIER_BYTES = 4 * PAGS_FOURIER_PLANES,
-  HEADER_BYTES = 4096,   /* of a PLY, at most */
-  GENERAL_BYTES = 8192,  /* the data set's path; counts and notes that get longer */
-  KNOT_BYTES = 6 * 24,   /* six numbers that are 0 at the start */
-  VIEW_BYTES = 12 * 24   /* gain and offset, which may be missing at the start */
+  HEADER_BYTES = 4096,  /* of a PLY, at most */
+  GENERAL_BYTES = 8192, /* the data set's path; counts and notes that get longer */
+  KNOT_BYTES = 6 * 24,  /* six numbers that are 0 at the start */
+  VIEW_BYTES = 12 * 24  /* gain and offset, which may be missing at the start */
 };
 static const int64_t least_background = 16;
 
@@ -95,7 +95,8 @@ pags_result pags_budget_start(const pags_dataset *dataset, pags_train_state *s, 
   int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
   const int64_t least = count < least_background ? count : least_background;
   if (kept < least)
-    return pags_fail(PAGS_ERROR_LIMIT, "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
+    return pags_fail(PAGS_ERROR_LIMIT,
+                     "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
                      s->schedule.config.target_size, (long long)least,
                      ceil(1e3 * s->schedule.config.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
   if (kept == count || is_later(s))

@@ -269,7 +269,8 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
 
 static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_tracks *tracks) {
   int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
-  int in_order = r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
+  int in_order =
+      r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
   int known = r->cap >= 0 && (r->clocked == 0 || r->clocked == 1) && r->lidar_points >= 0 && r->views >= 1 &&
               r->views <= INT32_MAX && isfinite(r->extent) && r->extent > 0;
   return in_order && known && r->models >= 1 && r->models <= 1 + tracks->count && r->knots == knots_of(tracks) &&
@@ -277,7 +278,8 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
          (r->sky_size == 0 || dataset);
 }
 
-/* The background (object -1) comes first, then objects in rising order; `before` is the last one's, -2 before the first. */
+/* The background (object -1) comes first, then objects in rising order; `before` is the last one's, -2 before the
+ * first. */
 static int is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
   int in_order = before == -2 ? m->object == -1 : m->object > before;
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
@@ -430,8 +432,9 @@ static pags_result get_guard(section_reader *r, pags_train_state *s) {
   PAGS_TRY(next_sized(r, "BADR", sizeof record, &payload));
   memcpy(&record, payload, sizeof record);
   const pags_offender *o = &record.first;
-  if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count || o->row < 0 ||
-      o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 || o->kind > PAGS_OFFENCE_EXPOSURE)
+  if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||
+      o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 ||
+      o->kind > PAGS_OFFENCE_EXPOSURE)
     return out_of_range(r, "BADR");
   s->guard.count = record.count;
   s->guard.first = record.first;

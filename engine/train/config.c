@@ -16,16 +16,15 @@ typedef struct field {
   const char *name;
   field_kind kind;
   size_t offset;
-  double least, most; /* inclusive */
+  double least, most;         /* inclusive */
   const char *const *choices; /* of an enum, in order; else NULL */
 } field;
 
-#define FIELD(member, kind, least, most) \
-  { #member, kind, offsetof(pags_train_config, member), least, most, NULL }
+#define FIELD(member, kind, least, most) {#member, kind, offsetof(pags_train_config, member), least, most, NULL}
 #define CHOICE(member, names) \
-  { #member, FIELD_CHOICE, offsetof(pags_train_config, member), 0, sizeof(names) / sizeof *(names) - 1, names }
+  {#member, FIELD_CHOICE, offsetof(pags_train_config, member), 0, sizeof(names) / sizeof *(names) - 1, names}
 #define COLOUR(suffix, i) \
-  { "background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1, NULL }
+  {"background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1, NULL}
 
 /* Enums begin at 0, so their fields hold an index; all are of int's size. */
 static const char *const strategies[] = {"default", "mcmc"};
@@ -257,7 +256,11 @@ static pags_result parse_choice(int *out, const field *f, const char *text) {
       return PAGS_OK;
     }
     size_t used = strlen(expected);
-    snprintf(expected + used, sizeof expected - used, "%s'%s'", i == 0 ? "" : i + 1 == count ? " or " : ", ", f->choices[i]);
+    snprintf(expected + used, sizeof expected - used, "%s'%s'",
+             i == 0           ? ""
+             : i + 1 == count ? " or "
+                              : ", ",
+             f->choices[i]);
   }
   return pags_fail(PAGS_ERROR_ARGUMENT, "%s: expected %s, got '%s'", f->name, expected, text);
 }
@@ -337,8 +340,8 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
   return fields[index].name;
 }
 
-/* What a preset sets where nothing else was asked for. LEAN's figures are those of docs/lab/priority.md; densifying ends at the same step in SHORT
- * and PAPER, whose it is half of its schedule. */
+/* What a preset sets where nothing else was asked for. LEAN's figures are those of docs/lab/priority.md; densifying
+ * ends at the same step in SHORT and PAPER, whose it is half of its schedule. */
 static void resolve_preset(pags_train_config *c) {
   int lean = c->preset == PAGS_PRESET_LEAN;
   if (c->densify_until < 0)

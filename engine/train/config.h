@@ -4,7 +4,8 @@
 
 #include <pags/train.h>
 
-/* Most steps of a run: each model's optimiser keeps 16 bytes for each, also where a damaged checkpoint promises them. */
+/* Most steps of a run: each model's optimiser keeps 16 bytes for each, also where a damaged checkpoint promises them.
+ */
 enum { PAGS_CONFIG_STEPS = 10000000 };
 
 /* Most bytes a configuration takes as text, either way. */

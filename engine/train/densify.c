@@ -28,7 +28,8 @@ static float logit(double probability) {
   return (float)log(probability / (1.0 - probability));
 }
 
-/* The loss counts critical pixels critical_weight times, growth critical_growth times; S_sem is their share of what shows the Gaussian. */
+/* The loss counts critical pixels critical_weight times, growth critical_growth times; S_sem is their share of what
+ * shows the Gaussian. */
 static float mean_gradient(const pags_train_model *model, int64_t row) {
   const pags_density *density = &model->density;
   const pags_train_config *c = &model->schedule.config;

@@ -9,9 +9,9 @@ typedef struct pags_depth_sample {
   float depth; /* camera z, metres */
 } pags_depth_sample;
 
-/* Points of the view's own time step that its camera sees: projected, those hidden behind nearer ones (a z-buffer of coarse cells, since
- * the laser sits elsewhere) left out, at most `most`, chosen evenly. Empty where there is no sweep. Also for held-out views: evaluation
- * asks for them, training must not. `samples` is freed by the caller. */
+/* Points of the view's own time step that its camera sees: projected, those hidden behind nearer ones (a z-buffer of
+ * coarse cells, since the laser sits elsewhere) left out, at most `most`, chosen evenly. Empty where there is no sweep.
+ * Also for held-out views: evaluation asks for them, training must not. `samples` is freed by the caller. */
 pags_result pags_depth_samples(const pags_dataset *dataset, int64_t view, int64_t most, int64_t *count,
                                pags_depth_sample **samples);
 

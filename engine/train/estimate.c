@@ -16,8 +16,8 @@ static const double growth = 8.0;
 static const double pixel_growth = 2.0;
 
 /* Statement of memory. Per Gaussian: parameters and two moments (planes x 4 bytes each), each with half as much room
- * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key, tiles and places 32, at 12 tiles per
- * Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12,
+ * again for growth; statistics 8; scratch of reordering 12; the frame's splat 64, key, tiles and places 32, at 12 tiles
+ * per Gaussian 12 entries of 8, masks of 2 and partial gradients of 48. Per pixel: the frame's planes 40, gradients 12,
  * loss 80, photo 3. */
 uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height) {
   uint64_t planes = (uint64_t)pags_plane_count(sh_degree);
@@ -71,8 +71,9 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
          pags_sky_fit_bytes(t->state.sky.sky.size);
 }
 
-/* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each Gaussian
- * did goes through the pairs like the backward half; at half size, as prunes have it, pairs are fewer, yet not Gaussians: half of it. */
+/* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each
+ * Gaussian did goes through the pairs like the backward half; at half size, as prunes have it, pairs are fewer, yet not
+ * Gaussians: half of it. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
   int at_end = pags_scores_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;

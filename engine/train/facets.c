@@ -1,8 +1,8 @@
 /* Facets; see facets.h.
  *
- * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of the smallest
- * eigenvalue of their covariance) to within the laser's noise is a facet; one whose points don't is remembered as rough, so
- * that nothing there is drawn to a plane of larger cells. */
+ * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of
+ * the smallest eigenvalue of their covariance) to within the laser's noise is a facet; one whose points don't is
+ * remembered as rough, so that nothing there is drawn to a plane of larger cells. */
 #include "train/facets.h"
 
 #include <math.h>
@@ -13,12 +13,14 @@
 
 enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
 
-static const double finest = 0.4;      /* side of the smallest cells, metres; then twice that, and so on */
-static const double thickest = 0.04;   /* standard deviation across a facet, metres: noise of the laser, of the poses, a little relief */
-static const double narrowest = 0.1;   /* standard deviation along its second axis, of the side: a line of points has no plane */
-static const double widest = 0.75;     /* how far along the plane from its centre a facet reaches, of the side */
-static const double farthest = 0.3;    /* and across, metres */
-static const double nearest = 0.03;    /* what lies nearer than this is left alone: the planes are no better known */
+static const double finest = 0.4; /* side of the smallest cells, metres; then twice that, and so on */
+static const double thickest =
+    0.04; /* standard deviation across a facet, metres: noise of the laser, of the poses, a little relief */
+static const double narrowest =
+    0.1; /* standard deviation along its second axis, of the side: a line of points has no plane */
+static const double widest = 0.75;  /* how far along the plane from its centre a facet reaches, of the side */
+static const double farthest = 0.3; /* and across, metres */
+static const double nearest = 0.03; /* what lies nearer than this is left alone: the planes are no better known */
 
 static uint64_t key_of(const int64_t cell[3], int level) {
   uint64_t key = (uint64_t)level;
@@ -62,7 +64,8 @@ static int by_key(const void *a, const void *b) {
   return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix Computations, 8.5). */
+/* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix
+ * Computations, 8.5). */
 static void diagonalise(double a[3][3], double v[3][3]) {
   for (int i = 0; i < 9; i++)
     v[i / 3][i % 3] = i / 3 == i % 3;
@@ -215,7 +218,8 @@ static int reaches(const pags_facet *facet, const float p[3], float side, float 
   return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
 }
 
-/* The facet whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any. */
+/* The facet whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
+ */
 static const pags_facet *nearest_facet(const pags_facets *self, const float p[3], float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   for (int level = 0; level < LEVELS; level++) {

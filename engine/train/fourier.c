@@ -1,5 +1,5 @@
-/* Held-in test of colour over time. The least-squares fit is weighted by pixels; what it explains beyond a constant, which the
- * static colour would take up by itself, is the gain. */
+/* Held-in test of colour over time. The least-squares fit is weighted by pixels; what it explains beyond a constant,
+ * which the static colour would take up by itself, is the gain. */
 #include "train/fourier.h"
 
 #include <math.h>
@@ -51,7 +51,8 @@ static double target_at(const pags_photo *photo, int c, int x, int y, int factor
   return sum / (255.0 * factor * factor);
 }
 
-static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, int factor, object_error *errors) {
+static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, int factor,
+                        object_error *errors) {
   int32_t background = (int32_t)t->state.models[0].gaussians.count;
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {

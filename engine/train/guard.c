@@ -27,7 +27,8 @@ static int comes_before(const pags_offender *a, const pags_offender *b) {
   return a->plane < b->plane;
 }
 
-/* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't either. */
+/* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't
+ * either. */
 void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *first) {
   while (atomic_flag_test_and_set_explicit(&guard->busy, memory_order_acquire)) {
   }

@@ -1,5 +1,5 @@
-/* What a number that isn't finite kept from moving: counted, and the first remembered, the same for any number of threads and
- * through checkpoints. Nothing of the kind is ever put into a parameter or a moment. */
+/* What a number that isn't finite kept from moving: counted, and the first remembered, the same for any number of
+ * threads and through checkpoints. Nothing of the kind is ever put into a parameter or a moment. */
 #ifndef PAGS_TRAIN_GUARD_H
 #define PAGS_TRAIN_GUARD_H
 
@@ -30,7 +30,8 @@ typedef struct pags_guard {
 
 /* An empty one. */
 void pags_guard_init(pags_guard *guard);
-/* `count` offences of one step, of which `first` comes first by (object, kind of thing, row). Safe from several threads. */
+/* `count` offences of one step, of which `first` comes first by (object, kind of thing, row). Safe from several
+ * threads. */
 void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *first);
 /* One line about the first offender: what, where, when. `name`: of the object; not looked at for the background. */
 enum { PAGS_GUARD_TEXT = 256 };

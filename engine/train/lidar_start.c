@@ -1,9 +1,9 @@
 /* Points to start from in a driving scene.
  *
- * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in voxels of 0.15 m, and
- * from structure from motion; what the laser never reaches is covered by random points as drivestudio does it. Here voxels grow with the
- * distance and with the number of points, colours are means over the photographs that see a point, and points that no training
- * photograph sees are left out. */
+ * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in
+ * voxels of 0.15 m, and from structure from motion; what the laser never reaches is covered by random points as
+ * drivestudio does it. Here voxels grow with the distance and with the number of points, colours are means over the
+ * photographs that see a point, and points that no training photograph sees are left out. */
 #include "train/lidar_start.h"
 
 #include <math.h>
@@ -172,7 +172,8 @@ static void mean_eye(const float *eyes, int64_t count, double middle[3]) {
   }
 }
 
-/* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all. */
+/* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all.
+ */
 static pags_result scene_radius(const pags_candidates *points, const double middle[3], double *radius,
                                 double *largest) {
   double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);

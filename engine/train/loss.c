@@ -62,7 +62,8 @@ static void run_block(const loss_job *job, int64_t block, int worker) {
   };
   if (rows.scratch) {
     job->kernels->loss_rows(&rows);
-    job->sums[block] = (band_sums){rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, {rows.by_exposure[0], rows.by_exposure[1]}, 1};
+    job->sums[block] = (band_sums){
+        rows.l1, rows.squared, rows.ssim, rows.more_l1, rows.more_dssim, {rows.by_exposure[0], rows.by_exposure[1]}, 1};
   }
   pags_arena_release(arena, mark);
 }
@@ -93,15 +94,16 @@ static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, 
     out->l1 = l1 / values;
     out->mse = squared / values;
     out->ssim = ssim / values;
-    out->loss = (1.0 - ssim_weight) * (out->l1 + more_l1 / values) +
-                ssim_weight * (1.0 - out->ssim + more_dssim / values);
+    out->loss =
+        (1.0 - ssim_weight) * (out->l1 + more_l1 / values) + ssim_weight * (1.0 - out->ssim + more_dssim / values);
   }
   return PAGS_OK;
 }
 
 static pags_result evaluate(loss_job *job, pags_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
-  const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND), counted = pags_photo_counted(job->photo);
+  const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND),
+                counted = pags_photo_counted(job->photo);
   if (counted) {
     job->l1_scale = (float)((1.0 - ssim_weight) / (3.0 * (double)counted));
     job->ssim_scale = (float)(-ssim_weight / (3.0 * (double)counted));
@@ -123,8 +125,12 @@ pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, c
     return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
                      picture->width, picture->height, photo->width, photo->height);
   const char *why = "no vector kernels";
-  loss_job job = {
-      .kernels = pags_kernels_get(&why), .tasks = tasks, .picture = picture, .photo = photo, .how = how, .gradient = gradient};
+  loss_job job = {.kernels = pags_kernels_get(&why),
+                  .tasks = tasks,
+                  .picture = picture,
+                  .photo = photo,
+                  .how = how,
+                  .gradient = gradient};
   if (!job.kernels)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
   /* Blocks of this very loop stack their scratch on top of what the calling thread, worker 0, allocates here. */

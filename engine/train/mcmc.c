@@ -168,8 +168,9 @@ pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
 }
 
 /* d/d(logit o) of w mean(o) = w o (1 - o) / N; d/d(ln sigma) of w mean(sigma) over 3 N sigmas = w sigma / (3 N). */
-/* Metres become lengths of a world whose extent is 20 where it is more. The regulariser adds up metres, and the noise goes with sigma
- * squared times a rate that itself goes with the extent: at an extent of 2009 they left nothing of the loss (gsplat's issue 542). */
+/* Metres become lengths of a world whose extent is 20 where it is more. The regulariser adds up metres, and the noise
+ * goes with sigma squared times a rate that itself goes with the extent: at an extent of 2009 they left nothing of the
+ * loss (gsplat's issue 542). */
 static double shrink_of(const pags_train_model *model) {
   const double most = 20.0, extent = model->schedule.extent;
   return extent > most ? most / extent : 1.0;

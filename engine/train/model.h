@@ -15,8 +15,8 @@ typedef struct pags_density {
   int64_t capacity;
   float *gradient; /* sum of |dL/d mean2D|, NDC, over the views it was drawn in */
   int32_t *seen;   /* how many */
-  float *squared;  /* since the last prune: sum of squared derivatives of the loss by the projected Gaussian's value; NULL unless the
-                      configuration takes S_grad from training */
+  float *squared;  /* since the last prune: sum of squared derivatives of the loss by the projected Gaussian's value;
+                      NULL unless the  configuration takes S_grad from training */
 } pags_density;
 
 typedef struct pags_train_model {
@@ -47,8 +47,8 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
 pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks);
 /* All parameters of the row are numbers. */
 int pags_model_is_finite_row(const pags_gaussians *gaussians, int64_t row);
-/* For the finished scene: takes out rows that aren't finite; the model can't be trained any more. Returns how many there were, -1
- * without memory. */
+/* For the finished scene: takes out rows that aren't finite; the model can't be trained any more. Returns how many
+ * there were, -1 without memory. */
 int64_t pags_model_drop_spoiled(pags_train_model *model);
 /* Statistics back to zero. */
 void pags_model_clear_density(pags_train_model *model);

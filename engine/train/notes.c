@@ -13,9 +13,9 @@ static void put_sky(pags_json_writer *w, const pags_train_state *s) {
   pags_json_put_integer(w, "texels", s->sky.sky.size);
   pags_json_put_number(w, "share_of_pixels", s->sky_share);
   pags_json_put_string(w, "why",
-                       !s->schedule.config.sky       ? "switched off"
-                       : s->sky.sky.size > 0         ? "training photographs show it"
-                                                     : "less than a thousandth of the training pixels shows it");
+                       !s->schedule.config.sky ? "switched off"
+                       : s->sky.sky.size > 0   ? "training photographs show it"
+                                               : "less than a thousandth of the training pixels shows it");
   pags_json_end_object(w);
 }
 
@@ -37,7 +37,8 @@ static void put_increments(pags_json_writer *w, const pags_object *o) {
       continue;
     metres += sqrt(n->translation[0] * n->translation[0] + n->translation[1] * n->translation[1] +
                    n->translation[2] * n->translation[2]);
-    radians += sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
+    radians +=
+        sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
     knots++;
   }
   pags_json_put_number(w, "mean_shift_metres", knots > 0 ? metres / (double)knots : 0.0);

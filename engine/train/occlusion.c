@@ -1,7 +1,8 @@
 /* A depth buffer of coarse cells for sparse points.
  *
- * The laser sits elsewhere than the camera and sees things that the camera doesn't; drawn as single pixels its points would hide
- * nothing. How large a point has to be to close the surface it was measured on depends on how many there are. */
+ * The laser sits elsewhere than the camera and sees things that the camera doesn't; drawn as single pixels its points
+ * would hide nothing. How large a point has to be to close the surface it was measured on depends on how many there
+ * are. */
 #include "train/occlusion.h"
 
 #include <math.h>

@@ -23,9 +23,9 @@ typedef struct pags_seen_point {
 pags_result pags_occlusion_reset(pags_occlusion *self, int width, int height, double focal);
 void pags_occlusion_destroy(pags_occlusion *self);
 
-/* Lets the points hide what lies behind them. Each covers a rectangle: half the mean spacing of all points to either side (at most
- * 0.5 m), as much as that in metres allows, twice as far down but hardly up: things stand on the ground, so below a point there is
- * more of the same thing, while what lies above a point of the road is road further away. */
+/* Lets the points hide what lies behind them. Each covers a rectangle: half the mean spacing of all points to either
+ * side (at most 0.5 m), as much as that in metres allows, twice as far down but hardly up: things stand on the ground,
+ * so below a point there is more of the same thing, while what lies above a point of the road is road further away. */
 void pags_occlusion_add(pags_occlusion *self, const pags_seen_point *points, int64_t count);
 
 /* 1: nothing lies clearly nearer. */

@@ -30,14 +30,16 @@ static pags_result has_scene(const pags_output *output, bool *out) {
   return PAGS_OK;
 }
 
-/* Going on where there is no checkpoint is to begin, as a command line that is queued again does. But a scene comes after its run's
- * checkpoint: one without is another's, or its checkpoint was taken away, and isn't to be lost to a run that begins. */
+/* Going on where there is no checkpoint is to begin, as a command line that is queued again does. But a scene comes
+ * after its run's checkpoint: one without is another's, or its checkpoint was taken away, and isn't to be lost to a run
+ * that begins. */
 static pags_result begin_instead(const pags_output *output) {
   bool scene = false;
   PAGS_TRY(has_scene(output, &scene));
   if (scene)
     return pags_fail(PAGS_ERROR_ARGUMENT,
-                     "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags beside it; pass --overwrite to "
+                     "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags beside it; "
+                     "pass --overwrite to "
                      "begin afresh, or another folder",
                      output->folder);
   pags_log(PAGS_LOG_INFO, "%s: no checkpoint to go on from: the run begins with step 1", output->folder);
@@ -71,8 +73,8 @@ static int is_ours(const char *name) {
   return strncmp(name, preview_prefix, strlen(preview_prefix)) == 0 && strcmp(pags_path_extension(name), ".png") == 0;
 }
 
-/* A file of the folder, if there. Of a link to one the link goes, or with `follow` the file: where this run writes, the link
- * stays and its target is made anew. FIFOs and devices stay. */
+/* A file of the folder, if there. Of a link to one the link goes, or with `follow` the file: where this run writes, the
+ * link stays and its target is made anew. FIFOs and devices stay. */
 static pags_result remove_file(const pags_output *output, const char *name, bool follow) {
   char *path = pags_path_join(output->folder, name), *target = NULL;
   if (!path)
@@ -89,8 +91,8 @@ static pags_result remove_file(const pags_output *output, const char *name, bool
   return result;
 }
 
-/* The files that the folder's scene.json names, and the folder of objects' models if that leaves it empty. A scene.json that can't
- * be read names nothing: what may be another's stays, and is written over where names meet. */
+/* The files that the folder's scene.json names, and the folder of objects' models if that leaves it empty. A scene.json
+ * that can't be read names nothing: what may be another's stays, and is written over where names meet. */
 static pags_result remove_scene(const pags_output *output) {
   pags_scene scene = {0};
   pags_scene_files files = {0};
@@ -269,7 +271,8 @@ static char *borrow(const char *text) {
   return (char *)(uintptr_t)text;
 }
 
-static void record_exposure(const pags_dataset *dataset, const pags_exposures *exposures, int64_t i, pags_scene_view *view) {
+static void record_exposure(const pags_dataset *dataset, const pags_exposures *exposures, int64_t i,
+                            pags_scene_view *view) {
   double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
   if (exposures->count > 0 && !view->test)
     pags_exposures_value(exposures, dataset, i, value);
@@ -328,7 +331,8 @@ typedef struct description {
 /* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
 static pags_result split_background(const pags_gaussians *g, pags_gaussians parts[4], int *count) {
   int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
-  pags_result result = index ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to write %lld Gaussians", (long long)g->count);
+  pags_result result =
+      index ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to write %lld Gaussians", (long long)g->count);
   for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
     int64_t rows = 0;
     for (int64_t i = 0; i < g->count; i++)

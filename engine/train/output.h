@@ -48,8 +48,8 @@ pags_result pags_output_log_prune(pags_output *output, int64_t step, int64_t pru
 pags_result pags_output_preview(const pags_output *output, int64_t step, const pags_picture *picture,
                                 const pags_photo *photo);
 
-/* scene.json and its PLYs; the state's parameters must be current. With sh_error the background has a PLY for each degree that its rows
- * need, and an object's is of the highest that one of its own does. */
+/* scene.json and its PLYs; the state's parameters must be current. With sh_error the background has a PLY for each
+ * degree that its rows need, and an object's is of the highest that one of its own does. */
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state);
 /* Bytes of what that writes as of now, but for the PLYs and for the name of the data set. */
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes);

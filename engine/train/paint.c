@@ -1,9 +1,9 @@
 /* Colours for points.
  *
- * Every training photograph is looked at once, in order; within it every point finds out by itself whether it is seen and what it looks like
- * there. A point's colour is the mean over the photographs that see it, near ones counting more (finer pixels), and those taken near
- * the time of its measurement more than others (shadows move, labelled boxes wander). What lies on pixels of something that moves, or of
- * sky, counts only if there is nothing better. */
+ * Every training photograph is looked at once, in order; within it every point finds out by itself whether it is seen
+ * and what it looks like there. A point's colour is the mean over the photographs that see it, near ones counting more
+ * (finer pixels), and those taken near the time of its measurement more than others (shadows move, labelled boxes
+ * wander). What lies on pixels of something that moves, or of sky, counts only if there is nothing better. */
 #include "train/paint.h"
 
 #include <math.h>

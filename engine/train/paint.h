@@ -15,13 +15,14 @@ typedef struct pags_far_points {
   uint8_t *rgb;
 } pags_far_points;
 
-/* Adds to the points' sums the colours of the training photographs that see them, weighted by nearness in space and time; the first
- * `measured` rows hide what is behind them. Photographs of objects' points are those of steps at which the object is there. Draws
- * far->wanted points, fewer where the photographs have no place for them. */
+/* Adds to the points' sums the colours of the training photographs that see them, weighted by nearness in space and
+ * time; the first `measured` rows hide what is behind them. Photographs of objects' points are those of steps at which
+ * the object is there. Draws far->wanted points, fewer where the photographs have no place for them. */
 pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks, pags_candidates *points,
                                   int64_t measured, pags_far_points *far);
 
-/* Draws on one photograph. `photo` and `camera` are the picture's, `from` the view's number; adds to `far`, which has room. */
+/* Draws on one photograph. `photo` and `camera` are the picture's, `from` the view's number; adds to `far`, which has
+ * room. */
 void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far);
 

@@ -1,8 +1,8 @@
 /* The pass of a training view.
  *
- * The frame is rendered with owed updates paid for each cluster in view; the losses write dLoss/d(picture); the frame goes back, and its
- * receiver moves each cluster's rows while their gradients are in cache. Poses, sky and exposure follow from sums that are
- * taken in a fixed order. */
+ * The frame is rendered with owed updates paid for each cluster in view; the losses write dLoss/d(picture); the frame
+ * goes back, and its receiver moves each cluster's rows while their gradients are in cache. Poses, sky and exposure
+ * follow from sums that are taken in a fixed order. */
 #include "train/pass.h"
 
 #include <math.h>
@@ -62,9 +62,9 @@ void pags_pass_destroy(pags_trainer *t) {
   for (int i = 0; i < PLANES; i++)
     free(p->plane[i]);
   free(p->emphasis);
-  void *const arrays[] = {p->parts, p->part_model, p->part_knot, p->pose,      p->pose_room, p->dc,
-                          p->basis, p->dc_stride,  p->held,      p->held_step, p->held_room, p->depth,
-                          p->factor, p->factor_room};
+  void *const arrays[] = {p->parts,     p->part_model, p->part_knot, p->pose,       p->pose_room,
+                          p->dc,        p->basis,      p->dc_stride, p->held,       p->held_step,
+                          p->held_room, p->depth,      p->factor,    p->factor_room};
   for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
     free(arrays[i]);
   *p = (pags_pass){0};
@@ -160,7 +160,8 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
 
 /* Composition. */
 
-static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t knot, const double world_from_model[12]) {
+static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t knot,
+                     const double world_from_model[12]) {
   pags_pass *p = &t->pass;
   const pags_train_model *m = &t->state.models[model];
   pags_part *part = &p->parts[p->part_count];
@@ -247,8 +248,8 @@ static void touch(void *user, int part, int64_t cluster, int worker) {
     drop(c, model, cluster);
 }
 
-pags_result pags_pass_render(pags_trainer *t, int64_t step, const pags_camera *camera, const pags_frame_options *options,
-                             pags_picture *picture) {
+pags_result pags_pass_render(pags_trainer *t, int64_t step, const pags_camera *camera,
+                             const pags_frame_options *options, pags_picture *picture) {
   pass_context context = {t, step, 0};
   for (int i = 0; i < t->pass.part_count; i++) {
     int64_t model = t->pass.part_model[i];
@@ -290,7 +291,8 @@ static int any_bad(const pags_cluster_gradient *g) {
   return any;
 }
 
-/* Keeps an object's gradients until the picture's arrive. A row's that isn't finite is nothing beside them, but is counted. */
+/* Keeps an object's gradients until the picture's arrive. A row's that isn't finite is nothing beside them, but is
+ * counted. */
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   const pass_context *c = user;
   const pags_pass *p = &c->trainer->pass;
@@ -301,7 +303,8 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   for (int i = 0; any_bad(g) && i < g->count; i++)
     if (g->bad[i])
       pags_guard_note(&c->trainer->state.guard, 1,
-                      &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1, PAGS_OFFENCE_GRADIENT});
+                      &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1,
+                                       PAGS_OFFENCE_GRADIENT});
   memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
          (size_t)g->planes * (size_t)g->stride * sizeof(float));
   p->held_step[model][g->cluster] = (int32_t)c->step;
@@ -355,7 +358,8 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* as it was: the update leaves the row out */
   pags_offender first = {0};
-  int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
+  int left_out =
+      pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
   first.object = m->object;
   if (left_out)
     pags_guard_note(&c->trainer->state.guard, left_out, &first);
@@ -370,8 +374,8 @@ static pags_result load_depth(pags_trainer *t, int64_t view) {
   return pags_depth_samples(t->dataset, view, MOST_SAMPLES, &t->pass.depth[view].count, &t->pass.depth[view].samples);
 }
 
-/* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one; they stand for those of
- * the steps that do without, too. */
+/* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one;
+ * they stand for those of the steps that do without, too. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_pass *p = &t->pass;
   pass_context context = {t, step, 1};
@@ -385,14 +389,15 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
                              &picture));
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
-  PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, OBJECTS_EVERY * t->state.schedule.config.object_weight, by_t,
-                             &v->terms.objects));
+  PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, OBJECTS_EVERY * t->state.schedule.config.object_weight,
+                             by_t, &v->terms.objects));
   v->terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
 }
 
-/* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts as it is. */
+/* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts
+ * as it is. */
 static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison *how) {
   double times = t->state.schedule.config.critical_weight;
   if (!photo->labels || !(times > 1.0) || t->measuring)
@@ -405,7 +410,8 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
 }
 
 static pags_result photometric(pags_trainer *t, pags_step_view *v) {
-  pags_comparison how = {.ssim_weight = t->state.schedule.config.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
+  pags_comparison how = {
+      .ssim_weight = t->state.schedule.config.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
   emphasise(t, &v->photo, &how);
@@ -464,7 +470,8 @@ static void update_tracks(pags_trainer *t, int64_t step) {
       for (int k = 0; k < 6; k++)
         sum[k] += t->pass.pose[model][c][k];
     if (!pags_tracks_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step))
-      pags_guard_note(&t->state.guard, 1, &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
+      pags_guard_note(&t->state.guard, 1,
+                      &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
   }
 }
 

@@ -9,18 +9,18 @@
 /* What passes work with besides the state; grown when needed, the same from step to step. */
 typedef struct pags_pass {
   pags_frame *frame, *object_frame;
-  pags_part *parts;     /* of the view: the background first, then what moves and is there */
-  int64_t *part_model;  /* index of each part's model */
-  int64_t *part_knot;   /* of its track at the view's time step; -1: the background, or a time step without a label */
+  pags_part *parts;    /* of the view: the background first, then what moves and is there */
+  int64_t *part_model; /* index of each part's model */
+  int64_t *part_knot;  /* of its track at the view's time step; -1: the background, or a time step without a label */
   int part_count;
-  double (**pose)[6];   /* per model: the pose gradient of each of its clusters */
-  int64_t *pose_room;   /* clusters that fit */
-  float **dc;           /* per model with colour over time: 3 planes, the colour now */
+  double (**pose)[6]; /* per model: the pose gradient of each of its clusters */
+  int64_t *pose_room; /* clusters that fit */
+  float **dc;         /* per model with colour over time: 3 planes, the colour now */
   int64_t *dc_stride;
-  float **factor;       /* per model: factors of opacity, for steps with dropout */
+  float **factor; /* per model: factors of opacity, for steps with dropout */
   int64_t *factor_room;
-  double (*basis)[5];   /* per model: Fourier basis now */
-  float **held;         /* per model: gradients by the object opacity term, waiting for the others: planes as the frame's */
+  double (*basis)[5]; /* per model: Fourier basis now */
+  float **held; /* per model: gradients by the object opacity term, waiting for the others: planes as the frame's */
   int32_t **held_step;  /* per cluster: the step they belong to */
   int64_t *held_room;   /* floats; clusters = floats / (planes * cluster size) */
   float *plane[7];      /* gradient R G B, T, sum(w z); zeros; ones */

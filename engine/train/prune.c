@@ -1,9 +1,10 @@
 /* Pruning by priority.
  *
- * The paper ranks all Gaussians by S_hybrid and removes the lowest. S_sem lies in 0..1, S_grad is heavy-tailed over many
- * powers of ten; as a percentile rank it spreads evenly over 0..1, so that alpha weighs the two as it says: in the paper's sum what isn't
- * critical scores up to 1 - alpha, what is from alpha on, though no pixel may need it. The product asks more of what isn't critical
- * and keeps nothing that doesn't matter. A Gaussian that no training view shows has score 0 whatever it inherited. */
+ * The paper ranks all Gaussians by S_hybrid and removes the lowest. S_sem lies in 0..1, S_grad is heavy-tailed over
+ * many powers of ten; as a percentile rank it spreads evenly over 0..1, so that alpha weighs the two as it says: in the
+ * paper's sum what isn't critical scores up to 1 - alpha, what is from alpha on, though no pixel may need it. The
+ * product asks more of what isn't critical and keeps nothing that doesn't matter. A Gaussian that no training view
+ * shows has score 0 whatever it inherited. */
 #include "train/prune.h"
 
 #include <math.h>
@@ -171,8 +172,8 @@ static pags_result score_rows(const pags_train_state *s, const pags_scores *scor
   int64_t at = 0;
   for (int64_t i = 0; i < s->model_count; i++)
     for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++)
-      l->raw[at] = c->s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at]
-                                                           : (double)s->models[i].density.squared[row];
+      l->raw[at] =
+          c->s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at] : (double)s->models[i].density.squared[row];
   PAGS_TRY(pags_prune_normalise(c->s_grad, l->raw, at, l->score));
   at = 0;
   for (int64_t i = 0; i < s->model_count; i++) {

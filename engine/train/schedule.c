@@ -20,14 +20,15 @@ static int64_t at_least(int64_t value, int64_t least) {
   return value < least ? least : value;
 }
 
-/* Steps after which the Gaussians with the lowest scores go: three times while densifying, then while it is over. The first
- * kind right after a densify, so that none follows closely. */
+/* Steps after which the Gaussians with the lowest scores go: three times while densifying, then while it is over. The
+ * first kind right after a densify, so that none follows closely. */
 enum { EARLY_PRUNES = 3 };
 static const struct {
   int prunes;
   double first, every, of; /* steps */
-} plans[] = {
-    [PAGS_PRESET_LEAN] = {5, 4000, 4000, 30000}, [PAGS_PRESET_SHORT] = {4, 10000, 5000, 30000}, [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
+} plans[] = {[PAGS_PRESET_LEAN] = {5, 4000, 4000, 30000},
+             [PAGS_PRESET_SHORT] = {4, 10000, 5000, 30000},
+             [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
 _Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
 
 static void set_prunes(pags_schedule *s) {

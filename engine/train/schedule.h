@@ -56,8 +56,8 @@ int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
 int pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
 /* Whether Gaussians are drawn to the planes that LiDAR shows (facets.h): at densify's interval, but up to the end. */
 int pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
-/* A reset that a prune follows within a third of the interval between resets waits for it: scores taken of Gaussians that have not
- * recovered say little, as nothing hides anything. */
+/* A reset that a prune follows within a third of the interval between resets waits for it: scores taken of Gaussians
+ * that have not recovered say little, as nothing hides anything. */
 int pags_schedule_is_reset(const pags_schedule *schedule, int64_t step);
 /* Which prune by score follows a step, from 0; -1: none. */
 int pags_schedule_prune(const pags_schedule *schedule, int64_t step);

@@ -52,7 +52,8 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   p->plane_floats = 0;
   p->counted = calloc(2 * (size_t)floats, sizeof *p->counted);
   if (!p->counted)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the masks of a picture of %dx%d", picture->width, picture->height);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the masks of a picture of %dx%d", picture->width,
+                     picture->height);
   p->plane_floats = floats;
   return PAGS_OK;
 }
@@ -103,9 +104,8 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   PAGS_TRY(pags_pass_render(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
   fill_planes(p, &photo, &picture, factor);
-  pags_score_planes planes = {.counted = p->counted,
-                              .critical = p->critical,
-                              .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
+  pags_score_planes planes = {
+      .counted = p->counted, .critical = p->critical, .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
   return pags_frame_scores(t->pass.frame, &planes, add_cluster, p);
 }
 

@@ -58,8 +58,8 @@ static int may_show(const pags_sh_view *v, const float p[3], float sigma) {
   return u > -extent_x && u < v->width + extent_x && w > -extent_y && w < v->height + extent_y;
 }
 
-/* Real spherical harmonics of degrees 1 to 3 at a unit vector, with INRIA's signs; constants sqrt((2l+1)(l-|m|)! / (4 pi (l+|m|)!)) times
- * sqrt 2 where m isn't 0, multiplied out. basis[0] isn't looked at. */
+/* Real spherical harmonics of degrees 1 to 3 at a unit vector, with INRIA's signs; constants sqrt((2l+1)(l-|m|)! / (4
+ * pi (l+|m|)!)) times sqrt 2 where m isn't 0, multiplied out. basis[0] isn't looked at. */
 static void sh_basis(int degree, const float d[3], float basis[16]) {
   float x = d[0], y = d[1], z = d[2], xx = x * x, yy = y * y, zz = z * z;
   basis[1] = -0.48860251f * y;

@@ -1,8 +1,9 @@
 /* Spherical harmonics only where they show.
  *
- * For each Gaussian, the lowest degree is kept at which its colour, from every direction that a training view can see it from, changes
- * by at most `error`. What the removed terms have in common there (the middle of their range, channel by channel) goes to the constant
- * term. A pixel is a sum of colours with weights of at most 1 in all, so no pixel of a training view changes by more than `error`. */
+ * For each Gaussian, the lowest degree is kept at which its colour, from every direction that a training view can see
+ * it from, changes by at most `error`. What the removed terms have in common there (the middle of their range, channel
+ * by channel) goes to the constant term. A pixel is a sum of colours with weights of at most 1 in all, so no pixel of a
+ * training view changes by more than `error`. */
 #ifndef PAGS_TRAIN_SH_TRIM_H
 #define PAGS_TRAIN_SH_TRIM_H
 
@@ -21,7 +22,8 @@ typedef struct pags_sh_view {
 pags_sh_view pags_sh_view_make(const pags_camera *camera, const double world_from_model[12], const double origin[3],
                                double near_plane, double low_pass);
 
-/* Rows [first, last): terms beyond the degree that a row keeps become 0. What no view sees keeps its constant term only. */
+/* Rows [first, last): terms beyond the degree that a row keeps become 0. What no view sees keeps its constant term
+ * only. */
 void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t view_count, double error, int64_t first,
                        int64_t last);
 

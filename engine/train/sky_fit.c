@@ -38,9 +38,12 @@ uint64_t pags_sky_fit_bytes(int size) {
   return texels * (3 * 3 * sizeof(float) + sizeof(uint16_t));
 }
 
-uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset) { return pags_sky_fit_bytes(choose_size(dataset)); }
+uint64_t pags_sky_fit_most_bytes(const pags_dataset *dataset) {
+  return pags_sky_fit_bytes(choose_size(dataset));
+}
 
-pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos, double *share) {
+pags_result pags_sky_fit_create(pags_sky_fit *fit, const pags_dataset *dataset, pags_photo_cache *photos,
+                                double *share) {
   double colour[3] = {0.0, 0.0, 0.0};
   int64_t sky = 0, all = 0;
   *fit = (pags_sky_fit){0};
@@ -95,7 +98,8 @@ typedef struct block_factors { /* per float; what leaves it as it is where no pi
 } block_factors;
 
 /* A gradient that isn't finite counts for nothing. */
-static void find_factors(const pags_sky_fit *f, const float *gradient, uint16_t *visits, int64_t texels, block_factors *out) {
+static void find_factors(const pags_sky_fit *f, const float *gradient, uint16_t *visits, int64_t texels,
+                         block_factors *out) {
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
     const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
@@ -159,7 +163,8 @@ static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *
   return PAGS_OK;
 }
 
-pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step, pags_picture_gradient *gradient) {
+pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
+                                 pags_picture_gradient *gradient) {
   const pags_train_config *c = &schedule->config;
   const double t = fmin((double)step / (double)schedule->length, 1.0);
   if (!fit->correction)

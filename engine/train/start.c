@@ -20,7 +20,8 @@ static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* F
   return hash;
 }
 
-/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps depend on. */
+/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps
+ * depend on. */
 static uint64_t fingerprint_of(const pags_dataset *dataset) {
   uint64_t hash = 14695981039346656037u;
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
@@ -78,7 +79,8 @@ static void largest_picture(const pags_trainer *t, int *width, int *height) {
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
   int width = 1, height = 1;
   uint64_t memory = t->options->max_memory;
-  int64_t most = config->preset == PAGS_PRESET_NONE ? config->max_gaussians : 0; /* with a preset its last prune sees to it */
+  int64_t most =
+      config->preset == PAGS_PRESET_NONE ? config->max_gaussians : 0; /* with a preset its last prune sees to it */
   if (memory == 0)
     return most;
   largest_picture(t, &width, &height);
@@ -122,7 +124,8 @@ static pags_result start_static(pags_trainer *t, const pags_train_config *config
 
 /* Driving sets. */
 
-/* Object numbers and priorities of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are found again by position. */
+/* Object numbers and priorities of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are
+ * found again by position. */
 typedef struct point_key {
   float xyz[3];
   int32_t object;
@@ -139,17 +142,18 @@ static int by_position(const void *a, const void *b) {
 
 static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g) {
   point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
-  pags_result result = keys ? pags_gaussians_add_object_id(g) : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  pags_result result = keys ? pags_gaussians_add_object_id(g)
+                            : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
   if (result == PAGS_OK)
     result = pags_gaussians_add_s_sem(g);
   for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
-    keys[i] = (point_key){{points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]},
-                          points->object[i],
-                          points->s_sem[i]};
+    keys[i] = (point_key){
+        {points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]}, points->object[i], points->s_sem[i]};
   if (result == PAGS_OK)
     pags_sort(keys, points->count, sizeof *keys, by_position);
   for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
-    point_key key = {{pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
+    point_key key = {
+        {pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
     const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
     g->object_id[row] = found ? found->object : -1;
     g->s_sem[row] = found ? found->s_sem : 0.0f;
@@ -158,8 +162,8 @@ static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g)
   return result;
 }
 
-static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start, int64_t most,
-                                  double extent) {
+static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+                                  int64_t most, double extent) {
   const pags_start_points *p = &start->background;
   pags_train_state *s = &t->state;
   pags_gaussians g;
@@ -176,8 +180,8 @@ static double object_extent(const pags_object *o) {
   return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
 }
 
-static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object, const pags_start_points *p,
-                              int64_t most) {
+static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object,
+                              const pags_start_points *p, int64_t most) {
   pags_train_state *s = &t->state;
   const pags_object *o = &s->tracks.objects[object];
   pags_gaussians g;
@@ -202,7 +206,8 @@ void pags_trainer_fit_box(pags_train_state *s, int64_t model) {
 }
 
 /* Where there is a cap, objects get half of it at most, each by its points. */
-static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start, double extent) {
+static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+                              double extent) {
   int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
   for (int64_t i = 0; config->objects && i < start->object_count; i++)
     points += start->objects[i].count;

@@ -1,11 +1,12 @@
-/* Loss terms of driving scenes: opacity where the sky is, depth where the laser hit, opacity of moving objects in and out of their boxes.
+/* Loss terms of driving scenes: opacity where the sky is, depth where the laser hit, opacity of moving objects in and
+ * out of their boxes.
  *
  * With T the transmittance, alpha = 1 - T and n counted pixels:
  *   sky      -(w/n) log T where the label says sky, -(w/n) log(1 - T) elsewhere     d/dT = -(w/n) / T, (w/n) / (1 - T)
  *   objects  -(w/n) log T outside of the boxes, (w/n) H(T) within them              dH/dT = log((1 - T) / T)
- *   depth    (w/m) |D / alpha - sample|, m samples kept                             d/dD = s (w/m) / alpha, d/dT = s (w/m) D / alpha^2
- * Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero: simd/opacity.inl. Every row has its
- * own sum, added in order. */
+ *   depth    (w/m) |D / alpha - sample|, m samples kept                             d/dD = s (w/m) / alpha, d/dT = s
+ * (w/m) D / alpha^2 Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero:
+ * simd/opacity.inl. Every row has its own sum, added in order. */
 #include "train/terms.h"
 
 #include <assert.h>
@@ -45,8 +46,8 @@ static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
 static pags_result check_sizes(const pags_picture *picture, const pags_photo *photo) {
   if (picture->width == photo->width && picture->height == photo->height && picture->stride == photo->stride)
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d", picture->width,
-                   picture->height, photo->width, photo->height);
+  return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
+                   picture->width, picture->height, photo->width, photo->height);
 }
 
 static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *value) {
@@ -99,8 +100,8 @@ typedef struct depth_hit {
 } depth_hit;
 
 /* Samples in counted pixels that are not empty, in their order. Returns how many. */
-static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples, int64_t count,
-                         int shrink, depth_hit *hits) {
+static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
+                         int64_t count, int shrink, depth_hit *hits) {
   const float scale = 1.0f / (float)shrink; /* exact: a power of two */
   int64_t found = 0;
   for (int64_t i = 0; i < count; i++) {
@@ -125,7 +126,8 @@ static uint32_t error_key(const depth_hit *hit) { /* bits of floats that aren't 
   return key;
 }
 
-/* The kept-th smallest key (from 1), and how many of the smaller keys there are: bit by bit from the top, 8 at a time. */
+/* The kept-th smallest key (from 1), and how many of the smaller keys there are: bit by bit from the top, 8 at a time.
+ */
 static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, int64_t *smaller) {
   uint32_t prefix = 0;
   *smaller = 0;
@@ -143,8 +145,9 @@ static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, i
   return prefix;
 }
 
-pags_result pags_term_depth(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples, int64_t count, int shrink,
-                            double weight, double share, float *depth_gradient, float *transmittance_gradient, double *value) {
+pags_result pags_term_depth(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
+                            int64_t count, int shrink, double weight, double share, float *depth_gradient,
+                            float *transmittance_gradient, double *value) {
   assert(picture->depth_sum && shrink >= 1 && share >= 0.0 && share <= 1.0);
   *value = 0.0;
   PAGS_TRY(check_sizes(picture, photo));
@@ -153,7 +156,8 @@ pags_result pags_term_depth(const pags_picture *picture, const pags_photo *photo
   depth_hit *const hits = (uint64_t)count <= SIZE_MAX / sizeof *hits ? malloc((size_t)count * sizeof *hits) : NULL;
   if (!hits)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld depth samples", (long long)count);
-  const int64_t found = find_hits(picture, photo, samples, count, shrink, hits), kept = (int64_t)ceil(share * (double)found);
+  const int64_t found = find_hits(picture, photo, samples, count, shrink, hits),
+                kept = (int64_t)ceil(share * (double)found);
   if (kept > 0) {
     int64_t smaller;
     const uint32_t largest = select_key(hits, found, kept, &smaller);

@@ -1,13 +1,11 @@
-/* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus an error of
- * its own at each time step. The smoothed track x minimises
- *   sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
- * (Whittaker 1923), times in median spacings; constant acceleration costs nothing. How much to smooth is read off the labels
- * themselves: one lambda for all positions of a data set and one for all rotations, those with the least score of generalised
- * cross-validation (Craven and Wahba 1979),
- *   N * sum |label - x|^2 / (N - trace)^2,
- * trace being of the matrix that takes labels to x, sums over all tracks. So labels without jitter stay as they are. Rotations
- * are smoothed as rotation vectors relative to the first knot, which is exact for rotations about one axis: the yaw of what
- * stands on a road. Trained knots only. */
+/* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus an
+ * error of its own at each time step. The smoothed track x minimises sum over knots |x_k - label_k|^2 + lambda * sum
+ * over four neighbouring knots |third divided difference|^2 (Whittaker 1923), times in median spacings; constant
+ * acceleration costs nothing. How much to smooth is read off the labels themselves: one lambda for all positions of a
+ * data set and one for all rotations, those with the least score of generalised cross-validation (Craven and Wahba
+ * 1979), N * sum |label - x|^2 / (N - trace)^2, trace being of the matrix that takes labels to x, sums over all tracks.
+ * So labels without jitter stay as they are. Rotations are smoothed as rotation vectors relative to the first knot,
+ * which is exact for rotations about one axis: the yaw of what stands on a road. Trained knots only. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,7 +17,7 @@
 #include "train/tracks.h"
 
 enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
-enum { ROTATION, TRANSLATION, KINDS }; /* channels 0-2 and 3-5 */
+enum { ROTATION, TRANSLATION, KINDS };   /* channels 0-2 and 3-5 */
 static const double least_lambda = 1e-4; /* next to nothing; each further strength is half a decade more */
 static const double longest_gap = 4.0;   /* median spacings; a longer one parts the track */
 
@@ -36,9 +34,9 @@ typedef struct run {
 
 /* What cross-validation sums over runs. */
 typedef struct scores {
-  double labels;                    /* N, per channel */
-  double freedom[STRENGTHS];        /* N - trace */
-  double rest[STRENGTHS][KINDS];    /* sum |label - x|^2 */
+  double labels;                 /* N, per channel */
+  double freedom[STRENGTHS];     /* N - trace */
+  double rest[STRENGTHS][KINDS]; /* sum |label - x|^2 */
 } scores;
 
 static double strength(int i) {
@@ -56,7 +54,8 @@ static void build_matrix(run *r, double lambda) {
       d[i] = 6.0;
       for (int j = 0; j < WINDOW; j++)
         if (j != i)
-          d[i] *= r->spacing / (r->object->knots[r->knots[first + i]].time - r->object->knots[r->knots[first + j]].time);
+          d[i] *=
+              r->spacing / (r->object->knots[r->knots[first + i]].time - r->object->knots[r->knots[first + j]].time);
     }
     for (int i = 0; i < WINDOW; i++)
       for (int j = 0; j <= i; j++)

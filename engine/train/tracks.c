@@ -28,8 +28,8 @@ static pags_result copy_object(const pags_object *from, pags_object *to, pags_mo
 pags_result pags_tracks_create(pags_tracks *tracks, const pags_dataset *dataset) {
   int64_t count = pags_dataset_object_count(dataset);
   size_t room = (size_t)(count > 0 ? count : 1);
-  *tracks = (pags_tracks){.objects = calloc(room, sizeof *tracks->objects),
-                          .moments = calloc(room, sizeof *tracks->moments)};
+  *tracks =
+      (pags_tracks){.objects = calloc(room, sizeof *tracks->objects), .moments = calloc(room, sizeof *tracks->moments)};
   if (!tracks->objects || !tracks->moments) {
     pags_tracks_destroy(tracks);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld tracks", (long long)count);
@@ -62,15 +62,16 @@ int64_t pags_tracks_knot(const pags_object *object, int frame) {
   return -1;
 }
 
-/* A knot is moved once for each visit to one of its photographs, so that a short run, or one with many photographs, must take longer
- * steps to come as far. */
+/* A knot is moved once for each visit to one of its photographs, so that a short run, or one with many photographs,
+ * must take longer steps to come as far. */
 static double hurry(const pags_schedule *schedule) {
   double visits = (double)schedule->length / (double)schedule->views;
   return fmin(fmax(reference_visits / visits, 0.25), 4.0);
 }
 
-/* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no picture. The labels'
- * mean knows, so that what one knot has gone is taken back from all that photographs have moved. */
+/* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no
+ * picture. The labels' mean knows, so that what one knot has gone is taken back from all that photographs have moved.
+ */
 static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6]) {
   const pags_moments *m = tracks->moments[object];
   pags_object *o = &tracks->objects[object];

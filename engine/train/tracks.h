@@ -10,7 +10,7 @@
 
 typedef struct pags_tracks {
   int64_t count;
-  pags_object *objects;          /* copies: knots hold the increments */
+  pags_object *objects;   /* copies: knots hold the increments */
   pags_moments **moments; /* per object: one per knot */
 } pags_tracks;
 
@@ -25,9 +25,9 @@ int64_t pags_tracks_knot(const pags_object *object, int frame);
 pags_result pags_tracks_smooth(pags_tracks *tracks);
 
 /* One Adam step (Kingma and Ba) of one knot from dL/d(rotation, translation) of the perturbation world_from_model *
- * exp(xi): the gradient of pags_pose_gradient. Increments are small, so that exp(increment) exp(xi) is the increment plus
- * xi, its translation turned by the increment. */
+ * exp(xi): the gradient of pags_pose_gradient. Increments are small, so that exp(increment) exp(xi) is the increment
+ * plus xi, its translation turned by the increment. */
 int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
-                        const pags_schedule *schedule, int64_t step);
+                       const pags_schedule *schedule, int64_t step);
 
 #endif

@@ -1,8 +1,8 @@
 /* The training loop.
  *
- * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back (pass.c).
- * Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and pay everything
- * first. */
+ * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back
+ * (pass.c). Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and
+ * pay everything first. */
 #include "train/trainer.h"
 
 #include <assert.h>
@@ -98,7 +98,8 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
 /* Under MCMC the regularisers and the noise move rows that no view shows, too. */
 static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
   pags_adam_begin(&m->adam, m->step);
-  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block, &(unseen_job){m, &t->state.guard}))
+  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
+                         &(unseen_job){m, &t->state.guard}))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   return pags_mcmc_noise(m, m->step, t->tasks);
 }
@@ -198,15 +199,17 @@ static const char *offender_name(const pags_trainer *t) {
   return object >= 0 && object < t->state.tracks.count ? t->state.tracks.objects[object].id : NULL;
 }
 
-/* A number that isn't finite here and there costs a row a step. More of them are a sign that the run doesn't hold together. */
+/* A number that isn't finite here and there costs a row a step. More of them are a sign that the run doesn't hold
+ * together. */
 static pags_result check_guard(const pags_trainer *t) {
   char text[PAGS_GUARD_TEXT];
   if (t->state.guard.count <= t->options->bad_rows_most)
     return PAGS_OK;
   pags_guard_describe(&t->state.guard, offender_name(t), text);
-  return pags_fail(PAGS_ERROR_LIMIT,
-                   "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
-                   (long long)t->state.step, (long long)t->state.guard.count, (long long)t->options->bad_rows_most, text);
+  return pags_fail(
+      PAGS_ERROR_LIMIT,
+      "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
+      (long long)t->state.step, (long long)t->state.guard.count, (long long)t->options->bad_rows_most, text);
 }
 
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
@@ -397,7 +400,8 @@ static pags_result drop_spoiled(pags_trainer *t) {
   if (dropped < 0)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to write the scene");
   if (dropped > 0)
-    pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene", (long long)dropped);
+    pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
+             (long long)dropped);
   return PAGS_OK;
 }
 
@@ -439,8 +443,11 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
 /* Opening. */
 
 pags_train_options pags_train_options_default(void) {
-  return (pags_train_options){
-      .image_cache = (uint64_t)1 << 30, .checkpoint_every = 1000, .log_every = 100, .preview_every = 1000, .bad_rows_most = 1000};
+  return (pags_train_options){.image_cache = (uint64_t)1 << 30,
+                              .checkpoint_every = 1000,
+                              .log_every = 100,
+                              .preview_every = 1000,
+                              .bad_rows_most = 1000};
 }
 
 static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pags_train_result *result) {

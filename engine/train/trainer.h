@@ -24,8 +24,8 @@ typedef struct pags_trainer {
   int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
   pags_pass pass;
-  pags_facets facets;      /* of the data set; none without lidar_pull */
-  int measuring;           /* 1: gradients are thrown away */
+  pags_facets facets; /* of the data set; none without lidar_pull */
+  int measuring;      /* 1: gradients are thrown away */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;
@@ -45,8 +45,9 @@ typedef struct pags_step_view {
 /* Renders, compares and goes back, with the SH degree of `step`; times are added to trainer->ms. */
 pags_result pags_trainer_pass(pags_trainer *trainer, int64_t step, pags_step_view *v);
 
-/* The photograph of training view `index` as training sees it at the step done, for what looks at all of them in turn: those that follow
- * are decoded meanwhile. At any other level than `*level` each would have to be decoded anew, and again for the next step. */
+/* The photograph of training view `index` as training sees it at the step done, for what looks at all of them in turn:
+ * those that follow are decoded meanwhile. At any other level than `*level` each would have to be decoded anew, and
+ * again for the next step. */
 pags_result pags_trainer_photo(pags_trainer *trainer, int64_t index, int *level, pags_photo *photo);
 
 /* What a run takes: s = step_seconds * steps + scoring_seconds. */

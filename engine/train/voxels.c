@@ -142,7 +142,8 @@ pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, co
   return result;
 }
 
-/* The recording car about its cameras: half its width, and how far below and above the cameras; metres. The road lies deeper. */
+/* The recording car about its cameras: half its width, and how far below and above the cameras; metres. The road lies
+ * deeper. */
 static const float rig_radius = 1.2f, rig_below = 1.2f, rig_above = 1.5f;
 
 static void rig_block(void *context, int64_t begin, int64_t end, int worker) {

@@ -1,4 +1,5 @@
-// operator new as our own C++ objects call it, failed by the memory guard as malloc is. What libstdc++ frees of it isn't counted.
+// operator new as our own C++ objects call it, failed by the memory guard as malloc is. What libstdc++ frees of it
+// isn't counted.
 #include <cstddef>
 #include <new>
 

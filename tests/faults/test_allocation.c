@@ -1,7 +1,9 @@
-/* Allocation failures: reading, rendering, training and exporting with the n-th allocation refused, for every n. Each run must end with
- * PAGS_ERROR_MEMORY or, where what was refused could be done without, with the same result as ever; nothing may crash or leak.
+/* Allocation failures: reading, rendering, training and exporting with the n-th allocation refused, for every n. Each
+ * run must end with PAGS_ERROR_MEMORY or, where what was refused could be done without, with the same result as ever;
+ * nothing may crash or leak.
  *
- * Operations that allocate too often for every n to be tried are sampled, the first hundred whole; PAGS_FAULTS=N tries N times as many. */
+ * Operations that allocate too often for every n to be tried are sampled, the first hundred whole; PAGS_FAULTS=N tries
+ * N times as many. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -108,7 +110,12 @@ static pags_result draw(pags_composition *composition, pags_tasks *tasks, pags_e
   pags_frame *frame;
   pags_picture picture;
   pags_frame_stats stats;
-  const pags_camera camera = {.width = 40, .height = 30, .fx = 30, .fy = 30, .cx = 20, .cy = 15,
+  const pags_camera camera = {.width = 40,
+                              .height = 30,
+                              .fx = 30,
+                              .fy = 30,
+                              .cx = 20,
+                              .cy = 15,
                               .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, -6}};
   pags_frame_options options = pags_composition_options(composition);
   options.early_z = mode;
@@ -138,9 +145,15 @@ static pags_result render_as(const char *path, int pack, pags_early_z mode) {
   return result;
 }
 
-static pags_result render(const char *path) { return render_as(path, 0, PAGS_EARLY_Z_OFF); }
-static pags_result render_hidden(const char *path) { return render_as(path, 0, PAGS_EARLY_Z_LOSSLESS); }
-static pags_result render_packed(const char *path) { return render_as(path, 1, PAGS_EARLY_Z_OFF); }
+static pags_result render(const char *path) {
+  return render_as(path, 0, PAGS_EARLY_Z_OFF);
+}
+static pags_result render_hidden(const char *path) {
+  return render_as(path, 0, PAGS_EARLY_Z_LOSSLESS);
+}
+static pags_result render_packed(const char *path) {
+  return render_as(path, 1, PAGS_EARLY_Z_OFF);
+}
 
 /* ---- Training ---- */
 
@@ -183,8 +196,12 @@ static pags_result train_on(const char *path, int resume) {
   return result;
 }
 
-static pags_result train(const char *path) { return train_on(path, 0); }
-static pags_result go_on(const char *path) { return train_on(path, 1); } /* from a finished run's checkpoint: loads and writes */
+static pags_result train(const char *path) {
+  return train_on(path, 0);
+}
+static pags_result go_on(const char *path) {
+  return train_on(path, 1);
+} /* from a finished run's checkpoint: loads and writes */
 
 /* ---- Exporting ---- */
 
@@ -216,10 +233,18 @@ static pags_result export_proxies_at(const char *path, pags_proxy_level level, i
   return result;
 }
 
-static pags_result export_meshes(const char *path) { return export_proxies_at(path, PAGS_PROXY_MESH, 0); }
-static pags_result export_cages(const char *path) { return export_proxies_at(path, PAGS_PROXY_CAGE, 0); }
-static pags_result export_hulls(const char *path) { return export_proxies_at(path, PAGS_PROXY_HULL, 0); }
-static pags_result export_usd(const char *path) { return export_proxies_at(path, PAGS_PROXY_BOX, 1); }
+static pags_result export_meshes(const char *path) {
+  return export_proxies_at(path, PAGS_PROXY_MESH, 0);
+}
+static pags_result export_cages(const char *path) {
+  return export_proxies_at(path, PAGS_PROXY_CAGE, 0);
+}
+static pags_result export_hulls(const char *path) {
+  return export_proxies_at(path, PAGS_PROXY_HULL, 0);
+}
+static pags_result export_usd(const char *path) {
+  return export_proxies_at(path, PAGS_PROXY_BOX, 1);
+}
 
 /* What becomes of a solid: ball and ring, meshed, simplified, mended, hulled, caged. */
 static pags_result shape(const char *path) {
@@ -306,10 +331,11 @@ static void try_once(const operation *o, int64_t n, uint64_t expected) {
   else if (result == PAGS_ERROR_MEMORY)
     ++refused;
   else
-    fail_msg("%s: allocation %lld refused: %s: %s", o->name, (long long)n, pags_result_name(result), pags_error_message());
+    fail_msg("%s: allocation %lld refused: %s: %s", o->name, (long long)n, pags_result_name(result),
+             pags_error_message());
   if (memory_guard_live() > 0 || memory_guard_live() < -o->foreign)
-    fail_msg("%s: allocation %lld refused: %lld blocks are left (%s)", o->name, (long long)n, (long long)memory_guard_live(),
-             result == PAGS_OK ? "went well" : pags_error_message());
+    fail_msg("%s: allocation %lld refused: %lld blocks are left (%s)", o->name, (long long)n,
+             (long long)memory_guard_live(), result == PAGS_OK ? "went well" : pags_error_message());
 }
 
 static void run_operation(void **state) {
@@ -331,8 +357,8 @@ static void run_operation(void **state) {
     try_once(o, n, expected);
   assert_int_equal(run_with(o, 0), PAGS_OK); /* and nothing is broken */
   assert_true(outcome == expected);
-  print_message("%s: %lld allocations, %lld refused one by one: %lld errors, %lld done without\n", o->name, (long long)count,
-                (long long)tried, (long long)refused, (long long)tolerated);
+  print_message("%s: %lld allocations, %lld refused one by one: %lld errors, %lld done without\n", o->name,
+                (long long)count, (long long)tried, (long long)refused, (long long)tolerated);
   assert_true(refused > 0);
 }
 
@@ -381,7 +407,9 @@ static void make_dataset(void) {
     snprintf(name, sizeof name, "data/view%d.png", v);
     must(pags_image_save(scratch(name), &image));
     pags_image_destroy(&image);
-    bytes_text(&text, "%s{\"file_path\": \"view%d.png\", \"transform_matrix\": [[1,0,0,%d],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}", v ? "," : "", v, v);
+    bytes_text(&text,
+               "%s{\"file_path\": \"view%d.png\", \"transform_matrix\": [[1,0,0,%d],[0,1,0,0],[0,0,1,4],[0,0,0,1]]}",
+               v ? "," : "", v, v);
   }
   bytes_text(&text, "]}");
   put_file("data/transforms.json", text);

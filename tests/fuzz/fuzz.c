@@ -1,4 +1,5 @@
-/* Drivers of the fuzz targets: libFuzzer's (PAGS_LIBFUZZER), and a plain one that mutates the seeds itself, a fixed number of times.
+/* Drivers of the fuzz targets: libFuzzer's (PAGS_LIBFUZZER), and a plain one that mutates the seeds itself, a fixed
+ * number of times.
  *
  *   fuzz_GROUP --list                             names of the group's targets
  *   fuzz_GROUP --target=NAME --seeds=FOLDER       writes the seeds there
@@ -42,7 +43,9 @@ void fuzz_seed(const void *bytes, size_t size) {
   seeds[seed_count++].size = size;
 }
 
-void fuzz_seed_text(const char *text) { fuzz_seed(text, strlen(text)); }
+void fuzz_seed_text(const char *text) {
+  fuzz_seed(text, strlen(text));
+}
 
 void fuzz_seed_bytes(file_bytes bytes) {
   fuzz_seed(bytes.data, bytes.size);
@@ -80,7 +83,8 @@ void fuzz_parts(const uint8_t *data, size_t size, int count, fuzz_part *parts) {
   for (int i = 0; i < count; ++i)
     parts[i] = (fuzz_part){0};
   for (int i = 0; i < count; ++i) {
-    const uint8_t *const cut = i + 1 < count && data < end ? find_cut((uint8_t *)(uintptr_t)data, (size_t)(end - data)) : NULL;
+    const uint8_t *const cut =
+        i + 1 < count && data < end ? find_cut((uint8_t *)(uintptr_t)data, (size_t)(end - data)) : NULL;
     copy_part(data, (size_t)((cut ? cut : end) - data), &parts[i]);
     if (!cut)
       return;
@@ -93,7 +97,9 @@ void fuzz_parts_free(int count, fuzz_part *parts) {
     free(parts[i].bytes);
 }
 
-const char *fuzz_folder(void) { return scratch_folder; }
+const char *fuzz_folder(void) {
+  return scratch_folder;
+}
 
 const char *fuzz_file(const char *name, const void *bytes, size_t size) {
   if (!bytes) {
@@ -151,7 +157,9 @@ static const char *argument(int argc, char **argv, const char *name) {
   return NULL;
 }
 
-static void remove_scratch(void) { scratch_remove(); }
+static void remove_scratch(void) {
+  scratch_remove();
+}
 
 static void write_seeds(const char *folder) {
   if (pags_make_dirs(folder) != PAGS_OK)
@@ -255,13 +263,31 @@ typedef struct input {
 } input;
 
 static void put_number(dice *d, input *in) {
-  static const uint64_t numbers[] = {0,          1,          2,          127,        128,          255,        256,
-                                     32767,      32768,      65535,      65536,      0x7fffffff,   0x80000000, 0xffffffff,
-                                     UINT64_MAX, 0x7f800000, 0x7fc00000, 0xff800000, 0x7ff0000000000000, 1ull << 62};
+  static const uint64_t numbers[] = {0,
+                                     1,
+                                     2,
+                                     127,
+                                     128,
+                                     255,
+                                     256,
+                                     32767,
+                                     32768,
+                                     65535,
+                                     65536,
+                                     0x7fffffff,
+                                     0x80000000,
+                                     0xffffffff,
+                                     UINT64_MAX,
+                                     0x7f800000,
+                                     0x7fc00000,
+                                     0xff800000,
+                                     0x7ff0000000000000,
+                                     1ull << 62};
   const uint64_t number = numbers[draw(d, sizeof numbers / sizeof *numbers)];
   const size_t width = (size_t)1 << draw(d, 4);
   if (in->size >= width)
-    memcpy(in->bytes + draw(d, in->size - width + 1), &number, width); /* little-endian machines only, which is fine here */
+    memcpy(in->bytes + draw(d, in->size - width + 1), &number,
+           width); /* little-endian machines only, which is fine here */
 }
 
 static void remove_range(dice *d, input *in) {
@@ -283,7 +309,8 @@ static void splice(input *in, size_t at, size_t old, const void *bytes, size_t s
 
 static void repeat_range(dice *d, input *in) {
   uint8_t copy[256];
-  const size_t at = draw(d, in->size), most = in->size - at < sizeof copy ? in->size - at : sizeof copy, size = 1 + draw(d, most);
+  const size_t at = draw(d, in->size), most = in->size - at < sizeof copy ? in->size - at : sizeof copy,
+               size = 1 + draw(d, most);
   const size_t used = size < most ? size : most;
   memcpy(copy, in->bytes + at, used);
   splice(in, draw(d, in->size + 1), 0, copy, used);
@@ -301,9 +328,25 @@ static void put_word(dice *d, input *in) {
 
 /* A number in text replaced by one that hurts. */
 static void edit_number(dice *d, input *in) {
-  static const char *const numbers[] = {"0",    "-1",   "1",    "4294967295", "4294967296", "9223372036854775807", "-9223372036854775808",
-                                        "1e9",  "1e308", "1e999", "",         "nan",        "-0",                  "2147483648",
-                                        "1e-310", "0.5", "[]",  "null",       "18446744073709551616"};
+  static const char *const numbers[] = {"0",
+                                        "-1",
+                                        "1",
+                                        "4294967295",
+                                        "4294967296",
+                                        "9223372036854775807",
+                                        "-9223372036854775808",
+                                        "1e9",
+                                        "1e308",
+                                        "1e999",
+                                        "",
+                                        "nan",
+                                        "-0",
+                                        "2147483648",
+                                        "1e-310",
+                                        "0.5",
+                                        "[]",
+                                        "null",
+                                        "18446744073709551616"};
   size_t at = draw(d, in->size), end;
   while (at < in->size && (in->bytes[at] < '0' || in->bytes[at] > '9'))
     ++at;
@@ -419,8 +462,8 @@ static void run_all(int argc, char **argv) {
   for (int64_t i = 0; i < count; ++i)
     accepted += run_mutated(seed ? strtoull(seed, NULL, 10) : 2026, (uint64_t)i, &in);
   free(in.bytes);
-  printf("%s: %d files, %d seeds, %lld mutated of which %lld accepted\n", target->name, files, seed_count, (long long)count,
-         (long long)accepted);
+  printf("%s: %d files, %d seeds, %lld mutated of which %lld accepted\n", target->name, files, seed_count,
+         (long long)count, (long long)accepted);
   if (count >= 1000 && (accepted == 0 || accepted == count)) {
     fprintf(stderr, "fuzz: expected some to be refused and some accepted\n");
     exit(1);

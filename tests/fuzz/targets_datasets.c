@@ -15,7 +15,8 @@ static void check_draft(const pags_draft *draft) {
   for (int64_t i = 0; i < draft->points.count; ++i) {
     const pags_draft_point *const p = &draft->points.items[i];
     FUZZ_CHECK(isfinite(p->xyz[0]) && isfinite(p->xyz[1]) && isfinite(p->xyz[2]));
-    FUZZ_CHECK(p->track_begin >= 0 && p->track_count >= 0 && p->track_begin + p->track_count <= draft->points.track_count);
+    FUZZ_CHECK(p->track_begin >= 0 && p->track_count >= 0 &&
+               p->track_begin + p->track_count <= draft->points.track_count);
   }
 }
 
@@ -51,25 +52,50 @@ static int run_transforms(const uint8_t *data, size_t size) {
 }
 
 static void seed_transforms(void) {
-  static const char points[] = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
-                               "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n7 8 9 1 2 3\n";
+  static const char points[] =
+      "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n7 8 9 1 2 3\n";
   fuzz_file("set/points.ply", points, sizeof points - 1);
   fuzz_file("set/images/b.png", "not a picture", 13);
-  fuzz_seed_text("{\"fl_x\": 10, \"w\": 8.0, \"h\": 6, \"k1\": 0.01, \"ply_file_path\": \"points.ply\", \"frames\": [\n"
-                 " {\"file_path\": \"./images/c.png\", \"transform_matrix\": [[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},\n"
-                 " {\"file_path\": \"images/b\", \"fl_y\": 7, \"camera_model\": \"OPENCV_FISHEYE\", \"transform_matrix\": "
-                 "[[1,0,0,4],[0,1,0,2],[0,0,1,3]]}]}");
-  fuzz_seed_text("{\"camera_angle_x\": 1.5707963267948966, \"is_fisheye\": false, \"w\": 8, \"h\": 6, \"cx\": 4, \"cy\": 3.5, \"frames\": [\n"
-                 " {\"file_path\": \"images/b.png\", \"camera_model\": \"PINHOLE\", \"mask_path\": \"points.ply\", \"p1\": 0, "
-                 "\"transform_matrix\": [[1,0,0,4],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}");
+  fuzz_seed_text(
+      "{\"fl_x\": 10, \"w\": 8.0, \"h\": 6, \"k1\": 0.01, \"ply_file_path\": \"points.ply\", \"frames\": [\n"
+      " {\"file_path\": \"./images/c.png\", \"transform_matrix\": [[1,0,0,1],[0,1,0,2],[0,0,1,3],[0,0,0,1]]},\n"
+      " {\"file_path\": \"images/b\", \"fl_y\": 7, \"camera_model\": \"OPENCV_FISHEYE\", \"transform_matrix\": "
+      "[[1,0,0,4],[0,1,0,2],[0,0,1,3]]}]}");
+  fuzz_seed_text(
+      "{\"camera_angle_x\": 1.5707963267948966, \"is_fisheye\": false, \"w\": 8, \"h\": 6, \"cx\": 4, \"cy\": 3.5, "
+      "\"frames\": [\n"
+      " {\"file_path\": \"images/b.png\", \"camera_model\": \"PINHOLE\", \"mask_path\": \"points.ply\", \"p1\": 0, "
+      "\"transform_matrix\": [[1,0,0,4],[0,1,0,2],[0,0,1,3],[0,0,0,1]]}]}");
 }
 
-static const char *const transforms_words[] = {"\"fl_x\": ", "\"fl_y\": ", "\"camera_angle_x\": ", "\"camera_angle_y\": ", "\"w\": ", "\"h\": ",
-                                               "\"k1\": ", "\"p2\": ", "\"frames\": [", "\"file_path\": ", "\"mask_path\": ",
-                                               "\"transform_matrix\": [", "\"camera_model\": ", "\"SIMPLE_RADIAL\"", "\"OPENCV_FISHEYE\"",
-                                               "\"ply_file_path\": ", "null", "1e300", "[]", "{}", NULL};
-static const fuzz_target transforms = {
-    .name = "transforms", .seeds = seed_transforms, .run = run_transforms, .words = transforms_words, .times = 512, .smoke = 2000};
+static const char *const transforms_words[] = {"\"fl_x\": ",
+                                               "\"fl_y\": ",
+                                               "\"camera_angle_x\": ",
+                                               "\"camera_angle_y\": ",
+                                               "\"w\": ",
+                                               "\"h\": ",
+                                               "\"k1\": ",
+                                               "\"p2\": ",
+                                               "\"frames\": [",
+                                               "\"file_path\": ",
+                                               "\"mask_path\": ",
+                                               "\"transform_matrix\": [",
+                                               "\"camera_model\": ",
+                                               "\"SIMPLE_RADIAL\"",
+                                               "\"OPENCV_FISHEYE\"",
+                                               "\"ply_file_path\": ",
+                                               "null",
+                                               "1e300",
+                                               "[]",
+                                               "{}",
+                                               NULL};
+static const fuzz_target transforms = {.name = "transforms",
+                                       .seeds = seed_transforms,
+                                       .run = run_transforms,
+                                       .words = transforms_words,
+                                       .times = 512,
+                                       .smoke = 2000};
 
 /* ---- COLMAP: three files parted by cuts ---- */
 
@@ -97,10 +123,16 @@ static int run_model(const uint8_t *data, size_t size, const char *extension) {
   return 1;
 }
 
-static int run_colmap_bin(const uint8_t *data, size_t size) { return run_model(data, size, "bin"); }
-static int run_colmap_txt(const uint8_t *data, size_t size) { return run_model(data, size, "txt"); }
+static int run_colmap_bin(const uint8_t *data, size_t size) {
+  return run_model(data, size, "bin");
+}
+static int run_colmap_txt(const uint8_t *data, size_t size) {
+  return run_model(data, size, "txt");
+}
 
-static void put_f64(file_bytes *out, double value) { bytes_put(out, &value, sizeof value); }
+static void put_f64(file_bytes *out, double value) {
+  bytes_put(out, &value, sizeof value);
+}
 
 static void put_cameras(file_bytes *out) {
   static const int kinds[] = {0, 1, 2, 3, 4, 5}, parameters[] = {3, 4, 4, 5, 8, 8};
@@ -149,24 +181,29 @@ static void seed_colmap_bin(void) {
 }
 
 static void seed_colmap_txt(void) {
-  fuzz_seed_text("# a comment\n\n4 PINHOLE 8 6 10 11 4 3\n5 OPENCV 8 6 10 11 4 3 0.01 0 0 0\n" FUZZ_CUT "# more\n"
+  fuzz_seed_text("# a comment\n\n4 PINHOLE 8 6 10 11 4 3\n5 OPENCV 8 6 10 11 4 3 0.01 0 0 0\n" FUZZ_CUT
+                 "# more\n"
                  "10 1 0 0 0 -1 -2 -3 4 b.png\n\n"
                  "30 0.70710678118654757 0 0 0.70710678118654757 1 0 0 4 a.png\n1 2 7 3 4 -1\n"
-                 "20 1e0 0 0 0 0 0 0 5 c d.png\n" FUZZ_CUT "7 1 2 3 10 20 30 0.5 10 0 20 1 30 2\n# between\n5 4 5 6 1 2 3 0.5 30 0 10 1\n");
+                 "20 1e0 0 0 0 0 0 0 5 c d.png\n" FUZZ_CUT
+                 "7 1 2 3 10 20 30 0.5 10 0 20 1 30 2\n# between\n5 4 5 6 1 2 3 0.5 30 0 10 1\n");
   fuzz_seed_text("1 SIMPLE_RADIAL 8 6 10 4 3 0\n" FUZZ_CUT "1 1 0 0 0 0 0 0 1 a.png\n\n" FUZZ_CUT);
 }
 
-static const char *const colmap_words[] = {"SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE",
-                                           "FULL_OPENCV", "\n# ", " -1 ", " nan ", " 1e400 ", NULL};
-static const fuzz_target colmap_bin = {.name = "colmap_bin", .seeds = seed_colmap_bin, .run = run_colmap_bin, .smoke = 6000};
+static const char *const colmap_words[] = {"SIMPLE_PINHOLE", "PINHOLE",        "SIMPLE_RADIAL", "RADIAL",
+                                           "OPENCV",         "OPENCV_FISHEYE", "FULL_OPENCV",   "\n# ",
+                                           " -1 ",           " nan ",          " 1e400 ",       NULL};
+static const fuzz_target colmap_bin = {
+    .name = "colmap_bin", .seeds = seed_colmap_bin, .run = run_colmap_bin, .smoke = 6000};
 static const fuzz_target colmap_txt = {
     .name = "colmap_txt", .seeds = seed_colmap_txt, .run = run_colmap_txt, .words = colmap_words, .smoke = 6000};
 
-/* ---- A driving set's dataset.json, timestamps.json, instances_info.json and frame_instances.json, parted by cuts; then the poses'
- * and intrinsics' texts ---- */
+/* ---- A driving set's dataset.json, timestamps.json, instances_info.json and frame_instances.json, parted by cuts;
+ * then the poses' and intrinsics' texts ---- */
 
 enum { STEPS = 4 };
-static const char *const driving_files[] = {"drive/dataset.json", "drive/timestamps.json", "drive/instances/instances_info.json",
+static const char *const driving_files[] = {"drive/dataset.json", "drive/timestamps.json",
+                                            "drive/instances/instances_info.json",
                                             "drive/instances/frame_instances.json", "drive/ego_pose/000.txt"};
 enum { DRIVING_FILES = sizeof driving_files / sizeof *driving_files };
 
@@ -238,7 +275,8 @@ static int run_driving(const uint8_t *data, size_t size) {
 #define POSE(x) "[[1,0,0," #x "],[0,1,0,2],[0,0,1,0],[0,0,0,1]]"
 
 static void seed_driving(void) {
-  static const char times[] = "{\"frames\": [100, 100.5, 101, 101.5],\n\"cameras\": {\"0\": [99.9, 100.4, null, 101.4]}}";
+  static const char times[] =
+      "{\"frames\": [100, 100.5, 101, 101.5],\n\"cameras\": {\"0\": [99.9, 100.4, null, 101.4]}}";
   static const char boxes[] =
       "{\"0\":{\"id\":\"a\",\"class_name\":\"Car\",\n\"frame_annotations\":{\"frame_idx\":[0,1,2],\"obj_to_world\":[" POSE(1) "," POSE(3) "," POSE(
           9) "],\n\"box_size\":[[4,2,1.5],[4,2,1.5],[4,2,1.5]]}},"
@@ -254,8 +292,11 @@ static void seed_driving(void) {
   bytes_text(&out, FUZZ_CUT "%s" FUZZ_CUT "%s", present, pose);
   fuzz_seed_bytes(out);
   out = (file_bytes){0};
-  bytes_text(&out, "{\"kind\": \"pags\", \"camera_axes\": \"opencv\", \"extrinsics\": \"constant\", \"object_forward\": \"+x\", "
-                   "\"fps\": 10, \"lidar_columns\": [\"x\", \"y\", \"z\"], \"labels\": \"kitti-360\", \"cameras\": {\"0\": \"front\"}}" FUZZ_CUT);
+  bytes_text(
+      &out,
+      "{\"kind\": \"pags\", \"camera_axes\": \"opencv\", \"extrinsics\": \"constant\", \"object_forward\": \"+x\", "
+      "\"fps\": 10, \"lidar_columns\": [\"x\", \"y\", \"z\"], \"labels\": \"kitti-360\", \"cameras\": {\"0\": "
+      "\"front\"}}" FUZZ_CUT);
   bytes_put(&out, times, sizeof times - 1);
   bytes_text(&out, FUZZ_CUT);
   bytes_put(&out, boxes, sizeof boxes - 1);
@@ -263,12 +304,35 @@ static void seed_driving(void) {
   fuzz_seed_bytes(out);
 }
 
-static const char *const driving_words[] = {"\"kind\": ", "\"waymo\"", "\"nuscenes\"", "\"camera_axes\": ", "\"extrinsics\": ",
-                                            "\"object_forward\": ", "\"+y\"", "\"fps\": ", "\"lidar_columns\": [", "\"labels\": ",
-                                            "\"cameras\": {", "\"frames\": [", "\"frame_idx\": [", "\"obj_to_world\": [", "\"box_size\": [",
-                                            "\"id\": ", "\"class_name\": ", "null", "1e300", "-1", "{}", "[]", NULL};
-static const fuzz_target driving = {
-    .name = "instances", .seeds = seed_driving, .run = run_driving, .words = driving_words, .times = 512, .smoke = 6000};
+static const char *const driving_words[] = {"\"kind\": ",
+                                            "\"waymo\"",
+                                            "\"nuscenes\"",
+                                            "\"camera_axes\": ",
+                                            "\"extrinsics\": ",
+                                            "\"object_forward\": ",
+                                            "\"+y\"",
+                                            "\"fps\": ",
+                                            "\"lidar_columns\": [",
+                                            "\"labels\": ",
+                                            "\"cameras\": {",
+                                            "\"frames\": [",
+                                            "\"frame_idx\": [",
+                                            "\"obj_to_world\": [",
+                                            "\"box_size\": [",
+                                            "\"id\": ",
+                                            "\"class_name\": ",
+                                            "null",
+                                            "1e300",
+                                            "-1",
+                                            "{}",
+                                            "[]",
+                                            NULL};
+static const fuzz_target driving = {.name = "instances",
+                                    .seeds = seed_driving,
+                                    .run = run_driving,
+                                    .words = driving_words,
+                                    .times = 512,
+                                    .smoke = 6000};
 
 /* ---- Point clouds ---- */
 
@@ -284,8 +348,9 @@ static int run_points(const uint8_t *data, size_t size) {
 }
 
 static void seed_points(void) {
-  static const char head[] = "element vertex 2\nproperty float x\nproperty float y\nproperty double z\n"
-                             "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty short extra\nend_header\n";
+  static const char head[] =
+      "element vertex 2\nproperty float x\nproperty float y\nproperty double z\n"
+      "property uchar red\nproperty uchar green\nproperty uchar blue\nproperty short extra\nend_header\n";
   file_bytes out = {0};
   bytes_text(&out, "ply\nformat ascii 1.0\n%s1 2 3 4 5 6 7\n7 8 9 1 2 3 4\n", head);
   fuzz_seed_bytes(out);
@@ -300,8 +365,13 @@ static void seed_points(void) {
   fuzz_seed_bytes(out);
 }
 
-static const char *const point_words[] = {"property float ", "property uchar ", "property list uchar int ", "element face ", "end_header\n",
-                                          "element vertex ", NULL};
+static const char *const point_words[] = {"property float ",
+                                          "property uchar ",
+                                          "property list uchar int ",
+                                          "element face ",
+                                          "end_header\n",
+                                          "element vertex ",
+                                          NULL};
 static const fuzz_target points = {.name = "ply_points", .seeds = seed_points, .run = run_points, .words = point_words};
 
 const fuzz_target *const fuzz_targets[] = {&transforms, &colmap_bin, &colmap_txt, &driving, &points, NULL};

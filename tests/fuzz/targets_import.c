@@ -22,9 +22,14 @@
 
 /* ---- KITTI's texts, parted by cuts ---- */
 
-static const char *const kitti_names[] = {"calib.txt",           "day/calib_cam_to_cam.txt", "day/calib_velo_to_cam.txt",
-                                          "day/calib_imu_to_velo.txt", "oxts.txt",           "label.txt",
-                                          "times.txt",           "points.bin"};
+static const char *const kitti_names[] = {"calib.txt",
+                                          "day/calib_cam_to_cam.txt",
+                                          "day/calib_velo_to_cam.txt",
+                                          "day/calib_imu_to_velo.txt",
+                                          "oxts.txt",
+                                          "label.txt",
+                                          "times.txt",
+                                          "points.bin"};
 enum { KITTI_FILES = sizeof kitti_names / sizeof *kitti_names };
 
 static void check_calib(const pags_kitti_calib *calib) {
@@ -86,7 +91,8 @@ static pags_result read_points(const char *path) {
   int64_t count;
   float *rows;
   PAGS_TRY(pags_kitti_points_read(path, &count, &rows));
-  FUZZ_CHECK(count >= 0 && (count == 0 || rows)); /* numbers pass as they are: readers of sweeps leave out what isn't finite */
+  FUZZ_CHECK(count >= 0 &&
+             (count == 0 || rows)); /* numbers pass as they are: readers of sweeps leave out what isn't finite */
   free(rows);
   return PAGS_OK;
 }
@@ -118,8 +124,12 @@ static int run_kitti(const uint8_t *data, size_t size) {
 static void seed_kitti(void) {
   file_bytes out = {0};
   bytes_text(&out, "P0: " CALIB_ROWS "P1: " CALIB_ROWS "P2: " CALIB_ROWS "P3: " CALIB_ROWS);
-  bytes_text(&out, "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 -0.08 1 0 0 -0.27\nTr_imu_velo 1 0 0 -0.8 0 1 0 0.3 0 0 1 -0.8\n");
-  bytes_text(&out, FUZZ_CUT "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nS_00: 1.4e3 5.1e2\nR_rect_00: 1 0 0 0 1 0 0 0 1\n");
+  bytes_text(&out,
+             "R_rect 1 0 0 0 1 0 0 0 1\nTr_velo_cam 0 -1 0 0 0 0 -1 -0.08 1 0 0 -0.27\nTr_imu_velo 1 0 0 -0.8 0 1 0 "
+             "0.3 0 0 1 -0.8\n");
+  bytes_text(
+      &out, FUZZ_CUT
+      "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nS_00: 1.4e3 5.1e2\nR_rect_00: 1 0 0 0 1 0 0 0 1\n");
   for (int c = 0; c < 4; ++c)
     bytes_text(&out, "P_rect_%02d: " CALIB_ROWS, c);
   bytes_text(&out, FUZZ_CUT "calib_time: 15-Mar-2012 11:37:16\nR: " TURN "\nT: 0 -0.08 -0.27\ndelta_f: 0 0\n");
@@ -130,17 +140,19 @@ static void seed_kitti(void) {
       bytes_text(&out, " %g", k < 25 ? 0.01 * k : 4.0);
     bytes_text(&out, "\n");
   }
-  bytes_text(&out, FUZZ_CUT "0 -1 DontCare -1 -1 -10 219.3 188.4 245.5 218.5 -1000 -1000 -1000 -10 -1 -1 -1\n"
-                            "0 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 13.4 -2.1\n"
-                            "1 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 12.4 -2.1\n");
+  bytes_text(&out, FUZZ_CUT
+             "0 -1 DontCare -1 -1 -10 219.3 188.4 245.5 218.5 -1000 -1000 -1000 -10 -1 -1 -1\n"
+             "0 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 13.4 -2.1\n"
+             "1 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 12.4 -2.1\n");
   bytes_text(&out, FUZZ_CUT "2011-09-26 13:02:25.594360375\n2011-09-26 13:02:25.697987071\n" FUZZ_CUT);
   for (int i = 0; i < 8; ++i)
     bytes_f32(&out, 0.25f * (float)i);
   fuzz_seed_bytes(out);
 }
 
-static const char *const kitti_words[] = {"P2: ", "R_rect ", "R0_rect: ", "Tr_velo_to_cam: ", "Tr_imu_to_velo: ", "P_rect_02: ", "DontCare",
-                                          "Pedestrian ", " nan ", " 1e308 ", " -1 ", "2011-09-26 ", "13:02:25.", "\r\n", NULL};
+static const char *const kitti_words[] = {
+    "P2: ",  "R_rect ", "R0_rect: ", "Tr_velo_to_cam: ", "Tr_imu_to_velo: ", "P_rect_02: ", "DontCare", "Pedestrian ",
+    " nan ", " 1e308 ", " -1 ",      "2011-09-26 ",      "13:02:25.",        "\r\n",        NULL};
 static const fuzz_target kitti = {
     .name = "kitti_text", .seeds = seed_kitti, .run = run_kitti, .words = kitti_words, .smoke = 5000};
 
@@ -168,25 +180,39 @@ static int run_tracklets(const uint8_t *data, size_t size) {
 
 static void seed_tracklets(void) {
   file_bytes out = {0};
-  bytes_text(&out, "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\" ?>\n<!DOCTYPE boost_serialization>\n"
-                   "<boost_serialization signature=\"serialization::archive\" version=\"9\">\n<tracklets class_id=\"0\" version=\"0\">\n"
-                   "<count>2</count>\n<item_version>1</item_version>\n");
+  bytes_text(&out,
+             "<?xml version=\"1.0\" encoding=\"UTF-8\" standalone=\"yes\" ?>\n<!DOCTYPE boost_serialization>\n"
+             "<boost_serialization signature=\"serialization::archive\" version=\"9\">\n<tracklets class_id=\"0\" "
+             "version=\"0\">\n"
+             "<count>2</count>\n<item_version>1</item_version>\n");
   for (int i = 0; i < 2; ++i) {
-    bytes_text(&out, "<item class_id=\"1\" tracking_level=\"0\" version=\"1\">\n<objectType>%s</objectType>\n<h>1.5</h><w>1.7</w><l>4.2</l>\n"
-                     "<first_frame>%d</first_frame>\n<poses class_id=\"2\" version=\"0\">\n<count>2</count>\n<item_version>2</item_version>\n",
+    bytes_text(&out,
+               "<item class_id=\"1\" tracking_level=\"0\" "
+               "version=\"1\">\n<objectType>%s</objectType>\n<h>1.5</h><w>1.7</w><l>4.2</l>\n"
+               "<first_frame>%d</first_frame>\n<poses class_id=\"2\" "
+               "version=\"0\">\n<count>2</count>\n<item_version>2</item_version>\n",
                i ? "Cyclist" : "Car", i);
     for (int k = 0; k < 2; ++k)
-      bytes_text(&out, "<item><tx>%d.5</tx><ty>3</ty><tz>-1.7</tz><rx>0</rx><ry>0</ry><rz>%g</rz><state>2</state></item>\n", 4 + k,
-                 0.25 * k);
+      bytes_text(&out,
+                 "<item><tx>%d.5</tx><ty>3</ty><tz>-1.7</tz><rx>0</rx><ry>0</ry><rz>%g</rz><state>2</state></item>\n",
+                 4 + k, 0.25 * k);
     bytes_text(&out, "</poses>\n<finished>1</finished>\n</item>\n");
   }
   bytes_text(&out, "</tracklets>\n</boost_serialization>\n");
   fuzz_seed_bytes(out);
 }
 
-static const char *const xml_words[] = {"<item>", "</item>", "<poses>", "</poses>", "<tx>", "</tx>", "<h>", "<objectType>", "<first_frame>",
-                                        "<!DOCTYPE a [<!ENTITY b \"c\">]>", "&b;", "&#65;", "<![CDATA[", "]]>", "<!--", "-->", "<tracklets>", NULL};
-static const fuzz_target tracklets = {.name = "tracklets", .seeds = seed_tracklets, .run = run_tracklets, .words = xml_words};
+static const char *const xml_words[] = {"<item>",        "</item>",
+                                        "<poses>",       "</poses>",
+                                        "<tx>",          "</tx>",
+                                        "<h>",           "<objectType>",
+                                        "<first_frame>", "<!DOCTYPE a [<!ENTITY b \"c\">]>",
+                                        "&b;",           "&#65;",
+                                        "<![CDATA[",     "]]>",
+                                        "<!--",          "-->",
+                                        "<tracklets>",   NULL};
+static const fuzz_target tracklets = {
+    .name = "tracklets", .seeds = seed_tracklets, .run = run_tracklets, .words = xml_words};
 
 /* ---- TFRecord ---- */
 
@@ -246,7 +272,8 @@ static void seed_tfrecord(void) {
   fuzz_seed_bytes(out);
 }
 
-static const fuzz_target tfrecord = {.name = "tfrecord", .seeds = seed_tfrecord, .run = run_tfrecord, .mend = mend_tfrecord};
+static const fuzz_target tfrecord = {
+    .name = "tfrecord", .seeds = seed_tfrecord, .run = run_tfrecord, .mend = mend_tfrecord};
 
 /* ---- Waymo's frames ---- */
 
@@ -348,8 +375,14 @@ static void add_camera(raw_waymo *memory, Pags__Waymo__Frame *f, int name) {
 
 static Pags__Waymo__Frame *small_frame(raw_waymo *memory, int turning) {
   static const double beams[3] = {-0.2, -0.1, 0};
-  raw_laser laser = {.name = 1, .rows = 3, .columns = 5, .inclinations = turning ? beams : NULL, .low = -0.2, .high = 0.1,
-                     .range = three_metres, .pose = turning ? stand : NULL};
+  raw_laser laser = {.name = 1,
+                     .rows = 3,
+                     .columns = 5,
+                     .inclinations = turning ? beams : NULL,
+                     .low = -0.2,
+                     .high = 0.1,
+                     .range = three_metres,
+                     .pose = turning ? stand : NULL};
   memcpy(laser.vehicle_from_laser, still, sizeof still);
   Pags__Waymo__Frame *const f = raw_waymo_alloc(memory, 1, sizeof *f);
   pags__waymo__frame__init(f);
@@ -407,8 +440,13 @@ static void seed_frame(void) {
 }
 
 /* protobuf-c works within a budget of 64 MiB; range images are inflated, up to 64 MiB each and one at a time. */
-static const fuzz_target frame = {
-    .name = "waymo_frame", .seeds = seed_frame, .run = run_frame, .memory = 260u << 20, .times = 1032, .nested = 1, .smoke = 5000};
+static const fuzz_target frame = {.name = "waymo_frame",
+                                  .seeds = seed_frame,
+                                  .run = run_frame,
+                                  .memory = 260u << 20,
+                                  .times = 1032,
+                                  .nested = 1,
+                                  .smoke = 5000};
 
 /* A range image's content, in a zlib stream that stores it. */
 static int run_matrix(const uint8_t *data, size_t size) {
@@ -511,12 +549,17 @@ static void seed_segment(void) {
   FUZZ_CHECK(tasks);
 }
 
-static const fuzz_target segment = {
-    .name = "waymo_segment", .seeds = seed_segment, .run = run_segment, .memory = 260u << 20, .times = 1032, .nested = 1, .smoke = 3000};
+static const fuzz_target segment = {.name = "waymo_segment",
+                                    .seeds = seed_segment,
+                                    .run = run_segment,
+                                    .memory = 260u << 20,
+                                    .times = 1032,
+                                    .nested = 1,
+                                    .smoke = 3000};
 
 #endif
 
-const fuzz_target *const fuzz_targets[] = {&kitti, &tracklets, &tfrecord, &frame, &matrix,
+const fuzz_target *const fuzz_targets[] = {&kitti,   &tracklets, &tfrecord, &frame, &matrix,
 #ifdef PAGS_IMAGES
                                            &segment,
 #endif

@@ -56,9 +56,27 @@ static int run_scene(const uint8_t *data, size_t size) {
   return 1;
 }
 
-static const char *const scene_words[] = {"\"models\": [", "\"cameras\": [", "\"objects\": [", "\"knots\": [", "\"file\": ", "\"sky\": ",
-                                          "\"gaussians\": ", "null", "true", "[[[[", "{}", "\\u0000", "\\ud800", "1e308", "-1e-320",
-                                          "\"background.ply\"", "\"../\"", "\"fps\": ", "\"time\": [", "\"modelled\": {", NULL};
+static const char *const scene_words[] = {"\"models\": [",
+                                          "\"cameras\": [",
+                                          "\"objects\": [",
+                                          "\"knots\": [",
+                                          "\"file\": ",
+                                          "\"sky\": ",
+                                          "\"gaussians\": ",
+                                          "null",
+                                          "true",
+                                          "[[[[",
+                                          "{}",
+                                          "\\u0000",
+                                          "\\ud800",
+                                          "1e308",
+                                          "-1e-320",
+                                          "\"background.ply\"",
+                                          "\"../\"",
+                                          "\"fps\": ",
+                                          "\"time\": [",
+                                          "\"modelled\": {",
+                                          NULL};
 static const fuzz_target scene = {
     .name = "scene_json", .seeds = seed_scene, .run = run_scene, .words = scene_words, .times = 512, .smoke = 6000};
 
@@ -84,16 +102,19 @@ static int run_path(const uint8_t *data, size_t size) {
 }
 
 static void seed_path(void) {
-  static const char camera[] = "{\"width\": 64, \"height\": 48, \"fx\": 50.5, \"fy\": 50, \"cx\": 32, \"cy\": 24, "
-                               "\"camera_from_world_quaternion_wxyz\": [0.5, 0.5, -0.5, 0.5], "
-                               "\"camera_from_world_translation\": [1, 2.5, -3], \"time\": 1.5}";
+  static const char camera[] =
+      "{\"width\": 64, \"height\": 48, \"fx\": 50.5, \"fy\": 50, \"cx\": 32, \"cy\": 24, "
+      "\"camera_from_world_quaternion_wxyz\": [0.5, 0.5, -0.5, 0.5], "
+      "\"camera_from_world_translation\": [1, 2.5, -3], \"time\": 1.5}";
   char text[2048];
   fuzz_seed_text(camera);
   snprintf(text, sizeof text, "{\"fps\": 10, \"frames\": [%s,\n%s]}", camera, camera);
   fuzz_seed_text(text);
 }
 
-static const char *const path_words[] = {"\"fps\": ", "\"frames\": [", "\"time\": ", "null", "1e308", "1e-320", "{}", "[]", "65536", NULL};
-static const fuzz_target camera_path = {.name = "camera_path", .seeds = seed_path, .run = run_path, .words = path_words, .times = 256};
+static const char *const path_words[] = {"\"fps\": ", "\"frames\": [", "\"time\": ", "null", "1e308", "1e-320", "{}",
+                                         "[]",        "65536",         NULL};
+static const fuzz_target camera_path = {
+    .name = "camera_path", .seeds = seed_path, .run = run_path, .words = path_words, .times = 256};
 
 const fuzz_target *const fuzz_targets[] = {&scene, &camera_path, NULL};

@@ -43,7 +43,8 @@ static int run_ply(const uint8_t *data, size_t size) {
   const char *kind;
   int antialiased;
   uint8_t *const bytes = terminated(data, size);
-  const int is_ply = size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'); /* as loaders ask */
+  const int is_ply =
+      size >= 4 && memcmp(bytes, "ply", 3) == 0 && (bytes[3] == '\n' || bytes[3] == '\r'); /* as loaders ask */
   const int accepted = is_ply && accept(pags_ply_decode("a.ply", bytes, size, &g, &kind, &antialiased), &g, "a.ply");
   free(bytes);
   return accepted;
@@ -66,9 +67,14 @@ static void seed_ply(void) {
   pags_gaussians_destroy(&g);
 }
 
-static const char *const ply_words[] = {"element vertex ", "element chunk ", "property float ", "property double ", "property uchar ",
-                                        "property list uchar int ", "end_header\n", "format ascii 1.0\n", "s_sem", "object_id",
-                                        "f_dc_t1_0", "f_rest_0", "packed_position", "comment SplatRenderMode: mip", "rot_3", NULL};
+static const char *const ply_words[] = {"element vertex ", "element chunk ",
+                                        "property float ", "property double ",
+                                        "property uchar ", "property list uchar int ",
+                                        "end_header\n",    "format ascii 1.0\n",
+                                        "s_sem",           "object_id",
+                                        "f_dc_t1_0",       "f_rest_0",
+                                        "packed_position", "comment SplatRenderMode: mip",
+                                        "rot_3",           NULL};
 static const fuzz_target ply = {.name = "ply", .seeds = seed_ply, .run = run_ply, .words = ply_words};
 
 static void seed_compressed(void) {
@@ -77,7 +83,8 @@ static void seed_compressed(void) {
   fuzz_seed_bytes(make_compressed_ply(260, 1, 0, 1));
 }
 
-static const fuzz_target compressed = {.name = "compressed_ply", .seeds = seed_compressed, .run = run_ply, .words = ply_words};
+static const fuzz_target compressed = {
+    .name = "compressed_ply", .seeds = seed_compressed, .run = run_ply, .words = ply_words};
 
 /* ---- SPZ: whole files, and what is inside of the gzip stream, which its checksum would hide ---- */
 
@@ -97,10 +104,12 @@ static void seed_spz(void) {
     }
 }
 
-/* Deflate packs up to 1032 to 1, zstd more; planes of floats take 3 times what the attributes take, and growing doubles. */
+/* Deflate packs up to 1032 to 1, zstd more; planes of floats take 3 times what the attributes take, and growing
+ * doubles. */
 static const fuzz_target spz = {.name = "spz", .seeds = seed_spz, .run = run_spz, .memory = 64u << 20, .times = 4096};
 
-/* A gzip file that stores its content: no room is saved, so nothing justifies more memory than a multiple of the size. */
+/* A gzip file that stores its content: no room is saved, so nothing justifies more memory than a multiple of the size.
+ */
 static int run_spz_content(const uint8_t *data, size_t size) {
   file_bytes file = {0};
   bytes_put(&file, "\x1f\x8b\x08\0\0\0\0\0\0\xff", 10);
@@ -203,7 +212,8 @@ static void seed_sky(void) {
   pags_sky_destroy(&sky);
 }
 
-static const char *const sky_words[] = {"'descr': ", "'<f2'", "'fortran_order': False", "'shape': (6, ", "\x93NUMPY\1", NULL};
+static const char *const sky_words[] = {"'descr': ",     "'<f2'",       "'fortran_order': False",
+                                        "'shape': (6, ", "\x93NUMPY\1", NULL};
 static const fuzz_target sky = {.name = "sky", .seeds = seed_sky, .run = run_sky, .words = sky_words};
 
 const fuzz_target *const fuzz_targets[] = {&ply, &compressed, &splat, &spz, &spz_content, &packed, &sky, NULL};

@@ -31,15 +31,28 @@ static pags_knot knots[OBJECTS][KNOTS];
 static void make_dataset(void) {
   for (int i = 0; i < OBJECTS; ++i) {
     static char name[] = "a";
-    objects[i] = (pags_object){
-        .id = name, .class_name = name, .category = PAGS_CATEGORY_VEHICLE, .size = {4, 2, 1.5}, .moving = 1, .knot_count = KNOTS};
+    objects[i] = (pags_object){.id = name,
+                               .class_name = name,
+                               .category = PAGS_CATEGORY_VEHICLE,
+                               .size = {4, 2, 1.5},
+                               .moving = 1,
+                               .knot_count = KNOTS};
     objects[i].knots = knots[i];
     for (int k = 0; k < KNOTS; ++k)
-      knots[i][k] = (pags_knot){.frame = k, .trained = 1, .time = k, .world_from_object = {1, 0, 0, k, 0, 1, 0, 0, 0, 0, 1, 0}};
+      knots[i][k] =
+          (pags_knot){.frame = k, .trained = 1, .time = k, .world_from_object = {1, 0, 0, k, 0, 1, 0, 0, 0, 0, 1, 0}};
   }
   for (int i = 0; i < VIEWS; ++i)
-    views[i] = (pags_view){.name = "v", .image_path = "v", .frame = i, .camera = {.width = 8, .height = 6, .fx = 6, .fy = 6, .cx = 4, .cy = 3,
-                                                                  .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}};
+    views[i] = (pags_view){.name = "v",
+                           .image_path = "v",
+                           .frame = i,
+                           .camera = {.width = 8,
+                                      .height = 6,
+                                      .fx = 6,
+                                      .fy = 6,
+                                      .cx = 4,
+                                      .cy = 3,
+                                      .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}};
   driving = (pags_driving){.object_count = OBJECTS, .objects = objects, .fps = 1};
   set = (struct pags_dataset){.views = views, .count = VIEWS, .draft = {.driving = &driving}};
 }
@@ -67,7 +80,8 @@ static void seed_checkpoint(void) {
     FUZZ_CHECK(pags_tracks_create(&state.tracks, &set) == PAGS_OK);
     if (full) {
       add_model(&state, 0, 2, 1);
-      FUZZ_CHECK(pags_sky_fit_prepare(&state.sky, 2) == PAGS_OK && pags_exposures_create(&state.exposures, &set) == PAGS_OK);
+      FUZZ_CHECK(pags_sky_fit_prepare(&state.sky, 2) == PAGS_OK &&
+                 pags_exposures_create(&state.exposures, &set) == PAGS_OK);
     }
     pags_state_set_step(&state, 50);
     const char *const path = fuzz_file("seed.run", "", 0);
@@ -85,7 +99,8 @@ static void check_state(const pags_train_state *state) {
   }
 }
 
-/* The steps that RUN0 promises, where it is in its place: each takes 16 bytes of a model's optimiser, which is no claim about the file. */
+/* The steps that RUN0 promises, where it is in its place: each takes 16 bytes of a model's optimiser, which is no claim
+ * about the file. */
 static int is_short_run(const uint8_t *data, size_t size) {
   const size_t head = 8 + SECTION;
   if (size < head)
@@ -115,7 +130,8 @@ static int run_checkpoint(const uint8_t *data, size_t size) {
   uint8_t *bytes = NULL;
   size_t again = 0;
   const char *const copy = fuzz_file("b.run", "", 0);
-  FUZZ_CHECK(pags_checkpoint_save(copy, &state, fingerprint) == PAGS_OK && pags_file_read(copy, &bytes, &again) == PAGS_OK);
+  FUZZ_CHECK(pags_checkpoint_save(copy, &state, fingerprint) == PAGS_OK &&
+             pags_file_read(copy, &bytes, &again) == PAGS_OK);
   free(bytes);
   pags_state_destroy(&state);
   return 1;
@@ -133,11 +149,16 @@ static size_t mend_checkpoint(uint8_t *data, size_t size, size_t capacity) {
   return size;
 }
 
-static const char *const run_words[] = {"PAGSRUN4", "CONF", "RUN0", "MODL", "GAUS", "MOM1", "MOM2", "STEP", "STAT", "OBJI", "SSEM", "SQUA",
-                                        "TRAK", "SKY0", "EXPO", "END!", "sh_degree=", "iterations=", "cluster_size=", "strategy=", "=nan\n",
-                                        "=1e300\n", NULL};
-static const fuzz_target checkpoint = {
-    .name = "checkpoint", .seeds = seed_checkpoint, .run = run_checkpoint, .mend = mend_checkpoint, .words = run_words, .smoke = 6000};
+static const char *const run_words[] = {
+    "PAGSRUN4",   "CONF",        "RUN0",          "MODL",      "GAUS",   "MOM1",     "MOM2", "STEP",
+    "STAT",       "OBJI",        "SSEM",          "SQUA",      "TRAK",   "SKY0",     "EXPO", "END!",
+    "sh_degree=", "iterations=", "cluster_size=", "strategy=", "=nan\n", "=1e300\n", NULL};
+static const fuzz_target checkpoint = {.name = "checkpoint",
+                                       .seeds = seed_checkpoint,
+                                       .run = run_checkpoint,
+                                       .mend = mend_checkpoint,
+                                       .words = run_words,
+                                       .smoke = 6000};
 
 /* ---- LPIPS weights: the archive and its arrays; the network's own shapes take 5 MB and are refused by name ---- */
 
@@ -241,8 +262,10 @@ static size_t mend_npz(uint8_t *data, size_t size, size_t capacity) {
   return size;
 }
 
-static const char *const npz_words[] = {"PK\1\2", "PK\3\4", "PK\5\6", "'descr': ", "'<f4'", "'fortran_order': ", "False", "'shape': (",
-                                        "\x93NUMPY\2", "2147483647", "(0, ", NULL};
-static const fuzz_target lpips = {.name = "lpips", .seeds = seed_npz, .run = run_npz, .mend = mend_npz, .words = npz_words};
+static const char *const npz_words[] = {
+    "PK\1\2", "PK\3\4",     "PK\5\6",      "'descr': ",  "'<f4'", "'fortran_order': ",
+    "False",  "'shape': (", "\x93NUMPY\2", "2147483647", "(0, ",  NULL};
+static const fuzz_target lpips = {
+    .name = "lpips", .seeds = seed_npz, .run = run_npz, .mend = mend_npz, .words = npz_words};
 
 const fuzz_target *const fuzz_targets[] = {&checkpoint, &lpips, NULL};

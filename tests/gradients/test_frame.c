@@ -6,8 +6,8 @@
  *
  * Error of a Gaussian in a group of planes: |engine - oracle| / max(|oracle|, 1e-2 of the group's root mean square in
  * this scene), vector norms over the group. */
-#include "frame_fixture.h"
 #include "base/sort.h"
+#include "frame_fixture.h"
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -168,7 +168,8 @@ static reference_picture make_scene(const gradient_case *c, reference_random *ra
   return reference_render(parts, part_count, camera, options);
 }
 
-/* Blocks that aren't marked have no gradient; a camera doesn't see all of them, but for the one or two of the smallest maps. */
+/* Blocks that aren't marked have no gradient; a camera doesn't see all of them, but for the one or two of the smallest
+ * maps. */
 static void check_blocks(const frame_result *drawn) {
   int64_t marked = 0, blocks = (drawn->sky_floats / 3 + PAGS_SKY_BLOCK - 1) / PAGS_SKY_BLOCK;
   for (int64_t k = 0; k < drawn->sky_floats; k++)
@@ -178,8 +179,9 @@ static void check_blocks(const frame_result *drawn) {
   assert_true(marked > 0 && (marked < blocks || blocks <= 2));
 }
 
-/* Rounding only: a texel's gradient is a sum of thousands of terms. Where texels are smaller than pixels it is one pixel's, by its place
- * between texels, of which floats leave some 1e-4, and most texels have none, which lowers the floor thirtyfold. */
+/* Rounding only: a texel's gradient is a sum of thousands of terms. Where texels are smaller than pixels it is one
+ * pixel's, by its place between texels, of which floats leave some 1e-4, and most texels have none, which lowers the
+ * floor thirtyfold. */
 static void check_sky(const frame_result *drawn, const double *exact) {
   const double bound = drawn->sky_floats > 18 * 100 * 100 ? 2e-2 : 1e-3;
   double square = 0, worst = 0;
@@ -210,7 +212,8 @@ static void run_scene(const gradient_case *c, uint64_t seed, error_list *errors,
   double *weights = reference_alloc(5 * pixels, sizeof(double));
   *left_out += make_weights(&random, &picture, weights) / c->scenes;
   double *sky_gradient = reference_alloc(18 * (int64_t)sky.size * sky.size, sizeof(double));
-  reference_picture_gradient gradient = {weights, weights + 3 * pixels, c->plain ? NULL : weights + 4 * pixels, sky_gradient};
+  reference_picture_gradient gradient = {weights, weights + 3 * pixels, c->plain ? NULL : weights + 4 * pixels,
+                                         sky_gradient};
   reference_part_gradient exact[3];
   reference_backward(parts, part_count, &camera, &options, &picture, &gradient, exact);
   frame_scene scene = frame_scene_create(parts, part_count, 64, 0);
@@ -335,8 +338,14 @@ static void test_needles(void **state) {
 
 static void test_street(void **state) {
   (void)state;
-  gradient_case c = {"sky, parts and another constant term", 800, 1500, 3, reference_recipe_default(), reference_options(),
-                     5e-3, .street = 40};
+  gradient_case c = {"sky, parts and another constant term",
+                     800,
+                     1500,
+                     3,
+                     reference_recipe_default(),
+                     reference_options(),
+                     5e-3,
+                     .street = 40};
   run_case(&c, NULL);
   c.plain = 1, c.scenes = 1;
   run_case(&c, NULL);
@@ -360,11 +369,8 @@ static void test_dropped(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_random_gaussians),
-      cmocka_unit_test(test_plain),
-      cmocka_unit_test(test_needles),
-      cmocka_unit_test(test_street),
-      cmocka_unit_test(test_dropped),
+      cmocka_unit_test(test_random_gaussians), cmocka_unit_test(test_plain),   cmocka_unit_test(test_needles),
+      cmocka_unit_test(test_street),           cmocka_unit_test(test_dropped),
   };
   return cmocka_run_group_tests(tests, frame_set_up, frame_tear_down);
 }

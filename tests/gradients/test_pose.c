@@ -118,8 +118,8 @@ static void engine_gradient(const frame_scene *scene, const frame_result *drawn,
   enum { SIZE = 128 };
   memset(out, 0, 6 * sizeof *out);
   for (int first = 0; first < COUNT; first += SIZE)
-    pags_pose_gradient(drawn->parts[part].planes + first, COUNT, drawn->parts[part].plane_count, &scene->gaussians[part],
-                       first, COUNT - first < SIZE ? COUNT - first : SIZE, out);
+    pags_pose_gradient(drawn->parts[part].planes + first, COUNT, drawn->parts[part].plane_count,
+                       &scene->gaussians[part], first, COUNT - first < SIZE ? COUNT - first : SIZE, out);
 }
 
 static void check(uint64_t seed, int sh_degree) {

@@ -291,7 +291,8 @@ static void check_texels(test_scene *scene) {
   free(gradient);
 }
 
-/* Behind two parts, one of which shows a constant term of its own. The parameters' differences see the sky through alpha. */
+/* Behind two parts, one of which shows a constant term of its own. The parameters' differences see the sky through
+ * alpha. */
 static void test_sky_and_other_dc(void **state) {
   (void)state;
   const int sizes[] = {1, 2, 7};

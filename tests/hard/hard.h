@@ -36,13 +36,14 @@ double *hard_at(hard_scene *scene, int plane, int64_t row);
 /* A ball. */
 void hard_put(hard_scene *scene, int64_t row, double x, double y, double z, double sigma, double logit);
 
-/* Picture and gradients, two threads; everything that comes out is finite. `weights` of the loss: five planes, or NULL. */
+/* Picture and gradients, two threads; everything that comes out is finite. `weights` of the loss: five planes, or NULL.
+ */
 frame_result hard_run(hard_scene *scene, const double *weights);
 
 typedef struct hard_error {
-  double colour; /* largest of the picture's channels and transmittance, where float can't decide otherwise */
-  double
-      gradient; /* largest over rows and groups of parameters: |difference| / max(|exact|, 1 % of the group's root mean square) */
+  double colour;     /* largest of the picture's channels and transmittance, where float can't decide otherwise */
+  double gradient;   /* largest over rows and groups of parameters: |difference| / max(|exact|, 1 % of the group's root
+                        mean square) */
   double left_out;   /* share of pixels where float may decide otherwise */
   int64_t drawn;     /* rows, by the oracle */
   int64_t disagreed; /* rows that only one of the two draws */
@@ -73,8 +74,8 @@ typedef struct hard_data_options {
 } hard_data_options;
 #define HARD_DATA_DEFAULT ((hard_data_options){.level = -1})
 
-/* Whether HARD_SHORT is set, as it is where a program is run once more for each instruction set: then a case that takes long prints that it is
- * left out (a case does so by itself). */
+/* Whether HARD_SHORT is set, as it is where a program is run once more for each instruction set: then a case that takes
+ * long prints that it is left out (a case does so by itself). */
 int hard_leaves_out(void);
 
 /* Set-up and tear-down of a group of tests that use data sets: a scratch folder. */
@@ -85,12 +86,14 @@ const char *hard_path(const char *name);
 
 /* What the photographs show. */
 void hard_truth(pags_gaussians *truth);
-/* Writes photographs and transforms.json into hard_path(name) and opens it. Without `points` the rows of the truth are the points. */
+/* Writes photographs and transforms.json into hard_path(name) and opens it. Without `points` the rows of the truth are
+ * the points. */
 pags_dataset *hard_data(const char *name, const hard_data_options *options);
 
 /* Few Gaussians, full size from the first step, densification, no reset. */
 pags_train_config hard_config(int64_t steps);
-/* A run into hard_path(name). `start`, when not NULL, takes the place of what the run would start from (degree config->sh_degree). */
+/* A run into hard_path(name). `start`, when not NULL, takes the place of what the run would start from (degree
+ * config->sh_degree). */
 pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                      const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result);
 /* The same with two threads, which must succeed and leave a finite scene. */

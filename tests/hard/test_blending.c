@@ -1,5 +1,5 @@
-/* Hard blending (facts 6 #1, 8, 11, 15, 26, 30): a million Gaussians in one pixel, opaque stacks, more pairs than 32 bits count,
- * everything dropped, colours and exposures that aren't numbers to be seen. */
+/* Hard blending (facts 6 #1, 8, 11, 15, 26, 30): a million Gaussians in one pixel, opaque stacks, more pairs than 32
+ * bits count, everything dropped, colours and exposures that aren't numbers to be seen. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -79,8 +79,9 @@ static void pile_destroy(pile *p) {
   pags_tasks_destroy(p->tasks);
 }
 
-/* By hand: with opacity o at every pixel centre, T_n = (1 - o)^n, the pixel stops before T would fall under 1e-4, its red is 1 - T, and
- * the derivative by the n-th constant term is c0 o T_n. `depths`: rows come in their order, whether by depth or by index. */
+/* By hand: with opacity o at every pixel centre, T_n = (1 - o)^n, the pixel stops before T would fall under 1e-4, its
+ * red is 1 - T, and the derivative by the n-th constant term is c0 o T_n. `depths`: rows come in their order, whether
+ * by depth or by index. */
 static void check_pile(const char *what, float logit, double spacing) {
   pile p;
   pile_up(&p, logit, spacing);
@@ -111,8 +112,8 @@ static void a_million_in_one_pixel(void **state) {
   check_pile("a million of 1 - 1e-7", 16.1180956f, 1e-5);
 }
 
-/* #15: T goes from 1 to 1e-4 through alphas of all sizes, capped ones among them; what is recovered on the way back gives the oracle's
- * gradients. */
+/* #15: T goes from 1 to 1e-4 through alphas of all sizes, capped ones among them; what is recovered on the way back
+ * gives the oracle's gradients. */
 static void deep_stacks(void **state) {
   (void)state;
   enum { ROWS = 120 };
@@ -129,7 +130,8 @@ static void deep_stacks(void **state) {
   }
 }
 
-/* #30: everything dropped is the background with no gradient; factors that take opacities beyond 1 stay under the cap of alpha. */
+/* #30: everything dropped is the background with no gradient; factors that take opacities beyond 1 stay under the cap
+ * of alpha. */
 static void dropped(void **state) {
   (void)state;
   enum { ROWS = 60 };
@@ -158,7 +160,8 @@ static void dropped(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #26: colours far below 0, huge, and not numbers: no NaN in a pixel, no negative light, and a gradient of 0 through the clamp. */
+/* #26: colours far below 0, huge, and not numbers: no NaN in a pixel, no negative light, and a gradient of 0 through
+ * the clamp. */
 static void bad_colours(void **state) {
   (void)state;
   enum { ROWS = 48 };
@@ -250,13 +253,13 @@ static void more_pairs_than_32_bits(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-    cmocka_unit_test(a_million_in_one_pixel),
-    cmocka_unit_test(deep_stacks),
-    cmocka_unit_test(dropped),
-    cmocka_unit_test(bad_colours),
-    cmocka_unit_test(exposures),
+      cmocka_unit_test(a_million_in_one_pixel),
+      cmocka_unit_test(deep_stacks),
+      cmocka_unit_test(dropped),
+      cmocka_unit_test(bad_colours),
+      cmocka_unit_test(exposures),
 #if !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
-    cmocka_unit_test(more_pairs_than_32_bits),
+      cmocka_unit_test(more_pairs_than_32_bits),
 #endif
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

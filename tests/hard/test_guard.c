@@ -1,5 +1,6 @@
-/* What isn't finite is left out, counted, named and never spread (docs/numerics.md, "finite by construction"): in the optimiser, in
- * runs begun from spoiled Gaussians, over threads and resumes, and in the message of a run that has too much of it. */
+/* What isn't finite is left out, counted, named and never spread (docs/numerics.md, "finite by construction"): in the
+ * optimiser, in runs begun from spoiled Gaussians, over threads and resumes, and in the message of a run that has too
+ * much of it. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -28,7 +29,8 @@ static void begin(pags_train_model *m) {
   assert_int_equal(pags_model_add_fourier(m), PAGS_OK);
 }
 
-/* Takes step `step` of cluster 0 with gradients of 1e-3; `plane` of `row` gets `value`, in the gradients or in the parameters. */
+/* Takes step `step` of cluster 0 with gradients of 1e-3; `plane` of `row` gets `value`, in the gradients or in the
+ * parameters. */
 static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient,
                 pags_offender *first) {
   enum { ALL = PLANES + PAGS_FOURIER_PLANES };
@@ -56,7 +58,8 @@ static void assert_row(const pags_train_model *a, const pags_train_model *b, int
         assert_int_equal(pags_plane(x[k], p)[row] == pags_plane(y[k], p)[row], same);
 }
 
-/* Every plane, every kind of number, in gradient and parameter: that row stays to the bit, the others move as they would have. */
+/* Every plane, every kind of number, in gradient and parameter: that row stays to the bit, the others move as they
+ * would have. */
 static void a_bad_row_stays_and_others_move(void **state) {
   (void)state;
   static const float values[] = {NAN, INFINITY, -INFINITY, 1e18f, 3.1e38f};
@@ -151,7 +154,8 @@ static int stop_at(void *user, const pags_train_progress *progress) {
   return progress->step < *(const int64_t *)user;
 }
 
-/* Counted the same by any number of threads and through two interruptions; without density control, which would take them out. */
+/* Counted the same by any number of threads and through two interruptions; without density control, which would take
+ * them out. */
 static void the_count_is_the_run_s(void **state) {
   (void)state;
   static const int64_t stops[] = {9, 41, 60};
@@ -184,7 +188,8 @@ static void the_count_is_the_run_s(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* Nobody else notices: the picture is that of a run in which those rows are transparent. Density control takes them out. */
+/* Nobody else notices: the picture is that of a run in which those rows are transparent. Density control takes them
+ * out. */
 static void nothing_spreads(void **state) {
   (void)state;
   pags_train_config config = hard_config(HARD_STEPS);
@@ -207,7 +212,8 @@ static void nothing_spreads(void **state) {
   hard_check_scene("with");
 }
 
-/* Beyond the threshold the run fails, naming what came first; the checkpoint before stands and a higher one goes on from it. */
+/* Beyond the threshold the run fails, naming what came first; the checkpoint before stands and a higher one goes on
+ * from it. */
 static void too_much_fails(void **state) {
   (void)state;
   pags_train_config config = hard_config(60);
@@ -231,8 +237,8 @@ static void too_much_fails(void **state) {
   assert_true(result.resumed && result.finished && result.bad_rows > 51);
 }
 
-/* Colours of 1e20 and 2e38: finite, but the loss multiplies four of them, and what covers such a light gains as much by it. They are
- * shaded as 1e6; every gradient stays a number and no row is left out. */
+/* Colours of 1e20 and 2e38: finite, but the loss multiplies four of them, and what covers such a light gains as much by
+ * it. They are shaded as 1e6; every gradient stays a number and no row is left out. */
 static void a_blinding_row(void **state) {
   (void)state;
   const pags_train_config config = hard_config(HARD_STEPS);

@@ -1,5 +1,5 @@
-/* Hard places and pictures (facts 6 #3, 9, 10, 13, 18): at, beside and behind the camera, inside of things, far from the
- * world's origin; pictures of one pixel and of 16384 x 16. */
+/* Hard places and pictures (facts 6 #3, 9, 10, 13, 18): at, beside and behind the camera, inside of things, far from
+ * the world's origin; pictures of one pixel and of 16384 x 16. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -23,8 +23,8 @@ static double *random_weights(hard_scene *s) {
   return weights;
 }
 
-/* #3: rows at the camera's centre and in its plane z = 0, which are not drawn and have no gradient, and rows just beyond a near
- * plane of 1e-6 m, where 1/z is 1e6. Their neighbours are as the oracle has them. */
+/* #3: rows at the camera's centre and in its plane z = 0, which are not drawn and have no gradient, and rows just
+ * beyond a near plane of 1e-6 m, where 1/z is 1e6. Their neighbours are as the oracle has them. */
 static void at_the_camera(void **state) {
   (void)state;
   enum { ROWS = 40, AT = 8 };
@@ -84,7 +84,8 @@ static void inside_of_an_object(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* #10: a scene of millimetres, and the same through three near planes: what lies beyond is drawn, what doesn't is not. */
+/* #10: a scene of millimetres, and the same through three near planes: what lies beyond is drawn, what doesn't is not.
+ */
 static void small_scenes(void **state) {
   (void)state;
   static const float planes[] = {0.001f, 0.01f, 0.2f};
@@ -144,7 +145,8 @@ static void far_from_the_origin(void **state) {
   hard_scene_destroy(&s);
 }
 
-/* The camera, too, moves by fractions of a millimetre out there: its position is a double until the scene's origin is taken off. */
+/* The camera, too, moves by fractions of a millimetre out there: its position is a double until the scene's origin is
+ * taken off. */
 static void small_steps_far_away(void **state) {
   (void)state;
   hard_scene s = hard_scene_create(16, 100), moved = hard_scene_create(16, 100);
@@ -217,8 +219,8 @@ static void resize(hard_scene *s, int width, int height, double focal) {
     reference_random_gaussian(&s->random, &recipe, &s->camera, &s->options, &s->part, i);
 }
 
-/* 1 x 1, and 16384 x 16 both ways: a field of view of 90 degrees, its tiles in one row. Floats beyond 8192 are 1/1024 px apart, which
- * is what the error of the long ones comes from. */
+/* 1 x 1, and 16384 x 16 both ways: a field of view of 90 degrees, its tiles in one row. Floats beyond 8192 are 1/1024
+ * px apart, which is what the error of the long ones comes from. */
 static void odd_pictures(void **state) {
   (void)state;
   static const struct {
@@ -238,7 +240,8 @@ static void odd_pictures(void **state) {
   }
 }
 
-/* #13: rows, none of them in view: behind, beside, under 1/255, all in one. The picture is the background, gradients are 0. */
+/* #13: rows, none of them in view: behind, beside, under 1/255, all in one. The picture is the background, gradients
+ * are 0. */
 static void nothing_in_view(void **state) {
   (void)state;
   enum { ROWS = 200 };

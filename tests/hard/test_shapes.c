@@ -67,8 +67,8 @@ static void giant(const spot *at, double *row) {
   row[PAGS_OPACITY] = -3;
 }
 
-/* #2: finite logarithms whose exponentials are not, or whose squares are not. The engine's definition is that what is wider
- * than 1e9 px is not drawn. */
+/* #2: finite logarithms whose exponentials are not, or whose squares are not. The engine's definition is that what is
+ * wider than 1e9 px is not drawn. */
 static void overflowing_scale(const spot *at, double *row) {
   const double large[] = {25, 30, 44.5, 88.7, 89, 100, 1e30, 2e38};
   row[PAGS_SCALE + at->index % 3] = large[at->index % 8];

@@ -1,5 +1,5 @@
-/* Hard starts, places and rates of training (facts 6 #1, 3, 4, 10, 14, 17, 18, 24, 25, 27): 200 steps that stay finite and come to a
- * picture, or stop with a reason. */
+/* Hard starts, places and rates of training (facts 6 #1, 3, 4, 10, 14, 17, 18, 24, 25, 27): 200 steps that stay finite
+ * and come to a picture, or stop with a reason. */
 #include "hard/hard.h"
 
 #include <math.h>
@@ -95,8 +95,8 @@ static void few_points(void **state) {
   }
 }
 
-/* #27: a cloud of black points, and of white ones. Clamped colours have no gradient: black ones start half a level above that and come
- * to the photographs' colours as all do, at 0.0007 a step. */
+/* #27: a cloud of black points, and of white ones. Clamped colours have no gradient: black ones start half a level
+ * above that and come to the photographs' colours as all do, at 0.0007 a step. */
 static void black_points(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -119,8 +119,8 @@ static void black_points(void **state) {
   }
 }
 
-/* #10, #14, #25: the world a thousand times smaller and larger (where cameras are 4 mm and 4 km from its middle), with a near plane that
- * goes along. Training is the same up to rounding. */
+/* #10, #14, #25: the world a thousand times smaller and larger (where cameras are 4 mm and 4 km from its middle), with
+ * a near plane that goes along. Training is the same up to rounding. */
 static void any_extent(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -157,8 +157,8 @@ static void mcmc_of_any_extent(void **state) {
   }
 }
 
-/* #18: coordinates of 1e7 m. The start is the same Gaussians and cameras but for what the file's doubles round, so is the training but
- * for what comes of that. */
+/* #18: coordinates of 1e7 m. The start is the same Gaussians and cameras but for what the file's doubles round, so is
+ * the training but for what comes of that. */
 static void far_from_the_origin(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -179,8 +179,8 @@ static void everything_pruned(void **state) {
   assert_true(r.gaussians >= 16);
 }
 
-/* #17: a reset to 0.01 shrinks what a Gaussian reaches to 1.37 sigma, one to 0.004 to 0.2 sigma. One below 1/255, or a start there, would
- * leave rows that nothing is drawn of and that no gradient ever comes to: it is refused. */
+/* #17: a reset to 0.01 shrinks what a Gaussian reaches to 1.37 sigma, one to 0.004 to 0.2 sigma. One below 1/255, or a
+ * start there, would leave rows that nothing is drawn of and that no gradient ever comes to: it is refused. */
 static void resets(void **state) {
   (void)state;
   if (hard_leaves_out())
@@ -238,8 +238,8 @@ typedef struct absurd {
   int densify;
 } absurd;
 
-/* The largest rates there may be, 1 a step: ln sigma and logits wander by hundreds, positions by the scene's size, under both
- * strategies. Finite, or stopped with a reason; the number of Gaussians stays in its bound. */
+/* The largest rates there may be, 1 a step: ln sigma and logits wander by hundreds, positions by the scene's size,
+ * under both strategies. Finite, or stopped with a reason; the number of Gaussians stays in its bound. */
 static void absurd_rates(void **state) {
   (void)state;
   static const absurd cases[] = {

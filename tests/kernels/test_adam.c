@@ -138,7 +138,7 @@ static void test_check(const pags_kernels *k) {
   enum { PLANES = 7 };
   for (size_t n = 0; n < sizeof counts / sizeof *counts; n++) {
     const int rows = counts[n], padded = (rows + 15) / 16 * 16;
-    float *const p = CHECK_NEW(float, PLANES * padded), *const g = CHECK_NEW(float, PLANES * padded);
+    float *const p = CHECK_NEW(float, PLANES *padded), *const g = CHECK_NEW(float, PLANES *padded);
     for (int choice = 0; choice < 4; choice++) {
       uint16_t got[16] = {0x8001}, want[16] = {0x8001};
       int any = 0;
@@ -196,7 +196,8 @@ static void test_bench(const pags_kernels *k) {
   enum { MANY = 59 }; /* planes, of 64 rows each as a cluster has */
   float *const planes = CHECK_NEW(float, MANY * 64), *const gradients = CHECK_NEW(float, MANY * 64);
   uint16_t bad[16] = {0};
-  CHECK_BENCH("adam_check, 59 planes", 64 * MANY, "row and plane") k->adam_check(planes, 64, gradients, 64, MANY, 64, bad);
+  CHECK_BENCH("adam_check, 59 planes", 64 * MANY, "row and plane")
+  k->adam_check(planes, 64, gradients, 64, MANY, 64, bad);
   CHECK_BENCH("adam_replay, 40 steps", a.rows * STEPS, "row step")
   k->adam_replay(a.p, a.m, a.v, a.rows, weights, STEPS, 1e-15f);
   CHECK_BENCH("adam_reach", a.rows, "row") k->adam_reach(a.p, a.m, a.v, a.rows, 0.05f, 1e-15f, range);
@@ -205,7 +206,7 @@ static void test_bench(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"adam_update", test_update}, {"adam small moments", test_small}, {"adam_replay", test_replay},
-      {"adam_reach", test_reach},   {"adam_check", test_check},          {"adam bench", test_bench},
+      {"adam_reach", test_reach},   {"adam_check", test_check},         {"adam bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

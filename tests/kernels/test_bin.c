@@ -1,6 +1,6 @@
-/* Tiles of splats and lists of tiles: the lists are well formed, the same on every ISA, hold every tile and 4x4 block with a pixel that the
- * splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's own operations,
- * fused and not. */
+/* Tiles of splats and lists of tiles: the lists are well formed, the same on every ISA, hold every tile and 4x4 block
+ * with a pixel that the splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's
+ * own operations, fused and not. */
 #include "check.h"
 #include "splats.h"
 
@@ -222,8 +222,8 @@ static void test_needles(const pags_kernels *k) {
   check_mix(k, &(splat_mix){-10, -10, 154, 122, 0.01f, 0.2f, 1e4f, 0.004f, 1.0f, false}, 200, 0.03, 0.015);
 }
 
-/* Boxes of every shape about the 9 tiles up to which sixteen splats are tested at once, and the 64 up to which `touched` serves: n x 1,
- * 1 x n, 2 x n / 2, ... */
+/* Boxes of every shape about the 9 tiles up to which sixteen splats are tested at once, and the 64 up to which
+ * `touched` serves: n x 1, 1 x n, 2 x n / 2, ... */
 static void test_shapes(const pags_kernels *k) {
   for (int tall = 0; tall < 2; tall++)
     for (int across = 1; across <= 9; across += across < 3 ? 1 : 3) {

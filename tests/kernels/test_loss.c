@@ -22,19 +22,21 @@ static picture make_picture(int width, int height, bool masked, content what) {
   p.prediction = CHECK_NEW(float, p.stride *height);
   p.exposure[0] = what == EQUAL ? 1.0f : check_uniform(0.8f, 1.2f);
   p.exposure[1] = what == EQUAL ? 0.0f : check_uniform(-0.05f, 0.05f);
-  p.target = CHECK_NEW(uint8_t, p.stride * height);
-  p.mask = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
-  p.emphasis = masked ? CHECK_NEW(uint8_t, p.stride * height) : NULL;
+  p.target = CHECK_NEW(uint8_t, p.stride *height);
+  p.mask = masked ? CHECK_NEW(uint8_t, p.stride *height) : NULL;
+  p.emphasis = masked ? CHECK_NEW(uint8_t, p.stride *height) : NULL;
   for (int64_t i = 0; i < p.stride * height; i++) {
     const bool inside = i % p.stride < width;
     p.target[i] = (uint8_t)check_u32();
     const float near = (float)p.target[i] / 255.0f;
-    p.prediction[i] = !inside         ? NAN
-                      : what == NOISE ? check_uniform(-0.2f, 1.3f)
-                      : what == NEAR  ? near + 0.05f * check_normal()
-                      : what == EQUAL ? (float)p.target[i] * (1.0f / 255.0f)
-                      : what == ABSURD ? (check_below(9) ? near : check_below(9) ? 1e30f * check_normal() : NAN)
-                                      : 1e4f * check_normal();
+    p.prediction[i] = !inside          ? NAN
+                      : what == NOISE  ? check_uniform(-0.2f, 1.3f)
+                      : what == NEAR   ? near + 0.05f * check_normal()
+                      : what == EQUAL  ? (float)p.target[i] * (1.0f / 255.0f)
+                      : what == ABSURD ? (check_below(9)   ? near
+                                          : check_below(9) ? 1e30f * check_normal()
+                                                           : NAN)
+                                       : 1e4f * check_normal();
     if (masked) {
       p.mask[i] = (uint8_t)(!inside || check_below(4) ? 1 + check_below(255) : 0);
       p.emphasis[i] = (uint8_t)check_below(3);
@@ -135,7 +137,8 @@ static void fill(const picture *p, double *const planes[5]) {
   for (int y = 0; y < p->height; y++)
     for (int x = 0; x < p->width; x++) {
       const int64_t at = y * p->stride + x;
-      const double a = counted(p, x, y) ? (double)p->exposure[0] * (double)p->prediction[at] + (double)p->exposure[1] : 0.0,
+      const double a = counted(p, x, y) ? (double)p->exposure[0] * (double)p->prediction[at] + (double)p->exposure[1]
+                                        : 0.0,
                    b = counted(p, x, y) ? p->target[at] / 255.0 : 0.0;
       const double values[5] = {a, b, a * a, b * b, a * b};
       for (int j = 0; j < 5; j++)

@@ -29,8 +29,13 @@ static row_case make_case(int width, bool masked, bool unsure) {
   check_freeze(before);
   check_freeze(labels);
   check_freeze(mask);
-  c.row = (pags_opacity_row){.width = width, .transmittance = t, .labels = labels, .mask = masked ? mask : NULL,
-                             .chosen = CHOSEN, .unsure = unsure, .scale = check_uniform(0.1f, 3.0f)};
+  c.row = (pags_opacity_row){.width = width,
+                             .transmittance = t,
+                             .labels = labels,
+                             .mask = masked ? mask : NULL,
+                             .chosen = CHOSEN,
+                             .unsure = unsure,
+                             .scale = check_uniform(0.1f, 3.0f)};
   return c;
 }
 
@@ -66,8 +71,10 @@ static void check_case_of(const pags_kernels *k, int width, bool masked, bool un
     }
     want += value_of(&c.row, i, &slope);
     const double gradient = (double)c.before[i] + slope * (double)c.row.scale;
-    if (!(fabs((double)got[i] - gradient) <= 4e-7 * (1.0 + fabs((double)c.before[i]) + fabs(slope) * (double)c.row.scale)))
-      CHECK_FAIL("width %d, pixel %d of T %.9g: slope %.9g, should be %.9g", width, i, (double)c.row.transmittance[i], (double)got[i], gradient);
+    if (!(fabs((double)got[i] - gradient) <=
+          4e-7 * (1.0 + fabs((double)c.before[i]) + fabs(slope) * (double)c.row.scale)))
+      CHECK_FAIL("width %d, pixel %d of T %.9g: slope %.9g, should be %.9g", width, i, (double)c.row.transmittance[i],
+                 (double)got[i], gradient);
   }
   CHECK(fabs(sum - want) <= 1e-6 * want);
   CHECK_FLOATS("gradient", got, scalar, c.padded, .relative = 1e-6, .absolute = 4e-6);
@@ -80,8 +87,12 @@ static void check_rows(const pags_kernels *k, bool unsure) {
     check_case_of(k, width, width & 1, unsure);
   check_case_of(k, 960, false, unsure);
 }
-static void test_sure(const pags_kernels *k) { check_rows(k, false); }
-static void test_unsure(const pags_kernels *k) { check_rows(k, true); }
+static void test_sure(const pags_kernels *k) {
+  check_rows(k, false);
+}
+static void test_unsure(const pags_kernels *k) {
+  check_rows(k, true);
+}
 
 static void test_bench(const pags_kernels *k) {
   const row_case sure = make_case(960, true, false), unsure = make_case(960, true, true);
@@ -91,6 +102,7 @@ static void test_bench(const pags_kernels *k) {
 }
 
 int main(int argc, char **argv) {
-  static const check_case cases[] = {{"opacity sure", test_sure}, {"opacity unsure", test_unsure}, {"opacity bench", test_bench}};
+  static const check_case cases[] = {
+      {"opacity sure", test_sure}, {"opacity unsure", test_unsure}, {"opacity bench", test_bench}};
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

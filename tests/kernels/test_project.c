@@ -105,7 +105,8 @@ static void test_awkward(const pags_kernels *k) {
   check_kind(k, ROWS_AWKWARD);
 }
 
-/* A factor of 0 takes a row out, one of 1 changes nothing, others move the logarithm of the opacity and the reach that follows. */
+/* A factor of 0 takes a row out, one of 1 changes nothing, others move the logarithm of the opacity and the reach that
+ * follows. */
 static void check_factor(const pags_splat *got, const pags_splat *plain, float factor, int row) {
   const double bits = log2(255.0), l = (double)got->log2_opacity + bits;
   check_field("log2_opacity", row, got->log2_opacity, (double)plain->log2_opacity + log2((double)factor), 1e-5, 1e-5);
@@ -182,8 +183,8 @@ static void test_bench(const pags_kernels *k) {
   CHECK_BENCH("project", r.count, "row") k->project(&view, r.data, r.stride, NULL, r.count, p.splats, p.keys, NULL);
 }
 
-/* Along one axis: blocks [first, end) must hold every pixel centre of the picture within `extent` of the mean, and no block more than
- * one beyond either side. */
+/* Along one axis: blocks [first, end) must hold every pixel centre of the picture within `extent` of the mean, and no
+ * block more than one beyond either side. */
 static void check_reach_axis(int row, double mean, double extent, double size, int first, int end) {
   const double lo = fmax(ceil(mean - extent - 0.5), 0.0), hi = fmin(floor(mean + extent - 0.5), size - 1.0);
   if (lo > hi)
@@ -229,7 +230,8 @@ static void test_reaches(const pags_kernels *k) {
 int main(int argc, char **argv) {
   static const check_case cases[] = {
       {"project ordinary", test_ordinary}, {"project needles", test_needles}, {"project awkward", test_awkward},
-      {"project edges", test_edges},       {"project factor", test_factor}, {"project reaches", test_reaches},   {"project bench", test_bench},
+      {"project edges", test_edges},       {"project factor", test_factor},   {"project reaches", test_reaches},
+      {"project bench", test_bench},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

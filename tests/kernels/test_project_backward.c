@@ -212,7 +212,8 @@ static void check_kind(const pags_kernels *k, row_kind kind, bool poison) {
         row_read(&f.rows, i, row);
         bad += has_gradient(&f, i) && f.poisoned[i];
         if (kind == ROWS_ORDINARY)
-          CHECK((got.names[i] > 0) == (has_gradient(&f, i) && f.poisoned[i]) && got.names[i] <= f.rows.planes && got.names[i] == want.names[i]);
+          CHECK((got.names[i] > 0) == (has_gradient(&f, i) && f.poisoned[i]) && got.names[i] <= f.rows.planes &&
+                got.names[i] == want.names[i]);
         if (has_gradient(&f, i) && f.poisoned[i])
           CHECK(got.data[i] == 0.0f && got.data[ROW_SH * got.stride + i] == 0.0f && got.mean2d[i] == 0.0f);
         else if (has_gradient(&f, i) && !poison && differentiable(&f.view, row, f.rows.planes))

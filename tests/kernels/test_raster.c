@@ -253,10 +253,15 @@ static samples make_samples(bool extra) {
 
 static samples take_samples(const pags_kernels *k, const scene *s, const uint8_t *marks, float eps, bool extra) {
   const samples p = make_samples(extra);
-  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .depth = p.depth,
-                         .depth_sum = p.depth_sum, .id = p.id, .stride = SAMPLE_STRIDE};
+  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]},
+                         .transmittance = p.transmittance,
+                         .depth = p.depth,
+                         .depth_sum = p.depth_sum,
+                         .id = p.id,
+                         .stride = SAMPLE_STRIDE};
   memcpy(out.background, background, sizeof background);
-  const pags_raster_in in = {.splats = s->splats, .entries = s->entries, .count = s->count, .x0 = s->x0, .y0 = s->y0, .eps = eps};
+  const pags_raster_in in = {
+      .splats = s->splats, .entries = s->entries, .count = s->count, .x0 = s->x0, .y0 = s->y0, .eps = eps};
   k->sample(&in, marks, MARKS, &out, p.marked);
   return p;
 }
@@ -387,7 +392,9 @@ static void test_strangers(const pags_kernels *k) {
 }
 
 /* Differs from pixel to pixel and from block to block. */
-static int side_of(int i) { return (i % STRIDE + i % STRIDE / 4 + i / STRIDE / 4) % 2; }
+static int side_of(int i) {
+  return (i % STRIDE + i % STRIDE / 4 + i / STRIDE / 4) % 2;
+}
 
 /* What the hard test leaves of each pixel's list, drawn from a list of no more. */
 static void test_hard(const pags_kernels *k) {
@@ -451,24 +458,37 @@ static void test_own_list(const pags_kernels *k) {
   }
 }
 
-/* The list in pieces, each resuming where the last one left off, gives the bits of the whole list; what comes after the tile is full
- * changes none. Returns whether it became full before the end. */
+/* The list in pieces, each resuming where the last one left off, gives the bits of the whole list; what comes after the
+ * tile is full changes none. Returns whether it became full before the end. */
 static bool blend_in_pieces(const pags_kernels *k, const scene *s, int degree, float eps, const picture *whole) {
   picture p = {0};
   for (int c = 0; c < 3; c++)
     p.rgb[c] = CHECK_NEW(float, PLANE);
   p.transmittance = CHECK_NEW(float, PLANE), p.depth = CHECK_NEW(float, PLANE), p.depth_sum = CHECK_NEW(float, PLANE);
   p.id = CHECK_NEW(int32_t, PLANE);
-  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]}, .transmittance = p.transmittance, .depth = p.depth,
-                         .depth_sum = p.depth_sum, .best = CHECK_NEW(float, PLANE), .id = p.id, .stride = STRIDE};
+  pags_raster_out out = {.rgb = {p.rgb[0], p.rgb[1], p.rgb[2]},
+                         .transmittance = p.transmittance,
+                         .depth = p.depth,
+                         .depth_sum = p.depth_sum,
+                         .best = CHECK_NEW(float, PLANE),
+                         .id = p.id,
+                         .stride = STRIDE};
   memcpy(out.background, background, sizeof background);
   bool full = false;
   for (int64_t at = 0, next; !full && (at == 0 || at < s->count); at = next) {
     next = at + 1 + check_below(1 + (int)s->count / 3);
     next = next < s->count ? next : s->count;
-    const pags_raster_in in = {.splats = s->splats, .entries = s->entries + at, .count = next - at, .x0 = s->x0, .y0 = s->y0,
-                               .width = s->width, .height = s->height, .exp_degree = degree, .resume = at > 0,
-                               .unfinished = next < s->count, .eps = eps};
+    const pags_raster_in in = {.splats = s->splats,
+                               .entries = s->entries + at,
+                               .count = next - at,
+                               .x0 = s->x0,
+                               .y0 = s->y0,
+                               .width = s->width,
+                               .height = s->height,
+                               .exp_degree = degree,
+                               .resume = at > 0,
+                               .unfinished = next < s->count,
+                               .eps = eps};
     full = k->raster(&in, &out) == 0 && next < s->count;
     if (next == s->count)
       break;
@@ -542,9 +562,9 @@ static void test_roofline(const pags_kernels *k) {
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
-      {"raster scalar", test_scalar},       {"raster plainly", test_plainly},   {"raster variants", test_variants},
-      {"raster strangers", test_strangers}, {"raster hard", test_hard},         {"raster own list", test_own_list},
-      {"raster masks", test_masks},         {"raster resume", test_resume},     {"raster bench", test_bench},
+      {"raster scalar", test_scalar},       {"raster plainly", test_plainly}, {"raster variants", test_variants},
+      {"raster strangers", test_strangers}, {"raster hard", test_hard},       {"raster own list", test_own_list},
+      {"raster masks", test_masks},         {"raster resume", test_resume},   {"raster bench", test_bench},
       {"raster samples", test_samples},     {"roofline", test_roofline},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));

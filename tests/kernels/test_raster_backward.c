@@ -77,7 +77,8 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   if (c.absolute) {
     const double along_y = (double)g->w * v * ds - (double)g->p * (double)g->h * u * ds;
     tile_add(s, PAGS_SLOT_ABS_X, fabs(ds * u), size * fabs(u));
-    tile_add(s, PAGS_SLOT_ABS_Y, fabs(along_y), size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
+    tile_add(s, PAGS_SLOT_ABS_Y, fabs(along_y),
+             size * ((double)g->w * fabs(v) + (double)g->p * fabs((double)g->h * u)));
   }
 }
 

@@ -1,5 +1,5 @@
-/* Scores of splats: each ISA against a plain loop in double that goes back to front, with how large the terms were beside each sum: rounding
- * may cost a share of those. */
+/* Scores of splats: each ISA against a plain loop in double that goes back to front, with how large the terms were
+ * beside each sum: rounding may cost a share of those. */
 #include "check.h"
 #include "tile.h"
 
@@ -76,7 +76,8 @@ static void add_step(tile_sums *s, const tile *t, choice c, const pags_splat *g,
   tile_add(s, PAGS_SCORE_CRITICAL, w * counted * critical, w * counted);
 }
 
-static int walk(const tile *t, choice c, int i, float px, float py, bool fused, step *steps, tile_sums *all, double *left) {
+static int walk(const tile *t, choice c, int i, float px, float py, bool fused, step *steps, tile_sums *all,
+                double *left) {
   const double counted = (double)t->gradient[3][i], critical = (double)t->gradient[4][i];
   int n = 0;
   bool stopped = false;

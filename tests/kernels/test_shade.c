@@ -93,8 +93,8 @@ static void check_kind(const pags_kernels *k, row_kind kind) {
             check_colour(got + i, row, &plain, r.planes, i), checked++;
         }
         if (drawn) /* whatever the coefficients were, the blend gets numbers */
-          CHECK(got[i].r >= 0.0f && got[i].r <= PAGS_COLOUR_MAX && got[i].g >= 0.0f && got[i].g <= PAGS_COLOUR_MAX && got[i].b >= 0.0f &&
-                got[i].b <= PAGS_COLOUR_MAX);
+          CHECK(got[i].r >= 0.0f && got[i].r <= PAGS_COLOUR_MAX && got[i].g >= 0.0f && got[i].g <= PAGS_COLOUR_MAX &&
+                got[i].b >= 0.0f && got[i].b <= PAGS_COLOUR_MAX);
       }
       check_release();
     }
@@ -121,8 +121,7 @@ static void test_bench(const pags_kernels *k) {
 }
 
 int main(int argc, char **argv) {
-  static const check_case cases[] = {
-      {"shade ordinary", test_ordinary},
+  static const check_case cases[] = {{"shade ordinary", test_ordinary},
                                      {"shade awkward", test_awkward},
                                      {"shade other dc", test_other_dc},
                                      {"shade bench", test_bench}};

@@ -1,4 +1,5 @@
-/* The sky's cells and colours: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
+/* The sky's cells and colours: each ISA against the scalar kernel to the bit where builds allow that, and all against
+ * double. */
 #include "check.h"
 
 #include <math.h>
@@ -174,7 +175,8 @@ static void test_cells(const pags_kernels *k) {
         for (int c = 0; c < 3; c++) {
           double want = 0.0;
           for (int w = 0; w < 4; w++)
-            want += (double)all.weight[w][i] * (double)s.texels[3 * (all.row[i] * size + all.column[i] + corner[w]) + c];
+            want +=
+                (double)all.weight[w][i] * (double)s.texels[3 * (all.row[i] * size + all.column[i] + corner[w]) + c];
           CHECK(fabs((double)t.plane[c][i / 16 * STRIDE + i % 16] - want) <= 1e-6);
         }
       }

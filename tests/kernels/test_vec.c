@@ -156,7 +156,8 @@ static void test_memory(const pags_kernels *k) {
 
 static void test_rows_of_four(const pags_kernels *k) {
   const vec_ops *const ops = ops_of(k);
-  float *const rows = CHECK_NEW(float, 64), *const columns = CHECK_NEW(float, 48), *const out = CHECK_NEW(float, VEC_LANES);
+  float *const rows = CHECK_NEW(float, 64), *const columns = CHECK_NEW(float, 48),
+               *const out = CHECK_NEW(float, VEC_LANES);
   for (int i = 0; i < 64; i++)
     rows[i] = (float)i;
   ops->columns3(rows, columns);
@@ -266,9 +267,15 @@ static void test_log2(const pags_kernels *k) {
 
 int main(int argc, char **argv) {
   static const check_case cases[] = {
-      {"lanes", test_lanes}, {"masks", test_masks}, {"compress", test_compress}, {"memory", test_memory},
+      {"lanes", test_lanes},
+      {"masks", test_masks},
+      {"compress", test_compress},
+      {"memory", test_memory},
       {"rows of four", test_rows_of_four},
-      {"sums", test_sums},   {"exp2", test_exp2},   {"exp", test_exp},           {"log2", test_log2},
+      {"sums", test_sums},
+      {"exp2", test_exp2},
+      {"exp", test_exp},
+      {"log2", test_log2},
   };
   return check_main(argc, argv, cases, (int)(sizeof cases / sizeof *cases));
 }

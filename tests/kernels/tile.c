@@ -69,7 +69,9 @@ int64_t tile_lanes(const tile *t) {
   return lanes;
 }
 
-static int64_t slot_of(const tile *t, int64_t e) { return t->slot_start[t->entries[e].splat] + t->entries[e].rank; }
+static int64_t slot_of(const tile *t, int64_t e) {
+  return t->slot_start[t->entries[e].splat] + t->entries[e].rank;
+}
 
 void tile_check(const tile *t, const float *slots, int fields, const tile_sums *want, int choice) {
   int64_t off = 0;
@@ -79,8 +81,8 @@ void tile_check(const tile *t, const float *slots, int fields, const tile_sums *
       const double error = fabs((double)slot[f] - want[e].value[f]);
       if (!(error <= 5e-5 * want[e].size[f] + 1e-9))
         if (++off * 200 > t->count * fields)
-          CHECK_FAIL("entry %lld, sum %d: %.9g, should be %.9g (terms of %.3g); choice %d", (long long)e, f, (double)slot[f],
-                     want[e].value[f], want[e].size[f], choice);
+          CHECK_FAIL("entry %lld, sum %d: %.9g, should be %.9g (terms of %.3g); choice %d", (long long)e, f,
+                     (double)slot[f], want[e].value[f], want[e].size[f], choice);
     }
   }
 }

@@ -18,7 +18,8 @@ typedef struct tile {
   uint16_t *masks;
 } tile;
 
-/* With a border it reaches out of the picture. Slots of other tiles lie between its own. The gradients may be changed until it is drawn. */
+/* With a border it reaches out of the picture. Slots of other tiles lie between its own. The gradients may be changed
+ * until it is drawn. */
 tile tile_make(int64_t count, const splat_mix *mix, bool border);
 void tile_draw(const pags_kernels *k, tile *t);
 /* Whether plane element i is a pixel of the picture, and the pixel's middle. */
@@ -26,7 +27,8 @@ bool tile_pixel(const tile *t, int i, float *px, float *py);
 /* Lanes that going back through it works on. */
 int64_t tile_lanes(const tile *t);
 
-/* What the slot of an entry should hold, and how large the terms were that each sum came from: rounding may cost a share of those. */
+/* What the slot of an entry should hold, and how large the terms were that each sum came from: rounding may cost a
+ * share of those. */
 typedef struct tile_sums {
   double value[PAGS_SLOT_FLOATS], size[PAGS_SLOT_FLOATS];
 } tile_sums;
@@ -36,8 +38,8 @@ static inline void tile_add(tile_sums *s, int field, double term, double size) {
   s->size[field] += size;
 }
 
-/* Slots of `fields` floats against the entries' sums; one value in two hundred may have lost a term at the cut-off or the stop. `choice` is
- * for the message. */
+/* Slots of `fields` floats against the entries' sums; one value in two hundred may have lost a term at the cut-off or
+ * the stop. `choice` is for the message. */
 void tile_check(const tile *t, const float *slots, int fields, const tile_sums *want, int choice);
 /* Slots of other pairs stay as they were: 0xA5 all over. */
 void tile_check_others(const tile *t, const float *slots, int fields);

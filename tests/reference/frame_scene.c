@@ -151,7 +151,8 @@ static void receive(void *user, const pags_cluster_gradient *from, int worker) {
   }
 }
 
-static void create_result(frame_result *result, const frame_scene *scene, const pags_camera *camera, const pags_sky *sky) {
+static void create_result(frame_result *result, const frame_scene *scene, const pags_camera *camera,
+                          const pags_sky *sky) {
   int64_t pixels = (int64_t)camera->width * camera->height;
   *result = (frame_result){.width = camera->width, .height = camera->height, .part_count = scene->part_count};
   result->rgb = reference_alloc(3 * pixels, sizeof(float));
@@ -204,7 +205,8 @@ static void receive_sky(void *user, const pags_sky_gradient *gradient, int worke
   const frame_result *const result = user;
   (void)worker;
   for (int64_t block = 0; block < gradient->blocks; block++) {
-    const int64_t floats = 3 * PAGS_SKY_BLOCK, at = 3 * gradient->first + floats * block, left = result->sky_floats - at;
+    const int64_t floats = 3 * PAGS_SKY_BLOCK, at = 3 * gradient->first + floats * block,
+                  left = result->sky_floats - at;
     if (!gradient->seen[block])
       continue;
     result->sky_blocks[at / floats]++;

@@ -14,7 +14,8 @@ typedef struct frame_scene {
   pags_clusters clusters[FRAME_SCENE_PARTS];
   int32_t *id[FRAME_SCENE_PARTS];     /* NULL: in order */
   int64_t *source[FRAME_SCENE_PARTS]; /* row of the reference part that each row came from */
-  float *dc[FRAME_SCENE_PARTS];       /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
+  float
+      *dc[FRAME_SCENE_PARTS]; /* where the reference part has one: NaN until the cluster is touched, then `dc_values` */
   float *dc_values[FRAME_SCENE_PARTS];
   float *factor[FRAME_SCENE_PARTS]; /* where the reference part has one */
   float sky_cut;                    /* of the way back */
@@ -39,7 +40,7 @@ typedef struct frame_part_result { /* by row of the reference part, whatever the
 
 typedef struct frame_result {
   int width, height, part_count;
-  float *rgb;                   /* three planes */
+  float *rgb;                               /* three planes */
   float *transmittance, *depth, *depth_sum; /* depths and id only with extra_channels */
   int32_t *id;
   int64_t sky_floats;

@@ -128,10 +128,10 @@ reference_projection reference_project(const reference_part *part, int64_t i, co
     p.sigma[k] = exp(reference_value(part, PAGS_SCALE + k, i));
 
   splat->margin = INFINITY;
-  p.slope[0] =
-      clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, view->widened, &splat->clamped_axis[0], &splat->margin);
-  p.slope[1] =
-      clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, view->widened, &splat->clamped_axis[1], &splat->margin);
+  p.slope[0] = clamp_slope(xyz[0] / xyz[2], camera->width, camera->fx, camera->cx, view->widened,
+                           &splat->clamped_axis[0], &splat->margin);
+  p.slope[1] = clamp_slope(xyz[1] / xyz[2], camera->height, camera->fy, camera->cy, view->widened,
+                           &splat->clamped_axis[1], &splat->margin);
   double jacobian[6] = {camera->fx / xyz[2],
                         0,
                         -camera->fx * p.slope[0] / xyz[2],

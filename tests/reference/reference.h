@@ -10,10 +10,10 @@
  *   J      = [fx/z 0 -fx u/z; 0 fy/z -fy v/z],  u = clamp(x/z), v = clamp(y/z) to the picture widened by 15 % of its
  *            size (0.3 tan of half the field of view) on every side; the mean itself is not clamped
  *   cov    = J W Sigma W' J' + low_pass I,  conic = cov^-1;  not drawn when det cov isn't positive and finite
- *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor; not drawn below 1/255
- *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
- *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
- *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the background */
+ *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor; not
+ * drawn below 1/255 colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame)) pixel  =
+ * front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel stops before
+ * T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the background */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 
@@ -28,13 +28,15 @@ typedef struct reference_part {
   const int32_t *id; /* NULL: first_id + i */
   int32_t first_id;
   double world_from_model[12];
-  double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes' own */
+  double *dc; /* used in place of the constant SH term: channel c of Gaussian i at dc[c * count + i]; NULL: the planes'
+                 own */
   double *factor; /* of the opacity of Gaussian i, 0: not drawn; NULL: 1 */
 } reference_part;
 
 /* Allocates zeroed planes with an identity pose. */
 reference_part reference_part_create(int64_t count, int sh_degree);
-/* The same Gaussians, ids, pose, constant terms and factors as the engine's part, as they are now, widened to double. Not of a packed one. */
+/* The same Gaussians, ids, pose, constant terms and factors as the engine's part, as they are now, widened to double.
+ * Not of a packed one. */
 reference_part reference_part_from(const pags_part *part);
 void reference_part_destroy(reference_part *part);
 
@@ -64,12 +66,13 @@ typedef struct reference_contribution {
   double transmittance; /* before this Gaussian */
 } reference_contribution;
 
-/* Where blending departs from the plain product of alphas, and how far beyond the picture J is taken as it is: in tangents of half the
- * field of view on every side. */
+/* Where blending departs from the plain product of alphas, and how far beyond the picture J is taken as it is: in
+ * tangents of half the field of view on every side. */
 typedef struct reference_limits {
   double alpha_min, alpha_cap, stop, widened;
 } reference_limits;
-#define REFERENCE_LIMITS ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED})
+#define REFERENCE_LIMITS \
+  ((reference_limits){REFERENCE_ALPHA_MIN, REFERENCE_ALPHA_CAP, REFERENCE_STOP, REFERENCE_WIDENED})
 #define REFERENCE_NO_LIMITS ((reference_limits){0, 1, 0, REFERENCE_WIDENED})
 
 typedef struct reference_picture {
@@ -102,14 +105,15 @@ reference_picture reference_render_within(reference_limits limits, const referen
                                           const pags_camera *camera, const pags_frame_options *options);
 void reference_picture_destroy(reference_picture *picture);
 
-/* Those that are drawn in the order in which pixels see them: by depth, ties by id. `gaussians`: room for splat_count indices over all parts.
- * Returns how many. */
+/* Those that are drawn in the order in which pixels see them: by depth, ties by id. `gaussians`: room for splat_count
+ * indices over all parts. Returns how many. */
 int64_t reference_front_to_back(const reference_picture *picture, int64_t *gaussians);
 
-/* The colours of the same Gaussians in the same order and within the same limits as `from`, a render of the same arguments, but by each
- * one's largest value along a pixel's ray in place of its affine image (reference_rays.c). Three planes, freed by the caller. */
-double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,
-                              const reference_picture *from);
+/* The colours of the same Gaussians in the same order and within the same limits as `from`, a render of the same
+ * arguments, but by each one's largest value along a pixel's ray in place of its affine image (reference_rays.c). Three
+ * planes, freed by the caller. */
+double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera,
+                              const pags_frame_options *options, const reference_picture *from);
 
 /* Derivatives of a loss by the picture, planes of width * height without padding; NULL means zero. */
 typedef struct reference_picture_gradient {

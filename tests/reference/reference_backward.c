@@ -14,8 +14,8 @@ typedef struct splat_gradient {
 
 /* Pixels, back to front.
  *
- * rgb = sum_k w_k c_k + T background (or sky), w_k = alpha_k T_k, T_{k+1} = (1 - alpha_k) T_k. With the value of a Gaussian at a
- * pixel v_k = c_k . dL/drgb + z_k dL/ddepth_sum, and B_k what lies behind it, background included:
+ * rgb = sum_k w_k c_k + T background (or sky), w_k = alpha_k T_k, T_{k+1} = (1 - alpha_k) T_k. With the value of a
+ * Gaussian at a pixel v_k = c_k . dL/drgb + z_k dL/ddepth_sum, and B_k what lies behind it, background included:
  *   dL/dalpha_k = T_k v_k - B_k / (1 - alpha_k). */
 static void contribution_backward(const reference_contribution *c, const reference_splat *splat,
                                   const reference_picture *picture, const double rgb[3], double depth_sum,
@@ -47,8 +47,9 @@ static void contribution_backward(const reference_contribution *c, const referen
   g->conic[2] -= 0.5 * by_power * dy * dy;
 }
 
-static void pixels_backward(const reference_picture *picture, const pags_camera *camera, const pags_frame_options *options,
-                            const reference_picture_gradient *gradient, splat_gradient *out) {
+static void pixels_backward(const reference_picture *picture, const pags_camera *camera,
+                            const pags_frame_options *options, const reference_picture_gradient *gradient,
+                            splat_gradient *out) {
   int64_t pixels = (int64_t)picture->width * picture->height;
   double *behind = reference_alloc(pixels, sizeof(double));
   for (int64_t pixel = 0; pixel < pixels; pixel++) {
@@ -196,7 +197,8 @@ static void splat_backward(const reference_part *part, int64_t i, const referenc
                            double *planes) {
   reference_splat splat = *drawn;
   reference_projection p = reference_project(part, i, view, camera, &splat);
-  double factor = reference_factor(part, i), logistic = drawn->opacity / (drawn->compensation * factor); /* sigmoid(logit) */
+  double factor = reference_factor(part, i),
+         logistic = drawn->opacity / (drawn->compensation * factor); /* sigmoid(logit) */
   double by_cov[3] = {0, 0, 0};
   conic_backward(drawn->conic, g->conic, by_cov);
   if (options->antialiased)

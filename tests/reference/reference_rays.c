@@ -1,8 +1,10 @@
-/* What the affine projection stands for: each Gaussian's largest value along the ray through a pixel's centre, in double.
+/* What the affine projection stands for: each Gaussian's largest value along the ray through a pixel's centre, in
+ * double.
  *
- * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m) / 2); it is largest at
- * t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times what doesn't depend on how far the ray passes. The
- * low-pass is a widening of S by low_pass (z / f)^2 across the picture's axes, whose affine image is low_pass I. */
+ * With S the covariance in camera axes, m the mean and d the ray, the value at t d is exp(-(t d - m)' S^-1 (t d - m) /
+ * 2); it is largest at t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times what doesn't depend on
+ * how far the ray passes. The low-pass is a widening of S by low_pass (z / f)^2 across the picture's axes, whose affine
+ * image is low_pass I. */
 #include "reference.h"
 
 #include <math.h>
@@ -10,10 +12,10 @@
 #include <string.h>
 
 typedef struct ray_splat {
-  double s[6];    /* S: xx xy xz yy yz zz */
-  double q[6];    /* its inverse */
+  double s[6]; /* S: xx xy xz yy yz zz */
+  double q[6]; /* its inverse */
   double qm[3], mqm;
-  double limit;   /* largest distance squared that is drawn */
+  double limit; /* largest distance squared that is drawn */
 } ray_splat;
 
 static int find_inverse(ray_splat *r, const double m[3]) {
@@ -21,7 +23,8 @@ static int find_inverse(ray_splat *r, const double m[3]) {
   const double a = yy * zz - yz * yz, b = xz * yz - xy * zz, c = xy * yz - xz * yy, det = xx * a + xy * b + xz * c;
   if (!(det > 0) || !isfinite(det))
     return 0;
-  const double q[6] = {a / det, b / det, c / det, (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det};
+  const double q[6] = {
+      a / det, b / det, c / det, (xx * zz - xz * xz) / det, (xy * xz - xx * yz) / det, (xx * yy - xy * xy) / det};
   memcpy(r->q, q, sizeof q);
   r->qm[0] = q[0] * m[0] + q[1] * m[1] + q[2] * m[2];
   r->qm[1] = q[1] * m[0] + q[3] * m[1] + q[4] * m[2];
@@ -52,10 +55,10 @@ static int find_ray_splat(const reference_part *part, int64_t i, const reference
   return find_inverse(out, splat->camera);
 }
 
-/* Pixels [first, end) of `size` along an axis that may see the Gaussian: slopes at which a plane through the eye touches the ellipsoid of that
- * distance; all of them where it reaches the plane of the eye. */
-static void find_span(double mean, double z, double s_aa, double s_az, double s_zz, double limit, double f, double c, int size,
-                      int *first, int *end) {
+/* Pixels [first, end) of `size` along an axis that may see the Gaussian: slopes at which a plane through the eye
+ * touches the ellipsoid of that distance; all of them where it reaches the plane of the eye. */
+static void find_span(double mean, double z, double s_aa, double s_az, double s_zz, double limit, double f, double c,
+                      int size, int *first, int *end) {
   const double a = z * z - limit * s_zz, b = mean * z - limit * s_az, d = b * b - a * (mean * mean - limit * s_aa);
   *first = 0, *end = size;
   if (a <= 0 || d < 0)
@@ -77,7 +80,8 @@ typedef struct ray_picture {
   uint8_t *stopped;
 } ray_picture;
 
-static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel, ray_picture *out) {
+static void blend_ray(const reference_picture *from, const reference_splat *splat, double distance, int64_t pixel,
+                      ray_picture *out) {
   const double alpha = fmin(from->limits.alpha_cap, splat->opacity * exp(-0.5 * distance));
   const double before = out->transmittance[pixel], after = before * (1 - alpha);
   if (alpha < from->limits.alpha_min)
@@ -91,8 +95,8 @@ static void blend_ray(const reference_picture *from, const reference_splat *spla
   out->transmittance[pixel] = after;
 }
 
-static void blend_splat(const reference_picture *from, const reference_splat *splat, const ray_splat *ray, const pags_camera *camera,
-                        ray_picture *out) {
+static void blend_splat(const reference_picture *from, const reference_splat *splat, const ray_splat *ray,
+                        const pags_camera *camera, ray_picture *out) {
   const double *m = splat->camera, *s = ray->s;
   int x0, x1, y0, y1;
   find_span(m[0], m[2], s[0], s[2], s[5], ray->limit, camera->fx, camera->cx, from->width, &x0, &x1);
@@ -101,7 +105,9 @@ static void blend_splat(const reference_picture *from, const reference_splat *sp
     for (int x = x0; x < x1; x++) {
       const int64_t pixel = (int64_t)y * from->width + x;
       if (!out->stopped[pixel])
-        blend_ray(from, splat, ray_distance(ray, (x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy), pixel, out);
+        blend_ray(from, splat,
+                  ray_distance(ray, (x + 0.5 - camera->cx) / camera->fx, (y + 0.5 - camera->cy) / camera->fy), pixel,
+                  out);
     }
 }
 
@@ -113,8 +119,8 @@ static int part_of(const reference_part *parts, int64_t gaussian, int64_t *row) 
   return p;
 }
 
-double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera, const pags_frame_options *options,
-                              const reference_picture *from) {
+double *reference_ray_picture(const reference_part *parts, int part_count, const pags_camera *camera,
+                              const pags_frame_options *options, const reference_picture *from) {
   const int64_t pixels = (int64_t)from->width * from->height;
   int64_t *order = reference_alloc(from->splat_count, sizeof *order), row;
   reference_view *views = reference_alloc(part_count, sizeof *views);
@@ -129,7 +135,8 @@ double *reference_ray_picture(const reference_part *parts, int part_count, const
     const reference_splat *splat = &from->splats[order[k]];
     const int p = part_of(parts, order[k], &row);
     ray_splat ray;
-    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, from->limits.alpha_min, splat, &ray))
+    if (find_ray_splat(&parts[p], row, &views[p], camera, (double)options->low_pass, from->limits.alpha_min, splat,
+                       &ray))
       blend_splat(from, splat, &ray, camera, &out);
   }
   for (int64_t k = 0; k < pixels; k++) {

@@ -1,5 +1,5 @@
-/* A tiny driving set with known truth, written in the convention of any kind: five frames, two cameras, two boxes, two laser
- * points. */
+/* A tiny driving set with known truth, written in the convention of any kind: five frames, two cameras, two boxes, two
+ * laser points. */
 #ifndef PAGS_TESTS_UNIT_DRIVING_TREE_H
 #define PAGS_TESTS_UNIT_DRIVING_TREE_H
 

@@ -1,4 +1,5 @@
-/* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. Test code: what fails ends the test. */
+/* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. Test code: what fails
+ * ends the test. */
 #ifndef PAGS_TESTS_UNIT_RANDOM_SCENE_H
 #define PAGS_TESTS_UNIT_RANDOM_SCENE_H
 

@@ -108,7 +108,8 @@ static void sparse_step(run *r, int64_t step, int touch_all) {
 
 static void dense_step(run *r, int64_t step) {
   double group[PAGS_RATE_GROUPS], rate[PLANES];
-  static const int first[PAGS_RATE_FOURIER] = {PAGS_MEAN, PAGS_SCALE, PAGS_ROTATION, PAGS_OPACITY, PAGS_SH, PAGS_SH + 3};
+  static const int first[PAGS_RATE_FOURIER] = {PAGS_MEAN,    PAGS_SCALE, PAGS_ROTATION,
+                                               PAGS_OPACITY, PAGS_SH,    PAGS_SH + 3};
   pags_schedule_rates(&r->state.schedule, step, group);
   for (int g = 0; g < PAGS_RATE_FOURIER; g++)
     for (int p = first[g]; p < PLANES; p++)

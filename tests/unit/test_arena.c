@@ -125,12 +125,9 @@ static void high_water_is_the_most_at_once(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(blocks_are_aligned_and_apart),
-      cmocka_unit_test(empty_blocks_have_addresses_of_their_own),
-      cmocka_unit_test(impossible_sizes_are_refused),
-      cmocka_unit_test(steady_state_calls_no_heap),
-      cmocka_unit_test(a_reset_folds_the_chunks),
-      cmocka_unit_test(marks_give_back_what_came_later),
+      cmocka_unit_test(blocks_are_aligned_and_apart),   cmocka_unit_test(empty_blocks_have_addresses_of_their_own),
+      cmocka_unit_test(impossible_sizes_are_refused),   cmocka_unit_test(steady_state_calls_no_heap),
+      cmocka_unit_test(a_reset_folds_the_chunks),       cmocka_unit_test(marks_give_back_what_came_later),
       cmocka_unit_test(high_water_is_the_most_at_once),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -24,11 +24,13 @@ static double noise_of(clock_model *m) {
 
 static const clock_model steep = {{1, 0.95, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1}, 0.04, 1};
 
-/* Frames whose full cost runs between `low` and `high` within 60 frames. Returns the share that met the target; adds up steps. */
+/* Frames whose full cost runs between `low` and `high` within 60 frames. Returns the share that met the target; adds up
+ * steps. */
 static double drive(pags_budget_controller *c, clock_model m, double low, double high, int frames, double *mean_step) {
   int met = 0, sum = 0;
   for (int i = 0; i < frames; i++) {
-    const double full = low + (high - low) * 0.5 * (1 + sin(i * 6.28318 / 60)), ms = full * m.share[c->step] * noise_of(&m);
+    const double full = low + (high - low) * 0.5 * (1 + sin(i * 6.28318 / 60)),
+                 ms = full * m.share[c->step] * noise_of(&m);
     met += ms <= c->target;
     sum += c->step;
     pags_budget_controller_tell(c, ms);
@@ -121,16 +123,21 @@ static void create(scene *s) {
   assert_int_equal(pags_gaussians_add_s_sem(&s->gaussians), PAGS_OK);
   for (int64_t i = 0; i < COUNT; i++) {
     const int critical = i < CRITICAL;
-    const float mean[3] = {critical ? between(-1.6f, -0.9f) : between(-6, 6), critical ? between(-0.4f, 0.4f) : between(-4, 4),
-                           critical ? 4 : between(8, 9)};
+    const float mean[3] = {critical ? between(-1.6f, -0.9f) : between(-6, 6),
+                           critical ? between(-0.4f, 0.4f) : between(-4, 4), critical ? 4 : between(8, 9)};
     put(s, i, mean, critical ? 0.08f : between(0.005f, 0.2f), critical ? 3 : between(-4, 2));
     s->gaussians.s_sem[i] = s->priority[i] = critical ? 1 : 0;
   }
   assert_int_equal(pags_clusters_create(&s->clusters, COUNT, 16), PAGS_OK);
   pags_clusters_update(&s->clusters, &s->gaussians, 0, s->clusters.count);
-  s->part = (pags_part){.gaussians = &s->gaussians, .clusters = &s->clusters,
-                        .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  s->camera = (pags_camera){.width = WIDTH, .height = HEIGHT, .fx = 100, .fy = 100, .cx = 75, .cy = 45,
+  s->part = (pags_part){
+      .gaussians = &s->gaussians, .clusters = &s->clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  s->camera = (pags_camera){.width = WIDTH,
+                            .height = HEIGHT,
+                            .fx = 100,
+                            .fy = 100,
+                            .cx = 75,
+                            .cy = 45,
                             .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   s->options = pags_frame_options_default();
   s->options.extra_channels = 1;
@@ -192,7 +199,8 @@ static void test_rest_is_cut(void **state) {
   assert_true(some < all && some > CRITICAL / 2);
   options.rest_cut = 1e9f;
   draw(&s, &options);
-  assert_true(pags_frame_stats_get(s.frame)->shaded <= CRITICAL && pags_frame_stats_get(s.frame)->shaded > CRITICAL / 2);
+  assert_true(pags_frame_stats_get(s.frame)->shaded <= CRITICAL &&
+              pags_frame_stats_get(s.frame)->shaded > CRITICAL / 2);
   options.rest_sh_less = 3;
   scene other; /* nothing but what is critical */
   create(&other);
@@ -262,15 +270,18 @@ static void test_steps(void **state) {
     pags_budget_facts facts;
     assert_int_equal(pags_budget_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
     const pags_picture full = draw_step(&other, step);
-    /* the critical object and its surroundings have the bits of a frame without samples, as has all else where there are none */
+    /* the critical object and its surroundings have the bits of a frame without samples, as has all else where there
+     * are none */
     assert_int_equal(differing(&full, &out, sampled ? tiles : all_tiles), 0);
     if (sampled)
-      assert_true(facts.full_tiles > 0.02 && facts.full_tiles < 0.5 && differing(&full, &out, all_tiles) > WIDTH * HEIGHT / 4);
+      assert_true(facts.full_tiles > 0.02 && facts.full_tiles < 0.5 &&
+                  differing(&full, &out, all_tiles) > WIDTH * HEIGHT / 4);
     else
       assert_true(facts.full_tiles == 1);
     assert_true(psnr(&whole, &out) > 15 && psnr(&full, &out) > 22);
     for (int64_t i = 0; i < (int64_t)HEIGHT * out.stride; i++)
-      assert_true(i % out.stride >= WIDTH || (isfinite(out.rgb[0][i]) && out.transmittance[i] >= 0 && out.transmittance[i] <= 1));
+      assert_true(i % out.stride >= WIDTH ||
+                  (isfinite(out.rgb[0][i]) && out.transmittance[i] >= 0 && out.transmittance[i] <= 1));
   }
   pags_budget_destroy(budget);
   destroy(&s);
@@ -346,16 +357,21 @@ static void test_samples_are_interpolated(void **state) {
   for (int y = 0; y < HEIGHT; y++)
     for (int x = 0; x < WIDTH; x++)
       others += full.id[(int64_t)y * full.stride + x] != out.id[(int64_t)y * full.stride + x];
-  assert_true(full.id[0] == CRITICAL && full.id[(int64_t)(HEIGHT - 1) * full.stride] == CRITICAL + 1 && others <= 2 * WIDTH);
+  assert_true(full.id[0] == CRITICAL && full.id[(int64_t)(HEIGHT - 1) * full.stride] == CRITICAL + 1 &&
+              others <= 2 * WIDTH);
   pags_budget_destroy(budget);
   destroy(&s);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_nothing_is_given_up_for_nothing), cmocka_unit_test(test_the_time_is_kept),
-      cmocka_unit_test(test_the_impossible),      cmocka_unit_test(test_rest_is_cut),                     cmocka_unit_test(test_steps),
-      cmocka_unit_test(test_neighbours_are_full), cmocka_unit_test(test_samples_are_interpolated),
+      cmocka_unit_test(test_nothing_is_given_up_for_nothing),
+      cmocka_unit_test(test_the_time_is_kept),
+      cmocka_unit_test(test_the_impossible),
+      cmocka_unit_test(test_rest_is_cut),
+      cmocka_unit_test(test_steps),
+      cmocka_unit_test(test_neighbours_are_full),
+      cmocka_unit_test(test_samples_are_interpolated),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

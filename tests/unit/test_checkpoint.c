@@ -139,7 +139,8 @@ static void impossible_steps_are_refused(void **unused) {
   pags_state_destroy(&a);
 }
 
-/* Nor may a file of a few kilobytes ask for the gigabytes that billions of steps would take, or make the schedule's sums overflow. */
+/* Nor may a file of a few kilobytes ask for the gigabytes that billions of steps would take, or make the schedule's
+ * sums overflow. */
 static void impossible_runs_are_refused(void **unused) {
   (void)unused;
   pags_train_state a, b;
@@ -148,8 +149,13 @@ static void impossible_runs_are_refused(void **unused) {
   const struct {
     int64_t *number, value;
   } cases[] = {
-      {&a.stop, PAGS_CONFIG_STEPS + 1}, {&a.schedule.views, INT64_MAX / 2}, {&a.resets, a.step + 1}, {&a.resets, -1},
-      {&a.cap, -1},                     {&a.clocked, 2},                    {&a.lidar_points, -1},
+      {&a.stop, PAGS_CONFIG_STEPS + 1},
+      {&a.schedule.views, INT64_MAX / 2},
+      {&a.resets, a.step + 1},
+      {&a.resets, -1},
+      {&a.cap, -1},
+      {&a.clocked, 2},
+      {&a.lidar_points, -1},
   };
   for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
     int64_t sound = *cases[i].number;

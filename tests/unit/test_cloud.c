@@ -21,7 +21,8 @@ static pags_grid level_grid(void) {
 /* Height of the surface over the lattice's point next to x, y. */
 static double height(const pags_grid *g, double x, double y) {
   int64_t layer = (int64_t)g->n[0] * g->n[1];
-  int64_t at = (int64_t)floor((y - g->origin[1]) / step + 0.5) * g->n[0] + (int64_t)floor((x - g->origin[0]) / step + 0.5);
+  int64_t at =
+      (int64_t)floor((y - g->origin[1]) / step + 0.5) * g->n[0] + (int64_t)floor((x - g->origin[0]) / step + 0.5);
   for (int z = 0; z + 1 < g->n[2]; ++z) {
     double a = (double)g->distance[at + z * layer], b = (double)g->distance[at + (z + 1) * layer];
     if (a < 0 && b >= 0)
@@ -47,7 +48,8 @@ static void a_surface_comes_to_its_points(void **state) {
   pags_grid grid = level_grid();
   pags_cloud cloud = patch_at(0.06);
   scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
-  assert_true(fabs(height(&grid, 0, 0) - 0.06) < 0.002); /* what doubt leaves: a twentieth at first, then less of that */
+  assert_true(fabs(height(&grid, 0, 0) - 0.06) <
+              0.002); /* what doubt leaves: a twentieth at first, then less of that */
   assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
   assert_true(height(&grid, 0.5, 0) > 0 && height(&grid, 0.5, 0) < 0.06);
   assert_true(fabs(height(&grid, -0.9, 0.9)) < 1e-6); /* 0.85 m from the nearest */
@@ -88,9 +90,11 @@ static void world_point(int frame, int index, double out[3]) {
   pags_rigid_point(ego, tree_points[index], out);
 }
 
-/* Two boxes that go along with the laser's first point: it is at the foot of the first, where something else may be, in the upper half of the other. */
+/* Two boxes that go along with the laser's first point: it is at the foot of the first, where something else may be, in
+ * the upper half of the other. */
 static void follow(pags_object *object, pags_knot *knots, double above) {
-  *object = (pags_object){.category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
+  *object = (pags_object){
+      .category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
   for (int t = 0; t < TREE_FRAMES; ++t) {
     double p[3];
     world_point(t, 0, p);
@@ -111,7 +115,8 @@ static void points_are_sorted_by_boxes(void **state) {
   scratch_begin(&s);
   tree_write(&s, &kind);
   tree_text(&s, "dataset.json", "{\"kind\": \"waymo\"}");
-  pags_scene scene = {.dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
+  pags_scene scene = {
+      .dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
   follow(&objects[0].record, knots[0], -0.9);
   follow(&objects[1].record, knots[1], 0.4);
   for (int t = 0; t < TREE_FRAMES; ++t)

@@ -24,8 +24,8 @@ static void open_fails(const char *path, pags_result code, const char *part) {
   scratch_expect(result, code, part);
 }
 
-/* Three images, the first without observations, the last with a blank in its name. Image 30 (a.png, first by name) is held
- * out by a split of 8. Point 5 is seen by one training view, point 7 by two. */
+/* Three images, the first without observations, the last with a blank in its name. Image 30 (a.png, first by name) is
+ * held out by a split of 8. Point 5 is seen by one training view, point 7 by two. */
 static const char cameras_text[] = "# a comment\n\n4 PINHOLE 8 6 10 11 4 3\n";
 static const char images_text[] =
     "# more\n"
@@ -361,7 +361,8 @@ static double mean_centre(const pags_dataset *dataset, double mean[3]) {
   return sqrt(square / (double)count);
 }
 
-/* The rotation between two worlds: the mean of R_a R_b^T over the views, brought back to a rotation by the camera check. */
+/* The rotation between two worlds: the mean of R_a R_b^T over the views, brought back to a rotation by the camera
+ * check. */
 static void mean_rotation(const pags_dataset *a, const pags_dataset *b, double r[9]) {
   pags_camera mean = pags_dataset_view(a, 0)->camera;
   int64_t count = pags_dataset_view_count(a);
@@ -378,8 +379,8 @@ static void mean_rotation(const pags_dataset *a, const pags_dataset *b, double r
     r[i] = mean.world_from_camera[i / 3 * 4 + i % 3];
 }
 
-/* The folder's README: after a similarity of scale 0.87549 the camera centres of both sets of poses lie within 0.0029 RMS,
- * 0.012 at most. */
+/* The folder's README: after a similarity of scale 0.87549 the camera centres of both sets of poses lie within 0.0029
+ * RMS, 0.012 at most. */
 static void test_fox_poses_agree(void **state) {
   (void)state;
   char path[512];

@@ -48,8 +48,8 @@ static pags_object make_track(const char *id, int knots, const double from[3], c
   return object;
 }
 
-/* Ten metres ahead: a parked object's green Gaussian half a metre left of its box's middle, and a red car that drives from
- * the left to the right between 100 s and 102 s, facing right. A blue Gaussian is nobody's. */
+/* Ten metres ahead: a parked object's green Gaussian half a metre left of its box's middle, and a red car that drives
+ * from the left to the right between 100 s and 102 s, facing right. A blue Gaussian is nobody's. */
 static pags_scene make_scene(void) {
   static const double parked[3] = {10, 1, 0}, left[3] = {10, 4, 0}, right[3] = {10, -4, 0};
   pags_scene scene = {

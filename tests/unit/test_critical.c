@@ -1,4 +1,5 @@
-/* What is critical: label sets, --critical, the order of sources, PandaSet's union of semantic classes and dynamic masks. */
+/* What is critical: label sets, --critical, the order of sources, PandaSet's union of semantic classes and dynamic
+ * masks. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"

@@ -113,7 +113,7 @@ static void growth_counts_what_is_critical_by_itself(void **unused) {
     double weight, growth;
     float least[3]; /* pull at which rows 1, 2 and 3 grow */
   } cases[] = {
-      {8, -1, {2e-4f, 2e-4f, 2e-4f}}, /* as the loss has it */
+      {8, -1, {2e-4f, 2e-4f, 2e-4f}},   /* as the loss has it */
       {8, 1, {2e-4f, 16e-4f, 5.5e-4f}}, /* 1 + 7 / 4 = 2.75 */
       {8, 3, {2e-4f, 16e-4f / 3, 5.5e-4f / 1.5f}},
       {1, 3, {2e-4f, 2e-4f / 3, 2e-4f / 1.5f}},

@@ -14,8 +14,8 @@
 #include <string.h>
 
 #include "base/file.h"
-#include "scratch_folder.h"
 #include "dataset/internal.h"
+#include "scratch_folder.h"
 #include "train/config.h"
 #include "train/exposure.h"
 #include "train/fourier.h"
@@ -40,8 +40,7 @@ static int make_street(void **unused) {
   options.lidar_points = 4000;
   options.shifts = 0;
   tasks = pags_tasks_create(2);
-  if (!tasks || scratch_make() != 0 ||
-      pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
+  if (!tasks || scratch_make() != 0 || pags_synth_street(scratch("street"), &options, tasks, NULL, NULL) != PAGS_OK)
     return -1;
   return pags_dataset_open(scratch("street"), &reading, &dataset) == PAGS_OK ? 0 : -1;
 }
@@ -379,8 +378,9 @@ static uint64_t decoded_by(const pags_trainer *t) {
   return decoded;
 }
 
-/* At half size a Gaussian has a quarter of the pixels, and some more as the low-pass is as wide in pixels (9 per cent here), and shows what it
- * shows: of those that are seen well, the shares agree but for pixels at outlines. No photograph is decoded twice for it, nor for the test of colour over time. */
+/* At half size a Gaussian has a quarter of the pixels, and some more as the low-pass is as wide in pixels (9 per cent
+ * here), and shows what it shows: of those that are seen well, the shares agree but for pixels at outlines. No
+ * photograph is decoded twice for it, nor for the test of colour over time. */
 static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   (void)unused;
   pags_train_options options;
@@ -414,7 +414,8 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   end_run(&t);
 }
 
-/* Colours are compared at half size: averaged over photographs of full size, or decoded at half, they promise the same. */
+/* Colours are compared at half size: averaged over photographs of full size, or decoded at half, they promise the same.
+ */
 static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   (void)unused;
   pags_train_options options;

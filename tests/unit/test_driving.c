@@ -105,7 +105,8 @@ static void every_kind_reads_the_same(void **state) {
     }
 }
 
-/* dataset.json states everything: kind pags, which has no rules of its own, and another kind whose rules it overrules. */
+/* dataset.json states everything: kind pags, which has no rules of its own, and another kind whose rules it overrules.
+ */
 static void stated_keys_win(void **state) {
   (void)state;
   const tree_kind mixed = {"pags", 1, 1, 1, 1, 7, 2};

@@ -1,4 +1,5 @@
-/* What driving sets' photographs show: labels by pixel from pictures and boxes, the guessed sky, the recording car itself. */
+/* What driving sets' photographs show: labels by pixel from pictures and boxes, the guessed sky, the recording car
+ * itself. */
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
@@ -190,7 +191,8 @@ static void a_mask_of_another_size_is_refused(void **state) {
   scratch_end(&s);
 }
 
-/* Barrel distortion: labels move with the picture. The mask's border, straight in the source, is found where the lens puts it. */
+/* Barrel distortion: labels move with the picture. The mask's border, straight in the source, is found where the lens
+ * puts it. */
 static void labels_are_undistorted(void **state) {
   (void)state;
   pags_dataset *dataset;
@@ -370,8 +372,8 @@ static void pandaset_boxes_match_masks(void **state) {
       const pags_knot *knot = pags_object_knot(object, view->frame);
       double corners[32];
       if (knot)
-        pags_outline_fill(corners, pags_box_outline(&view->camera, knot->world_from_object, object->size, corners), photo.width,
-                          photo.height, photo.stride, 1, plane);
+        pags_outline_fill(corners, pags_box_outline(&view->camera, knot->world_from_object, object->size, corners),
+                          photo.width, photo.height, photo.stride, 1, plane);
     }
     for (int j = 0; j < photo.stride * photo.height; j++) {
       bool mask = photo.labels[j] & PAGS_LABEL_MOVING, box = plane[j];
@@ -397,15 +399,16 @@ static bool in_vehicle(const pags_dataset *dataset, int frame, const double p[3]
     const double *m = knot->world_from_object;
     bool inside = true;
     for (int c = 0; c < 3; c++)
-      inside = inside &&
-               fabs(m[c] * (p[0] - m[3]) + m[4 + c] * (p[1] - m[7]) + m[8 + c] * (p[2] - m[11])) < 0.5 * object->size[c];
+      inside = inside && fabs(m[c] * (p[0] - m[3]) + m[4 + c] * (p[1] - m[7]) + m[8 + c] * (p[2] - m[11])) <
+                             0.5 * object->size[c];
     if (inside)
       return true;
   }
   return false;
 }
 
-/* Laser points in boxes of moving vehicles, projected, fall on dynamic_masks/vehicle: poses, axes and times of all fit. */
+/* Laser points in boxes of moving vehicles, projected, fall on dynamic_masks/vehicle: poses, axes and times of all fit.
+ */
 static void pandaset_laser_hits_masks(void **state) {
   (void)state;
   char path[1024], name[1100];
@@ -449,14 +452,10 @@ static void pandaset_laser_hits_masks(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(labels_come_from_what_there_is),
-      cmocka_unit_test(budgets_count_labels),
-      cmocka_unit_test(a_mask_of_another_size_is_refused),
-      cmocka_unit_test(labels_are_undistorted),
-      cmocka_unit_test(sky_is_guessed_from_the_laser),
-      cmocka_unit_test(the_own_car_is_found),
-      cmocka_unit_test(given_ego_masks_are_used),
-      cmocka_unit_test(pandaset_boxes_match_masks),
+      cmocka_unit_test(labels_come_from_what_there_is),    cmocka_unit_test(budgets_count_labels),
+      cmocka_unit_test(a_mask_of_another_size_is_refused), cmocka_unit_test(labels_are_undistorted),
+      cmocka_unit_test(sky_is_guessed_from_the_laser),     cmocka_unit_test(the_own_car_is_found),
+      cmocka_unit_test(given_ego_masks_are_used),          cmocka_unit_test(pandaset_boxes_match_masks),
       cmocka_unit_test(pandaset_laser_hits_masks),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

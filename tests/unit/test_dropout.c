@@ -1,5 +1,5 @@
-/* Adaptive stochastic dropout: what its draws are, and that their mean is the full picture where blending has no limits. The limits'
- * bias is printed; docs/lab/dropout.md quotes it. */
+/* Adaptive stochastic dropout: what its draws are, and that their mean is the full picture where blending has no
+ * limits. The limits' bias is printed; docs/lab/dropout.md quotes it. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>
@@ -48,8 +48,9 @@ static void rates_follow_step_and_priority(void **unused) {
     assert_true(factor[i] == 0.0f || fabs((double)factor[i] - 1.0 / (1.0 - rate)) < 1e-6);
     assert_true(factor[i] <= pags_dropout_boost(&d));
   }
-  print_message("left out: %.4f of no priority (0.25), %.4f of priority 0.8 (0.15)\n", out[0] / (ROWS / 2.0), out[1] / (ROWS / 2.0));
-  assert_true(abs(out[0] - ROWS / 8) < 4 * 79);            /* sqrt(n D (1 - D)) */
+  print_message("left out: %.4f of no priority (0.25), %.4f of priority 0.8 (0.15)\n", out[0] / (ROWS / 2.0),
+                out[1] / (ROWS / 2.0));
+  assert_true(abs(out[0] - ROWS / 8) < 4 * 79); /* sqrt(n D (1 - D)) */
   assert_true(fabs(out[1] - 0.15 * ROWS / 2) < 4 * 64.7);
 }
 
@@ -149,14 +150,15 @@ static void the_mean_of_many_draws_is_the_full_picture(void **unused) {
     out += far;
     shown += full.transmittance[i] < 0.9;
   }
-  print_message("%d of %d pixels show something; %d are off by more than 4 standard errors, the worst by %.1f\n", shown, PIXELS, out,
-                worst);
+  print_message("%d of %d pixels show something; %d are off by more than 4 standard errors, the worst by %.1f\n", shown,
+                PIXELS, out, worst);
   assert_true(shown > PIXELS / 2);
   assert_true(out * 1000 <= PIXELS);
   destroy_world(&w, &full, m);
 }
 
-/* Mean and root mean square over pixels and channels of (mean of draws - full picture), in 1/255, less what the draws' own spread adds. */
+/* Mean and root mean square over pixels and channels of (mean of draws - full picture), in 1/255, less what the draws'
+ * own spread adds. */
 static void print_bias(const char *what, const double logit[2], reference_limits limits, double most) {
   enum { FEW = 512 };
   world w = make_world(logit);
@@ -182,7 +184,8 @@ static void the_limits_bias_is_known(void **unused) {
   print_message("bias of dropout at D = 0.25 (0.14 for a quarter of the rows):\n");
   print_bias("opacity up to 0.6, all limits", faint, REFERENCE_LIMITS, 1.0);
   print_bias("opacity 0.12 to 0.998, all limits", any, REFERENCE_LIMITS, 6.0);
-  print_bias("opacity 0.12 to 0.998, cap only", any, (reference_limits){0, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED}, 6.0);
+  print_bias("opacity 0.12 to 0.998, cap only", any, (reference_limits){0, REFERENCE_ALPHA_CAP, 0, REFERENCE_WIDENED},
+             6.0);
   print_bias("opacity 0.95 to 0.998, all limits", opaque, REFERENCE_LIMITS, 8.0);
 }
 

@@ -1,5 +1,5 @@
-/* Early-Z: LOSSLESS gives OFF's bits and BOUNDED keeps its bound on random and on adversarial scenes, however the frame is cut into
- * slabs, for any number of threads and any cluster size.
+/* Early-Z: LOSSLESS gives OFF's bits and BOUNDED keeps its bound on random and on adversarial scenes, however the frame
+ * is cut into slabs, for any number of threads and any cluster size.
  *
  *   PAGS_EARLY_Z_SCENES=N runs N random scenes in place of 200. */
 #include <setjmp.h>
@@ -22,14 +22,31 @@ static uint64_t next_u64(void) {
   z = (z ^ z >> 27) * 0x94D049BB133111EBu;
   return z ^ z >> 31;
 }
-static int below(int n) { return (int)(next_u64() % (uint64_t)n); }
-static float uniform(float lo, float hi) { return lo + (hi - lo) * (float)(next_u64() >> 40) * 0x1p-24f; }
-static float log_uniform(float lo, float hi) { return expf(uniform(logf(lo), logf(hi))); }
+static int below(int n) {
+  return (int)(next_u64() % (uint64_t)n);
+}
+static float uniform(float lo, float hi) {
+  return lo + (hi - lo) * (float)(next_u64() >> 40) * 0x1p-24f;
+}
+static float log_uniform(float lo, float hi) {
+  return expf(uniform(logf(lo), logf(hi)));
+}
 
 /* Scenes, all in front of a camera at the origin that looks along z. */
 
 typedef enum recipe {
-  OPAQUE_WALLS, TRANSLUCENT_WALLS, NEEDLES, GIANTS, DUST, INSIDE, SAME_DEPTH, BEHIND, NOTHING, ONE, MIXTURE, RECIPES
+  OPAQUE_WALLS,
+  TRANSLUCENT_WALLS,
+  NEEDLES,
+  GIANTS,
+  DUST,
+  INSIDE,
+  SAME_DEPTH,
+  BEHIND,
+  NOTHING,
+  ONE,
+  MIXTURE,
+  RECIPES
 } recipe;
 
 typedef struct scene {
@@ -44,7 +61,9 @@ typedef struct scene {
   pags_sky sky;
 } scene;
 
-static void put(pags_gaussians *g, int64_t i, int plane, float value) { pags_plane(g, plane)[i] = value; }
+static void put(pags_gaussians *g, int64_t i, int plane, float value) {
+  pags_plane(g, plane)[i] = value;
+}
 
 static void put_shape(pags_gaussians *g, int64_t i, const float mean[3], const float sigma[3], float opacity) {
   for (int k = 0; k < 3; k++) {
@@ -85,7 +104,8 @@ static void put_random(pags_gaussians *g, int64_t i, recipe r) {
 
 static void rotate_part(pags_part *part) {
   const double yaw = (double)uniform(-0.3f, 0.3f), c = cos(yaw), s = sin(yaw);
-  const double pose[12] = {c, 0, s, (double)uniform(-1, 1), 0, 1, 0, (double)uniform(-1, 1), -s, 0, c, (double)uniform(0, 2)};
+  const double pose[12] = {c,  0, s, (double)uniform(-1, 1), 0, 1, 0, (double)uniform(-1, 1),
+                           -s, 0, c, (double)uniform(0, 2)};
   memcpy(part->world_from_model, pose, sizeof pose);
 }
 
@@ -100,7 +120,10 @@ static void add_part(scene *s, recipe r, int64_t count, int32_t *first_id) {
   s->ids[p] = below(2) ? malloc((size_t)(count + 1) * sizeof(int32_t)) : NULL;
   for (int64_t i = 0; s->ids[p] && i < count; i++)
     s->ids[p][i] = *first_id + (int32_t)(count - 1 - i);
-  s->parts[p] = (pags_part){.gaussians = &s->gaussians[p], .clusters = &s->clusters[p], .id = s->ids[p], .first_id = *first_id,
+  s->parts[p] = (pags_part){.gaussians = &s->gaussians[p],
+                            .clusters = &s->clusters[p],
+                            .id = s->ids[p],
+                            .first_id = *first_id,
                             .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   if (p > 0)
     rotate_part(&s->parts[p]);
@@ -129,8 +152,13 @@ static void scene_create(scene *s, recipe r, int64_t count) {
     pags_clusters_update(&s->clusters[p], &s->gaussians[p], 0, s->clusters[p].count);
   }
   const int width = 1 + below(SIDE), height = 1 + below(SIDE);
-  s->camera = (pags_camera){.width = width, .height = height, .fx = width * (double)uniform(0.5f, 1.5f), .fy = height * (double)uniform(0.5f, 1.5f),
-                            .cx = width * 0.5, .cy = height * 0.5, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  s->camera = (pags_camera){.width = width,
+                            .height = height,
+                            .fx = width * (double)uniform(0.5f, 1.5f),
+                            .fy = height * (double)uniform(0.5f, 1.5f),
+                            .cx = width * 0.5,
+                            .cy = height * 0.5,
+                            .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   s->options = pags_frame_options_default();
   s->options.early_z = PAGS_EARLY_Z_OFF;
   for (int c = 0; c < 3; c++)
@@ -166,14 +194,18 @@ static shot shoot_parts(pags_tasks *tasks, const scene *s, const pags_frame_opti
   pags_frame *frame;
   pags_picture picture;
   assert_int_equal(pags_frame_create(tasks, &frame), PAGS_OK);
-  assert_int_equal(pags_frame_render(frame, s->parts, s->part_count, &s->camera, options, NULL, NULL, &picture), PAGS_OK);
+  assert_int_equal(pags_frame_render(frame, s->parts, s->part_count, &s->camera, options, NULL, NULL, &picture),
+                   PAGS_OK);
   const int64_t width = picture.width, pixels = width * picture.height;
-  shot out = {calloc((size_t)pixels * PLANES, sizeof(float)), calloc((size_t)pixels, sizeof(int32_t)), pixels, *pags_frame_stats_get(frame)};
-  const float *const planes[PLANES] = {picture.rgb[0], picture.rgb[1], picture.rgb[2], picture.transmittance, picture.depth, picture.depth_sum};
+  shot out = {calloc((size_t)pixels * PLANES, sizeof(float)), calloc((size_t)pixels, sizeof(int32_t)), pixels,
+              *pags_frame_stats_get(frame)};
+  const float *const planes[PLANES] = {picture.rgb[0],        picture.rgb[1], picture.rgb[2],
+                                       picture.transmittance, picture.depth,  picture.depth_sum};
   for (int y = 0; y < picture.height; y++) {
     for (int p = 0; p < PLANES; p++)
       if (planes[p])
-        memcpy(out.planes + p * pixels + y * width, planes[p] + (int64_t)y * picture.stride, (size_t)width * sizeof(float));
+        memcpy(out.planes + p * pixels + y * width, planes[p] + (int64_t)y * picture.stride,
+               (size_t)width * sizeof(float));
     if (picture.id)
       memcpy(out.id + y * width, picture.id + (int64_t)y * picture.stride, (size_t)width * sizeof(int32_t));
   }
@@ -202,8 +234,9 @@ static int same_bits(const shot *a, const shot *b) {
          memcmp(a->id, b->id, (size_t)a->pixels * sizeof(int32_t)) == 0;
 }
 
-/* The largest colour that can show: of any Gaussian that OFF draws, sky or background. SH of degree 3 with coefficients in [-1, 1]
- * sums |Y_k| <= 4 over 16 terms each; the exact one is taken from what is shaded, by drawing each Gaussian's colour bound. */
+/* The largest colour that can show: of any Gaussian that OFF draws, sky or background. SH of degree 3 with coefficients
+ * in [-1, 1] sums |Y_k| <= 4 over 16 terms each; the exact one is taken from what is shaded, by drawing each Gaussian's
+ * colour bound. */
 static float largest_colour(const scene *s) {
   float largest = 1; /* background and sky texels are <= 1 */
   static const float bound[4] = {0.2821f, 0.2821f + 0.8463f, 0.2821f + 0.8463f + 2.4f, 0.2821f + 0.8463f + 2.4f + 4.6f};
@@ -218,11 +251,13 @@ static void check_bound(const shot *off, const shot *bounded, float eps, float l
   for (int64_t i = 0; i < off->pixels; i++) {
     const float t = fabsf(off->planes[3 * off->pixels + i] - bounded->planes[3 * off->pixels + i]);
     if (t > eps)
-      fail_msg("seed %llu: pixel %lld: transmittance off by %g, bound %g", (unsigned long long)seed, (long long)i, (double)t, (double)eps);
+      fail_msg("seed %llu: pixel %lld: transmittance off by %g, bound %g", (unsigned long long)seed, (long long)i,
+               (double)t, (double)eps);
     for (int c = 0; c < 3; c++) {
       const float d = fabsf(off->planes[c * off->pixels + i] - bounded->planes[c * off->pixels + i]);
       if (!(d <= eps * largest + rounding))
-        fail_msg("seed %llu: pixel %lld: colour off by %g, bound %g", (unsigned long long)seed, (long long)i, (double)d, (double)(eps * largest));
+        fail_msg("seed %llu: pixel %lld: colour off by %g, bound %g", (unsigned long long)seed, (long long)i, (double)d,
+                 (double)(eps * largest));
     }
   }
 }
@@ -257,9 +292,10 @@ static void check_scene(uint64_t seed, recipe r, int64_t count, totals *sum) {
 }
 
 static void print_totals(const char *what, int64_t scenes, const totals *t) {
-  print_message("%s: %lld scenes, %lld pixels, %lld slabs, %lld tiles full, hidden: %lld Gaussians, %lld clusters, %lld pairs\n",
-                what, (long long)scenes, (long long)t->pixels, (long long)t->slabs, (long long)t->tiles_full, (long long)t->hidden,
-                (long long)t->clusters_hidden, (long long)t->pairs_hidden);
+  print_message(
+      "%s: %lld scenes, %lld pixels, %lld slabs, %lld tiles full, hidden: %lld Gaussians, %lld clusters, %lld pairs\n",
+      what, (long long)scenes, (long long)t->pixels, (long long)t->slabs, (long long)t->tiles_full,
+      (long long)t->hidden, (long long)t->clusters_hidden, (long long)t->pairs_hidden);
 }
 
 static void test_random_scenes(void **unused) {
@@ -272,7 +308,8 @@ static void test_random_scenes(void **unused) {
     check_scene((uint64_t)i + 1, (recipe)below(RECIPES), below(MOST_GAUSSIANS), &sum);
   }
   print_totals("random", scenes, &sum);
-  assert_true(scenes < 200 || (sum.hidden > 0 && sum.clusters_hidden > 0 && sum.pairs_hidden > 0 && sum.tiles_full > 0));
+  assert_true(scenes < 200 ||
+              (sum.hidden > 0 && sum.clusters_hidden > 0 && sum.pairs_hidden > 0 && sum.tiles_full > 0));
 }
 
 static void test_every_recipe(void **unused) {
@@ -295,7 +332,8 @@ static void test_parse(void **unused) {
   assert_float_equal(o.early_z_eps, 0.01f, 0);
   assert_int_equal(pags_early_z_parse("bounded", &o), PAGS_OK);
   assert_float_equal(o.early_z_eps, 1.0f / 255.0f, 0);
-  static const char *const wrong[] = {"", "on", "bounded=", "bounded=0", "bounded=1", "bounded=x", "bounded=nan", "bounded=0.1x", "lossless=1", "lossles"};
+  static const char *const wrong[] = {"",          "on",          "bounded=",     "bounded=0",  "bounded=1",
+                                      "bounded=x", "bounded=nan", "bounded=0.1x", "lossless=1", "lossles"};
   for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++)
     assert_int_equal(pags_early_z_parse(wrong[i], &o), PAGS_ERROR_ARGUMENT);
   assert_int_equal(o.early_z, PAGS_EARLY_Z_BOUNDED);
@@ -370,8 +408,8 @@ static void test_first_of_many(void **unused) {
   scene_destroy(&s);
 }
 
-/* Left to choose, a frame looks first and cuts into slabs when much hid; the bits stay. The paper's modes draw, too, and say what they
- * left out. */
+/* Left to choose, a frame looks first and cuts into slabs when much hid; the bits stay. The paper's modes draw, too,
+ * and say what they left out. */
 static void test_choice(void **unused) {
   (void)unused;
   scene s;
@@ -402,7 +440,8 @@ static void test_choice(void **unused) {
   s.parts[s.part_count - 1].s_sem = 1;
   shot split = shoot_parts(tasks, &s, &options);
   assert_true(s.part_count == 1 || !same_bits(&off, &split));
-  shot_destroy(&off), shot_destroy(&lossless), shot_destroy(&paper), shot_destroy(&again), shot_destroy(&sorted), shot_destroy(&split);
+  shot_destroy(&off), shot_destroy(&lossless), shot_destroy(&paper), shot_destroy(&again), shot_destroy(&sorted),
+      shot_destroy(&split);
   pags_tasks_destroy(tasks);
   scene_destroy(&s);
 }
@@ -421,7 +460,8 @@ static void test_steady(void **unused) {
   s.options.early_z = PAGS_EARLY_Z_LOSSLESS;
   for (int i = 0; i < 8; i++) {
     s.options.slab_size = 300;
-    assert_int_equal(pags_frame_render(frame, s.parts, s.part_count, &s.camera, &s.options, NULL, NULL, &picture), PAGS_OK);
+    assert_int_equal(pags_frame_render(frame, s.parts, s.part_count, &s.camera, &s.options, NULL, NULL, &picture),
+                     PAGS_OK);
     if (i == 2)
       calls = pags_frame_heap_calls(frame);
   }
@@ -433,12 +473,8 @@ static void test_steady(void **unused) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_parse),
-      cmocka_unit_test(test_every_recipe),
-      cmocka_unit_test(test_random_scenes),
-      cmocka_unit_test(test_padding),
-      cmocka_unit_test(test_first_of_many),
-      cmocka_unit_test(test_choice),
+      cmocka_unit_test(test_parse),   cmocka_unit_test(test_every_recipe),  cmocka_unit_test(test_random_scenes),
+      cmocka_unit_test(test_padding), cmocka_unit_test(test_first_of_many), cmocka_unit_test(test_choice),
       cmocka_unit_test(test_steady),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

@@ -193,9 +193,8 @@ static void test_wrong_pairs(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_psnr_closed_form), cmocka_unit_test(test_psnr_mask),
-      cmocka_unit_test(test_ssim_definition),  cmocka_unit_test(test_ssim_threads),
-      cmocka_unit_test(test_regions),          cmocka_unit_test(test_wrong_pairs),
+      cmocka_unit_test(test_psnr_closed_form), cmocka_unit_test(test_psnr_mask), cmocka_unit_test(test_ssim_definition),
+      cmocka_unit_test(test_ssim_threads),     cmocka_unit_test(test_regions),   cmocka_unit_test(test_wrong_pairs),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Exporters: shells stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files read back. */
+/* Exporters: shells stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files
+ * read back. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -77,7 +78,8 @@ static void test_surface_is_closed_and_where_it_should_be(void **state) {
   pags_shell shell = made_shell(0.08);
   assert_true(inspect(&shell).closed);
   for (int64_t i = 0; i < shell.vertex_count; ++i) {
-    const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1], (double)shell.positions[3 * i + 2]};
+    const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1],
+                         (double)shell.positions[3 * i + 2]};
     assert_true(fabs(made_distance(p)) < 0.08);
   }
   pags_shell_destroy(&shell);
@@ -100,7 +102,8 @@ static void test_budgets(void **state) {
 /* Two tetrahedra that share an edge: four faces meet there, and a cut makes two closed parts of them. */
 static void test_repair(void **state) {
   (void)state;
-  static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}}, grey[3] = {0};
+  static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}},
+                     grey[3] = {0};
   pags_shell s = {0};
   for (int i = 0; i < 6; ++i)
     pags_shell_vertex(&s, points[i], grey, 1);
@@ -151,11 +154,11 @@ static void test_parts(void **state) {
   for (int annex = 0; annex < 2; ++annex) {
     pags_shell s = {0};
     add_box(&s, 1, 0, 0);
-    add_box(&s, 0.2, 0.65, 0);     /* a mirror, 0.05 from it */
-    add_box(&s, 0.2, -0.75, 0);    /* 0.15 from it */
-    add_box(&s, 0.2, 0, 0.65);     /* near, but beyond the box */
-    add_box(&s, 0.02, -0.55, 0);   /* a crumb, near */
-    add_box(&s, 0.5, 0, 3);        /* large, anywhere */
+    add_box(&s, 0.2, 0.65, 0);   /* a mirror, 0.05 from it */
+    add_box(&s, 0.2, -0.75, 0);  /* 0.15 from it */
+    add_box(&s, 0.2, 0, 0.65);   /* near, but beyond the box */
+    add_box(&s, 0.02, -0.55, 0); /* a crumb, near */
+    add_box(&s, 0.5, 0, 3);      /* large, anywhere */
     assert_int_equal(pags_shell_keep_parts(&s, 0.1, 0.1, annex ? size : NULL), PAGS_OK);
     assert_int_equal(s.vertex_count, annex ? 24 : 16);
     assert_near(inspect(&s).volume, 1 + 0.125 + (annex ? 0.008 : 0), 1e-5);
@@ -187,7 +190,8 @@ static double mean_off(const pags_shell *from, const pags_shell *to) {
   double sum = 0;
   assert_int_equal(pags_solid_of_shell(to, &solid), PAGS_OK);
   for (int64_t i = 0; i < from->vertex_count; ++i) {
-    const double p[3] = {(double)from->positions[3 * i], (double)from->positions[3 * i + 1], (double)from->positions[3 * i + 2]};
+    const double p[3] = {(double)from->positions[3 * i], (double)from->positions[3 * i + 1],
+                         (double)from->positions[3 * i + 2]};
     sum += pags_solid_distance(solid, p, NULL);
   }
   pags_solid_destroy(solid);
@@ -294,7 +298,8 @@ static void check_rotations(const pags_gaussians *a, const pags_gaussians *b, in
   assert_true(fabs(along) / sqrt(la * lb) > 1 - tolerance);
 }
 
-static void check_read_back(const char *path, const pags_gaussians *g, double position, double scale, double rotation, double rest) {
+static void check_read_back(const char *path, const pags_gaussians *g, double position, double scale, double rotation,
+                            double rest) {
   pags_gaussians back;
   assert_int_equal(pags_splat_load(path, &back, NULL, NULL), PAGS_OK);
   assert_int_equal(back.count, g->count);
@@ -303,7 +308,8 @@ static void check_read_back(const char *path, const pags_gaussians *g, double po
       assert_near((double)pags_plane(&back, PAGS_MEAN + k)[i], (double)pags_plane(g, PAGS_MEAN + k)[i], position);
       assert_near((double)pags_plane(&back, PAGS_SCALE + k)[i], (double)pags_plane(g, PAGS_SCALE + k)[i], scale);
     }
-    double a = 1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i])), b = 1 / (1 + exp(-(double)pags_plane(&back, PAGS_OPACITY)[i]));
+    double a = 1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i])),
+           b = 1 / (1 + exp(-(double)pags_plane(&back, PAGS_OPACITY)[i]));
     assert_near(a, b, 0.5 / 255 + 1e-5);
     check_rotations(g, &back, i, rotation);
     for (int p = PAGS_SH + 3; rest > 0 && p < pags_plane_count(g->sh_degree); ++p)
@@ -388,8 +394,8 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
   }
 }
 
-/* Background without Gaussians, a ball, an object of three Gaussians, a flat one, all of sizes of their own; one of three Gaussians and the
- * ball's size. */
+/* Background without Gaussians, a ball, an object of three Gaussians, a flat one, all of sizes of their own; one of
+ * three Gaussians and the ball's size. */
 static pags_scene made_scene(void) {
   pags_scene scene = {.up = PAGS_UP_Z};
   scene.model_count = 4;

@@ -32,13 +32,19 @@ static pags_candidates make_points(void) {
   assert_int_equal(pags_candidates_reserve(&points, COUNT), PAGS_OK);
   for (int i = 0; i < PLANE; i++) {
     double x = 0.05 * (i % SIDE), y = 0.05 * (double)(i / SIDE);
-    points.rows[i] = (pags_candidate){
-        .p = {(float)x, (float)y, (float)(height(x, y) + 0.02 * noise(i, 1))}, .owner = -1, .parked = -1, .source = -1, .merged = 1};
+    points.rows[i] = (pags_candidate){.p = {(float)x, (float)y, (float)(height(x, y) + 0.02 * noise(i, 1))},
+                                      .owner = -1,
+                                      .parked = -1,
+                                      .source = -1,
+                                      .merged = 1};
   }
   for (int i = PLANE; i < COUNT; i++) {
     points.rows[i] = points.rows[0];
     for (int k = 0; k < 3; k++)
-      points.rows[i].p[k] = (float)((k == 0 ? 6.0 : k == 2 ? 2.4 : 0.0) + 2.0 * pags_rng_uniform(9, (uint64_t)k, (uint64_t)i));
+      points.rows[i].p[k] = (float)((k == 0   ? 6.0
+                                     : k == 2 ? 2.4
+                                              : 0.0) +
+                                    2.0 * pags_rng_uniform(9, (uint64_t)k, (uint64_t)i));
   }
   points.count = COUNT;
   return points;
@@ -58,7 +64,8 @@ static double above(const pags_gaussians *g, int64_t i) {
   return (double)pags_plane(g, PAGS_MEAN + 2)[i] - height(x, y);
 }
 
-/* Below and above the road alike; from further than 30 cm nothing is drawn, nor in the bush, nor beyond the road's edge. */
+/* Below and above the road alike; from further than 30 cm nothing is drawn, nor in the bush, nor beyond the road's
+ * edge. */
 static void they_come_halfway(void **unused) {
   (void)unused;
   static const float bush[3] = {6.05f, 1.0f, 3.4f}; /* 10 cm above the road's plane, within reach of its last facet */
@@ -74,7 +81,8 @@ static void they_come_halfway(void **unused) {
   pags_gaussians g = make_gaussians(6, (const float(*)[3])means);
   assert_true(pags_facets_draw(&facets, &g, 0.5, tasks));
   for (int i = 0; i < 3; i++)
-    assert_true(fabs(above(&g, i) - halfway[i]) < 0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
+    assert_true(fabs(above(&g, i) - halfway[i]) <
+                0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
   for (int i = 3; i < 6; i += 2)
     assert_true(fabs(above(&g, i) - off[i]) < 1e-5);
   for (int k = 0; k < 3; k++)
@@ -115,7 +123,8 @@ static void threads_change_no_bit(void **unused) {
   pags_candidates points = make_points();
   pags_facets facets;
   assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
-  pags_gaussians one = make_gaussians(MANY, (const float(*)[3])means), four = make_gaussians(MANY, (const float(*)[3])means);
+  pags_gaussians one = make_gaussians(MANY, (const float(*)[3])means),
+                 four = make_gaussians(MANY, (const float(*)[3])means);
   for (int threads = 1; threads <= 4; threads += 3) {
     pags_tasks *tasks = pags_tasks_create(threads);
     assert_true(pags_facets_draw(&facets, threads == 1 ? &one : &four, 0.5, tasks));

@@ -110,7 +110,8 @@ static void test_the_laser_chooses(void **state) {
   assert_true(fabs((double)blended.distance[0] - 0.1) < 1e-6);
   pags_form_destroy(&blended);
   assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
-  assert_true(blended.distance[0] > 0 && (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
+  assert_true(blended.distance[0] > 0 &&
+              (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_form_destroy(&blended);
@@ -131,8 +132,8 @@ static void test_the_laser_chooses(void **state) {
   pags_cloud_destroy(&cloud);
 }
 
-/* A form that fits the fifth or so of the points that it knows of doesn't win by that from one that is 0.04 m off all of them: where both know, that counts
- * more than half as much. Nor does a third that fits badly make it lose. */
+/* A form that fits the fifth or so of the points that it knows of doesn't win by that from one that is 0.04 m off all
+ * of them: where both know, that counts more than half as much. Nor does a third that fits badly make it lose. */
 static void test_knowing_little_does_not_win(void **state) {
   (void)state;
   static const double lo[3] = {1, -9, -9};
@@ -181,9 +182,11 @@ static void test_the_laser_is_held_to(void **state) {
   pags_cloud_destroy(&cloud);
 }
 
-/* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the middle. */
+/* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the
+ * middle. */
 static double between_sides(int vehicle, float weight) {
-  static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8}, right_hi[3] = {1, -0.6, 0.5};
+  static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8},
+                      right_hi[3] = {1, -0.6, 0.5};
   pags_form form = form_of(0.3f, 8, 1);
   pags_grid grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, weight);
@@ -191,9 +194,9 @@ static double between_sides(int vehicle, float weight) {
   say(&grid, right_lo, right_hi, -0.1f, 12);
   assert_int_equal(pags_form_complete(&grid, size, vehicle, &form, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0.1)];
-  assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0); /* over the roof */
+  assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0);   /* over the roof */
   assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* where there are no sides */
-  assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0); /* under it */
+  assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0);  /* under it */
   pags_grid_destroy(&grid);
   pags_form_destroy(&form);
   return distance;
@@ -202,14 +205,15 @@ static double between_sides(int vehicle, float weight) {
 static void test_vehicles_have_no_pits(void **state) {
   (void)state;
   assert_true(between_sides(1, 0.1f) < 0);
-  assert_true(between_sides(1, 4) > 0); /* that was seen */
+  assert_true(between_sides(1, 4) > 0);    /* that was seen */
   assert_true(between_sides(0, 0.1f) > 0); /* no vehicle */
 }
 
 /* What lies beyond the vehicle on both sides, between it and the box as wide as its mirrors, makes no body. */
 static void test_sides_are_within_the_mirrors(void **state) {
   (void)state;
-  static const double left_lo[3] = {-1, 0.9, -0.3}, left_hi[3] = {1, 1.1, 0.5}, right_lo[3] = {-1, -1.1, -0.3}, right_hi[3] = {1, -0.9, 0.5};
+  static const double left_lo[3] = {-1, 0.9, -0.3}, left_hi[3] = {1, 1.1, 0.5}, right_lo[3] = {-1, -1.1, -0.3},
+                      right_hi[3] = {1, -0.9, 0.5};
   pags_grid grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, 0.1f);
   say(&grid, left_lo, left_hi, -0.1f, 12);
@@ -220,8 +224,8 @@ static void test_sides_are_within_the_mirrors(void **state) {
   pags_grid_destroy(&grid);
 }
 
-/* Of a vehicle seen free below its body but for what is solid for `length` metres about x, at the left side and down to 0.1 m: the distance so far from
- * that's middle along x, from the side inwards and over the box's lower face. */
+/* Of a vehicle seen free below its body but for what is solid for `length` metres about x, at the left side and down to
+ * 0.1 m: the distance so far from that's middle along x, from the side inwards and over the box's lower face. */
 static double below_wheel_at(double x, double length, int vehicle, double along, double inwards, double height) {
   const double lo[3] = {x - 0.5 * length, 0.9, -0.65}, hi[3] = {x + 0.5 * length, 0.98, -0.5};
   const double body_lo[3] = {-1.9, -0.98, -0.5}, body_hi[3] = {1.9, 0.98, 0.6};
@@ -244,12 +248,13 @@ static void test_wheels_stand_on_the_ground(void **state) {
   (void)state;
   assert_true(below_wheel(0.6, 1, 0, 0.06, 0.02) < 0);
   assert_true(below_wheel(0.6, 1, 0.28, 0.06, 0.02) > 0); /* round */
-  assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) < 0.01); /* -0.006 if the circle ended at the box, -0.05 if 0.06 m lower */
+  assert_true(fabs(below_wheel(0.6, 1, 0.16, 0.06, 0.04) + 0.022) <
+              0.01); /* -0.006 if the circle ended at the box, -0.05 if 0.06 m lower */
   assert_true(below_wheel(0.6, 1, 0, 0.12, 0.06) < 0); /* as wide as a wheel, though seen free there */
   assert_true(below_wheel(0.6, 1, 0, 0.2, 0.06) > 0);
   assert_true(below_wheel(0.6, 0, 0, 0.06, 0.02) > 0); /* no vehicle */
   assert_true(below_wheel(0.2, 1, 0, 0.06, 0.02) > 0);
-  assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0); /* a skirt */
+  assert_true(below_wheel(1, 1, 0, 0.06, 0.02) > 0);           /* a skirt */
   assert_true(below_wheel_at(0.3, 0.6, 1, 0, 0.06, 0.02) > 0); /* where no wheels are */
 }
 
@@ -261,13 +266,15 @@ static void test_vehicles_end_at_the_ground(void **state) {
     say(&grid, all_lo, all_hi, -0.12f, 20);
     assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
     int64_t below = index_of(&grid, 0, 0, -0.78);
-    double z = grid.origin[2] + (double)(below / grid.n[0] / grid.n[1]) * grid.step, expected = vehicle ? -0.75 - z : -0.12;
+    double z = grid.origin[2] + (double)(below / grid.n[0] / grid.n[1]) * grid.step,
+           expected = vehicle ? -0.75 - z : -0.12;
     assert_true(fabs((double)grid.distance[below] - expected) < 1e-6);
     pags_grid_destroy(&grid);
   }
 }
 
-/* How high the surface in the middle of an unseen vehicle is, whose kind were seen to be free from `free_from` up, and not at all below. */
+/* How high the surface in the middle of an unseen vehicle is, whose kind were seen to be free from `free_from` up, and
+ * not at all below. */
 static double roof_below(double free_from) {
   const double lo[3] = {-9, -9, free_from}, hi[3] = {9, 9, 9};
   pags_grid seen = empty_grid(), grid = grid_of(0.04);
@@ -286,7 +293,8 @@ static double roof_below(double free_from) {
   return height + 0.04 * below / (below - above);
 }
 
-/* Between the lowest point that is known and the highest that isn't, to half a step of the lattice of forms, 0.0175 m, and what smoothing takes. */
+/* Between the lowest point that is known and the highest that isn't, to half a step of the lattice of forms, 0.0175 m,
+ * and what smoothing takes. */
 static void test_roofs_are_half_way(void **state) {
   (void)state;
   for (int i = 0; i < 5; ++i)
@@ -304,13 +312,11 @@ static void test_air_under_vehicles(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_the_well_seen_count), cmocka_unit_test(test_the_laser_chooses),
-                                     cmocka_unit_test(test_knowing_little_does_not_win),
-                                     cmocka_unit_test(test_the_laser_is_held_to),
-                                     cmocka_unit_test(test_vehicles_have_no_pits),
-                                     cmocka_unit_test(test_sides_are_within_the_mirrors),
-                                     cmocka_unit_test(test_wheels_stand_on_the_ground),
-                                     cmocka_unit_test(test_vehicles_end_at_the_ground),
-                                     cmocka_unit_test(test_roofs_are_half_way), cmocka_unit_test(test_air_under_vehicles)};
+  const struct CMUnitTest tests[] = {
+      cmocka_unit_test(test_the_well_seen_count),         cmocka_unit_test(test_the_laser_chooses),
+      cmocka_unit_test(test_knowing_little_does_not_win), cmocka_unit_test(test_the_laser_is_held_to),
+      cmocka_unit_test(test_vehicles_have_no_pits),       cmocka_unit_test(test_sides_are_within_the_mirrors),
+      cmocka_unit_test(test_wheels_stand_on_the_ground),  cmocka_unit_test(test_vehicles_end_at_the_ground),
+      cmocka_unit_test(test_roofs_are_half_way),          cmocka_unit_test(test_air_under_vehicles)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

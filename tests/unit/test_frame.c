@@ -1,4 +1,5 @@
-/* One frame and its way back: the same bits for any threads, clusters and order of rows; no heap calls in steady state; the sky behind it. */
+/* One frame and its way back: the same bits for any threads, clusters and order of rows; no heap calls in steady state;
+ * the sky behind it. */
 #include "unit/random_scene.h"
 
 #include <setjmp.h>
@@ -113,7 +114,8 @@ static void test_sky_is_the_scene_s(void **state) {
   frame_result result = fixture_run_finite(&f);
   int compared = 0;
   for (int k = 0; k < PIXELS; k++) {
-    const double ray[3] = {(k % WIDTH + 0.5 - f.camera.cx) / f.camera.fx, (k / WIDTH + 0.5 - f.camera.cy) / f.camera.fy, 1};
+    const double ray[3] = {(k % WIDTH + 0.5 - f.camera.cx) / f.camera.fx, (k / WIDTH + 0.5 - f.camera.cy) / f.camera.fy,
+                           1};
     double direction[3], margin = 1;
     for (int axis = 0; axis < 3; axis++) {
       const double *r = f.camera.world_from_camera + 4 * axis;

@@ -132,17 +132,20 @@ static void the_laser_outweighs_pixels(void **state) {
 static void the_budget_is_used(void **state) {
   (void)state;
   enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
-  pags_ground ground = {.step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
+  pags_ground ground = {
+      .step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
   pags_shell shell;
   assert_true(ground.z && ground.known);
   for (int i = 0; i < SIDE * SIDE; ++i) {
     ground.known[i] = 1;
-    ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) + 0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
+    ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) +
+                  0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
   }
   assert_int_equal(pags_ground_shell(&ground, BUDGET, &shell), PAGS_OK);
   assert_in_range(shell.triangle_count, BUDGET * 3 / 4, BUDGET);
   for (int64_t i = 0; i < shell.triangle_count; ++i) {
-    const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i], *b = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 1];
+    const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i],
+                *b = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 1];
     const float *c = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 2];
     assert_true((b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]));
   }
@@ -180,12 +183,9 @@ static void no_ground_is_none(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rings_are_leapt_over),
-      cmocka_unit_test(walls_are_not_climbed),
-      cmocka_unit_test(the_laser_outweighs_pixels),
-      cmocka_unit_test(the_budget_is_used),
-      cmocka_unit_test(pixels_are_enough),
-      cmocka_unit_test(no_ground_is_none),
+      cmocka_unit_test(rings_are_leapt_over),       cmocka_unit_test(walls_are_not_climbed),
+      cmocka_unit_test(the_laser_outweighs_pixels), cmocka_unit_test(the_budget_is_used),
+      cmocka_unit_test(pixels_are_enough),          cmocka_unit_test(no_ground_is_none),
   };
   return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
 }

@@ -183,7 +183,8 @@ static void test_cut_off_files(void **state) {
     }
 }
 
-/* A chunk between header (33 bytes) and pixels that claims more than the file has; libpng would make room for it first. */
+/* A chunk between header (33 bytes) and pixels that claims more than the file has; libpng would make room for it first.
+ */
 static void test_png_that_claims_too_much(void **state) {
   scratch *s = *state;
   static const uint8_t chunk[] = {0x46, 0x46, 0x49, 0x2a, 'e', 'X', 'I', 'f', 'I', 'I', 0x2a, 0};
@@ -262,7 +263,8 @@ static void test_shrink_mean(void **state) {
       }
   pags_image_destroy(&to);
 
-  /* A ramp averaged over [1.5 x, 1.5 (x + 1)) is the ramp at the middle: 10 (1.5 x + 0.25) for value 10 i at pixel i. */
+  /* A ramp averaged over [1.5 x, 1.5 (x + 1)) is the ramp at the middle: 10 (1.5 x + 0.25) for value 10 i at pixel i.
+   */
   for (int i = 0; i < 12 * 10 * 3; i++)
     ((uint8_t *)from.data)[i] = (uint8_t)(10 * (i / 3 % 12));
   assert_int_equal(pags_image_create(&to, 8, 6, 3, PAGS_U8), PAGS_OK);

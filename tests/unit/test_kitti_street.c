@@ -63,8 +63,8 @@ static void a_drive_of_the_street_comes_back(void **state) {
   assert_true(e.box_turn < 1e-8);
 }
 
-/* The street's camera looks 0.02 rad down and its car rolls and pitches by 0.003 rad: the labels, which have no tilt, take the boxes
- * for as upright as the camera. */
+/* The street's camera looks 0.02 rad down and its car rolls and pitches by 0.003 rad: the labels, which have no tilt,
+ * take the boxes for as upright as the camera. */
 static void the_street_as_a_tracking_sequence_comes_back(void **state) {
   const import_error e = import(*state, "raw", "tracking", 0.05);
   check_poses(&e);

@@ -1,5 +1,6 @@
-/* Tiles' lists: the sort of their keys, and the lists of whole frames, which look into the frame for it. Each list runs front to back
- * by (bits of z, id) and each splat has each of its ranks once, whatever the depths, the ids and the number of threads. */
+/* Tiles' lists: the sort of their keys, and the lists of whole frames, which look into the frame for it. Each list runs
+ * front to back by (bits of z, id) and each splat has each of its ranks once, whatever the depths, the ids and the
+ * number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -19,7 +20,9 @@ static uint32_t next_u32(void) {
   z = (z ^ z >> 27) * 0x94D049BB133111EBu;
   return (uint32_t)(z >> 32);
 }
-static float uniform(float lo, float hi) { return lo + (hi - lo) * (float)(next_u32() >> 8) * 0x1p-24f; }
+static float uniform(float lo, float hi) {
+  return lo + (hi - lo) * (float)(next_u32() >> 8) * 0x1p-24f;
+}
 
 static int compare_keys(const void *a, const void *b) {
   const depth_key *const x = a, *const y = b;
@@ -52,8 +55,8 @@ typedef struct crowd {
   int32_t *id; /* NULL: as they lie */
 } crowd;
 
-/* In front of a camera at the origin that looks along z; `depths` different z or, for 0, all different. They lie within `reach` of the
- * picture's corner, in widths of 2 at z = 1. */
+/* In front of a camera at the origin that looks along z; `depths` different z or, for 0, all different. They lie within
+ * `reach` of the picture's corner, in widths of 2 at z = 1. */
 static crowd crowd_create(int64_t count, int depths, float reach, bool own_ids) {
   crowd c = {.id = own_ids ? malloc((size_t)(count + 1) * sizeof *c.id) : NULL};
   assert_int_equal(pags_gaussians_create(&c.gaussians, count, 0), PAGS_OK);
@@ -83,17 +86,26 @@ static void crowd_destroy(crowd *c) {
 }
 
 static void render(pags_frame *frame, const crowd *c, int width, int height, bool backward) {
-  const pags_part part = {.gaussians = &c->gaussians, .clusters = &c->clusters, .id = c->id,
+  const pags_part part = {.gaussians = &c->gaussians,
+                          .clusters = &c->clusters,
+                          .id = c->id,
                           .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  const pags_camera camera = {.width = width, .height = height, .fx = 0.5 * width, .fy = 0.5 * height, .cx = 0.5 * width,
-                              .cy = 0.5 * height, .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_camera camera = {.width = width,
+                              .height = height,
+                              .fx = 0.5 * width,
+                              .fy = 0.5 * height,
+                              .cx = 0.5 * width,
+                              .cy = 0.5 * height,
+                              .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   pags_frame_options options = pags_frame_options_default();
   options.keep_for_backward = backward;
   pags_picture picture;
   assert_int_equal(pags_frame_render(frame, &part, 1, &camera, &options, NULL, NULL, &picture), PAGS_OK);
 }
 
-static int64_t tiles_of(const pags_frame *f) { return (int64_t)f->tiles_x * f->tiles_y; }
+static int64_t tiles_of(const pags_frame *f) {
+  return (int64_t)f->tiles_x * f->tiles_y;
+}
 
 static void check_list(const pags_frame *f, int64_t tile) {
   for (int64_t i = f->tile_start[tile] + 1; i < f->tile_start[tile + 1]; i++) {

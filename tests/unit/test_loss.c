@@ -118,8 +118,8 @@ static void plain_blur(const double *in, double *out, int width, int height) {
   free(rows);
 }
 
-/* Sums over pixels of SSIM values, each `use` times: of those used at all once, and of all. `derivative` receives d/dx of the latter. x and
- * y are masked already. */
+/* Sums over pixels of SSIM values, each `use` times: of those used at all once, and of all. `derivative` receives d/dx
+ * of the latter. x and y are masked already. */
 typedef struct plain_sums {
   double once, all;
 } plain_sums;
@@ -287,7 +287,8 @@ static void test_finite_differences(void **state) {
   free_pair(&p);
 }
 
-/* An exposed picture is compared as if its planes held gain * x + offset; the gradient is by what they hold, and by gains and offsets. */
+/* An exposed picture is compared as if its planes held gain * x + offset; the gradient is by what they hold, and by
+ * gains and offsets. */
 static void test_exposure(void **state) {
   (void)state;
   static const double value[6] = {1.2, 0.9, 1.05, 0.03, -0.02, 0.01};
@@ -411,10 +412,13 @@ static void test_sizes_must_agree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_plain),        cmocka_unit_test(test_finite_differences),
-      cmocka_unit_test(test_threads),      cmocka_unit_test(test_unseen_pixels),
+      cmocka_unit_test(test_plain),
+      cmocka_unit_test(test_finite_differences),
+      cmocka_unit_test(test_threads),
+      cmocka_unit_test(test_unseen_pixels),
       cmocka_unit_test(test_exposure),
-      cmocka_unit_test(test_huge_colours), cmocka_unit_test(test_sizes_must_agree),
+      cmocka_unit_test(test_huge_colours),
+      cmocka_unit_test(test_sizes_must_agree),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -171,8 +171,8 @@ static void true_pose(double time, double out[12]) {
   turn_about_z(2.9 + 0.7 * s + 0.4 * s * s, 12 * s + 3 * s * s, 5 - 2 * s * s, 0.3 * s, out);
 }
 
-/* Labels of such a car, off by up to half a metre and 0.2 rad; increments that make up for it where it was trained: all knots but those in
- * `held_out`, whose increments must not be looked at. */
+/* Labels of such a car, off by up to half a metre and 0.2 rad; increments that make up for it where it was trained: all
+ * knots but those in `held_out`, whose increments must not be looked at. */
 static pags_object trained_sample(int count, const int *held_out, int held_out_count) {
   pags_object object = sample(count);
   for (int i = 0; i < count; i++) {
@@ -197,7 +197,8 @@ static pags_object trained_sample(int count, const int *held_out, int held_out_c
   return object;
 }
 
-/* Constant accelerations are kept to the last digits: at trained knots, between them, and at knots held out one by one. */
+/* Constant accelerations are kept to the last digits: at trained knots, between them, and at knots held out one by one.
+ */
 static void a_trained_track_follows_its_trained_knots(void **state) {
   (void)state;
   const int held_out[] = {2, 4, 8};
@@ -236,7 +237,8 @@ static void a_trained_track_has_no_corners(void **state) {
     for (int j = 0; j < 5; j++)
       assert_true(pags_object_pose(&object, object.knots[i].time + (j - 2) * h, p[j]));
     for (int k = 0; k < 12; k++) /* one-sided differences of second order: a corner of 1 m/s would leave 1 */
-      largest = fmax(largest, fabs((-3 * p[2][k] + 4 * p[3][k] - p[4][k]) - (3 * p[2][k] - 4 * p[1][k] + p[0][k])) / (2 * h));
+      largest =
+          fmax(largest, fabs((-3 * p[2][k] + 4 * p[3][k] - p[4][k]) - (3 * p[2][k] - 4 * p[1][k] + p[0][k])) / (2 * h));
     assert_true(largest < 0.01);
   }
   pags_object_destroy(&object);

@@ -1,4 +1,5 @@
-/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files and their faults. */
+/* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files and
+ * their faults. */
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
@@ -22,7 +23,8 @@ static pags_gaussians make_cloud(int64_t count, int degree) {
   scratch_ok(pags_gaussians_add_s_sem(&g));
   for (int64_t i = 0; i < count; i++) {
     for (int k = 0; k < 3; k++) {
-      pags_plane(&g, PAGS_MEAN + k)[i] = (k == 2 ? i / 8 % 2 ? -40.0f : 8.0f : 0.0f) + 2.0f * normal((uint64_t)k, i / 8) + 0.1f * normal(60u + (uint64_t)k, i);
+      pags_plane(&g, PAGS_MEAN + k)[i] = (k == 2 ? i / 8 % 2 ? -40.0f : 8.0f : 0.0f) +
+                                         2.0f * normal((uint64_t)k, i / 8) + 0.1f * normal(60u + (uint64_t)k, i);
       pags_plane(&g, PAGS_SCALE + k)[i] = -2.5f + normal(3u + (uint64_t)k, i);
     }
     for (int k = 0; k < 4; k++)
@@ -47,7 +49,8 @@ static void check_mean(const pags_gaussians *g, const pags_gaussians *back, cons
     const float side = packed->clusters.hi[k][i / 64] - packed->clusters.lo[k][i / 64];
     const float error = fabsf(pags_plane(g, k)[i] - pags_plane(back, k)[i]);
     assert_true(error <= side / 131070.0f * 1.001f + 2e-6f);
-    assert_true(pags_plane(back, k)[i] >= packed->clusters.lo[k][i / 64] && pags_plane(back, k)[i] <= packed->clusters.hi[k][i / 64]);
+    assert_true(pags_plane(back, k)[i] >= packed->clusters.lo[k][i / 64] &&
+                pags_plane(back, k)[i] <= packed->clusters.hi[k][i / 64]);
   }
 }
 
@@ -111,7 +114,8 @@ static void test_ends(void **state) {
   scratch_ok(pags_packed_create(&g, &packed));
   scratch_ok(pags_packed_unpack(&packed, &back));
   assert_true(pags_plane(&back, PAGS_MEAN)[0] == 1e9f);
-  assert_true(pags_plane(&back, PAGS_SCALE)[0] == -16.0f && fabsf(pags_plane(&back, PAGS_SCALE + 1)[0] - 16.0f) < 1e-5f);
+  assert_true(pags_plane(&back, PAGS_SCALE)[0] == -16.0f &&
+              fabsf(pags_plane(&back, PAGS_SCALE + 1)[0] - 16.0f) < 1e-5f);
   assert_true(fabsf(pags_plane(&back, PAGS_OPACITY)[0] - 16.0f) < 1e-5f);
   assert_true(pags_plane(&back, PAGS_SH)[0] == 65504.0f);
   assert_true(pags_plane(&back, PAGS_ROTATION)[0] > 0.9999f);
@@ -178,7 +182,9 @@ static void draw_by(pags_composition *composition, pags_early_z mode, drawn *out
   pags_tasks_destroy(tasks);
 }
 
-static void draw(pags_composition *composition, drawn *out) { draw_by(composition, PAGS_EARLY_Z_OFF, out); }
+static void draw(pags_composition *composition, drawn *out) {
+  draw_by(composition, PAGS_EARLY_Z_OFF, out);
+}
 
 /* Drawing packed rows is drawing what unpacking gives, to the bit, and near to the picture of the originals. */
 static void test_picture(void **state) {
@@ -199,7 +205,8 @@ static void test_picture(void **state) {
     assert_true(fabsf(priority[1234] - same.s_sem[1234]) <= 1.0f / 510.0f + 1e-6f);
     free(priority);
     pags_composition_destroy(composition);
-    double squares = 0, lit = 0; /* not the worst pixel: means that are rounded past each other are blended in another order there */
+    double squares = 0,
+           lit = 0; /* not the worst pixel: means that are rounded past each other are blended in another order there */
     for (int k = 0; k < 3; k++)
       for (int i = 0; i < WIDTH * HEIGHT; i++) {
         const double error = (double)original.rgb[k][i] - (double)packed.rgb[k][i];
@@ -364,8 +371,9 @@ static int teardown(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors), cmocka_unit_test(test_ends),   cmocka_unit_test(test_bytes),
-                                     cmocka_unit_test(test_picture), cmocka_unit_test(test_file), cmocka_unit_test(test_copies),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_errors), cmocka_unit_test(test_ends),
+                                     cmocka_unit_test(test_bytes),  cmocka_unit_test(test_picture),
+                                     cmocka_unit_test(test_file),   cmocka_unit_test(test_copies),
                                      cmocka_unit_test(test_faults), cmocka_unit_test(test_bad_colours)};
   return cmocka_run_group_tests(tests, setup, teardown);
 }

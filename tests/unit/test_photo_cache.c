@@ -207,8 +207,8 @@ static void test_destroy_with_work_under_way(void **state) {
   pags_photo_cache_destroy(NULL);
 }
 
-/* Pixels and intrinsics agree where neither factor divides the size: a vertical edge at x = 20 of the picture must appear at
- * 20 * fx' / fx of the small one. */
+/* Pixels and intrinsics agree where neither factor divides the size: a vertical edge at x = 20 of the picture must
+ * appear at 20 * fx' / fx of the small one. */
 static uint8_t edge(int x, int y, int c) {
   (void)y, (void)c;
   return x < 20 ? 0 : 250;

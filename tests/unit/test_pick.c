@@ -1,5 +1,5 @@
-/* Picking against every Gaussian tried one by one and, for the nearest, against Embree; over parts that are turned and packed; what is
- * known of the object. */
+/* Picking against every Gaussian tried one by one and, for the nearest, against Embree; over parts that are turned and
+ * packed; what is known of the object. */
 #include "pags/pick.h"
 
 #include <math.h>
@@ -56,7 +56,8 @@ static void fill(pags_gaussians *g, uint64_t stream) {
 
 /* The second part is turned about z and moved. */
 static void make_world(world *w) {
-  const double c = cos(0.7), s = sin(0.7), poses[PARTS][12] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {c, -s, 0, 3, s, c, 0, -2, 0, 0, 1, 1}};
+  const double c = cos(0.7), s = sin(0.7),
+               poses[PARTS][12] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {c, -s, 0, 3, s, c, 0, -2, 0, 0, 1, 1}};
   for (int p = 0; p < PARTS; ++p) {
     fill(&w->gaussians[p], (uint64_t)p);
     assert_int_equal(pags_clusters_create(&w->clusters[p], ROWS, 64), PAGS_OK);
@@ -200,8 +201,8 @@ static void test_limits(void **state) {
   destroy_world(&w);
 }
 
-/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma meets it (alpha 0.011), at 3.5 it doesn't (0.0022): its cluster must
- * reach as far, though no neighbour widens it. */
+/* A ray that passes a lone Gaussian of opacity 0.99 at 3 sigma meets it (alpha 0.011), at 3.5 it doesn't (0.0022): its
+ * cluster must reach as far, though no neighbour widens it. */
 static void test_grazing(void **state) {
   (void)state;
   pags_pick_options options = pags_pick_options_default();
@@ -365,7 +366,8 @@ static void intersect(const struct RTCIntersectFunctionNArguments *arguments) {
   const ray_query *query = (const ray_query *)(const void *)arguments->context;
   struct RTCRayHit *ray = (struct RTCRayHit *)arguments->rayhit;
   hit met;
-  if (!arguments->valid[0] || !meet(&w->parts[arguments->primID / ROWS], arguments->primID % ROWS, query->from, query->along, &met) ||
+  if (!arguments->valid[0] ||
+      !meet(&w->parts[arguments->primID / ROWS], arguments->primID % ROWS, query->from, query->along, &met) ||
       !((float)met.t < ray->ray.tfar))
     return;
   ray->ray.tfar = (float)met.t;
@@ -424,9 +426,8 @@ static void test_embree(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_limits),
-      cmocka_unit_test(test_grazing), cmocka_unit_test(test_packed),
-      cmocka_unit_test(test_bad_rays),    cmocka_unit_test(test_objects),
+      cmocka_unit_test(test_brute_force), cmocka_unit_test(test_limits),   cmocka_unit_test(test_grazing),
+      cmocka_unit_test(test_packed),      cmocka_unit_test(test_bad_rays), cmocka_unit_test(test_objects),
 #ifdef PAGS_EMBREE
       cmocka_unit_test(test_embree),
 #endif

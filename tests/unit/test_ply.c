@@ -288,7 +288,8 @@ static void inrias_file_round_trips(void **state) {
   pags_gaussians_destroy(&g);
 }
 
-/* A real file in scrambled order: every value is found by name, and what is written again is the same in INRIA's order. */
+/* A real file in scrambled order: every value is found by name, and what is written again is the same in INRIA's order.
+ */
 static void a_scrambled_file_keeps_its_bits(void **state) {
   (void)state;
   char path[1024];

@@ -1,4 +1,5 @@
-/* Points found by matching photographs: a textured plane whose depth is known, masks, pictures without anything to match. */
+/* Points found by matching photographs: a textured plane whose depth is known, masks, pictures without anything to
+ * match. */
 #include <pags/dataset.h>
 
 #include "dataset/subject.h"
@@ -8,7 +9,8 @@
 
 enum { VIEWS = 6, WIDTH = 96, HEIGHT = 80, COUNT = 1000 };
 
-/* Camera i stands at (0.25 i - 0.6, 0, 0) and looks along +z (OpenCV axes), focal length 90. The plane is z = 3 + 0.4 x. */
+/* Camera i stands at (0.25 i - 0.6, 0, 0) and looks along +z (OpenCV axes), focal length 90. The plane is z = 3 + 0.4
+ * x. */
 static int current;
 
 static double camera_x(int view) {
@@ -74,7 +76,8 @@ static void test_plane_is_found(void **state) {
   pags_dataset_close(dataset);
 }
 
-/* Half of the points lie at the edge of the photographs at worst, but each has the colour that its photograph shows there. */
+/* Half of the points lie at the edge of the photographs at worst, but each has the colour that its photograph shows
+ * there. */
 static void test_colours(void **state) {
   scratch *s = *state;
   write_set(s, plane, "");
@@ -191,12 +194,9 @@ static void test_subject(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      scratch_test(test_plane_is_found),
-      scratch_test(test_colours),
-      scratch_test(test_same_for_any_threads),
-      scratch_test(test_masked_pixels_give_none),
-      scratch_test(test_nothing_to_match),
-      cmocka_unit_test(test_subject),
+      scratch_test(test_plane_is_found),       scratch_test(test_colours),
+      scratch_test(test_same_for_any_threads), scratch_test(test_masked_pixels_give_none),
+      scratch_test(test_nothing_to_match),     cmocka_unit_test(test_subject),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

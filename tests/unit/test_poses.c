@@ -78,8 +78,8 @@ static void poses_are_found(void **unused) {
   pags_tracks_destroy(&tracks);
 }
 
-/* A car that brakes in a bend, labelled with errors at each step: most of them go. A clean track stays, even one that swerves
- * twice a second, which a fixed amount of smoothing would flatten. */
+/* A car that brakes in a bend, labelled with errors at each step: most of them go. A clean track stays, even one that
+ * swerves twice a second, which a fixed amount of smoothing would flatten. */
 static void jitter_goes_and_motion_stays(void **unused) {
   (void)unused;
   enum { KNOTS = 40 };
@@ -100,7 +100,8 @@ static void jitter_goes_and_motion_stays(void **unused) {
       truth[k][2] = 0.04 * s;
       double yaw = truth[k][2] + noisy * 0.05 * e[2];
       pags_knot knot = {.frame = k, .trained = 1, .time = 1.5e9 + s};
-      double m[12] = {cos(yaw), -sin(yaw), 0, truth[k][0] + u[0], sin(yaw), cos(yaw), 0, truth[k][1] + u[1], 0, 0, 1, 0};
+      double m[12] = {cos(yaw), -sin(yaw), 0, truth[k][0] + u[0], sin(yaw), cos(yaw), 0, truth[k][1] + u[1], 0,
+                      0,        1,         0};
       memcpy(knot.world_from_object, m, sizeof m);
       t.objects[0].knots[k] = knot;
     }

@@ -110,8 +110,8 @@ static void they_stretch_and_none_is_the_last_step(void **unused) {
   assert_true(s.prune_rate[2] == 0.6 && s.prune_rate[3] == 0.3);
 }
 
-/* In 7000 steps resets would come at 720, 1440, 2160, 2880 ...: 2160 is 180 steps before a prune, 3600 is one, 5760 is 73 before the last,
- * when densifying is over. */
+/* In 7000 steps resets would come at 720, 1440, 2160, 2880 ...: 2160 is 180 steps before a prune, 3600 is one, 5760 is
+ * 73 before the last, when densifying is over. */
 static void resets_wait_for_a_prune_that_is_near(void **unused) {
   (void)unused;
   pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 7000, 180);

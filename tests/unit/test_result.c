@@ -75,12 +75,9 @@ static void every_code_has_a_name_of_its_own(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(a_failure_leaves_its_line),
-      cmocka_unit_test(a_message_may_quote_the_one_before),
-      cmocka_unit_test(long_messages_are_cut),
-      cmocka_unit_test(threads_do_not_see_each_others_messages),
-      cmocka_unit_test(try_returns_what_failed),
-      cmocka_unit_test(every_code_has_a_name_of_its_own),
+      cmocka_unit_test(a_failure_leaves_its_line), cmocka_unit_test(a_message_may_quote_the_one_before),
+      cmocka_unit_test(long_messages_are_cut),     cmocka_unit_test(threads_do_not_see_each_others_messages),
+      cmocka_unit_test(try_returns_what_failed),   cmocka_unit_test(every_code_has_a_name_of_its_own),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

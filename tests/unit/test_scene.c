@@ -158,7 +158,8 @@ static void a_driving_scene_comes_back(void **state) {
   if (pags_scene_load(scratch("d"), &back) != PAGS_OK)
     fail_msg("%s", pags_error_message());
   assert_true(back.fps == 10);
-  assert_true(back.place.known && back.place.latitude == -33.25 && back.place.longitude == 151.125 && back.place.altitude == 20);
+  assert_true(back.place.known && back.place.latitude == -33.25 && back.place.longitude == 151.125 &&
+              back.place.altitude == 20);
   assert_text(back.notes, scene.notes);
   assert_int_equal(back.object_count, 2);
   for (int i = 0; i < 2; ++i) {
@@ -298,7 +299,7 @@ static void damaged_scenes_are_survived(void **state) {
       memcpy(damaged, bytes, size);
       for (uint64_t k = 0; k <= i % 3; ++k) {
         size_t at = (size_t)pags_rng_below(1, 8 * i + k, (uint64_t)kind, size);
-        damaged[at] = (uint8_t) "0123456789-.e\"[]{},:nt/\xff"[pags_rng_below(2, 8 * i + k, (uint64_t)kind, 24)];
+        damaged[at] = (uint8_t)"0123456789-.e\"[]{},:nt/\xff"[pags_rng_below(2, 8 * i + k, (uint64_t)kind, 24)];
       }
       scratch_file(files[kind], damaged, i % 10 ? size : size - 1 - (size_t)i);
       if (pags_scene_load(scratch("f"), &back) == PAGS_OK)

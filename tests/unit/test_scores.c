@@ -1,5 +1,5 @@
-/* Scores of a frame's Gaussians: against the double-precision oracle, its own finite differences, and the cases that the scores are there
- * for; and S_sem as it is written to the rows of a run. */
+/* Scores of a frame's Gaussians: against the double-precision oracle, its own finite differences, and the cases that
+ * the scores are there for; and S_sem as it is written to the rows of a run. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"
 
@@ -44,7 +44,9 @@ static void begin(fixture *f, int64_t count) {
     }
 }
 
-static void end(fixture *f) { reference_part_destroy(&f->part); }
+static void end(fixture *f) {
+  reference_part_destroy(&f->part);
+}
 
 static void collect(void *user, const pags_cluster_score *c, int worker) {
   sums *s = user;
@@ -183,8 +185,9 @@ static void the_oracle_s_derivative_is_one(void **unused) {
       const reference_contribution *c = &picture.contributions[list[i]];
       const reference_splat *splat = &picture.splats[c->gaussian];
       const double hair = 1e-6;
-      double slope = (channel_sum(&picture, list, count, i, hair, rest) -
-                      channel_sum(&picture, list, count, i, -hair, rest)) / (2 * hair);
+      double slope =
+          (channel_sum(&picture, list, count, i, hair, rest) - channel_sum(&picture, list, count, i, -hair, rest)) /
+          (2 * hair);
       assert_true(fabs(by_value(c, splat, sum) - slope) < 1e-6);
       sum += fmin(REFERENCE_ALPHA_CAP, c->alpha_raw) * c->transmittance *
              (splat->colour[0] + splat->colour[1] + splat->colour[2]);
@@ -217,7 +220,8 @@ static void place(fixture *f, int64_t i, double z, double sigma, double logit) {
     f->part.planes[plane * f->part.count + i] = values[plane];
 }
 
-/* A car, 12 layers of it, before a wall of its size on the screen: the mask is where the car lets next to nothing through. */
+/* A car, 12 layers of it, before a wall of its size on the screen: the mask is where the car lets next to nothing
+ * through. */
 static void a_wall_behind_a_car_gets_no_credit(void **unused) {
   (void)unused;
   enum { LAYERS = 12 };

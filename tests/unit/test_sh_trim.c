@@ -1,4 +1,5 @@
-/* Lowering of SH degrees: colours within the stated error from every direction that counts, no degree higher than needed. */
+/* Lowering of SH degrees: colours within the stated error from every direction that counts, no degree higher than
+ * needed. */
 #include "reference/reference_scene.h"
 
 #include <setjmp.h>
@@ -27,13 +28,15 @@ static fixture make_fixture(int degree) {
   reference_random random = {(uint64_t)degree + 8};
   reference_recipe recipe = reference_recipe_default();
   pags_frame_options options = reference_options();
-  recipe.sigma[0] = 0.2, recipe.sigma[1] = 0.5; /* small: a view counts nearly always just when the mean lies in its picture */
+  recipe.sigma[0] = 0.2,
+  recipe.sigma[1] = 0.5; /* small: a view counts nearly always just when the mean lies in its picture */
   reference_part part = reference_part_create(COUNT, degree);
   memcpy(options.origin, origin, sizeof origin);
   for (int v = 0; v < VIEWS; v++) {
     f.cameras[v] = v < VIEWS - 1 && v > 0 ? f.cameras[0] : reference_random_camera(&random, 256, 192);
     for (int k = 0; k < 3; k++) /* most look the same way from places up to 2 m apart, the last one anywhere */
-      f.cameras[v].world_from_camera[4 * k + 3] += v == 0 || v == VIEWS - 1 ? origin[k] : reference_uniform(&random, -1, 1);
+      f.cameras[v].world_from_camera[4 * k + 3] +=
+          v == 0 || v == VIEWS - 1 ? origin[k] : reference_uniform(&random, -1, 1);
     f.views[v] = pags_sh_view_make(&f.cameras[v], still, origin, 0.01, 0.3);
   }
   for (int64_t i = 0; i < COUNT; i++) {
@@ -119,13 +122,15 @@ static void check_degree(int degree) {
         assert_true(now < degree || change == 0);
       }
     assert_true(beyond(&f, i, now) <= error + 1e-5);
-    needed += now > 0 && beyond(&f, i, now - 1) > error; /* more views may count than those whose picture the mean lies in */
+    needed +=
+        now > 0 && beyond(&f, i, now - 1) > error; /* more views may count than those whose picture the mean lies in */
     for (int plane = 0; plane < PAGS_SH; plane++)
       assert_true(pags_plane(&f.after, plane)[i] == pags_plane(&f.before, plane)[i]);
     if (i < 5)
       assert_true(now == 0 && pags_plane(&f.after, PAGS_SH)[i] == pags_plane(&f.before, PAGS_SH)[i]);
   }
-  print_message("degree %d: %d keep 0, %d 1, %d 2, %d 3; %d directions\n", degree, kept[0], kept[1], kept[2], kept[3], seen);
+  print_message("degree %d: %d keep 0, %d 1, %d 2, %d 3; %d directions\n", degree, kept[0], kept[1], kept[2], kept[3],
+                seen);
   assert_true(kept[0] > 20 && kept[degree] > 20 && seen > COUNT);
   assert_true(needed * 10 >= 9 * (COUNT - kept[0]));
   destroy_fixture(&f);

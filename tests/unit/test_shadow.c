@@ -13,10 +13,12 @@ enum { SIDE = 4, PIXELS = SIDE * SIDE };
 
 /* A view from `from` along `z`, x to the right, of a patch at one depth about a metre off; of one brightness. */
 static int is_cleared(const double size[3], const double place[3], int from_above, uint8_t brightness) {
-  static const double aside[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0}, above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* looks along +y; down */
+  static const double aside[9] = {1, 0, 0, 0, 0, 1, 0, -1, 0},
+                      above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* looks along +y; down */
   float depth[PIXELS], bounds[2];
   uint8_t cover[PIXELS], rgb[3 * PIXELS];
-  pags_sight sight = {.depth = depth, .cover = cover, .rgb = rgb, .cells_x = 1, .cells_y = 1, .lo = bounds, .hi = bounds + 1};
+  pags_sight sight = {
+      .depth = depth, .cover = cover, .rgb = rgb, .cells_x = 1, .cells_y = 1, .lo = bounds, .hi = bounds + 1};
   sight.camera = (pags_camera){.width = SIDE, .height = SIDE, .fx = 200, .fy = 200, .cx = 0.5 * SIDE, .cy = 0.5 * SIDE};
   for (int i = 0; i < 9; ++i)
     sight.camera.world_from_camera[4 * (i / 3) + i % 3] = from_above ? above[i] : aside[i];
@@ -52,25 +54,26 @@ static int level(const double size[3], double along, double across, double heigh
 
 static void test_dark_under_the_sill_is_air(void **state) {
   (void)state;
-  assert_true(upright(car, 0, -0.9, 0.15, 30));   /* between the wheels, in the plane of the side */
-  assert_true(upright(car, 2, -0.9, 0.15, 30));   /* behind them */
+  assert_true(upright(car, 0, -0.9, 0.15, 30));    /* between the wheels, in the plane of the side */
+  assert_true(upright(car, 2, -0.9, 0.15, 30));    /* behind them */
   assert_false(upright(car, 1.3, -0.9, 0.15, 30)); /* a wheel */
-  assert_true(upright(car, 1.3, -0.3, 0.15, 30)); /* between the left and the right one */
-  assert_false(upright(car, 0, -0.9, 0.35, 30));  /* the body */
-  assert_false(upright(car, 0, -0.9, 0.15, 120)); /* painted */
+  assert_true(upright(car, 1.3, -0.3, 0.15, 30));  /* between the left and the right one */
+  assert_false(upright(car, 0, -0.9, 0.35, 30));   /* the body */
+  assert_false(upright(car, 0, -0.9, 0.15, 120));  /* painted */
   assert_false(upright(lorry, 0, -0.9, 0.15, 30)); /* wheels may be anywhere */
 }
 
 static void test_level_ground_is_no_part(void **state) {
   (void)state;
   assert_true(level(car, 0, 0, 0.08, 120));
-  assert_false(level(car, 0, 0, 0.2, 120)); /* too high for the road */
+  assert_false(level(car, 0, 0, 0.2, 120));   /* too high for the road */
   assert_true(level(car, 0, 0.95, 0.2, 120)); /* a footway beside it */
   assert_false(level(car, 0, 0.95, 0.4, 120));
   assert_false(upright(car, 0, -0.95, 0.2, 120)); /* its side */
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dark_under_the_sill_is_air), cmocka_unit_test(test_level_ground_is_no_part)};
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_dark_under_the_sill_is_air),
+                                     cmocka_unit_test(test_level_ground_is_no_part)};
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -121,8 +121,8 @@ static void sh_turns_with_the_axes(void **state) {
   free_spz_parts(&parts);
 }
 
-/* Half a turn about x before and after a rotation flips y and z of its quaternion; all come out at unit length or, where
- * version 2's three random bytes exceed it, above. */
+/* Half a turn about x before and after a rotation flips y and z of its quaternion; all come out at unit length or,
+ * where version 2's three random bytes exceed it, above. */
 static void rotations_turn_with_the_axes(void **state) {
   (void)state;
   for (int version = 2; version <= 4; ++version) {

@@ -1,5 +1,5 @@
-/* The street: every file of a driving set is there, the same for any number of threads; LiDAR, boxes, masks and depth agree
- * with each other; noise goes only where it is asked for. */
+/* The street: every file of a driving set is there, the same for any number of threads; LiDAR, boxes, masks and depth
+ * agree with each other; noise goes only where it is asked for. */
 #include <pags/camera.h>
 #include <pags/dataset.h>
 #include <pags/image.h>
@@ -207,8 +207,8 @@ static int project(const pags_camera *camera, const double p[3], int *x, int *y,
   return u >= 0.0 && u < WIDTH && v >= 0.0 && v < HEIGHT;
 }
 
-/* The laser sits elsewhere than the camera, and a small picture's pixels are large: most points, not all, lie between the depths of
- * the pixels around. */
+/* The laser sits elsewhere than the camera, and a small picture's pixels are large: most points, not all, lie between
+ * the depths of the pixels around. */
 static void test_lidar(void **state) {
   (void)state;
   int64_t seen = 0, agree = 0;
@@ -248,7 +248,8 @@ static void test_lidar(void **state) {
   assert_true((double)agree > 0.97 * (double)seen);
 }
 
-/* Every pixel's surface lies on a true surface of its label's kind, and a step towards the camera takes it at most that far off. */
+/* Every pixel's surface lies on a true surface of its label's kind, and a step towards the camera takes it at most that
+ * far off. */
 static void test_nearest_surfaces(void **state) {
   (void)state;
   enum { MOST = PIXELS };
@@ -269,7 +270,8 @@ static void test_nearest_surfaces(void **state) {
         if (!(z > 0.0 && z < 60.0))
           continue;
         const double near = z - 0.03 * step;
-        const double q[3] = {(i % WIDTH + 0.5 - camera.cx) / camera.fx * near, (i / WIDTH + 0.5 - camera.cy) / camera.fy * near, near};
+        const double q[3] = {(i % WIDTH + 0.5 - camera.cx) / camera.fx * near,
+                             (i / WIDTH + 0.5 - camera.cy) / camera.fy * near, near};
         for (int r = 0; r < 3; r++) {
           const double *m = camera.world_from_camera + 4 * r;
           points[3 * count + r] = (float)(m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3]);
@@ -280,7 +282,8 @@ static void test_nearest_surfaces(void **state) {
       pags_image_destroy(&depth);
       pags_image_destroy(&labels);
       assert_int_equal(pags_street_truth_distances(truth, f / 10.0, points, count, 0.3, critical, other), PAGS_OK);
-      assert_int_equal(pags_street_truth_distances(truth, f / 10.0, points, count, 1.0, far_critical, far_other), PAGS_OK);
+      assert_int_equal(pags_street_truth_distances(truth, f / 10.0, points, count, 1.0, far_critical, far_other),
+                       PAGS_OK);
       for (int64_t i = 0; i < count; i++) {
         const double own = (double)(is_critical[i] ? critical : other)[i];
         assert_true(own < (step ? 0.05 : 0.003)); /* along the ray: longer than along z */
@@ -505,9 +508,9 @@ static void test_refusals(void **state) {
 }
 
 int main(void) {
-  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files), cmocka_unit_test(test_threads),
-                                     cmocka_unit_test(test_lidar), cmocka_unit_test(test_nearest_surfaces),
+  const struct CMUnitTest tests[] = {cmocka_unit_test(test_files),           cmocka_unit_test(test_threads),
+                                     cmocka_unit_test(test_lidar),           cmocka_unit_test(test_nearest_surfaces),
                                      cmocka_unit_test(test_masks_and_boxes), cmocka_unit_test(test_noise),
-                                     cmocka_unit_test(test_reads_back), cmocka_unit_test(test_refusals)};
+                                     cmocka_unit_test(test_reads_back),      cmocka_unit_test(test_refusals)};
   return cmocka_run_group_tests(tests, make_sets, scratch_teardown);
 }

@@ -1,5 +1,5 @@
-/* The loss terms of driving scenes: values by hand, gradients against differences of the same formulas in double, the same bits for any
- * number of threads. */
+/* The loss terms of driving scenes: values by hand, gradients against differences of the same formulas in double, the
+ * same bits for any number of threads. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -50,7 +50,9 @@ static fixture *create(uint64_t seed, int masked) {
   return f;
 }
 
-static int counts(const fixture *f, int i) { return i % STRIDE < WIDTH && (!f->photo.mask || f->mask[i]); }
+static int counts(const fixture *f, int i) {
+  return i % STRIDE < WIDTH && (!f->photo.mask || f->mask[i]);
+}
 
 static int64_t count_pixels(const fixture *f) {
   int64_t n = 0;
@@ -98,7 +100,8 @@ static void check_term(pixel_term *term, double (*pixel)(uint8_t, double), uint6
     if (fabs(away - 1) < 0.1)
       continue;
     const double slope = step > 0 ? (pixel(f->labels[i], t + step) - pixel(f->labels[i], t - step)) / (2 * step) : 0;
-    assert_true(fabs(got - scale * slope) <= 1e-6 * scale * (1 / fmin(fmax(t, 1e-7), 1) + 1 / fmax(1 - t, 1e-7)) + 1e-12);
+    assert_true(fabs(got - scale * slope) <=
+                1e-6 * scale * (1 / fmin(fmax(t, 1e-7), 1) + 1 / fmax(1 - t, 1e-7)) + 1e-12);
   }
   if (!(fabs(value - want) <= 1e-6 * want))
     fail_msg("%.9g, should be %.9g", value, want);
@@ -209,15 +212,15 @@ static void test_depth_by_hand(void **state) {
   f->transmittance[3 * STRIDE + 7] = 0.96f;
   f->mask[4 * STRIDE + 8] = 0;
   const pags_depth_sample samples[] = {
-      {20.9f, 10.1f, 12.0f},                                             /* shrunk twice: pixel (10, 5), 2 m too near */
-      {22.0f, 10.0f, 9.0f},                                              /* pixel (11, 5), 1 m too far */
-      {24.0f, 10.0f, 40.0f},                                             /* the worst: left out */
-      {14.5f, 6.5f, 11.0f},                                              /* too transparent */
-      {16.5f, 8.5f, 11.0f},                                              /* masked */
-      {-0.1f, 5.0f, 1.0f},  {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f},   /* outside */
-      {NAN, 5.0f, 1.0f},    {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* no numbers */
-      {20.0f, 11.0f, 9.5f},                                              /* pixel (10, 5) again, half a metre too far */
-      {26.0f, 10.0f, 10.0f},                                             /* right */
+      {20.9f, 10.1f, 12.0f},                                            /* shrunk twice: pixel (10, 5), 2 m too near */
+      {22.0f, 10.0f, 9.0f},                                             /* pixel (11, 5), 1 m too far */
+      {24.0f, 10.0f, 40.0f},                                            /* the worst: left out */
+      {14.5f, 6.5f, 11.0f},                                             /* too transparent */
+      {16.5f, 8.5f, 11.0f},                                             /* masked */
+      {-0.1f, 5.0f, 1.0f},   {202.0f, 5.0f, 1.0f}, {5.0f, 74.0f, 1.0f}, /* outside */
+      {NAN, 5.0f, 1.0f},     {5.0f, 1e30f, 1.0f},  {5.0f, 5.0f, INFINITY}, /* no numbers */
+      {20.0f, 11.0f, 9.5f},  /* pixel (10, 5) again, half a metre too far */
+      {26.0f, 10.0f, 10.0f}, /* right */
   };
   const double value = run_depth(f, samples, (int64_t)(sizeof samples / sizeof *samples), 2, 0.8); /* 4 of 5 */
   assert_true(fabs(value - 0.7 * (2 + 1 + 0.5 + 0) / 4) < 1e-6);
@@ -231,7 +234,8 @@ static void test_depth_by_hand(void **state) {
 }
 
 /* The same in double over one sample a pixel; `moved`, if not negative, has its transmittance and depth sum changed. */
-static double plain_depth(const fixture *f, const pags_depth_sample *samples, double share, int moved, double by_t, double by_sum) {
+static double plain_depth(const fixture *f, const pags_depth_sample *samples, double share, int moved, double by_t,
+                          double by_sum) {
   double errors[SAMPLES];
   int n = 0;
   for (int k = 0; k < SAMPLES; k++) {
@@ -264,7 +268,8 @@ static void test_depth_differences(void **state) {
     const int at = (int)samples[k].y * STRIDE + (int)samples[k].x;
     const double t = 1e-6, s = 1e-4;
     const double by_t = (plain_depth(f, samples, 0.95, at, t, 0) - plain_depth(f, samples, 0.95, at, -t, 0)) / (2 * t);
-    const double by_sum = (plain_depth(f, samples, 0.95, at, 0, s) - plain_depth(f, samples, 0.95, at, 0, -s)) / (2 * s);
+    const double by_sum =
+        (plain_depth(f, samples, 0.95, at, 0, s) - plain_depth(f, samples, 0.95, at, 0, -s)) / (2 * s);
     assert_true(fabs((double)f->by_transmittance[at] - by_t) < 1e-4 * fabs(by_t) + 1e-6);
     assert_true(fabs((double)f->by_depth_sum[at] - by_sum) < 1e-5 * fabs(by_sum) + 1e-8);
     slopes += by_sum != 0;
@@ -283,15 +288,17 @@ static void test_depth_of_nothing(void **state) {
   assert_true(run_depth(f, &sample, 1, 1, 0.95) == 0);
   double value;
   f->picture.width--;
-  assert_int_equal(pags_term_depth(&f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum, f->by_transmittance, &value),
-                   PAGS_ERROR_ARGUMENT);
+  assert_int_equal(
+      pags_term_depth(&f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum, f->by_transmittance, &value),
+      PAGS_ERROR_ARGUMENT);
   free(f);
 }
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_by_hand),       cmocka_unit_test(test_differences),       cmocka_unit_test(test_threads),
-      cmocka_unit_test(test_nothing),       cmocka_unit_test(test_depth_by_hand),     cmocka_unit_test(test_depth_differences),
+      cmocka_unit_test(test_by_hand),          cmocka_unit_test(test_differences),
+      cmocka_unit_test(test_threads),          cmocka_unit_test(test_nothing),
+      cmocka_unit_test(test_depth_by_hand),    cmocka_unit_test(test_depth_differences),
       cmocka_unit_test(test_depth_of_nothing),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);

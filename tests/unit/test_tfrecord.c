@@ -1,4 +1,5 @@
-/* TFRecord files: framing, both CRCs, damage in every part, and that no length is believed that the file has no room for. */
+/* TFRecord files: framing, both CRCs, damage in every part, and that no length is believed that the file has no room
+ * for. */
 #include "unit/scratch.h"
 
 #include "base/bytes.h"

@@ -75,7 +75,8 @@ static void test_scene(void **state) {
   assert_true(scene.sky.size > 0);
   int critical = 0, low = 0;
   for (int64_t i = 0; i < g->count; i++) {
-    const float x = pags_plane(g, PAGS_MEAN)[i], y = pags_plane(g, PAGS_MEAN + 1)[i], z = pags_plane(g, PAGS_MEAN + 2)[i];
+    const float x = pags_plane(g, PAGS_MEAN)[i], y = pags_plane(g, PAGS_MEAN + 1)[i],
+                z = pags_plane(g, PAGS_MEAN + 2)[i];
     assert_true(x > -25.0f && x < (float)facts.length + 25.0f && fabsf(y) < (float)facts.breadth + 20.0f);
     assert_true(z > -0.5f && z < 30.0f);
     assert_true(g->s_sem[i] == 0.0f || g->s_sem[i] == 1.0f);
@@ -99,7 +100,8 @@ static void test_hidden_is_empty(void **state) {
   const pags_gaussians *g = &scene.models[0].gaussians;
   int inside = 0;
   for (int64_t i = 0; i < g->count; i++) {
-    const float x = pags_plane(g, PAGS_MEAN)[i], y = pags_plane(g, PAGS_MEAN + 1)[i], z = pags_plane(g, PAGS_MEAN + 2)[i];
+    const float x = pags_plane(g, PAGS_MEAN)[i], y = pags_plane(g, PAGS_MEAN + 1)[i],
+                z = pags_plane(g, PAGS_MEAN + 2)[i];
     inside += y > 9.2f + 4.0f && y < 9.2f + 22.0f - 4.0f && x > 3.0f && x < 9.0f && z < 5.0f;
   }
   assert_int_equal(inside, 0);
@@ -107,7 +109,8 @@ static void test_hidden_is_empty(void **state) {
   free(folder);
 }
 
-/* On roads nothing clips the sizes: their quantiles are the table's, within four standard errors (bounded by a tenth here). */
+/* On roads nothing clips the sizes: their quantiles are the table's, within four standard errors (bounded by a tenth
+ * here). */
 static void test_histograms(void **state) {
   (void)state;
   pags_town_options options = small_town();

@@ -476,7 +476,8 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
     config.preset = i == 2 ? PAGS_PRESET_SHORT : PAGS_PRESET_NONE;
     assert_int_equal(run(&config, in_root(name), 2, options, &result), PAGS_OK);
     const uint64_t bytes = scene_bytes(in_root(name));
-    print_message("%g MB: %lld Gaussians, %llu bytes\n", config.target_size, (long long)result.gaussians, (unsigned long long)bytes);
+    print_message("%g MB: %lld Gaussians, %llu bytes\n", config.target_size, (long long)result.gaussians,
+                  (unsigned long long)bytes);
     assert_true((double)bytes <= config.target_size * 1e6);
     assert_true((double)bytes >= config.target_size * 1e6 - 14000.0); /* what is set aside */
   }
@@ -512,7 +513,8 @@ static float largest_difference(pags_frame *frames[2], pags_composition *scenes[
   return most;
 }
 
-/* The same run with and without: pictures of training views within the error, fewer bytes, and the checkpoint as if nothing were. */
+/* The same run with and without: pictures of training views within the error, fewer bytes, and the checkpoint as if
+ * nothing were. */
 static void colour_terms_go_where_they_do_not_show(void **unused) {
   (void)unused;
   pags_train_config config = small_config();

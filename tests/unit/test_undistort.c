@@ -1,4 +1,5 @@
-/* Distortion models and resampling: against the models' definitions, analytic pictures and COLMAP's own choice of size. */
+/* Distortion models and resampling: against the models' definitions, analytic pictures and COLMAP's own choice of size.
+ */
 #include <pags/image.h>
 
 #include "dataset/undistort.h"
@@ -153,8 +154,9 @@ static void test_pinhole_stays(void **state) {
   assert_true(camera.cx == 15.5 && camera.cy == 9);
 }
 
-/* A picture of rays: red and green are smooth functions of the ray (x, y, 1), which the distorted photograph shows where the
- * model puts that ray. Undistorted, every pixel must show its own ray's colour; straight lines are straight with it. */
+/* A picture of rays: red and green are smooth functions of the ray (x, y, 1), which the distorted photograph shows
+ * where the model puts that ray. Undistorted, every pixel must show its own ray's colour; straight lines are straight
+ * with it. */
 static double red(double x, double y) {
   return 128 + 60 * sin(7 * x + 2 * y) + 60 * cos(5 * y);
 }

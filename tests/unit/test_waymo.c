@@ -1,4 +1,5 @@
-/* Import of Waymo segments: the real frame of the shared test data, and a written segment that must read back the same. */
+/* Import of Waymo segments: the real frame of the shared test data, and a written segment that must read back the same.
+ */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -262,8 +263,8 @@ static void test_refuses_damage_of_the_real_frame(void **state) {
 
 /* ---- A written segment ---- */
 
-/* The middle of the car that drives lies in the masks of "all" and "vehicle" wherever it is seen, and the corner of the picture
- * doesn't; parked cars are in none. */
+/* The middle of the car that drives lies in the masks of "all" and "vehicle" wherever it is seen, and the corner of the
+ * picture doesn't; parked cars are in none. */
 static void check_dynamic_masks(const pags_dataset *set, const char *folder) {
   int seen = 0;
   for (int t = 0; t < FRAMES; t++)

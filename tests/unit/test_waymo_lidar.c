@@ -1,4 +1,5 @@
-/* Range images to points: directions by hand, and a world of a floor and a round wall that a moving car's lasers see. */
+/* Range images to points: directions by hand, and a world of a floor and a round wall that a moving car's lasers see.
+ */
 #include "unit/scratch.h"
 
 #include <math.h>
@@ -47,8 +48,8 @@ static float two_metres(void *user, const double origin[3], const double directi
   return which == 0 ? 2 : 0;
 }
 
-/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x, to the left first, wherever the laser's own x looks. Rows
- * begin with the highest beam. */
+/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x, to the left first, wherever the laser's own
+ * x looks. Rows begin with the highest beam. */
 static void test_directions_by_hand(void **state) {
   (void)state;
   static const double beams[2] = {-PI / 6, 0};
@@ -87,8 +88,8 @@ typedef struct world {
   int columns;
 } world;
 
-/* Distance to the floor or to the wall around `middle`, the nearer; the second return lies on a wall of 4/5 the radius, for
- * rays that rise. */
+/* Distance to the floor or to the wall around `middle`, the nearer; the second return lies on a wall of 4/5 the radius,
+ * for rays that rise. */
 static float see(void *user, const double origin[3], const double direction[3], int which) {
   const world *w = user;
   const double x = origin[0] - w->middle[0], y = origin[1] - w->middle[1], z = origin[2] - w->middle[2];

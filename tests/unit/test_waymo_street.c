@@ -56,7 +56,8 @@ static int end(void **state) {
   return 0;
 }
 
-/* The street's car rolls and pitches by 0.003 rad; Waymo's labels are upright in the car's frame, so that boxes lose that much. */
+/* The street's car rolls and pitches by 0.003 rad; Waymo's labels are upright in the car's frame, so that boxes lose
+ * that much. */
 static void poses_and_boxes_come_back(void **state) {
   const street *st = *state;
   check_same_views(st->made, st->imported, 1e-9, 1e-12);

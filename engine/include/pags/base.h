@@ -13,8 +13,8 @@
  *   Matrices   row-major; points are columns: p_world = M * p_camera.
  *
  * Errors. A function that can fail returns a pags_result and leaves one line of text for the calling thread, which
- * names the file, the place in it and what was expected. Nothing in the library prints or exits. A wrong argument of the
- * programmer's asserts; wrong data never does.
+ * names the file, the place in it and what was expected. Nothing in the library prints or exits. A wrong argument of
+ * the programmer's asserts; wrong data never does.
  *
  * Threads. Objects have no hidden global state. Two threads may use two objects at once; one object belongs to one
  * thread at a time unless its header says otherwise. */
@@ -63,11 +63,11 @@ PAGS_API const char *pags_error_message(void);
 PAGS_API const char *pags_result_name(pags_result code);
 
 /* Returns from the calling function with the result of `call` unless it is PAGS_OK. */
-#define PAGS_TRY(call)                       \
-  do {                                       \
-    pags_result pags_try_result = (call);    \
-    if (pags_try_result != PAGS_OK)          \
-      return pags_try_result;                \
+#define PAGS_TRY(call)                    \
+  do {                                    \
+    pags_result pags_try_result = (call); \
+    if (pags_try_result != PAGS_OK)       \
+      return pags_try_result;             \
   } while (0)
 
 /* Long work reports through this. `fraction` lies in [0, 1]; returning 0 cancels with PAGS_CANCELLED. */

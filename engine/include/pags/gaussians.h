@@ -39,8 +39,8 @@ typedef struct pags_gaussians {
   float *data;        /* plane_count * stride floats, zero beyond count; NULL when stride is 0 */
   float *s_sem;       /* semantic priority in [0, 1], `stride` floats; NULL when unknown */
   int32_t *object_id; /* per Gaussian: index of the scene's object, -1 for none, `stride` entries; NULL when unknown */
-  float *fourier;     /* colour over a track's time: 12 planes of `stride` floats, plane 3 * (k - 1) + channel for k = 1..4; NULL: the
-                         colour doesn't change. See pags_fourier_basis */
+  float *fourier; /* colour over a track's time: 12 planes of `stride` floats, plane 3 * (k - 1) + channel for k = 1..4;
+                     NULL: the colour doesn't change. See pags_fourier_basis */
 } pags_gaussians;
 
 static inline float *pags_plane(const pags_gaussians *g, int plane) {
@@ -57,25 +57,28 @@ PAGS_API void pags_gaussians_destroy(pags_gaussians *g); /* frees and zeroes; a 
 /* Grows the capacity to at least `capacity`, keeping contents. */
 PAGS_API pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity);
 
-/* Makes room for `count` Gaussians of zeros with the degree, s_sem, object_id (-1) and Fourier planes that `like` has. */
+/* Makes room for `count` Gaussians of zeros with the degree, s_sem, object_id (-1) and Fourier planes that `like` has.
+ */
 PAGS_API pags_result pags_gaussians_create_like(pags_gaussians *g, int64_t count, const pags_gaussians *like);
 
 /* Adds s_sem (zeros) or object_id (-1) where they are missing. */
 PAGS_API pags_result pags_gaussians_add_s_sem(pags_gaussians *g);
 PAGS_API pags_result pags_gaussians_add_object_id(pags_gaussians *g);
 
-/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem, object_id and fourier that both have). `to`
- * must have been created with `count` rows and from's degree and must not be `from`. */
+/* Row i of the result is row index[i] of `from` (all planes, and those of s_sem, object_id and fourier that both have).
+ * `to` must have been created with `count` rows and from's degree and must not be `from`. */
 PAGS_API void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count,
                                     pags_gaussians *to);
 
-/* Street Gaussians (Yan et al. 2024): constant term at u = dc + sum_k basis[k] fourier_k, u = (t - t0) / (t1 - t0) over the track's
- * time, 0 where t1 = t0: basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u. */
+/* Street Gaussians (Yan et al. 2024): constant term at u = dc + sum_k basis[k] fourier_k, u = (t - t0) / (t1 - t0) over
+ * the track's time, 0 where t1 = t0: basis = 1, sin 2 pi u, cos 2 pi u, sin 4 pi u, cos 4 pi u. */
 PAGS_API void pags_fourier_basis(double u, double basis[5]);
 /* u of `time`, held to 0..1. */
 PAGS_API double pags_fourier_phase(double begin, double end, double time);
-/* Constant terms of rows [first, last) of a model with Fourier planes, to three planes g->stride floats apart; finite for any terms. */
-PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc);
+/* Constant terms of rows [first, last) of a model with Fourier planes, to three planes g->stride floats apart; finite
+ * for any terms. */
+PAGS_API void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last,
+                                  float *dc);
 
 /* Adds the Fourier planes (zeros) where they are missing. */
 PAGS_API pags_result pags_gaussians_add_fourier(pags_gaussians *g);

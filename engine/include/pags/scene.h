@@ -53,12 +53,12 @@ typedef struct pags_scene {
   pags_model *models;
   int64_t view_count;
   pags_scene_view *views;
-  double fps; /* time steps per second of a driving scene; 0: unknown or static */
+  double fps;       /* time steps per second of a driving scene; 0: unknown or static */
   pags_place place; /* of the recording's world: `origin` has to be added to float positions first */
   int64_t object_count;
   pags_scene_object *objects; /* every labelled box, parked or moving; Gaussians' object_id is the index here */
   pags_sky sky;               /* size 0: none */
-  char *notes;                /* JSON text: what was modelled and why (see docs/scene-folder.md, "modelled"); NULL: nothing is known */
+  char *notes; /* JSON text: what was modelled and why (see docs/scene-folder.md, "modelled"); NULL: nothing is known */
 } pags_scene;
 
 /* Reads a scene folder or a bare splat file: .ply (INRIA layout in any property order, or PlayCanvas compressed),
@@ -73,13 +73,14 @@ PAGS_API int64_t pags_scene_gaussian_count(const pags_scene *scene);
 /* The labelled object whose track has this id, owned by the scene; NULL: there is none. */
 PAGS_API const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id);
 
-/* How a camera of the rig exposes at a time (seconds), display-referred sRGB per channel: photograph = gain * picture + offset. Between
- * training views of that sensor linear in time, beyond them as at the last one; 1 and 0 where the scene has none. */
+/* How a camera of the rig exposes at a time (seconds), display-referred sRGB per channel: photograph = gain * picture +
+ * offset. Between training views of that sensor linear in time, beyond them as at the last one; 1 and 0 where the scene
+ * has none. */
 PAGS_API void pags_scene_exposure(const pags_scene *scene, int sensor, double time, double gain[3], double offset[3]);
 
-/* "objects/NAME.ply" for the model of the object `id`: letters, digits, '-' and '.' stay, the rest becomes '_'; a number is added
- * where a model of the scene has that file already (case ignored). Models whose file is NULL are passed over. Freed by the
- * caller; NULL when memory is out. */
+/* "objects/NAME.ply" for the model of the object `id`: letters, digits, '-' and '.' stay, the rest becomes '_'; a
+ * number is added where a model of the scene has that file already (case ignored). Models whose file is NULL are passed
+ * over. Freed by the caller; NULL when memory is out. */
 PAGS_API char *pags_scene_model_file(const pags_scene *scene, const char *id);
 
 /* Splat files by themselves. Reading a file that pags_ply_save or INRIA's trainer wrote and writing it again gives the

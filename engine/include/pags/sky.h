@@ -8,10 +8,10 @@
 extern "C" {
 #endif
 
-/* Faces +X -X +Y -Y +Z -Z of the world's axes seen from inside, row 0 at the top, as in OpenGL cube maps: for the major axis m of a
- * direction r, with (sc, tc) = +X (-z, -y), -X (z, -y), +Y (x, z), -Y (x, -z), +Z (x, -y), -Z (-x, -y), the texture coordinates are
- * (sc / |m| + 1) / 2 and (tc / |m| + 1) / 2. Texel (row i, column j) lies at ((j + 0.5) / size, (i + 0.5) / size); values between are
- * bilinear within the face, clamped at its border. */
+/* Faces +X -X +Y -Y +Z -Z of the world's axes seen from inside, row 0 at the top, as in OpenGL cube maps: for the major
+ * axis m of a direction r, with (sc, tc) = +X (-z, -y), -X (z, -y), +Y (x, z), -Y (x, -z), +Z (x, -y), -Z (-x, -y), the
+ * texture coordinates are (sc / |m| + 1) / 2 and (tc / |m| + 1) / 2. Texel (row i, column j) lies at ((j + 0.5) / size,
+ * (i + 0.5) / size); values between are bilinear within the face, clamped at its border. */
 typedef struct pags_sky {
   int size;      /* texels a side, 1..4096; 0: no sky */
   float *texels; /* [6][size][size][3] display-referred sRGB; NULL when size is 0 */

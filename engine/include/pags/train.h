@@ -26,7 +26,8 @@ typedef enum pags_strategy {
 /* When the Gaussians with the lowest scores are removed (docs/priority.md). */
 typedef enum pags_preset {
   PAGS_PRESET_NONE,
-  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for its time */
+  PAGS_PRESET_LEAN,  /* after 4000, 8000, 12 000, 16 000 and 20 000 of 30 000 steps: what was measured to lose least for
+                        its time */
   PAGS_PRESET_SHORT, /* at 10 000, 15 000, 20 000 and 25 000 of 30 000 steps */
   PAGS_PRESET_PAPER  /* at 10 000, 15 000, ... 45 000 of 50 000 steps */
 } pags_preset;
@@ -35,7 +36,8 @@ typedef enum pags_preset {
 typedef enum pags_hybrid {
   PAGS_HYBRID_OF_PRESET, /* PRODUCT with LEAN, otherwise SUM */
   PAGS_HYBRID_SUM,       /* alpha S_sem + (1 - alpha) S_grad: the paper's */
-  PAGS_HYBRID_PRODUCT    /* (1 - alpha + alpha S_sem) S_grad: what isn't critical must matter 1 / (1 - alpha) times as much to be kept */
+  PAGS_HYBRID_PRODUCT /* (1 - alpha + alpha S_sem) S_grad: what isn't critical must matter 1 / (1 - alpha) times as much
+                         to be kept */
 } pags_hybrid;
 
 /* How S_sem, the share of a Gaussian that shows something critical, is found. */
@@ -92,11 +94,11 @@ typedef struct pags_train_config {
   int resolution_floor; /* a level is skipped where the shorter side would fall under so many pixels; default 64 */
 
   /* Density */
-  pags_strategy strategy;  /* default PAGS_STRATEGY_DEFAULT */
-  int64_t densify_from;    /* first step (exclusive) of 30 000; default 500 */
-  int64_t densify_until;   /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000); 12000 with preset
-                              LEAN, 25000 with SHORT */
-  int64_t densify_every;   /* steps of 30 000, but at least one pass over the training views; default 100 */
+  pags_strategy strategy; /* default PAGS_STRATEGY_DEFAULT */
+  int64_t densify_from;   /* first step (exclusive) of 30 000; default 500 */
+  int64_t densify_until;  /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000); 12000 with preset
+                             LEAN, 25000 with SHORT */
+  int64_t densify_every;  /* steps of 30 000, but at least one pass over the training views; default 100 */
   double densify_gradient; /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
   int absgrad;             /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
   double absgrad_gradient; /* the threshold then; default 8e-4 */
@@ -108,33 +110,38 @@ typedef struct pags_train_config {
   int64_t
       reset_every; /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
   double reset_opacity;  /* upper bound set then, 0.004..1; default 0.01 */
-  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). With a preset: kept from the last prune on, which
-                            removes those with the lowest scores; until then the run may have more. Default 0 */
+  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). With a preset: kept from the
+                            last prune on, which removes those with the lowest scores; until then the run may have more.
+                            Default 0 */
 
   /* Priority: scores and pruning by them (docs/priority.md) */
-  pags_preset preset;   /* default PAGS_PRESET_NONE; others not with MCMC */
-  double alpha;         /* how much of S_hybrid is semantic, and with LEAN of the loss, 0..1; default 0.4 */
-  pags_hybrid hybrid;   /* default PAGS_HYBRID_OF_PRESET */
-  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha with
-                             LEAN, otherwise 1 */
+  pags_preset preset;     /* default PAGS_PRESET_NONE; others not with MCMC */
+  double alpha;           /* how much of S_hybrid is semantic, and with LEAN of the loss, 0..1; default 0.4 */
+  pags_hybrid hybrid;     /* default PAGS_HYBRID_OF_PRESET */
+  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha
+                             with LEAN, otherwise 1 */
   double critical_growth; /* how often where densify decides what to clone and split, 1..100: the mean gradient times
-                             (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem). Default -1: as critical_weight */
-  double prune_early;   /* share removed at the first three prunes, 0..0.99; default -1: 0.5 with LEAN, otherwise 0.6 */
-  double prune_late;    /* at those after; default -1: 0.2 with LEAN, otherwise 0.3 */
-  int64_t prune_floor;  /* no object is pruned below so many; default 500 */
-  pags_s_sem s_sem;     /* default PAGS_S_SEM_PASS */
-  pags_s_grad s_grad;   /* default PAGS_S_GRAD_RANK */
+                             (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem). Default -1: as
+                             critical_weight */
+  double prune_early;  /* share removed at the first three prunes, 0..0.99; default -1: 0.5 with LEAN, otherwise 0.6 */
+  double prune_late;   /* at those after; default -1: 0.2 with LEAN, otherwise 0.3 */
+  int64_t prune_floor; /* no object is pruned below so many; default 500 */
+  pags_s_sem s_sem;    /* default PAGS_S_SEM_PASS */
+  pags_s_grad s_grad;  /* default PAGS_S_GRAD_RANK */
   pags_s_grad_from s_grad_from; /* default PAGS_S_GRAD_FROM_PASS */
 
   /* What the scene may store */
-  double target_size; /* MB (10^6 bytes) of the scene folder's scene.json, models and sky: no more Gaussians than fit; 0: no bound. Default 0 */
-  double sh_error;    /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour, from any direction
-                         in which a training view sees it, by no more; 0: all keep theirs. Default 0 */
+  double target_size; /* MB (10^6 bytes) of the scene folder's scene.json, models and sky: no more Gaussians than fit;
+                         0: no bound. Default 0 */
+  double
+      sh_error; /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour,
+                   from any direction    in which a training view sees it, by no more; 0: all keep theirs. Default 0 */
 
   /* Adaptive stochastic dropout */
-  int dropout;          /* 1: each step leaves Gaussians out at random. Default 0 */
-  double dropout_beta;  /* 0..1: how much semantic priority protects; default 0.5 */
-  double dropout_gamma; /* share left out at the schedule's end where there is no priority, rising from 0; default 0.25 */
+  int dropout;         /* 1: each step leaves Gaussians out at random. Default 0 */
+  double dropout_beta; /* 0..1: how much semantic priority protects; default 0.5 */
+  double
+      dropout_gamma; /* share left out at the schedule's end where there is no priority, rising from 0; default 0.25 */
 
   /* MCMC strategy */
   double mcmc_growth;      /* share of new Gaussians per densify step; default 0.05 */
@@ -150,14 +157,14 @@ typedef struct pags_train_config {
   int cluster_size;     /* Gaussians culled together: a multiple of 16 up to 256; default 64 */
 
   /* Driving sets. Weights and rates after Street Gaussians (Yan et al. 2024) unless said otherwise */
-  double extent_most; /* metres: the background's extent is no larger; default 20 */
-  int objects;        /* 1: tracks that move get Gaussians of their own; 0: all is background. Default 1 */
-  int box_prune;      /* 1: an object's Gaussians outside of its box, enlarged by half, are removed at each densify.
-                         Default 1 */
-  int tracks;         /* 1: poses of moving objects are optimised. Default 1 */
-  int64_t tracks_from;           /* of 30 000: held fixed until then; default 3000 */
-  double track_translation_rate; /* metres a step in a run that visits each photograph 100 times (inversely more or less in
-                                    others, by 4 at most), falling to a tenth; default 3e-3 */
+  double extent_most;  /* metres: the background's extent is no larger; default 20 */
+  int objects;         /* 1: tracks that move get Gaussians of their own; 0: all is background. Default 1 */
+  int box_prune;       /* 1: an object's Gaussians outside of its box, enlarged by half, are removed at each densify.
+                          Default 1 */
+  int tracks;          /* 1: poses of moving objects are optimised. Default 1 */
+  int64_t tracks_from; /* of 30 000: held fixed until then; default 3000 */
+  double track_translation_rate; /* metres a step in a run that visits each photograph 100 times (inversely more or less
+                                    in others, by 4 at most), falling to a tenth; default 3e-3 */
   double track_rotation_rate;    /* radians, likewise; default 3e-4 */
   int fourier;                   /* 1: objects' colour may change over time where that pays. Default 1 */
   int64_t fourier_from;          /* of 30 000: when that is decided; default 15000 */
@@ -168,11 +175,11 @@ typedef struct pags_train_config {
   int lidar_start;               /* 1: LiDAR points to start from. Default 1 */
   double depth_weight;           /* of the LiDAR depth term, per metre; default 0.01 */
   double depth_share;            /* of samples that count, the best ones; default 0.95 */
-  double lidar_pull;             /* 0..1: share of the way to a plane that LiDAR shows nearby by which the background's Gaussians are moved at
-                                    each interval of densify (docs/driving.md); 0: none. Default 0 */
-  double object_weight;          /* of the object opacity term, from densify_until on; default 0.1 */
-  int exposure;                  /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph. Default 1 */
-  double exposure_rate;          /* of these, falling to a tenth; default 3e-3 */
+  double lidar_pull;    /* 0..1: share of the way to a plane that LiDAR shows nearby by which the background's Gaussians
+                           are moved at    each interval of densify (docs/driving.md); 0: none. Default 0 */
+  double object_weight; /* of the object opacity term, from densify_until on; default 0.1 */
+  int exposure; /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph. Default 1 */
+  double exposure_rate; /* of these, falling to a tenth; default 3e-3 */
 } pags_train_config;
 
 PAGS_API pags_train_config pags_train_config_default(void);
@@ -197,7 +204,7 @@ typedef struct pags_train_progress {
   double psnr;    /* running, dB, of the training views at the present level */
   double seconds; /* of this process's training, time inside of callbacks left out */
   double eta_seconds;
-  int level; /* 1, 2 or 4: how much the photographs are shrunk */
+  int level;        /* 1, 2 or 4: how much the photographs are shrunk */
   int64_t bad_rows; /* as in the result */
 } pags_train_progress;
 
@@ -212,16 +219,17 @@ typedef struct pags_train_options {
   const pags_dataset *dataset; /* must hold at least one training view */
   const char *output;          /* scene folder */
   pags_tasks *tasks;
-  uint64_t image_cache;      /* bytes for decoded photographs; default 1 GiB */
-  uint64_t max_memory;       /* bytes; converted to a bound on Gaussians by pags_train_bytes. 0: none */
-  int64_t checkpoint_every;  /* steps; 0: only when stopped or done. Default 1000 */
-  int64_t log_every;         /* steps per line of log.jsonl; default 100 */
-  int64_t preview_every;     /* steps per preview PNG; 0: none. Default 1000 */
-  int resume;                /* 1: go on from the folder's checkpoint, or start where there is neither that nor a scene */
-  int overwrite;             /* 1: a non-empty folder is trained into afresh */
+  uint64_t image_cache;     /* bytes for decoded photographs; default 1 GiB */
+  uint64_t max_memory;      /* bytes; converted to a bound on Gaussians by pags_train_bytes. 0: none */
+  int64_t checkpoint_every; /* steps; 0: only when stopped or done. Default 1000 */
+  int64_t log_every;        /* steps per line of log.jsonl; default 100 */
+  int64_t preview_every;    /* steps per preview PNG; 0: none. Default 1000 */
+  int resume;    /* 1: go on from the folder's checkpoint, or start where there is neither that nor a scene */
+  int overwrite; /* 1: a non-empty folder is trained into afresh */
   double time_limit_seconds; /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
-  int64_t bad_rows_most;     /* more such updates left out (pags_train_result.bad_rows) are PAGS_ERROR_LIMIT; default 1000 */
-  int estimate;              /* 1: run 50 steps, fill the estimates of the result, write nothing */
+  int64_t
+      bad_rows_most; /* more such updates left out (pags_train_result.bad_rows) are PAGS_ERROR_LIMIT; default 1000 */
+  int estimate;      /* 1: run 50 steps, fill the estimates of the result, write nothing */
   const volatile int *cancel; /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
   pags_train_progress_fn *progress; /* after every step; may be NULL */
   void *progress_user;
@@ -241,10 +249,10 @@ typedef struct pags_train_result {
   double iterations_per_second; /* over the last tenth of the run; over what this process ran of it */
   uint64_t peak_rss_bytes;      /* of the process */
   double loss, psnr;            /* running figures at the end */
-  int64_t bad_rows;             /* updates left out because a gradient or a parameter wasn't finite, over the whole run: a Gaussian, an
-                                   object's pose or a view's exposure each that didn't move in a step. None of it spreads */
-  char first_bad_row[256];      /* what and where the first of them was, in words; empty: none */
-  uint64_t heap_calls_steady;   /* heap calls of the frame in the last tenth of the run */
+  int64_t bad_rows; /* updates left out because a gradient or a parameter wasn't finite, over the whole run: a Gaussian,
+                       an object's pose or a view's exposure each that didn't move in a step. None of it spreads */
+  char first_bad_row[256];    /* what and where the first of them was, in words; empty: none */
+  uint64_t heap_calls_steady; /* heap calls of the frame in the last tenth of the run */
   double ms_wait, ms_forward, ms_loss, ms_backward, ms_density; /* mean per step of this process */
   double estimated_seconds;                                     /* options.estimate: of the whole run */
   uint64_t estimated_bytes; /* options.estimate: of memory at the bound on Gaussians, or at 8 times the start */
@@ -254,13 +262,14 @@ typedef struct pags_train_result {
  * preview PNGs. `config` is what a fresh run uses. A resumed run takes the checkpoint's; fields that differ are
  * refused by name, except for iterations, which may be larger (the run goes on at the end-of-schedule rates),
  * max_gaussians before a preset's last prune, and except after a time limit. A non-empty folder is refused, untouched,
- * without resume or overwrite; so is, without overwrite, one with a scene but no checkpoint. Stopping early is PAGS_OK with
- * finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and nothing is written. */
+ * without resume or overwrite; so is, without overwrite, one with a scene but no checkpoint. Stopping early is PAGS_OK
+ * with finished = 0. PAGS_CANCELLED when pags_tasks_cancel was called: then the last checkpoint stands and nothing is
+ * written. */
 PAGS_API pags_result pags_train(const pags_train_config *config, const pags_train_options *options,
                                 pags_train_result *result);
 
-/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache and sky left out:
- * the statement that max_memory, less these, is converted by. */
+/* Bytes a training of `gaussians` of that degree at the given largest picture needs at most, image cache and sky left
+ * out: the statement that max_memory, less these, is converted by. */
 PAGS_API uint64_t pags_train_bytes(int64_t gaussians, int sh_degree, int width, int height);
 
 #ifdef __cplusplus
