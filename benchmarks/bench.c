@@ -3,10 +3,10 @@
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
-#include "cli/path.h"
+#include "cli/camera_paths.h"
 #include "cli/session.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <locale.h>
 #include <pags/compose.h>
 #include <signal.h>

@@ -4,7 +4,7 @@
 #ifndef PAGS_BENCHMARKS_BENCH_H
 #define PAGS_BENCHMARKS_BENCH_H
 
-#include <base/json.h>
+#include "base/json.h"
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/train.h>

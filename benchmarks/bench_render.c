@@ -2,12 +2,12 @@
 #include "benchmarks/modes.h"
 #include "benchmarks/plot.h"
 #include "benchmarks/verbs.h"
-#include "cli/deadline.h"
+#include "cli/deadline_report.h"
 #include "cli/interrupt.h"
-#include "cli/path.h"
+#include "cli/camera_paths.h"
 #include "cli/session.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>

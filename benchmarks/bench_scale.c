@@ -6,11 +6,11 @@
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
 #include "cli/interrupt.h"
-#include "cli/path.h"
+#include "cli/camera_paths.h"
 #include "cli/session.h"
 
-#include <base/file.h>
-#include <base/sort.h>
+#include "base/file.h"
+#include "base/sort.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>

@@ -3,10 +3,10 @@
  * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation
  * where the engine can do without it. Gains are of processor time, variants taking turns, medians of ratios of
  * neighbours; beside them stand counts of work and bytes. */
-#include "error.h"
+#include "benchmarks/error.h"
 
-#include <base/file.h>
-#include <kernels.h>
+#include "base/file.h"
+#include "simd/kernels.h"
 #include <math.h>
 #include <string.h>
 

@@ -2,7 +2,7 @@
 #ifndef PAGS_BENCHMARKS_ERROR_H
 #define PAGS_BENCHMARKS_ERROR_H
 
-#include "bench.h"
+#include "benchmarks/bench.h"
 
 enum { ERROR_MOST_ROWS = 40, ERROR_COUNTS = 2 };
 

@@ -1,13 +1,13 @@
 /* Approximations that the engine can do without: it draws the same pictures with and without them.
  *
  * Frames that are timed take turns; a gain is the median of ratios of frames drawn in the same turn. */
-#include "error.h"
+#include "benchmarks/error.h"
 
 #include <math.h>
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
-#include <train/sh_trim.h>
+#include "train/sh_trim.h"
 
 enum { MOST_WAYS = 20, FINE = 4 /* small pixels a side of a pixel */, TRIM_VIEWS = 48, FRAMES = 2 };
 

@@ -3,13 +3,13 @@
  * The limits (cut, stop, cap, clamp of the slope) are fixed in the kernels, so the oracle is drawn with and without
  * each; gains of these are of its own time, in which blending weighs less than in the engine's: the pairs beside them
  * say more. */
-#include "error.h"
+#include "benchmarks/error.h"
 
-#include <kernels.h>
+#include "simd/kernels.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <tests/reference/reference.h>
+#include "reference/reference.h"
 
 enum { LIMITS = 4, GROUPS = 6, PROBES = 4096, EXP_VALUES = 1 << 16, KERNEL_STEPS = 1 << 16, ROUNDS = 9 };
 

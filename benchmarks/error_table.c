@@ -1,7 +1,7 @@
 /* What the parts of pags-bench error share: rows of the table, sums of errors, pictures, processor time. */
-#include "error.h"
+#include "benchmarks/error.h"
 
-#include <base/sort.h>
+#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <time.h>

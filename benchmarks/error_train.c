@@ -3,14 +3,14 @@
  * Adam runs on the largest model with gradients of its own pictures, which stay those of the scene as it is, so that
  * three optimisers get the same ones: the engine's, the same kernels over every row at every step, and dense Adam in
  * double on a sample of the rows. */
-#include "error.h"
+#include "benchmarks/error.h"
 
-#include <base/sort.h>
+#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <tests/reference/reference_adam.h>
-#include <train/adam.h>
+#include "reference/reference_adam.h"
+#include "train/adam.h"
 
 enum { STEPS = 24, FIRST_STEP = 15000, CLUSTER = 64, SAMPLE_ROWS = 1 << 15, SCORE_VIEWS = 12 };
 

@@ -1,10 +1,10 @@
 /* Reading what pags-bench proxies measures. */
-#include "glb.h"
+#include "benchmarks/glb.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-#include <base/file.h>
+#include "base/file.h"
 
 const pags_json_value *pags_glb_member(const pags_json_value *object, const char *key) {
   return object ? pags_json_member(object, key) : NULL;

@@ -2,8 +2,8 @@
 #ifndef PAGS_BENCHMARKS_GLB_H
 #define PAGS_BENCHMARKS_GLB_H
 
-#include <base/json.h>
-#include <exporters/shell.h>
+#include "base/json.h"
+#include "exporters/proxy/mesh.h"
 
 typedef struct pags_glb {
   uint8_t *bytes;

@@ -1,8 +1,8 @@
 /* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of
  * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
-#include "laser_ground.h"
+#include "benchmarks/laser_ground.h"
 
-#include <base/sort.h>
+#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -2,8 +2,8 @@
 #ifndef PAGS_BENCHMARKS_LASER_GROUND_H
 #define PAGS_BENCHMARKS_LASER_GROUND_H
 
-#include <exporters/compare.h>
-#include <exporters/solid.h>
+#include "exporters/proxy/proxy_error.h"
+#include "exporters/proxy/mesh_query.h"
 #include <pags/scene.h>
 
 typedef struct pags_laser_ground {

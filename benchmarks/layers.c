@@ -3,10 +3,10 @@
  * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being
  * the covariance on the picture plane. Summed over Gaussians whose middle lies in the picture, divided by its pixels;
  * what such a Gaussian has beyond the edge stands for what others beyond the edge have within. */
-#include "modes.h"
+#include "benchmarks/modes.h"
 
 #include <math.h>
-#include <scene/packed_rows.h>
+#include "scene/packed_rows.h"
 #include <string.h>
 
 /* Planes of some Gaussians. */

@@ -2,9 +2,9 @@
  *
  * Timed frames of the modes take turns, so that what else the machine does falls on all of them alike, and the speed-up
  * is the median of ratios of frames drawn one after the other. */
-#include "modes.h"
+#include "benchmarks/modes.h"
 
-#include <base/sort.h>
+#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,7 +1,7 @@
 /* A writer of charts: text appended panel by panel, its head written at the end, when the number of panels is known. */
 #include "benchmarks/plot.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>

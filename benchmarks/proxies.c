@@ -18,13 +18,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <base/file.h>
-#include <exporters/laser.h>
-#include <exporters/solid.h>
+#include "base/file.h"
+#include "exporters/proxy/lidar.h"
+#include "exporters/proxy/mesh_query.h"
 
-#include "laser_ground.h"
-#include "proxies.h"
-#include "verbs.h"
+#include "benchmarks/laser_ground.h"
+#include "benchmarks/proxies.h"
+#include "benchmarks/verbs.h"
 
 static const double ground_bound = 0.05, ground_reach = 10; /* metres */
 

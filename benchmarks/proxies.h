@@ -2,13 +2,13 @@
 #ifndef PAGS_BENCHMARKS_PROXIES_H
 #define PAGS_BENCHMARKS_PROXIES_H
 
-#include <exporters/compare.h>
+#include "exporters/proxy/proxy_error.h"
 #include <pags/scene.h>
-#include <synth/stage.h>
-#include <synth/street_labels.h>
+#include "synth/stage.h"
+#include "synth/street_labels.h"
 
 #include "cli/session.h"
-#include "glb.h"
+#include "benchmarks/glb.h"
 
 typedef struct pags_proxy_bench {
   pags_session session;

@@ -1,6 +1,6 @@
 /* What the measurements of pags-bench proxies share: the time that the street stands at, and distances in the report.
  */
-#include "proxies.h"
+#include "benchmarks/proxies.h"
 
 pags_result pags_proxy_bench_time(pags_proxy_bench *self, double time) {
   if (time == self->stage_time)

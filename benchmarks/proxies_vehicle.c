@@ -4,13 +4,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <base/file.h>
-#include <base/sort.h>
-#include <exporters/cloud.h>
-#include <exporters/solid.h>
+#include "base/file.h"
+#include "base/sort.h"
+#include "exporters/proxy/lidar_fit.h"
+#include "exporters/proxy/mesh_query.h"
 #include <pags/image.h>
 
-#include "proxies.h"
+#include "benchmarks/proxies.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
 static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */

@@ -2,10 +2,10 @@
  *
  * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no
  * tiles. It and the frame are timed in turn, so that a machine that changes its speed changes both. */
-#include "bench.h"
+#include "benchmarks/bench.h"
 
-#include <base/clock.h>
-#include <kernels.h>
+#include "base/clock.h"
+#include "simd/kernels.h"
 #include <stdlib.h>
 #include <string.h>
 

@@ -2,8 +2,8 @@
  *
  * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine
  * without caches would move. */
-#include "bench.h"
-#include "modes.h"
+#include "benchmarks/bench.h"
+#include "benchmarks/modes.h"
 
 #include <pags/packed.h>
 

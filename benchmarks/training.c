@@ -1,5 +1,5 @@
 /* pags-bench train: steps per second by stage, held-out PSNR against seconds, and the roofline of what was trained. */
-#include "bench.h"
+#include "benchmarks/bench.h"
 
 #include <math.h>
 #include <stdlib.h>

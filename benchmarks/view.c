@@ -1,5 +1,5 @@
 /* Renders a view again and again and keeps each stage's best time. */
-#include "bench.h"
+#include "benchmarks/bench.h"
 
 #include <math.h>
 #include <stdlib.h>

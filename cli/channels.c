@@ -1,5 +1,5 @@
 /* Normals from depth, priorities as colours. */
-#include "channels.h"
+#include "cli/channels.h"
 
 #include <math.h>
 

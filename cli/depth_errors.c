@@ -1,11 +1,11 @@
 /* Rendered depth beside LiDAR. */
-#include "depth_errors.h"
+#include "cli/depth_errors.h"
 
-#include <base/sort.h>
+#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <train/depth.h>
+#include "train/lidar_depth.h"
 
 enum { MOST_SAMPLES = 200000 }; /* a view */
 

@@ -2,7 +2,7 @@
 #ifndef PAGS_CLI_DEPTH_ERRORS_H
 #define PAGS_CLI_DEPTH_ERRORS_H
 
-#include <base/json.h>
+#include "base/json.h"
 #include <pags/dataset.h>
 #include <pags/frame.h>
 

@@ -1,5 +1,5 @@
 /* Signal handling of the program. */
-#include "interrupt.h"
+#include "cli/interrupt.h"
 
 #include <signal.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* pags: the program. Finds the verb and runs it. */
-#include "options.h"
-#include "verbs.h"
+#include "cli/options.h"
+#include "cli/verbs.h"
 
 #include <locale.h>
 #include <pags/base.h>

@@ -1,5 +1,5 @@
 /* Parsing, checking and printing of the option tables. */
-#include "options.h"
+#include "cli/options.h"
 
 #include <assert.h>
 #include <ctype.h>

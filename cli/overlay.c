@@ -2,17 +2,17 @@
  *
  * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures
  * are for machines. */
-#include "overlay.h"
+#include "cli/overlay.h"
 
-#include "interrupt.h"
-#include "overlay_draw.h"
-#include "picture.h"
+#include "cli/interrupt.h"
+#include "cli/overlay_draw.h"
+#include "cli/picture.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <train/depth.h>
+#include "train/lidar_depth.h"
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
 

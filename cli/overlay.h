@@ -2,7 +2,7 @@
 #ifndef PAGS_CLI_OVERLAY_H
 #define PAGS_CLI_OVERLAY_H
 
-#include "facts.h"
+#include "cli/report.h"
 
 #include <pags/dataset.h>
 

@@ -1,5 +1,5 @@
 /* Drawing onto pictures. */
-#include "overlay_draw.h"
+#include "cli/overlay_draw.h"
 
 #include <math.h>
 #include <string.h>

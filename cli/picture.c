@@ -1,9 +1,9 @@
 /* Conversion of planes to pictures and their files. */
-#include "picture.h"
+#include "cli/picture.h"
 
-#include "channels.h"
+#include "cli/channels.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <stdlib.h>
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* Writing several pictures at once. */
-#include "picture_queue.h"
+#include "cli/picture_queue.h"
 
 #include <stdio.h>
 #include <stdlib.h>

@@ -3,7 +3,7 @@
 #ifndef PAGS_CLI_PICTURE_QUEUE_H
 #define PAGS_CLI_PICTURE_QUEUE_H
 
-#include "picture.h"
+#include "cli/picture.h"
 
 #include <pags/tasks.h>
 

@@ -1,7 +1,7 @@
 /* Tracks beside the truth. */
-#include "pose_errors.h"
+#include "cli/pose_errors.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

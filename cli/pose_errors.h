@@ -2,7 +2,7 @@
 #ifndef PAGS_CLI_POSE_ERRORS_H
 #define PAGS_CLI_POSE_ERRORS_H
 
-#include <base/json.h>
+#include "base/json.h"
 #include <pags/scene.h>
 
 /* Means over knots. */

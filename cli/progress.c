@@ -1,8 +1,8 @@
 /* The progress line. */
-#include "progress.h"
-#include "interrupt.h"
+#include "cli/progress.h"
+#include "cli/interrupt.h"
 
-#include <base/clock.h>
+#include "base/clock.h"
 #include <stdarg.h>
 #include <unistd.h>
 

@@ -1,10 +1,10 @@
 /* Facts of a scene: its models, objects, tracks, sky, exposure, and what training said of its choices. */
-#include "scene_facts.h"
+#include "cli/scene_facts.h"
 
-#include "path.h"
+#include "cli/camera_paths.h"
 
-#include <base/file.h>
-#include <base/text.h>
+#include "base/file.h"
+#include "base/text.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/train.h>

@@ -2,7 +2,7 @@
 #ifndef PAGS_CLI_SCENE_FACTS_H
 #define PAGS_CLI_SCENE_FACTS_H
 
-#include "facts.h"
+#include "cli/report.h"
 
 #include <pags/dataset.h>
 

@@ -1,10 +1,10 @@
 /* Set-up and end of a verb. */
-#include "session.h"
+#include "cli/session.h"
 
-#include "interrupt.h"
+#include "cli/interrupt.h"
 
-#include <base/file.h>
-#include <base/log.h>
+#include "base/file.h"
+#include "base/log.h"
 #include <errno.h>
 #include <stdarg.h>
 #include <stdlib.h>

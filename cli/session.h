@@ -3,10 +3,10 @@
 #ifndef PAGS_CLI_SESSION_H
 #define PAGS_CLI_SESSION_H
 
-#include "options.h"
-#include "progress.h"
+#include "cli/options.h"
+#include "cli/progress.h"
 
-#include <base/json.h>
+#include "base/json.h"
 #include <pags/base.h>
 #include <pags/tasks.h>
 

@@ -1,16 +1,16 @@
 /* pags eval: a scene beside its photographs. */
-#include "depth_errors.h"
-#include "interrupt.h"
-#include "owners.h"
-#include "picture.h"
-#include "pose_errors.h"
-#include "scores.h"
-#include "session.h"
-#include "shift.h"
-#include "truth.h"
-#include "verbs.h"
+#include "cli/depth_errors.h"
+#include "cli/interrupt.h"
+#include "cli/priority_truth.h"
+#include "cli/picture.h"
+#include "cli/pose_errors.h"
+#include "cli/view_scores.h"
+#include "cli/session.h"
+#include "cli/shifted_views.h"
+#include "cli/photographs.h"
+#include "cli/verbs.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <pags/compose.h>
 #include <pags/eval.h>
 #include <stdlib.h>

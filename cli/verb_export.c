@@ -1,10 +1,10 @@
 /* pags export: proxy geometry and splat files. */
-#include "edits.h"
-#include "interrupt.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/object_edits.h"
+#include "cli/interrupt.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <pags/export.h>
 #include <stdio.h>

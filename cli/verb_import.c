@@ -1,7 +1,7 @@
 /* pags import: recordings of driving data sets to drivestudio's layout. */
-#include "interrupt.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/interrupt.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
 #include <pags/import.h>
 #include <string.h>

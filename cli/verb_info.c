@@ -1,11 +1,11 @@
 /* pags info: what a file or folder is and what it holds. */
-#include "facts.h"
-#include "overlay.h"
-#include "scene_facts.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/report.h"
+#include "cli/overlay.h"
+#include "cli/scene_facts.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <errno.h>
 #include <math.h>
 #include <pags/dataset.h>
@@ -14,7 +14,7 @@
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
-#include <train/checkpoint.h>
+#include "train/checkpoint.h"
 
 typedef struct info_arguments {
   pags_session session;

@@ -1,14 +1,14 @@
 /* pags render: draws a scene or a splat file into pictures. */
-#include "deadline.h"
-#include "edits.h"
-#include "interrupt.h"
-#include "path.h"
-#include "picture_queue.h"
-#include "session.h"
-#include "verbs.h"
-#include "viewpoints.h"
+#include "cli/deadline_report.h"
+#include "cli/object_edits.h"
+#include "cli/interrupt.h"
+#include "cli/camera_paths.h"
+#include "cli/picture_queue.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
+#include "cli/viewpoints.h"
 
-#include <base/file.h>
+#include "base/file.h"
 #include <math.h>
 #include <pags/packed.h>
 #include <stdlib.h>

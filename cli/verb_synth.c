@@ -1,7 +1,7 @@
 /* pags synth: data sets with known truth, ray-traced, and a town of Gaussians. */
-#include "interrupt.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/interrupt.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
 #include <pags/synth.h>
 #include <stdio.h>

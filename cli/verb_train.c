@@ -1,9 +1,9 @@
 /* pags train: from photographs to a scene folder. */
-#include "interrupt.h"
-#include "session.h"
-#include "verbs.h"
+#include "cli/interrupt.h"
+#include "cli/session.h"
+#include "cli/verbs.h"
 
-#include <base/text.h>
+#include "base/text.h"
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/train.h>

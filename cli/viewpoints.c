@@ -1,7 +1,7 @@
 /* Lists of cameras to draw. */
-#include "viewpoints.h"
+#include "cli/viewpoints.h"
 
-#include "session.h"
+#include "cli/session.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -10,9 +10,9 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
-#include "pags/camera.h"
-#include "pags/image.h"
-#include "pags/object.h"
+#include <pags/camera.h>
+#include <pags/image.h>
+#include <pags/object.h>
 
 #define PI 3.14159265358979323846
 

@@ -3,7 +3,7 @@
 #ifndef PAGS_TESTS_SPLAT_FILES_H
 #define PAGS_TESTS_SPLAT_FILES_H
 
-#include "pags/gaussians.h"
+#include <pags/gaussians.h>
 
 typedef struct file_bytes {
   uint8_t *data;

@@ -8,7 +8,7 @@
 #define _GNU_SOURCE /* sched_getaffinity */
 #include "limits.h"
 
-#include "pags/tasks.h"
+#include <pags/tasks.h>
 
 #include <inttypes.h>
 #include <sched.h>

@@ -9,7 +9,7 @@
  * A training step runs dozens of loops with little between them, hence idle workers watch the gate for a moment before
  * they sleep. Sleeping and opening use sequentially consistent atomics: of "I sleep" and "the gate is open" at least
  * one is seen by the other side, so that no wake-up is lost. */
-#include "pags/tasks.h"
+#include <pags/tasks.h>
 
 #include <assert.h>
 #include <pthread.h>

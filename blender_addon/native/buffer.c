@@ -1,5 +1,5 @@
 /* Memory of the engine's as Python sees it: no copy, read-only. */
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <stdlib.h>
 

@@ -1,5 +1,5 @@
 /* Job: a picture on its way. */
-#include "job.h"
+#include "blender_addon/native/job.h"
 
 #include <math.h>
 #include <stdlib.h>

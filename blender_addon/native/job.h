@@ -6,7 +6,7 @@
 #ifndef PAGS_NATIVE_JOB_H
 #define PAGS_NATIVE_JOB_H
 
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <pags/tasks.h>
 

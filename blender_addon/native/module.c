@@ -1,5 +1,5 @@
 /* The module `pags`: what the add-on and plain Python see of the engine. */
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <pags/tasks.h>
 

@@ -1,5 +1,5 @@
 /* Picking: which Gaussian is met through a pixel, and what it belongs to. */
-#include "job.h"
+#include "blender_addon/native/job.h"
 
 #include <pags/pick.h>
 

@@ -1,6 +1,6 @@
 /* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's
  * planes, on the engine's threads; Python sees the result without a copy. */
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <math.h>
 #include <stdatomic.h>

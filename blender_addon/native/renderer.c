@@ -1,5 +1,5 @@
 /* Renderer: a thread that draws what is submitted, one after another, on a pool of its own. */
-#include "job.h"
+#include "blender_addon/native/job.h"
 
 #include <string.h>
 #include <time.h>

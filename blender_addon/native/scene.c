@@ -1,5 +1,5 @@
 /* Scene: a composition with its lock, what it holds told to Python, and a light sample of its Gaussians. */
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* Numbers and cameras to and from Python. */
-#include "native.h"
+#include "blender_addon/native/native.h"
 
 #include <math.h>
 

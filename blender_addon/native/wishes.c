@@ -1,5 +1,5 @@
 /* What a job is asked for: from Python's arguments to the camera, options and layout of a job. */
-#include "job.h"
+#include "blender_addon/native/job.h"
 
 #include <stdlib.h>
 #include <string.h>

@@ -1,5 +1,5 @@
 /* Result codes and the line of text that goes with a failure. */
-#include "pags/base.h"
+#include <pags/base.h>
 
 #include <stdarg.h>
 #include <stdio.h>

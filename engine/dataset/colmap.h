@@ -2,7 +2,7 @@
 #ifndef PAGS_DATASET_COLMAP_H
 #define PAGS_DATASET_COLMAP_H
 
-#include "dataset/draft.h"
+#include "dataset/parsed.h"
 
 typedef struct pags_colmap_camera {
   int64_t id;

@@ -2,7 +2,7 @@
  * upright pinhole. */
 #include "dataset/internal.h"
 
-#include "dataset/driving.h"
+#include "dataset/driving/reader.h"
 
 #include "base/file.h"
 #include "base/log.h"

@@ -4,7 +4,7 @@
 
 #include <pags/dataset.h>
 
-#include "dataset/draft.h"
+#include "dataset/parsed.h"
 
 struct pags_dataset {
   char *path;

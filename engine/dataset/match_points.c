@@ -14,7 +14,7 @@
 
 #include "base/log.h"
 #include "base/rng.h"
-#include "dataset/subject.h"
+#include "dataset/focus.h"
 
 #include <assert.h>
 #include <math.h>

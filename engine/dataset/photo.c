@@ -1,7 +1,7 @@
 /* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
 #include "dataset/internal.h"
 
-#include "dataset/labels.h"
+#include "dataset/driving/label_plane.h"
 #include "dataset/undistort.h"
 #include "image/resample.h"
 

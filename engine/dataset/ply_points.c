@@ -1,6 +1,6 @@
 /* Point clouds of PLY files: x y z and red green blue of the vertices, ascii or binary little-endian, any other scalar
  * property skipped. Splats have a reader of their own in scene/. */
-#include "dataset/draft.h"
+#include "dataset/parsed.h"
 
 #include "base/file.h"
 #include "base/text.h"

@@ -1,5 +1,5 @@
 /* The points that training starts from: the model's own where it has some, else random ones. */
-#include "dataset/driving.h"
+#include "dataset/driving/reader.h"
 #include "dataset/internal.h"
 
 #include "base/log.h"

@@ -4,10 +4,10 @@
  * cameras' own rays: a random training view, a random pixel of it, a random depth; those that too few other views see
  * are drawn again. Depth is spread evenly in its logarithm, so that the density falls with distance as the size of a
  * pixel in space grows, around the depth of the subject: the point nearest to all optical axes. */
-#include "dataset/draft.h"
+#include "dataset/parsed.h"
 
 #include "base/rng.h"
-#include "dataset/subject.h"
+#include "dataset/focus.h"
 
 #include <assert.h>
 

@@ -3,7 +3,7 @@
  * Keys of a camera may stand at the top, shared by all frames, or in a frame, which then wins. transform_matrix is
  * camera-to-world with OpenGL camera axes (x right, y up, z backward): negating its y and z columns gives OpenCV's.
  * World axes are left as they are; nerfstudio's tools turn the world so that +z is up. */
-#include "dataset/draft.h"
+#include "dataset/parsed.h"
 
 #include "base/file.h"
 #include "base/json.h"

@@ -8,7 +8,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 typedef struct backward_context {
   pags_frame *frame;

@@ -6,7 +6,7 @@
  * block its own place in each tile's list; then each block writes its pairs there. Stable, and no atomics. */
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 enum { MOST_BLOCKS = 32, LEAST_SPLATS = 1024, LISTED = 1 << 14 };
 

@@ -10,7 +10,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 enum { RUN = 64 }; /* clusters, of pags_clusters.runs */
 

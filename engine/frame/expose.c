@@ -1,5 +1,5 @@
 /* Pictures as a camera of a given exposure would show them. */
-#include "stages.h"
+#include "frame/stages.h"
 
 int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]) {
   options->exposed = 0;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 pags_frame_options pags_frame_options_default(void) {
   return (pags_frame_options){.near_plane = 0.01f,

@@ -1,7 +1,7 @@
 /* Runs the projection and shading kernels over the clusters in view. */
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 static int32_t splat_id(const pags_part *part, int64_t row) {
   return part->id ? part->id[row] : part->first_id + (int32_t)row;

@@ -1,5 +1,5 @@
 /* Runs the blending kernel over the tiles, or over samples of them. */
-#include "stages.h"
+#include "frame/stages.h"
 
 enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leave some workers without any at the end */
 

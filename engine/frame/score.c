@@ -2,7 +2,7 @@
  * in the slots' order. */
 #include <assert.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 typedef struct score_context {
   pags_frame *frame;

@@ -12,7 +12,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 enum { MOST_RUNS = 64, LEAST_RUN_BITS = 12 };
 

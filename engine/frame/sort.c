@@ -5,7 +5,7 @@
  * z > 0, so its bits order as an unsigned number does. */
 #include <string.h>
 
-#include "stages.h"
+#include "frame/stages.h"
 
 enum { FEW = 32, SOME = 256, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
 

@@ -2,7 +2,7 @@
 #ifndef PAGS_FRAME_STAGES_H
 #define PAGS_FRAME_STAGES_H
 
-#include <kernels.h>
+#include "simd/kernels.h"
 #include <pags/frame.h>
 #include <pags/packed.h>
 #include <stdbool.h>

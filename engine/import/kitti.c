@@ -16,7 +16,7 @@
 #include "import/kitti_files.h"
 #include "import/kitti_tracks.h"
 #include "import/kitti_tree.h"
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 
 enum { CAMERAS = 2 };
 

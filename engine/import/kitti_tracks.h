@@ -3,7 +3,7 @@
 #define PAGS_IMPORT_KITTI_TRACKS_H
 
 #include "import/kitti_files.h"
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 
 typedef struct pags_kitti_tracks {
   int64_t count;

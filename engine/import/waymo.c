@@ -26,7 +26,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 #include "import/options.h"
 #include "import/tfrecord.h"
 #include "import/waymo_lidar.h"

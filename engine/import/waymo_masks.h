@@ -4,7 +4,7 @@
 
 #include <pags/tasks.h>
 
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 
 /* A camera's pinhole that sees all that the photograph sees, and which of its pixels each pixel of the photograph
  * shows. */

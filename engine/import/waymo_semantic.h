@@ -16,7 +16,7 @@
 #ifndef PAGS_IMPORT_WAYMO_SEMANTIC_H
 #define PAGS_IMPORT_WAYMO_SEMANTIC_H
 
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 #include "import/waymo_message.h"
 
 /* Cityscapes train id of one of Waymo's classes. */

@@ -2,7 +2,7 @@
 #ifndef PAGS_IMPORT_WAYMO_TRACKS_H
 #define PAGS_IMPORT_WAYMO_TRACKS_H
 
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 #include "import/waymo_message.h"
 
 typedef struct pags_waymo_box pags_waymo_box;

@@ -11,7 +11,7 @@
 #include <pags/gaussians.h>
 #include <pags/tasks.h>
 
-#include "train/guard.h"
+#include "train/nonfinite.h"
 #include "train/schedule.h"
 
 struct pags_kernels;

@@ -7,7 +7,7 @@
 #include <math.h>
 
 #include "base/clock.h"
-#include "train/scores.h"
+#include "train/score_pass.h"
 #include "train/sky_fit.h"
 #include "train/trainer.h"
 

@@ -10,7 +10,7 @@
 #include <pags/frame.h>
 #include <pags/tasks.h>
 
-#include "train/moments.h"
+#include "train/adam6.h"
 #include "train/schedule.h"
 
 typedef struct pags_exposure {

@@ -14,10 +14,10 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "base/text.h"
-#include "kernels.h"
+#include "simd/kernels.h"
 #include "scene/scene_json.h"
 #include "train/config.h"
-#include "train/notes.h"
+#include "train/model_report.h"
 
 static const char *const preview_prefix = "preview_";
 

@@ -7,7 +7,7 @@
 #include <pags/train.h>
 
 #include "base/file.h"
-#include "train/pass.h"
+#include "train/step.h"
 #include "train/state.h"
 
 typedef struct pags_output {

@@ -14,8 +14,8 @@
 #include "base/log.h"
 #include "base/rng.h"
 #include "base/sort.h"
-#include "train/budget.h"
-#include "train/scores.h"
+#include "train/size_limit.h"
+#include "train/score_pass.h"
 
 /* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
 static const int64_t least_survivors = 16;

@@ -3,10 +3,10 @@
 #define PAGS_TRAIN_STATE_H
 
 #include "train/exposure.h"
-#include "train/guard.h"
+#include "train/nonfinite.h"
 #include "train/model.h"
 #include "train/sky_fit.h"
-#include "train/tracks.h"
+#include "train/track_poses.h"
 
 typedef struct pags_train_state {
   pags_schedule schedule;

@@ -14,7 +14,7 @@
 
 #include "base/log.h"
 #include "base/sort.h"
-#include "train/tracks.h"
+#include "train/track_poses.h"
 
 enum { WINDOW = 4, CHANNELS = 6, LEAST_KNOTS = 8, STRENGTHS = 23 };
 enum { ROTATION, TRANSLATION, KINDS };   /* channels 0-2 and 3-5 */

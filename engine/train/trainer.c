@@ -13,14 +13,14 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "train/budget.h"
+#include "train/size_limit.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
 #include "train/densify.h"
-#include "train/fourier.h"
+#include "train/color_over_time.h"
 #include "train/mcmc.h"
 #include "train/prune.h"
-#include "train/scores.h"
+#include "train/score_pass.h"
 #include "train/sh_trim.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };

@@ -2,10 +2,10 @@
 #ifndef PAGS_TRAIN_TRAINER_H
 #define PAGS_TRAIN_TRAINER_H
 
-#include "train/facets.h"
-#include "train/loss.h"
+#include "init/lidar_planes.h"
+#include "train/photometric_loss.h"
 #include "train/output.h"
-#include "train/pass.h"
+#include "train/step.h"
 #include "train/state.h"
 
 /* Views announced to the photo cache ahead of use. */

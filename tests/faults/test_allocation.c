@@ -26,9 +26,9 @@
 #include <pags/train.h>
 
 #include "base/file.h"
-#include "exporters/cage.h"
-#include "exporters/grid.h"
-#include "exporters/shell.h"
+#include "exporters/proxy/cage.h"
+#include "exporters/proxy/tsdf.h"
+#include "exporters/proxy/mesh.h"
 #include "memory_guard.h"
 #include "scratch_folder.h"
 #include "small_scene.h"

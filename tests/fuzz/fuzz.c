@@ -5,7 +5,7 @@
  *   fuzz_GROUP --target=NAME --seeds=FOLDER       writes the seeds there
  *   fuzz_GROUP --target=NAME [--runs=N] [--seed=N] [FILE|FOLDER...]    plain: files, seeds, then mutated ones
  *   fuzz_GROUP --target=NAME CORPUS... -FLAG...                        libFuzzer */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <stdio.h>
 #include <stdlib.h>

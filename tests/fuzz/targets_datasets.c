@@ -1,5 +1,5 @@
 /* What data sets are read from: transforms.json, COLMAP models, driving sets' texts and boxes, points. */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 
 #include "base/file.h"
 #include "dataset/colmap.h"
-#include "dataset/driving.h"
+#include "dataset/driving/reader.h"
 
 static void check_draft(const pags_draft *draft) {
   for (int64_t i = 0; i < draft->count; ++i)

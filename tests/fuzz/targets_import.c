@@ -1,5 +1,5 @@
 /* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames, range images and whole segments. */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>

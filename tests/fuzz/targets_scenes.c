@@ -1,5 +1,5 @@
 /* scene.json with the files beside it, cameras and paths. */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>

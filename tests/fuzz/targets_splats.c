@@ -1,5 +1,5 @@
 /* Splat files of every format, packed scenes and skies. */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* Checkpoints, and the weights of LPIPS. */
-#include "fuzz.h"
+#include "fuzz/fuzz.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/text.h"
-#include "dataset/driving.h"
+#include "dataset/driving/reader.h"
 #include "dataset/internal.h"
 #include "eval/npz.h"
 #include "train/checkpoint.h"

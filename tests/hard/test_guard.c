@@ -10,7 +10,7 @@
 
 #include "base/file.h"
 #include "train/model.h"
-#include "train/tracks.h"
+#include "train/track_poses.h"
 
 enum { ROWS = 100, PLANES = PAGS_MAX_PLANES };
 

@@ -6,7 +6,7 @@
 #ifndef PAGS_TESTS_CHECK_H
 #define PAGS_TESTS_CHECK_H
 
-#include "kernels.h"
+#include "simd/kernels.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -1,6 +1,6 @@
 /* on_cpu NAME PROGRAM ARGS...: runs a program with PAGS_CPU=NAME, or exits with 77 (skipped) where this machine has no
  * such kernels. */
-#include "kernels.h"
+#include "simd/kernels.h"
 
 #include <stdio.h>
 #include <stdlib.h>

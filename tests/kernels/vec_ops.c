@@ -1,5 +1,5 @@
 #include "vec_ops.h"
-#include "vec.h"
+#include "simd/vec.h"
 
 static void put_f(vf x, uint32_t *out) {
   v_store((float *)(void *)out, x);

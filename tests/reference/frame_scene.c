@@ -1,5 +1,5 @@
 /* The engine's frame behind the oracle's data; see frame_scene.h. */
-#include "frame_scene.h"
+#include "reference/frame_scene.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -9,7 +9,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "reference_scene.h"
+#include "reference/reference_scene.h"
 
 static void check(pags_result result) {
   if (result != PAGS_OK)

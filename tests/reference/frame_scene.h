@@ -3,7 +3,7 @@
 #ifndef PAGS_TESTS_FRAME_SCENE_H
 #define PAGS_TESTS_FRAME_SCENE_H
 
-#include "reference.h"
+#include "reference/reference.h"
 
 enum { FRAME_SCENE_PARTS = 4 };
 

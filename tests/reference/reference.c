@@ -1,5 +1,5 @@
 /* Forward of the double-precision oracle; see reference.h for the definition. */
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <math.h>
 #include <stdio.h>

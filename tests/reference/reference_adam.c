@@ -1,11 +1,11 @@
 /* Dense Adam in double precision; see reference_adam.h. */
-#include "reference_adam.h"
+#include "reference/reference_adam.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "reference.h"
+#include "reference/reference.h"
 
 reference_adam reference_adam_create(int planes) {
   return (reference_adam){.planes = planes, .beta1 = 0.9, .beta2 = 0.999, .epsilon = 1e-15};

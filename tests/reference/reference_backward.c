@@ -1,7 +1,7 @@
 /* Backward of the double-precision oracle: the chain rule of reference.c, last step first.
  *
  * Convention for symmetric 2x2 matrices (xx, xy, yy): the derivative by xy counts both off-diagonal entries. */
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -5,7 +5,7 @@
  * 2); it is largest at t = d' S^-1 m / d' S^-1 d. The integral along the ray is that value times what doesn't depend on
  * how far the ray passes. The low-pass is a widening of S by low_pass (z / f)^2 across the picture's axes, whose affine
  * image is low_pass I. */
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <math.h>
 #include <stdlib.h>

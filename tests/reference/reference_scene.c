@@ -1,5 +1,5 @@
 /* Random cameras and Gaussians; see reference_scene.h. */
-#include "reference_scene.h"
+#include "reference/reference_scene.h"
 
 #include <math.h>
 #include <string.h>

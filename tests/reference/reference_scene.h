@@ -2,7 +2,7 @@
 #ifndef PAGS_TESTS_REFERENCE_SCENE_H
 #define PAGS_TESTS_REFERENCE_SCENE_H
 
-#include "reference.h"
+#include "reference/reference.h"
 
 typedef struct reference_random {
   uint64_t state;

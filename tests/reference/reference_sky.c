@@ -1,5 +1,5 @@
 /* The oracle's sky: pags/sky.h by the letter, in double. */
-#include "reference.h"
+#include "reference/reference.h"
 
 #include <math.h>
 

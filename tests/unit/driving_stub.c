@@ -1,5 +1,5 @@
 /* A data set in memory with known truth. */
-#include "driving_stub.h"
+#include "unit/driving_stub.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -1,5 +1,5 @@
 /* The arena: alignment, marks, overflow, folding, and no heap call in steady state. */
-#include "pags/tasks.h"
+#include <pags/tasks.h>
 
 #include <setjmp.h>
 #include <stdarg.h>

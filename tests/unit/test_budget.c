@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 #include <math.h>
-#include <pags/budget.h>
+#include <pags/deadline.h>
 
 /* ---- The controller ---- */
 

@@ -1,5 +1,5 @@
 /* Rigid motions, the check of cameras, camera and path files. */
-#include "pags/camera.h"
+#include <pags/camera.h>
 
 #include <math.h>
 #include <setjmp.h>

@@ -1,7 +1,7 @@
 /* Laser points on objects: which they are, and surfaces that are held to them. */
 #include <pags/scene.h>
 
-#include "exporters/laser.h"
+#include "exporters/proxy/lidar.h"
 #include "unit/driving_tree.h"
 
 static const double step = 0.05;

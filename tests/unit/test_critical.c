@@ -3,7 +3,7 @@
 #include <pags/dataset.h>
 
 #include "dataset/internal.h"
-#include "dataset/label_sets.h"
+#include "dataset/driving/label_sets.h"
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 

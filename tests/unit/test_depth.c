@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "driving_stub.h"
-#include "train/depth.h"
+#include "unit/driving_stub.h"
+#include "train/lidar_depth.h"
 
 static int count_wrong(const pags_dataset *d, int step, const pags_depth_sample *samples, int64_t count) {
   int wrong = 0;

@@ -18,8 +18,8 @@
 #include "scratch_folder.h"
 #include "train/config.h"
 #include "train/exposure.h"
-#include "train/fourier.h"
-#include "train/scores.h"
+#include "train/color_over_time.h"
+#include "train/score_pass.h"
 #include "train/sky_fit.h"
 
 enum { FRAMES = 12, ITERATIONS = 120 };

@@ -10,14 +10,14 @@
 
 #include <cmocka.h>
 
-#include "exporters/cage.h"
-#include "exporters/grid.h"
-#include "exporters/solid.h"
-#include "exporters/splats.h"
+#include "exporters/proxy/cage.h"
+#include "exporters/proxy/tsdf.h"
+#include "exporters/proxy/mesh_query.h"
+#include "exporters/format/bake.h"
 
-#include <base/file.h>
-#include <base/rng.h>
-#include <base/text.h>
+#include "base/file.h"
+#include "base/rng.h"
+#include "base/text.h"
 #include <pags/export.h>
 
 #include "scratch_folder.h"

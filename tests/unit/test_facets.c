@@ -11,7 +11,7 @@
 #include <string.h>
 
 #include "base/rng.h"
-#include "train/facets.h"
+#include "init/lidar_planes.h"
 
 enum { SIDE = 120, PLANE = SIDE * SIDE, CLOUD = 4000, COUNT = PLANE + CLOUD };
 

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "exporters/form.h"
+#include "exporters/proxy/shape_prior.h"
 
 static const double size[3] = {4, 2, 1.5}, step = 0.1;
 

@@ -1,5 +1,5 @@
 /* Sets of Gaussians: memory, gathering, Morton order, rows that can't be drawn. */
-#include "pags/gaussians.h"
+#include <pags/gaussians.h>
 
 #include <math.h>
 #include <setjmp.h>

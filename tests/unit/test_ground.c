@@ -9,7 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "exporters/ground.h"
+#include "exporters/proxy/ground.h"
 
 enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 

@@ -9,7 +9,7 @@
 #include <cmocka.h>
 
 #include "base/rng.h"
-#include "train/knn.h"
+#include "init/knn.h"
 
 static void all_pairs(const float *xyz, int64_t count, float *out) {
   for (int64_t i = 0; i < count; i++) {

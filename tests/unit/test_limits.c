@@ -1,5 +1,5 @@
 /* Processor and memory limits, read from trees of files laid out as Linux does. */
-#include "pags/tasks.h"
+#include <pags/tasks.h>
 #include "threads/limits.h"
 
 #include <setjmp.h>

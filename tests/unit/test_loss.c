@@ -11,8 +11,8 @@
 #include <cmocka.h>
 
 #include "base/rng.h"
-#include "kernels.h"
-#include "train/loss.h"
+#include "simd/kernels.h"
+#include "train/photometric_loss.h"
 
 /* cmocka's own comparison is in float. */
 #define assert_near(value, expected, tolerance) assert_true(fabs((value) - (expected)) <= (tolerance))

@@ -1,7 +1,7 @@
 /* Objects: categories, motion, poses between knots, increments. */
-#include "pags/object.h"
+#include <pags/object.h>
 
-#include "pags/camera.h"
+#include <pags/camera.h>
 
 #include <math.h>
 #include <setjmp.h>

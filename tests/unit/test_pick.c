@@ -1,6 +1,6 @@
 /* Picking against every Gaussian tried one by one and, for the nearest, against Embree; over parts that are turned and
  * packed; what is known of the object. */
-#include "pags/pick.h"
+#include <pags/pick.h>
 
 #include <math.h>
 #include <setjmp.h>
@@ -10,7 +10,7 @@
 
 #include "base/rng.h"
 #include "base/text.h"
-#include "pags/packed.h"
+#include <pags/packed.h>
 
 #include <cmocka.h>
 

@@ -2,7 +2,7 @@
  * match. */
 #include <pags/dataset.h>
 
-#include "dataset/subject.h"
+#include "dataset/focus.h"
 #include "unit/scratch.h"
 
 #include <math.h>

@@ -14,7 +14,7 @@
 
 #include "base/rng.h"
 #include "train/exposure.h"
-#include "train/tracks.h"
+#include "train/track_poses.h"
 
 static pags_tracks one_track(void) {
   pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};

@@ -1,5 +1,5 @@
 /* Results and their messages. */
-#include "pags/base.h"
+#include <pags/base.h>
 
 #include <pthread.h>
 #include <setjmp.h>

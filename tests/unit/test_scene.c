@@ -1,5 +1,5 @@
 /* Scene folders and bare files as scenes. */
-#include "pags/scene.h"
+#include <pags/scene.h>
 
 #include <math.h>
 #include <setjmp.h>

@@ -11,7 +11,7 @@
 #include <cmocka.h>
 #include <math.h>
 
-#include "train/scores.h"
+#include "train/score_pass.h"
 
 enum { WIDTH = 101, HEIGHT = 67, PIXELS = WIDTH * HEIGHT, STRIDE = 112, ROWS = 80, COUNT = 600 };
 

@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "exporters/shadow.h"
+#include "exporters/proxy/shadow_filter.h"
 
 enum { SIDE = 4, PIXELS = SIDE * SIDE };
 

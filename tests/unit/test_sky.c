@@ -1,5 +1,5 @@
 /* The sky: half precision, sky.npy, faces and directions. */
-#include "pags/sky.h"
+#include <pags/sky.h>
 
 #include <math.h>
 #include <setjmp.h>

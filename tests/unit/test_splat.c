@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
-#include "pags/scene.h"
+#include <pags/scene.h>
 #include "scratch_folder.h"
 #include "shared_data.h"
 #include "splat_files.h"

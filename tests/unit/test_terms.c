@@ -10,7 +10,7 @@
 #include <math.h>
 
 #include "base/sort.h"
-#include "train/terms.h"
+#include "train/driving_losses.h"
 
 enum { WIDTH = 101, HEIGHT = 37, STRIDE = 112, PLANE = STRIDE * HEIGHT };
 

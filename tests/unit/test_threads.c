@@ -1,5 +1,5 @@
 /* Parallel loops and background jobs: each index once, nesting, cancellation, jobs beside loops, hosts' threads. */
-#include "pags/tasks.h"
+#include <pags/tasks.h>
 
 #include <pthread.h>
 #include <setjmp.h>

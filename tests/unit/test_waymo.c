@@ -10,8 +10,8 @@
 #include "import/tfrecord.h"
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
-#include "pags/dataset.h"
-#include "pags/import.h"
+#include <pags/dataset.h>
+#include <pags/import.h>
 #include "raw_waymo.h"
 #include "shared_data.h"
 #include "unit/waymo_check.h"

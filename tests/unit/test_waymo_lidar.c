@@ -5,7 +5,7 @@
 #include <math.h>
 
 #include "import/waymo_lidar.h"
-#include "pags/camera.h"
+#include <pags/camera.h>
 #include "raw_waymo.h"
 
 #define PI 3.14159265358979323846

@@ -6,7 +6,7 @@
 
 #include <math.h>
 
-#include "pags/dataset.h"
+#include <pags/dataset.h>
 
 static inline void check_same_pose(const double a[12], const double b[12], double place, double turn) {
   for (int k = 0; k < 12; k++)

@@ -4,7 +4,7 @@
 #include <math.h>
 
 #include "base/rng.h"
-#include "import/layout.h"
+#include "dataset/driving/writer.h"
 #include "unit/scratch.h"
 
 void waymo_set_ego(int t, double out[12]) {

@@ -1,0 +1,159 @@
+/* pags render and pags-bench render --budget-ms: what was given up to keep within the time, and the error. */
+#include "cli/deadline_report.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+pags_result pags_deadline_create(const pags_composition *composition, pags_tasks *tasks, double ms, int check_every,
+                                 pags_deadline *out) {
+  *out = (pags_deadline){.ms = ms, .check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
+  out->priority = calloc((size_t)out->ids + 1, sizeof *out->priority);
+  if (!out->priority)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the priorities of %lld Gaussians", (long long)out->ids);
+  pags_composition_priorities(composition, out->priority);
+  PAGS_TRY(pags_budget_create(tasks, ms, out->priority, out->ids, &out->budget));
+  return pags_frame_create(tasks, &out->whole);
+}
+
+void pags_deadline_destroy(pags_deadline *deadline) {
+  pags_budget_destroy(deadline->budget);
+  if (deadline->whole)
+    pags_frame_destroy(deadline->whole);
+  free(deadline->priority);
+  memset(deadline, 0, sizeof *deadline);
+}
+
+static double cut(float v) {
+  return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v;
+}
+
+/* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
+ * picture. */
+static void compare(pags_deadline *d, const pags_picture *picture, const pags_picture *whole) {
+  for (int y = 0; y < whole->height; y++)
+    for (int x = 0; x < whole->width; x++) {
+      const int64_t at = (int64_t)y * whole->stride + x, id = whole->id[at];
+      const bool critical = id >= 0 && id < d->ids && d->priority[id] > 0.5f;
+      double sum = 0, largest = 0;
+      for (int k = 0; k < 3; k++) {
+        const double error = fabs(cut(picture->rgb[k][at]) - cut(whole->rgb[k][at]));
+        sum += error * error;
+        largest = fmax(largest, error);
+      }
+      d->squared += sum;
+      d->samples += 3;
+      d->largest = fmax(d->largest, largest);
+      if (critical) {
+        d->squared_critical += sum;
+        d->samples_critical += 3;
+        d->largest_critical = fmax(d->largest_critical, largest);
+      }
+    }
+  d->checked++;
+}
+
+pags_result pags_deadline_draw(pags_deadline *d, const pags_part *parts, int part_count, const pags_camera *camera,
+                               const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts) {
+  pags_frame_options full = *options;
+  pags_picture whole;
+  PAGS_TRY(pags_budget_render(d->budget, parts, part_count, camera, options, out, facts));
+  d->met += facts->met;
+  d->at_step[facts->step]++;
+  d->sum_ms += facts->ms;
+  d->sum_full_tiles += facts->full_tiles;
+  d->worst_ms = fmax(d->worst_ms, facts->ms);
+  if (d->frames++ % d->check_every != 0)
+    return PAGS_OK;
+  full.extra_channels = 1;
+  PAGS_TRY(pags_frame_render(d->whole, parts, part_count, camera, &full, NULL, NULL, &whole));
+  compare(d, out, &whole);
+  return PAGS_OK;
+}
+
+/* Infinite where nothing differs. */
+static double decibels(double squared, double samples) {
+  return squared > 0 ? -10 * log10(squared / samples) : (double)INFINITY;
+}
+
+static void say_error(const pags_session *session, const char *what, double squared, double samples, double largest) {
+  if (samples == 0)
+    pags_say(session, "; %s: none", what);
+  else if (squared == 0)
+    pags_say(session, "; %s: no error", what);
+  else
+    pags_say(session, "; %s: %.2f dB, largest error %.4f", what, decibels(squared, samples), largest);
+}
+
+/* What `share` percent of the frames gave up. */
+static void say_step(const pags_budget_step *step, const pags_session *session, double share) {
+  if (step->eps <= 0) /* the first: all others are bounded */
+    pags_say(session, "  %5.1f %% of frames: in full\n", share);
+  else
+    pags_say(
+        session,
+        "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below %g px\n",
+        share, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less,
+        (double)step->cut);
+}
+
+void pags_deadline_say(const pags_deadline *d, const pags_session *session) {
+  const double n = d->frames ? (double)d->frames : 1;
+  pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms,
+           (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
+  for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
+    const pags_budget_step *step = &pags_budget_steps()[k];
+    if (d->at_step[k])
+      say_step(step, session, 100 * (double)d->at_step[k] / n);
+  }
+  pags_say(session, "  %.0f %% of tiles in full size; against full quality (%lld frames)", 100 * d->sum_full_tiles / n,
+           (long long)d->checked);
+  say_error(session, "all", d->squared, d->samples, d->largest);
+  say_error(session, "critical", d->squared_critical, d->samples_critical, d->largest_critical);
+  pags_say(session, "\n");
+}
+
+static void put_error(pags_json_writer *json, const char *name, double squared, double samples, double largest) {
+  pags_json_begin_object(json, name);
+  pags_json_put_integer(json, "pixels", (int64_t)(samples / 3));
+  if (squared > 0)
+    pags_json_put_number(json, "psnr", decibels(squared, samples));
+  else
+    pags_json_put_null(json, "psnr"); /* nothing differs */
+  pags_json_put_number(json, "max_error", largest);
+  pags_json_end_object(json);
+}
+
+void pags_deadline_put(const pags_deadline *d, pags_json_writer *json) {
+  const double n = d->frames ? (double)d->frames : 1;
+  pags_json_begin_object(json, "budget");
+  pags_json_put_number(json, "ms", d->ms);
+  pags_json_put_integer(json, "frames", d->frames);
+  pags_json_put_integer(json, "met", d->met);
+  pags_json_put_number(json, "mean_ms", d->sum_ms / n);
+  pags_json_put_number(json, "worst_ms", d->worst_ms);
+  pags_json_put_number(json, "full_tiles", d->sum_full_tiles / n);
+  pags_json_begin_array(json, "steps");
+  for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
+    const pags_budget_step *step = &pags_budget_steps()[k];
+    pags_json_begin_object(json, NULL);
+    pags_json_put_number(json, "eps", (double)step->eps);
+    pags_json_put_integer(json, "scale", step->sampled ? 4 : 1);
+    pags_json_put_integer(json, "sh_less", step->sh_less);
+    pags_json_put_number(json, "cut", (double)step->cut);
+    pags_json_put_integer(json, "frames", d->at_step[k]);
+    pags_json_end_object(json);
+  }
+  pags_json_end_array(json);
+  pags_json_put_integer(json, "checked", d->checked);
+  put_error(json, "error", d->squared, d->samples, d->largest);
+  put_error(json, "error_critical", d->squared_critical, d->samples_critical, d->largest_critical);
+  pags_json_end_object(json);
+}
+
+void pags_deadline_put_frame(const pags_budget_facts *facts, pags_json_writer *json) {
+  pags_json_put_integer(json, "step", facts->step);
+  pags_json_put_number(json, "budget_ms", facts->ms);
+  pags_json_put_bool(json, "met", facts->met);
+  pags_json_put_number(json, "full_tiles", facts->full_tiles);
+}

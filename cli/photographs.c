@@ -1,0 +1,154 @@
+/* Matching a scene's views with a data set's. */
+#include "cli/photographs.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Poses written as decimals and read back differ by rounding only; metres and entries of a rotation. */
+static const double pose_tolerance = 1e-5;
+
+static const pags_scene_view *find_view(const pags_scene *scene, const char *name) {
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (!strcmp(scene->views[i].name, name))
+      return &scene->views[i];
+  return NULL;
+}
+
+static int64_t find_dataset_view(const pags_dataset *dataset, const char *name) {
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); ++i)
+    if (!strcmp(pags_dataset_view(dataset, i)->name, name))
+      return i;
+  return -1;
+}
+
+/* How much smaller than the data set's the scene's pictures are: the quotient of focal lengths, freed of rounding. */
+static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *dataset, double *out) {
+  int64_t index = find_dataset_view(dataset, scene->views[0].name);
+  if (index < 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no photograph '%s', on which the scene was trained",
+                     pags_dataset_path(dataset), scene->views[0].name);
+  double quotient = pags_dataset_view(dataset, index)->camera.fx / scene->views[0].camera.fx;
+  double rounded = floor(quotient * 1e6 + 0.5) / 1e6;
+  *out = rounded < 1 ? 1 : rounded;
+  return PAGS_OK;
+}
+
+static bool same_camera(const pags_camera *a, const pags_camera *b) {
+  if (a->width != b->width || a->height != b->height)
+    return false;
+  for (int i = 0; i < 12; ++i) {
+    double size = i % 4 == 3 ? 1 + fabs(a->world_from_camera[i]) : 1;
+    if (fabs(a->world_from_camera[i] - b->world_from_camera[i]) > pose_tolerance * size)
+      return false;
+  }
+  return fabs(a->fx - b->fx) <= 1e-4 * a->fx && fabs(a->fy - b->fy) <= 1e-4 * a->fy;
+}
+
+static pags_result check_same_camera(const pags_dataset *dataset, const pags_scene_view *mine,
+                                     const pags_camera *other) {
+  if (same_camera(&mine->camera, other))
+    return PAGS_OK;
+  return pags_fail(
+      PAGS_ERROR_FORMAT,
+      "%s: the camera of '%s' (%dx%d) is not the one that the scene was trained with (%dx%d); expected the same "
+      "data set, with --colmap if it was trained so",
+      pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
+}
+
+static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {
+  int64_t count = pags_dataset_view_count(truth->dataset);
+  truth->views = calloc((size_t)count + 1, sizeof *truth->views);
+  if (!truth->views)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)count);
+  for (int64_t i = 0; i < count; ++i) {
+    const pags_view *view = pags_dataset_view(truth->dataset, i);
+    const pags_scene_view *mine = find_view(scene, view->name);
+    if (scene->view_count && !mine)
+      continue;
+    if (mine)
+      PAGS_TRY(check_same_camera(truth->dataset, mine, &view->camera));
+    truth->views[truth->count++] = (pags_truth_view){i, mine ? mine->test : view->test, mine};
+  }
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (find_dataset_view(truth->dataset, scene->views[i].name) < 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', on which the scene was trained, is missing",
+                       pags_dataset_path(truth->dataset), scene->views[i].name);
+  if (!truth->count)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", pags_dataset_path(truth->dataset));
+  return PAGS_OK;
+}
+
+static pags_result open_dataset(const pags_scene *scene, const char *path, pags_dataset_options options,
+                                double *downscale, pags_dataset **out) {
+  *downscale = options.downscale;
+  if (!scene->view_count)
+    return pags_dataset_open(path, &options, out);
+  options.downscale = 1;
+  options.allow_missing = 1; /* the scene's own list of views says which must be there */
+  PAGS_TRY(pags_dataset_open(path, &options, out));
+  pags_result result = scene_downscale(scene, *out, &options.downscale);
+  *downscale = options.downscale;
+  if (result == PAGS_OK && options.downscale == 1)
+    return PAGS_OK;
+  pags_dataset_close(*out);
+  *out = NULL;
+  return result == PAGS_OK ? pags_dataset_open(path, &options, out) : result;
+}
+
+pags_result pags_truth_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
+                            pags_tasks *tasks, uint64_t image_cache, pags_truth *out) {
+  memset(out, 0, sizeof *out);
+  PAGS_TRY(open_dataset(scene, path, *options, &out->downscale, &out->dataset));
+  pags_result result = choose_views(scene, out);
+  if (result == PAGS_OK)
+    result = pags_photo_cache_create(out->dataset, tasks, image_cache, &out->photos);
+  if (result != PAGS_OK)
+    pags_truth_close(out);
+  return result;
+}
+
+void pags_truth_close(pags_truth *truth) {
+  if (truth->photos)
+    pags_photo_cache_destroy(truth->photos);
+  if (truth->dataset)
+    pags_dataset_close(truth->dataset);
+  free(truth->views);
+  memset(truth, 0, sizeof *truth);
+}
+
+static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask) {
+  float *out = image->data;
+  size_t plane = (size_t)photo->height * (size_t)photo->stride;
+  for (int y = 0; y < photo->height; ++y) {
+    const uint8_t *row = photo->rgb + (size_t)y * (size_t)photo->stride;
+    for (int x = 0; x < photo->width; ++x)
+      for (size_t c = 0; c < 3; ++c)
+        *out++ = (float)row[c * plane + (size_t)x] / 255.0f;
+    if (mask)
+      memcpy(mask + (size_t)y * (size_t)photo->width, photo->mask + (size_t)y * (size_t)photo->stride,
+             (size_t)photo->width);
+  }
+}
+
+void pags_truth_photo_destroy(pags_truth_photo *photo) {
+  pags_image_destroy(&photo->image);
+  free(photo->mask);
+  memset(photo, 0, sizeof *photo);
+}
+
+pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_truth_photo *out) {
+  memset(out, 0, sizeof *out);
+  pags_photo *photo = &out->photo;
+  PAGS_TRY(pags_photo_cache_get(truth->photos, truth->views[i].index, 1, photo));
+  PAGS_TRY(pags_image_create(&out->image, photo->width, photo->height, 3, PAGS_F32));
+  if (photo->mask) {
+    out->mask = malloc((size_t)photo->width * (size_t)photo->height);
+    if (!out->mask) {
+      pags_truth_photo_destroy(out);
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mask of %dx%d", photo->width, photo->height);
+    }
+  }
+  copy_photo(photo, &out->image, out->mask);
+  return PAGS_OK;
+}

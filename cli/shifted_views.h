@@ -1,0 +1,28 @@
+/* Pictures from where the recording car never was, which synthetic data sets bring. */
+#ifndef PAGS_CLI_SHIFTED_VIEWS_H
+#define PAGS_CLI_SHIFTED_VIEWS_H
+
+#include "cli/session.h"
+
+#include <pags/compose.h>
+
+typedef struct pags_shift_score {
+  char name[64]; /* of the folder, "right_1" */
+  int64_t views;
+  double psnr, ssim; /* means over the views */
+} pags_shift_score;
+
+typedef struct pags_shift_scores {
+  int64_t count;
+  pags_shift_score *items; /* in the order of their names */
+} pags_shift_scores;
+
+/* Draws the cameras of every DATASET/truth/shift/NAME/path.json, `downscale` times smaller, and compares with the
+ * pictures beside it. An error when the data set has none. With `images` (a folder, may be NULL) writes
+ * NAME_00000_render.png and NAME_00000_truth.png. */
+pags_result pags_shift_measure(const char *dataset, double downscale, pags_composition *composition, pags_frame *frame,
+                               const pags_frame_options *options, const pags_session *session, const char *images,
+                               pags_shift_scores *out);
+void pags_shift_scores_destroy(pags_shift_scores *scores); /* a zeroed struct is allowed */
+
+#endif

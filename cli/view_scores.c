@@ -1,0 +1,130 @@
+/* Scores of views and their means.
+ *
+ * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have
+ * such pixels; SSIM is the mean of the whole picture's map over them. */
+#include "cli/view_scores.h"
+
+#include <math.h>
+#include <string.h>
+
+static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical",    "_noncritical", "_moving",
+                                                        "_vehicles", "_pedestrians", "_cyclists"};
+
+pags_view_score pags_view_score_make(const char *name, int test) {
+  pags_view_score score = {.name = name, .test = test, .lpips = (double)NAN, .psnr_unexposed = (double)NAN};
+  for (int r = 0; r < PAGS_REGION_COUNT; ++r)
+    score.psnr[r] = score.ssim[r] = (double)NAN;
+  return score;
+}
+
+static unsigned regions_of(unsigned labels) {
+  unsigned bits = labels & PAGS_LABEL_CRITICAL ? 1u << PAGS_REGION_CRITICAL : 1u << PAGS_REGION_NONCRITICAL;
+  bits |= labels & PAGS_LABEL_MOVING ? 1u << PAGS_REGION_MOVING : 0;
+  bits |= labels & PAGS_LABEL_VEHICLE ? 1u << PAGS_REGION_VEHICLES : 0;
+  bits |= labels & PAGS_LABEL_PEDESTRIAN ? 1u << PAGS_REGION_PEDESTRIANS : 0;
+  bits |= labels & PAGS_LABEL_CYCLIST ? 1u << PAGS_REGION_CYCLISTS : 0;
+  return bits;
+}
+
+void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
+                       uint16_t *regions) {
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      size_t at = (size_t)y * (size_t)width + (size_t)x;
+      unsigned bits = 1u << PAGS_REGION_WHOLE;
+      if (labels)
+        bits |= regions_of(labels[(size_t)y * (size_t)stride + (size_t)x]);
+      regions[at] = (uint16_t)(mask && !mask[at] ? 0 : bits);
+    }
+}
+
+/* Sum and number of what was measured. */
+typedef struct running_mean {
+  double sum;
+  int64_t count;
+} running_mean;
+
+static void mean_add(running_mean *m, double value) {
+  if (isnan(value))
+    return;
+  m->sum += value;
+  ++m->count;
+}
+
+static double mean_of(const running_mean *m) {
+  return m->count ? m->sum / (double)m->count : (double)NAN; /* which JSON writes as null */
+}
+
+pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, int test) {
+  pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
+  running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
+  for (int64_t i = 0; i < count; ++i) {
+    if (scores[i].test != test)
+      continue;
+    ++out.views;
+    for (int r = 0; r < PAGS_REGION_COUNT; ++r) {
+      mean_add(&psnr[r], scores[i].psnr[r]);
+      mean_add(&ssim[r], scores[i].ssim[r]);
+    }
+    mean_add(&lpips, scores[i].lpips);
+    mean_add(&unexposed, scores[i].psnr_unexposed);
+  }
+  for (int r = 0; r < PAGS_REGION_COUNT; ++r) {
+    out.mean.psnr[r] = mean_of(&psnr[r]);
+    out.mean.ssim[r] = mean_of(&ssim[r]);
+  }
+  out.mean.lpips = mean_of(&lpips);
+  out.mean.psnr_unexposed = mean_of(&unexposed);
+  return out;
+}
+
+void pags_scores_put_json(pags_json_writer *writer, const pags_view_score *score) {
+  char key[32];
+  pags_json_put_number(writer, "psnr", score->psnr[PAGS_REGION_WHOLE]);
+  pags_json_put_number(writer, "ssim", score->ssim[PAGS_REGION_WHOLE]);
+  pags_json_put_number(writer, "lpips", score->lpips);
+  pags_json_put_number(writer, "psnr_unexposed", score->psnr_unexposed);
+  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; ++r) {
+    snprintf(key, sizeof key, "psnr%s", suffixes[r]);
+    pags_json_put_number(writer, key, score->psnr[r]);
+    snprintf(key, sizeof key, "ssim%s", suffixes[r]);
+    pags_json_put_number(writer, key, score->ssim[r]);
+  }
+}
+
+static void print_row(const pags_session *session, const char *name, const char *set, double psnr, double ssim,
+                      double lpips) {
+  char distance[16] = "-";
+  if (isfinite(lpips))
+    snprintf(distance, sizeof distance, "%.4f", lpips);
+  pags_say(session, "%-32s %-5s %9.3f %8.4f %8s\n", name, set, psnr, ssim, distance);
+}
+
+static void print_mean(const pags_session *session, const pags_mean_score *mean, const char *set) {
+  const pags_view_score *m = &mean->mean;
+  char name[48];
+  snprintf(name, sizeof name, "mean of %lld", (long long)mean->views);
+  print_row(session, name, set, m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
+  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; ++r) {
+    snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
+    if (!isnan(m->psnr[r]))
+      print_row(session, name, set, m->psnr[r], m->ssim[r], (double)NAN);
+  }
+  if (!isnan(m->psnr_unexposed))
+    pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", set, m->psnr_unexposed);
+}
+
+void pags_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {
+  static const char *const sets[2] = {"train", "test"};
+  pags_say(session, "%-32s %-5s %9s %8s %8s\n", "view", "set", "PSNR dB", "SSIM", "LPIPS");
+  for (int test = 0; test < 2; ++test)
+    for (int64_t i = 0; i < count; ++i)
+      if (scores[i].test == test)
+        print_row(session, scores[i].name, sets[test], scores[i].psnr[PAGS_REGION_WHOLE],
+                  scores[i].ssim[PAGS_REGION_WHOLE], scores[i].lpips);
+  for (int test = 0; test < 2; ++test) {
+    pags_mean_score mean = pags_scores_mean(scores, count, test);
+    if (mean.views)
+      print_mean(session, &mean, sets[test]);
+  }
+}

@@ -1,0 +1,269 @@
+/* What counts as critical, and the notes that say where it comes from (critical.h).
+ *
+ * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or the
+ * class of boxes. A class of label images takes the boxes of the same name along, and where no box has that name those
+ * of its kind; what only boxes know is drawn from them even where there are label images. Dynamic masks know vehicles
+ * from people and no more; they count where a kind or a class of label images of theirs is named. */
+#include "dataset/driving/critical.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/text.h"
+
+enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
+
+bool pags_labels_know_sky(const pags_driving *driving) {
+  return pags_label_class_named(driving->rules.labels, "sky") != NULL;
+}
+
+/* The word of a kind, with or without an s; OTHER: none. */
+static pags_category kind_of(const char *word) {
+  static const char *const many[] = {"", "vehicles", "pedestrians", "cyclists"};
+  for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
+    if (pags_same_word(word, pags_category_name((pags_category)c)) || pags_same_word(word, many[c]))
+      return (pags_category)c;
+  return PAGS_CATEGORY_OTHER;
+}
+
+static void take_kind(pags_driving *driving, pags_category category) {
+  const pags_label_set *set = driving->rules.labels;
+  driving->critical.kinds[category] = true;
+  for (int i = 0; i < set->count; i++)
+    if (set->classes[i].category == category)
+      driving->critical.classes[set->classes[i].id] |= PAGS_LABEL_CRITICAL;
+  for (int64_t i = 0; i < driving->object_count; i++)
+    if (driving->objects[i].category == category && !driving->critical.objects[i])
+      driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
+}
+
+/* Boxes whose class is called so; returns how many. */
+static int64_t take_boxes(pags_driving *driving, const char *name, int how) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    uint8_t *to = &driving->critical.objects[i];
+    if (!pags_same_word(driving->objects[i].class_name, name))
+      continue;
+    *to = *to > how ? *to : (uint8_t)how;
+    count++;
+  }
+  return count;
+}
+
+static void take_class(pags_driving *driving, const pags_label_class *class) {
+  driving->critical.classes[class->id] |= PAGS_LABEL_CRITICAL;
+  driving->critical.kinds[class->category] = true;
+  if (take_boxes(driving, class->name, PAGS_CRITICAL_WITHOUT_LABELS) > 0 || class->category == PAGS_CATEGORY_OTHER)
+    return;
+  for (int64_t i = 0; i < driving->object_count; i++)
+    if (driving->objects[i].category == class->category && !driving->critical.objects[i])
+      driving->critical.objects[i] = PAGS_CRITICAL_WITHOUT_LABELS;
+}
+
+/* A list of words that grows within a buffer. */
+typedef struct phrase {
+  char *text;
+  size_t size, used;
+} phrase;
+
+static void add_word(phrase *to, const char *separator, const char *word) {
+  if (to->used >= to->size)
+    return;
+  int length = snprintf(to->text + to->used, to->size - to->used, "%s%s", to->used ? separator : "", word);
+  to->used += length > 0 ? (size_t)length : 0;
+}
+
+static void list_boxes(const pags_driving *driving, phrase *out) {
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    bool seen = false;
+    for (int64_t j = 0; j < i && !seen; j++)
+      seen = pags_same_word(driving->objects[i].class_name, driving->objects[j].class_name);
+    if (!seen)
+      add_word(out, ", ", driving->objects[i].class_name);
+  }
+}
+
+static pags_result unknown_word(const pags_driving *driving, const char *word) {
+  char classes[1500] = "", boxes[600] = "";
+  const pags_label_set *set = driving->rules.labels;
+  phrase known = {classes, sizeof classes, 0}, named = {boxes, sizeof boxes, 0};
+  for (int i = 0; i < set->count; i++) {
+    char text[80];
+    snprintf(text, sizeof text, "%d %s", set->classes[i].id, set->classes[i].name);
+    add_word(&known, ", ", text);
+  }
+  list_boxes(driving, &named);
+  return pags_fail(
+      PAGS_ERROR_ARGUMENT,
+      "critical '%s' is not known; expected vehicle, pedestrian, cyclist, or a class of %s labels by name or "
+      "number (%s)%s%s",
+      word, set->name, classes, *boxes ? ", or the class of boxes: " : "", boxes);
+}
+
+static pags_result take_word(pags_driving *driving, const char *word) {
+  const pags_label_set *set = driving->rules.labels;
+  char *end;
+  long number = strtol(word, &end, 10);
+  const pags_label_class *class =
+      *word && !*end ? pags_label_class_numbered(set, number) : pags_label_class_named(set, word);
+  pags_category kind = kind_of(word);
+  if (kind != PAGS_CATEGORY_OTHER)
+    take_kind(driving, kind);
+  else if (class)
+    take_class(driving, class);
+  else if (!*word || take_boxes(driving, word, PAGS_CRITICAL_ALWAYS) == 0)
+    return unknown_word(driving, word);
+  return PAGS_OK;
+}
+
+/* Cuts the list at its commas and the blanks around them. */
+static pags_result take_list(pags_driving *driving, char *list) {
+  for (char *word = list, *next; word; word = next) {
+    next = strchr(word, ',');
+    if (next)
+      *next++ = '\0';
+    while (*word == ' ')
+      word++;
+    for (size_t length = strlen(word); length > 0 && word[length - 1] == ' '; length--)
+      word[length - 1] = '\0';
+    PAGS_TRY(take_word(driving, word));
+  }
+  return PAGS_OK;
+}
+
+static pags_result take_all(pags_driving *driving, const char *list) {
+  char *copy = pags_text_copy(list);
+  driving->critical.list = pags_text_copy(list);
+  pags_result result = copy && driving->critical.list ? take_list(driving, copy) : pags_draft_memory(driving->root);
+  free(copy);
+  return result;
+}
+
+/* What every class of the label images is, critical or not. */
+static void prepare_classes(pags_driving *driving) {
+  const pags_label_set *set = driving->rules.labels;
+  const pags_label_class *sky = pags_label_class_named(set, "sky");
+  for (int i = 0; i < set->count; i++)
+    driving->critical.classes[set->classes[i].id] =
+        set->classes[i].category == PAGS_CATEGORY_OTHER ? 0 : PAGS_LABEL_MOVING;
+  if (sky)
+    driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
+}
+
+/* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
+static pags_result choose_masks(pags_driving *driving, pags_draft *draft) {
+  const bool *kinds = driving->critical.kinds;
+  bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
+  driving->critical.all_dynamic = vehicle && human;
+  for (int64_t i = 0; i < draft->count && vehicle != human; i++) {
+    pags_draft_view *view = &draft->views[i];
+    if (!view->missing)
+      PAGS_TRY(pags_driving_find_mask(driving, vehicle ? "dynamic_masks/vehicle" : "dynamic_masks/human", view,
+                                      &view->part_path));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_draft *draft) {
+  driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
+  if (!driving->critical.objects)
+    return pags_draft_memory(driving->root);
+  prepare_classes(driving);
+  if (list)
+    PAGS_TRY(take_all(driving, list));
+  else
+    for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
+      take_kind(driving, (pags_category)c);
+  return choose_masks(driving, draft);
+}
+
+/* Notes. */
+
+typedef struct tally {
+  int64_t views, sky, semantic, dynamic;
+  int64_t critical[8]; /* by the sources of a view's critical pixels: bits FROM_* */
+} tally;
+
+enum { FROM_LABELS = 4, FROM_DYNAMIC = 2, FROM_BOXES = 1 };
+
+static bool boxes_count(const pags_driving *driving, const pags_draft_view *view) {
+  for (int64_t i = 0; i < driving->object_count; i++)
+    if (driving->critical.objects[i] > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : 0))
+      return true;
+  return false;
+}
+
+static bool labels_count(const pags_driving *driving) {
+  for (int i = 0; i < 256; i++)
+    if (driving->critical.classes[i] & PAGS_LABEL_CRITICAL)
+      return true;
+  return false;
+}
+
+static tally count_views(const pags_driving *driving, const pags_draft *draft) {
+  tally t = {0};
+  for (int64_t i = 0; i < draft->count; i++) {
+    const pags_draft_view *view = &draft->views[i];
+    if (view->missing)
+      continue;
+    bool dynamic = view->part_path || (view->dynamic_path && driving->critical.all_dynamic);
+    t.views++;
+    t.sky += view->sky_path != NULL;
+    t.semantic += view->semantic_path != NULL;
+    t.dynamic += view->dynamic_path != NULL;
+    t.critical[(view->semantic_path && labels_count(driving) ? FROM_LABELS : 0) | (dynamic ? FROM_DYNAMIC : 0) |
+               (boxes_count(driving, view) ? FROM_BOXES : 0)]++;
+  }
+  return t;
+}
+
+static void say_sources(int sources, phrase *out) {
+  char text[64] = "";
+  phrase names = {text, sizeof text, 0};
+  if (sources & FROM_LABELS)
+    add_word(&names, " and ", "semantic");
+  if (sources & FROM_DYNAMIC)
+    add_word(&names, " and ", "dynamic_masks");
+  if (sources & FROM_BOXES)
+    add_word(&names, " and ", "boxes");
+  add_word(out, ", ", sources ? text : "unknown (neither masks nor boxes)");
+}
+
+/* "from semantic and dynamic_masks in 200 of 240 views, boxes in 40" */
+static pags_result note_critical(pags_driving *driving, const tally *t) {
+  char text[300] = "", classes[500] = "", count[64];
+  phrase sources = {text, sizeof text, 0}, names = {classes, sizeof classes, 0};
+  for (int from = 7; from >= 0; from--) {
+    if (t->critical[from] == 0)
+      continue;
+    say_sources(from, &sources);
+    snprintf(count, sizeof count, " in %lld of %lld views", (long long)t->critical[from], (long long)t->views);
+    add_word(&sources, "", count);
+  }
+  const pags_label_set *set = driving->rules.labels;
+  for (int i = 0; i < set->count && t->semantic > 0; i++)
+    if (driving->critical.classes[set->classes[i].id] & PAGS_LABEL_CRITICAL)
+      add_word(&names, ", ", set->classes[i].name);
+  return pags_driving_note(driving, "critical: %s from %s%s%s%s%s",
+                           driving->critical.list ? driving->critical.list : "vehicles, pedestrians and cyclists", text,
+                           *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "", classes);
+}
+
+pags_result pags_critical_note(pags_driving *driving, const pags_draft *draft) {
+  const tally t = count_views(driving, draft);
+  bool laser = driving->provides & PAGS_PROVIDES_LIDAR;
+  PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",
+                             (long long)t.views, (long long)t.sky, (long long)t.semantic, (long long)t.dynamic));
+  PAGS_TRY(pags_driving_note(driving, "sky: %s",
+                             t.sky > 0                                         ? "from sky_masks"
+                             : t.semantic > 0 && pags_labels_know_sky(driving) ? "from semantic, class sky"
+                             : laser ? "guessed: above the horizon and above all that the laser met"
+                                     : "unknown (neither masks nor LiDAR)"));
+  PAGS_TRY(note_critical(driving, &t));
+  if ((t.semantic > 0 || t.dynamic > 0) && !(driving->provides & PAGS_PROVIDES_BOXES))
+    return pags_driving_note(driving,
+                             "no boxes: pixels of dynamic classes and of dynamic_masks are left out of the loss");
+  return PAGS_OK;
+}

@@ -1,0 +1,299 @@
+/* Where the recording car sees itself: masks as given, else a search for pixels that never change.
+ *
+ * The search looks at training photographs of one camera, at least half a metre apart and spread over the way driven,
+ * shrunk to about 240 pixels. A pixel is still when the standard deviation of its brightness over them is below two
+ * levels: a road's texture moves by more, grey as it may look. The still pixels, opened by 3x3 so that lone ones go,
+ * propose a mask where they hang together, touch the picture's lower edge over a twentieth of it and cover a hundredth
+ * of the picture. Four photographs rule most cameras out; only what they leave is looked at in twelve. */
+#include "dataset/internal.h"
+
+#include "dataset/driving/reader.h"
+#include "image/resample.h"
+
+#include "base/file.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SMALL_WIDTH = 240, FEW = 4, MANY = 12 };
+
+static const double still_deviation = 2; /* levels of 255 */
+static const double spacing = 0.5;       /* metres */
+
+/* Given masks. */
+
+static pags_result load_mask(const char *path, pags_sensor *sensor) {
+  return pags_image_load(path, PAGS_U8, 1, &sensor->ego);
+}
+
+/* From a picture, or from a folder of C.png; a camera without a file there has no mask. */
+static pags_result load_given(const pags_driving *driving, const char *given, pags_sensor *sensor, int *loaded) {
+  if (!pags_dir_exists(given))
+    return load_mask(given, sensor);
+  char *path = pags_draft_text("%s/%d.png", given, sensor->number);
+  pags_result result = path ? PAGS_OK : pags_draft_memory(driving->root);
+  *loaded = path && pags_file_exists(path);
+  if (*loaded)
+    result = load_mask(path, sensor);
+  free(path);
+  return result;
+}
+
+static pags_result check_size(const pags_dataset *dataset, const pags_sensor *sensor, const char *given) {
+  for (int64_t i = 0; i < dataset->count; i++) {
+    const pags_draft_view *view = &dataset->draft.views[i];
+    if (view->sensor != sensor->number)
+      continue;
+    if (view->lens.width == sensor->ego.width && view->lens.height == sensor->ego.height)
+      return PAGS_OK;
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: ego mask of %d x %d pixels, expected %d x %d as %s has", given,
+                     sensor->ego.width, sensor->ego.height, view->lens.width, view->lens.height, view->image_path);
+  }
+  return PAGS_OK;
+}
+
+static pags_result take_given(pags_dataset *dataset, const char *given) {
+  pags_driving *driving = dataset->draft.driving;
+  int total = 0;
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    pags_sensor *sensor = &driving->sensors[i];
+    int loaded = 1;
+    PAGS_TRY(load_given(driving, given, sensor, &loaded));
+    total += loaded;
+    if (loaded)
+      PAGS_TRY(check_size(dataset, sensor, given));
+  }
+  return pags_driving_note(driving, "ego mask: of %d cameras from %s", total, given);
+}
+
+/* The search. */
+
+typedef struct search {
+  const pags_dataset *dataset;
+  int64_t views[MANY];
+  int count;
+  int width, height;
+  double step;
+  float *sum, *square; /* of brightness */
+  uint8_t *still, *scratch;
+  int *stack;
+} search;
+
+static double distance(const pags_dataset *dataset, int64_t a, int64_t b) {
+  const double *p = dataset->views[a].camera.world_from_camera, *q = dataset->views[b].camera.world_from_camera;
+  return sqrt((p[3] - q[3]) * (p[3] - q[3]) + (p[7] - q[7]) * (p[7] - q[7]) + (p[11] - q[11]) * (p[11] - q[11]));
+}
+
+/* Views of one camera that train, in the order of time, whose way driven reaches `reach` metres more than the last
+ * one's. */
+static int choose_spaced(const search *s, int number, double reach, int most, int64_t *out) {
+  int count = 0;
+  double since = 0;
+  int64_t before = -1;
+  for (int64_t i = 0; i < s->dataset->count && count < most; i++) {
+    const pags_view *view = &s->dataset->views[i];
+    if (view->sensor != number || view->test)
+      continue;
+    since += before >= 0 ? distance(s->dataset, before, i) : 0;
+    before = i;
+    if (count > 0 && since < reach)
+      continue;
+    out[count++] = i;
+    since = 0;
+  }
+  return count;
+}
+
+static double way_driven(const search *s, int number) {
+  double sum = 0;
+  int64_t before = -1;
+  for (int64_t i = 0; i < s->dataset->count; i++) {
+    if (s->dataset->views[i].sensor != number || s->dataset->views[i].test)
+      continue;
+    sum += before >= 0 ? distance(s->dataset, before, i) : 0;
+    before = i;
+  }
+  return sum;
+}
+
+static pags_result add_photograph(search *s, int64_t view) {
+  pags_image full, small;
+  PAGS_TRY(pags_image_load(s->dataset->views[view].image_path, PAGS_U8, 3, &full));
+  pags_result result = pags_image_create(&small, s->width, s->height, 3, PAGS_U8);
+  if (result == PAGS_OK)
+    result = pags_shrink_mean(&full, s->step, s->step, &small);
+  const uint8_t *p = small.data;
+  for (int i = 0; result == PAGS_OK && i < s->width * s->height; i++, p += 3) {
+    float level = (float)(p[0] + 2 * p[1] + p[2]) / 4;
+    s->sum[i] += level;
+    s->square[i] += level * level;
+  }
+  pags_image_destroy(&full);
+  pags_image_destroy(&small);
+  return result;
+}
+
+/* out = the minimum (or maximum) of 3x3; beyond the border nothing counts. */
+static void spread(const search *s, const uint8_t *from, bool smallest, uint8_t *out) {
+  for (int y = 0; y < s->height; y++)
+    for (int x = 0; x < s->width; x++) {
+      uint8_t best = from[y * s->width + x];
+      for (int j = y > 0 ? y - 1 : 0; j <= y + 1 && j < s->height; j++)
+        for (int i = x > 0 ? x - 1 : 0; i <= x + 1 && i < s->width; i++) {
+          uint8_t value = from[j * s->width + i];
+          best = (smallest ? value < best : value > best) ? value : best;
+        }
+      out[y * s->width + x] = best;
+    }
+}
+
+static void find_still(search *s, int frames) {
+  for (int i = 0; i < s->width * s->height; i++) {
+    float mean = s->sum[i] / (float)frames, variance = s->square[i] / (float)frames - mean * mean;
+    s->still[i] = (double)variance < still_deviation * still_deviation;
+  }
+  spread(s, s->still, true, s->scratch);
+  spread(s, s->scratch, false, s->still);
+}
+
+/* Marks as 2 what hangs together with a still pixel; returns how many pixels, and how many of the lowest row. */
+static int flood(search *s, int seed, int *lowest) {
+  int depth = 0, size = 0;
+  *lowest = 0;
+  s->stack[depth++] = seed;
+  s->still[seed] = 2;
+  while (depth > 0) {
+    int at = s->stack[--depth], x = at % s->width, y = at / s->width;
+    const int next[4] = {x > 0 ? at - 1 : at, x + 1 < s->width ? at + 1 : at, y > 0 ? at - s->width : at,
+                         y + 1 < s->height ? at + s->width : at};
+    size++;
+    *lowest += y == s->height - 1;
+    for (int i = 0; i < 4; i++)
+      if (s->still[next[i]] == 1) {
+        s->still[next[i]] = 2;
+        s->stack[depth++] = next[i];
+      }
+  }
+  return size;
+}
+
+static void repaint(search *s, uint8_t from, uint8_t to) {
+  for (int i = 0; i < s->width * s->height; i++)
+    s->still[i] = s->still[i] == from ? to : s->still[i];
+}
+
+/* Leaves 3 at the pixels proposed; returns how many. */
+static int propose(search *s) {
+  int total = 0;
+  for (int x = 0; x < s->width; x++) {
+    int lowest, seed = (s->height - 1) * s->width + x;
+    if (s->still[seed] != 1)
+      continue;
+    int size = flood(s, seed, &lowest);
+    bool large = 100 * size >= s->width * s->height && 20 * lowest >= s->width;
+    repaint(s, 2, large ? 3 : 0);
+    total += large ? size : 0;
+  }
+  return total;
+}
+
+static pags_result look_at(search *s, int count, int *proposed) {
+  for (int i = 0; i < s->width * s->height; i++)
+    s->sum[i] = s->square[i] = 0;
+  for (int i = 0; i < count; i++) /* spread over those chosen */
+    PAGS_TRY(add_photograph(s, s->views[count == 1 ? 0 : i * (s->count - 1) / (count - 1)]));
+  find_still(s, count);
+  *proposed = propose(s);
+  return PAGS_OK;
+}
+
+/* At full size, a small pixel wider on every side: the car's outline is mixed with what lies behind it. */
+static pags_result enlarge(search *s, const pags_lens *lens, pags_image *out) {
+  for (int i = 0; i < s->width * s->height; i++)
+    s->scratch[i] = s->still[i] == 3;
+  spread(s, s->scratch, false, s->still);
+  PAGS_TRY(pags_image_create(out, lens->width, lens->height, 1, PAGS_U8));
+  uint8_t *to = out->data;
+  for (int y = 0; y < lens->height; y++)
+    for (int x = 0; x < lens->width; x++) {
+      int i = (int)fmin(x / s->step, s->width - 1), j = (int)fmin(y / s->step, s->height - 1);
+      *to++ = s->still[j * s->width + i] ? 255 : 0;
+    }
+  return PAGS_OK;
+}
+
+static pags_result search_camera(search *s, pags_sensor *sensor) {
+  pags_driving *driving = s->dataset->draft.driving;
+  const pags_lens *lens = &s->dataset->draft.views[s->views[0]].lens;
+  int proposed;
+  PAGS_TRY(look_at(s, FEW, &proposed));
+  if (proposed > 0)
+    PAGS_TRY(look_at(s, s->count, &proposed));
+  if (proposed == 0)
+    return PAGS_OK;
+  PAGS_TRY(enlarge(s, lens, &sensor->ego));
+  return pags_driving_note(
+      driving,
+      "ego mask: camera %d sees what never changes in %.1f %% of its pixels, at the lower edge: left out "
+      "(give --ego-mask to overrule)",
+      sensor->number, 100.0 * proposed / (s->width * s->height));
+}
+
+static pags_result begin_search(search *s) {
+  const pags_lens *lens = &s->dataset->draft.views[s->views[0]].lens;
+  s->step = fmax(1, (double)lens->width / SMALL_WIDTH);
+  s->width = (int)fmax(1, floor(lens->width / s->step + 1e-9));
+  s->height = (int)fmax(1, floor(lens->height / s->step + 1e-9));
+  size_t pixels = (size_t)s->width * (size_t)s->height;
+  s->sum = malloc(pixels * sizeof *s->sum);
+  s->square = malloc(pixels * sizeof *s->square);
+  s->still = malloc(pixels);
+  s->scratch = malloc(pixels);
+  s->stack = malloc(pixels * sizeof *s->stack);
+  return s->sum && s->square && s->still && s->scratch && s->stack ? PAGS_OK : pags_draft_memory(s->dataset->path);
+}
+
+static void end_search(search *s) {
+  free(s->sum);
+  free(s->square);
+  free(s->still);
+  free(s->scratch);
+  free(s->stack);
+}
+
+static pags_result search_all(pags_dataset *dataset) {
+  pags_driving *driving = dataset->draft.driving;
+  int searched = 0;
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    pags_sensor *sensor = &driving->sensors[i];
+    search s = {.dataset = dataset};
+    double reach = fmax(spacing, way_driven(&s, sensor->number) / MANY);
+    s.count = choose_spaced(&s, sensor->number, reach, MANY, s.views);
+    if (s.count < MANY / 2)
+      continue;
+    pags_result result = begin_search(&s);
+    if (result == PAGS_OK)
+      result = search_camera(&s, sensor);
+    end_search(&s);
+    PAGS_TRY(result);
+    searched++;
+  }
+  if (searched < driving->sensor_count)
+    return pags_driving_note(driving, "ego mask: none given, and the car moves too little to look for one");
+  for (int64_t i = 0; i < driving->sensor_count; i++)
+    if (driving->sensors[i].ego.data)
+      return PAGS_OK;
+  return pags_driving_note(driving, "ego mask: none given, none found");
+}
+
+pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options) {
+  if (options->ego_mask)
+    return take_given(dataset, options->ego_mask);
+  char *folder = pags_path_join(dataset->draft.driving->root, "ego_masks");
+  if (!folder)
+    return pags_draft_memory(dataset->path);
+  pags_result result = pags_dir_exists(folder) ? take_given(dataset, folder) : search_all(dataset);
+  free(folder);
+  return result;
+}

@@ -1,0 +1,154 @@
+/* Labels of pixels: sky, critical, moving, kinds of moving things, parked. What is critical says critical.c.
+ *
+ * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes
+ * come last, straight into the finished photograph: the box of time step t as it stands, for every camera. */
+#include "dataset/driving/label_plane.h"
+
+#include "dataset/driving/critical.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+bool pags_labels_exist(const pags_dataset *dataset, int64_t view) {
+  const pags_draft_view *from = &dataset->draft.views[view];
+  const pags_driving *driving = dataset->draft.driving;
+  return driving && (from->sky_path || from->semantic_path || from->dynamic_path || from->part_path ||
+                     (driving->provides & (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR)));
+}
+
+static size_t area(const pags_lens *lens) {
+  return (size_t)lens->width * (size_t)lens->height;
+}
+
+/* One channel of the lens's size. */
+static pags_result load(const char *path, const pags_lens *lens, pags_image *out) {
+  PAGS_TRY(pags_image_load(path, PAGS_U8, 1, out));
+  if (out->width == lens->width && out->height == lens->height)
+    return PAGS_OK;
+  pags_result result = pags_fail(PAGS_ERROR_FORMAT, "%s: %d x %d pixels, expected %d x %d as its photograph has", path,
+                                 out->width, out->height, lens->width, lens->height);
+  pags_image_destroy(out);
+  return result;
+}
+
+/* Sets `bits` where the mask is white, and clears `mask` there where it isn't NULL. */
+static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bits, uint8_t *labels, uint8_t *mask) {
+  pags_image white;
+  PAGS_TRY(load(path, lens, &white));
+  const uint8_t *from = white.data;
+  for (size_t i = 0; i < area(lens); i++) {
+    labels[i] |= from[i] >= 128 ? bits : 0;
+    if (mask && from[i] >= 128)
+      mask[i] = 0;
+  }
+  pags_image_destroy(&white);
+  return PAGS_OK;
+}
+
+static pags_result add_semantic(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+                                uint8_t *mask) {
+  pags_image classes;
+  int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
+  PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
+  const uint8_t *from = classes.data;
+  for (size_t i = 0; i < area(&view->lens); i++) {
+    int bits = driving->critical.classes[from[i]];
+    labels[i] |= (uint8_t)(bits & wanted);
+    if (mask && bits & PAGS_LABEL_MOVING)
+      mask[i] = 0;
+  }
+  pags_image_destroy(&classes);
+  return PAGS_OK;
+}
+
+static pags_result make_mask(const pags_lens *lens, pags_image *mask) {
+  if (mask->data)
+    return PAGS_OK;
+  PAGS_TRY(pags_image_create(mask, lens->width, lens->height, 1, PAGS_U8));
+  memset(mask->data, 255, area(lens));
+  return PAGS_OK;
+}
+
+static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, pags_image *mask) {
+  const pags_image *ego = &sensor->ego;
+  if (!ego->data)
+    return PAGS_OK;
+  if (ego->width != lens->width || ego->height != lens->height)
+    return pags_fail(PAGS_ERROR_FORMAT, "camera %d: ego mask of %d x %d pixels for a photograph of %d x %d",
+                     sensor->number, ego->width, ego->height, lens->width, lens->height);
+  PAGS_TRY(make_mask(lens, mask));
+  const uint8_t *from = ego->data;
+  uint8_t *to = mask->data;
+  for (size_t i = 0; i < area(lens); i++)
+    to[i] = from[i] >= 128 ? 0 : to[i];
+  return PAGS_OK;
+}
+
+/* Without boxes there is nothing to model moving things by: what masks know of them is left out of the loss. */
+static pags_result load_files(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+                              pags_image *mask) {
+  bool without =
+      (view->semantic_path || view->dynamic_path || view->part_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
+  if (without)
+    PAGS_TRY(make_mask(&view->lens, mask));
+  uint8_t *left_out = without ? mask->data : NULL;
+  if (view->sky_path)
+    PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
+  if (view->semantic_path)
+    PAGS_TRY(add_semantic(driving, view, labels, left_out));
+  uint8_t dynamic = PAGS_LABEL_MOVING | (driving->critical.all_dynamic ? PAGS_LABEL_CRITICAL : 0);
+  if (view->dynamic_path)
+    PAGS_TRY(add_mask(view->dynamic_path, &view->lens, dynamic, labels, left_out));
+  if (view->part_path)
+    PAGS_TRY(add_mask(view->part_path, &view->lens, PAGS_LABEL_CRITICAL, labels, left_out));
+  return PAGS_OK;
+}
+
+pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_image *labels, pags_image *mask) {
+  const pags_driving *driving = dataset->draft.driving;
+  const pags_draft_view *view = &dataset->draft.views[index];
+  if (!driving)
+    return PAGS_OK;
+  const pags_sensor *sensor = pags_driving_sensor(driving, view->sensor);
+  assert(sensor);
+  PAGS_TRY(clear_ego(sensor, &view->lens, mask));
+  if (!view->sky_path && !view->semantic_path && !view->dynamic_path && !view->part_path)
+    return PAGS_OK;
+  PAGS_TRY(pags_image_create(labels, view->lens.width, view->lens.height, 1, PAGS_U8));
+  return load_files(driving, view, labels->data, mask);
+}
+
+/* Boxes. */
+
+static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_draft_view *view) {
+  const pags_object *object = &driving->objects[index];
+  static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
+  int bits = object->moving ? kinds[object->category] : PAGS_LABEL_PARKED;
+  if (object->moving && !view->dynamic_path)
+    bits |= PAGS_LABEL_MOVING;
+  if (driving->critical.objects[index] > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : PAGS_CRITICAL_NOT))
+    bits |= PAGS_LABEL_CRITICAL;
+  return (uint8_t)bits;
+}
+
+static void add_boxes(const pags_driving *driving, const pags_draft_view *view, const pags_camera *camera, int stride,
+                      uint8_t *plane) {
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    const pags_object *object = &driving->objects[i];
+    const pags_knot *knot = pags_object_knot(object, view->frame);
+    double corners[32];
+    int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
+    pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
+  }
+}
+
+pags_result pags_labels_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
+                            uint8_t *plane) {
+  const pags_driving *driving = dataset->draft.driving;
+  const pags_draft_view *view = &dataset->draft.views[index];
+  add_boxes(driving, view, camera, stride, plane);
+  if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
+    return PAGS_OK;
+  return pags_sky_guess(driving, view->frame, camera, stride, plane);
+}

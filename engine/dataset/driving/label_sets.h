@@ -1,0 +1,35 @@
+/* What the numbers in label images mean, by the data set they were made for. */
+#ifndef PAGS_DATASET_DRIVING_LABEL_SETS_H
+#define PAGS_DATASET_DRIVING_LABEL_SETS_H
+
+#include <stdbool.h>
+
+#include <pags/object.h>
+
+typedef struct pags_label_class {
+  uint8_t id;
+  pags_category category; /* OTHER: not critical by itself */
+  const char *name;
+} pags_label_class;
+
+typedef struct pags_label_set {
+  const char *name;
+  int count;
+  const pags_label_class *classes; /* ascending ids */
+} pags_label_set;
+
+enum { PAGS_LABEL_SETS = 6 };
+/* cityscapes (the default) first; static. */
+extern const pags_label_set pags_label_sets[PAGS_LABEL_SETS];
+
+/* By its name, which ends at a blank or at the end of the text; NULL: there is no such set. */
+const pags_label_set *pags_label_set_find(const char *name);
+
+/* NULL: the set has no such class. Case and punctuation don't matter. */
+const pags_label_class *pags_label_class_named(const pags_label_set *set, const char *name);
+const pags_label_class *pags_label_class_numbered(const pags_label_set *set, int64_t id);
+
+/* Whether two names are the same but for case and punctuation: "Medium-sized Truck", "medium sized truck". */
+bool pags_same_word(const char *a, const char *b);
+
+#endif

@@ -1,0 +1,470 @@
+/* Driving sets in drivestudio's processed layout: which pictures there are, their cameras and poses.
+ *
+ * docs/dataset-layout.md has every file. TTT is the frame's number, C the camera's, both decimal:
+ *   images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
+ * World axes are the files' own, z up, metres. */
+#include "dataset/driving/critical.h"
+
+#include "base/file.h"
+#include "base/sort.h"
+#include "base/text.h"
+
+#include <pags/camera.h>
+
+#include <assert.h>
+#include <ctype.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+void pags_driving_destroy(pags_driving *driving) {
+  if (!driving)
+    return;
+  for (int64_t i = 0; i < driving->sensor_count; i++) {
+    free(driving->sensors[i].name);
+    pags_image_destroy(&driving->sensors[i].ego);
+  }
+  for (int64_t i = 0; i < driving->object_count; i++)
+    pags_object_destroy(&driving->objects[i]);
+  for (int64_t i = 0; i < driving->sweep_count; i++)
+    free((char *)(uintptr_t)driving->sweeps[i].path);
+  for (int64_t i = 0; i < driving->note_count; i++)
+    free(driving->notes[i]);
+  free(driving->sensors);
+  free(driving->steps);
+  free(driving->objects);
+  free(driving->sweeps);
+  free(driving->notes);
+  free(driving->critical.list);
+  free(driving->critical.objects);
+  free(driving->root);
+  free(driving);
+}
+
+pags_result pags_driving_note(pags_driving *driving, const char *format, ...) {
+  char line[512];
+  va_list arguments;
+  va_start(arguments, format);
+  vsnprintf(line, sizeof line, format, arguments);
+  va_end(arguments);
+  char **notes = realloc(driving->notes, ((size_t)driving->note_count + 1) * sizeof *notes);
+  if (!notes)
+    return pags_draft_memory(driving->root);
+  driving->notes = notes;
+  notes[driving->note_count] = pags_text_copy(line);
+  if (!notes[driving->note_count])
+    return pags_draft_memory(driving->root);
+  driving->note_count++;
+  return PAGS_OK;
+}
+
+static bool has_folder(const char *root, const char *name) {
+  char *path = pags_path_join(root, name);
+  bool found = path && pags_dir_exists(path);
+  free(path);
+  return found;
+}
+
+bool pags_driving_is_set(const char *folder) {
+  char *path = pags_path_join(folder, "dataset.json");
+  bool described = path && pags_file_exists(path);
+  free(path);
+  return described ||
+         (has_folder(folder, "images") && (has_folder(folder, "ego_pose") || has_folder(folder, "extrinsics")));
+}
+
+/* Options. */
+
+enum { LARGEST_NUMBER = 99999999, MOST_CAMERAS = 64 };
+
+typedef struct selection {
+  int64_t count; /* of cameras; 0: all */
+  int cameras[MOST_CAMERAS];
+  int64_t first, last;
+} selection;
+
+static bool read_number(const char **at, int *out) {
+  int64_t value = 0;
+  const char *begin = *at;
+  for (; isdigit((unsigned char)**at) && value <= LARGEST_NUMBER; ++*at)
+    value = 10 * value + (**at - '0');
+  *out = (int)value;
+  return *at > begin && value <= LARGEST_NUMBER;
+}
+
+static pags_result select_cameras(const char *text, selection *out) {
+  const char *at = text;
+  while (text) {
+    if (out->count == MOST_CAMERAS || !read_number(&at, &out->cameras[out->count]) || (*at && *at != ','))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas", text,
+                       (int)MOST_CAMERAS);
+    out->count++;
+    if (*at++ == '\0')
+      break;
+  }
+  return PAGS_OK;
+}
+
+static pags_result make_selection(const pags_dataset_options *options, selection *out) {
+  out->count = 0;
+  out->first = options->frame_first;
+  out->last = options->frame_last < 0 ? INT64_MAX : options->frame_last;
+  if (out->first < 0 || out->last < out->first)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
+                     (long long)options->frame_first, (long long)options->frame_last);
+  return select_cameras(options->cameras, out);
+}
+
+static bool is_selected(const selection *selected, int camera, int frame) {
+  if (frame < selected->first || frame > selected->last)
+    return false;
+  for (int64_t i = 0; i < selected->count; i++)
+    if (selected->cameras[i] == camera)
+      return true;
+  return selected->count == 0;
+}
+
+/* Pictures. */
+
+typedef struct picture {
+  int frame, camera, digits;
+  const char *name; /* in the listing */
+} picture;
+
+/* "012_3.jpg" -> 12, 3 */
+static bool parse_picture(const char *name, picture *out) {
+  const char *at = name;
+  out->name = name;
+  if (!read_number(&at, &out->frame) || *at != '_')
+    return false;
+  out->digits = (int)(at - name);
+  at++;
+  if (!read_number(&at, &out->camera))
+    return false;
+  return strcasecmp(at, ".jpg") == 0 || strcasecmp(at, ".jpeg") == 0 || strcasecmp(at, ".png") == 0;
+}
+
+static int by_frame(const void *a, const void *b) {
+  const picture *left = a, *right = b;
+  if (left->frame != right->frame)
+    return left->frame < right->frame ? -1 : 1;
+  return left->camera < right->camera ? -1 : left->camera > right->camera;
+}
+
+static int64_t choose_pictures(const pags_dir_list *list, const selection *selected, picture *out) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < list->count; i++)
+    if (parse_picture(list->names[i], &out[count]) && is_selected(selected, out[count].camera, out[count].frame))
+      count++;
+  pags_sort(out, count, sizeof *out, by_frame);
+  return count;
+}
+
+static pags_result check_pictures(const char *folder, const picture *pictures, int64_t count) {
+  if (count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: expected pictures named TTT_C.jpg or TTT_C.png (frame, camera) of the cameras and frames "
+                     "asked for, found none",
+                     folder);
+  for (int64_t i = 1; i < count; i++)
+    if (by_frame(&pictures[i - 1], &pictures[i]) == 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s and %s are the same frame and camera; expected one picture", folder,
+                       pictures[i - 1].name, pictures[i].name);
+  return PAGS_OK;
+}
+
+/* Time steps and cameras. */
+
+int64_t pags_driving_step(const pags_driving *driving, int64_t frame) {
+  int64_t low = 0, high = driving->step_count;
+  while (low < high) {
+    int64_t middle = low + (high - low) / 2;
+    if (driving->steps[middle].frame < frame)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  return low < driving->step_count && driving->steps[low].frame == frame ? low : -1;
+}
+
+pags_sensor *pags_driving_sensor(const pags_driving *driving, int number) {
+  for (int64_t i = 0; i < driving->sensor_count; i++)
+    if (driving->sensors[i].number == number)
+      return &driving->sensors[i];
+  return NULL;
+}
+
+static int by_number(const void *a, const void *b) {
+  return ((const pags_sensor *)a)->number - ((const pags_sensor *)b)->number;
+}
+
+static pags_result add_sensor(pags_driving *driving, int number) {
+  if (pags_driving_sensor(driving, number))
+    return PAGS_OK;
+  pags_sensor *sensors = realloc(driving->sensors, ((size_t)driving->sensor_count + 1) * sizeof *sensors);
+  if (!sensors)
+    return pags_draft_memory(driving->root);
+  driving->sensors = sensors;
+  pags_sensor *sensor = &sensors[driving->sensor_count];
+  *sensor = (pags_sensor){.number = number, .name = pags_draft_text("%d", number)};
+  if (!sensor->name)
+    return pags_draft_memory(driving->root);
+  driving->sensor_count++;
+  return PAGS_OK;
+}
+
+static pags_result make_steps(pags_driving *driving, const picture *pictures, int64_t count, int every) {
+  driving->steps = calloc((size_t)count, sizeof *driving->steps);
+  if (!driving->steps)
+    return pags_draft_memory(driving->root);
+  for (int64_t i = 0; i < count; i++) {
+    int frame = pictures[i].frame;
+    PAGS_TRY(add_sensor(driving, pictures[i].camera));
+    if (i > 0 && pictures[i - 1].frame == frame)
+      continue;
+    bool test = every > 0 && frame > 0 && frame % every == 0;
+    driving->steps[driving->step_count++] = (pags_time_step){.frame = frame, .test = test};
+  }
+  driving->digits = pictures[0].digits;
+  pags_sort(driving->sensors, driving->sensor_count, sizeof *driving->sensors, by_number);
+  return PAGS_OK;
+}
+
+static pags_result check_cameras(const pags_driving *driving, const selection *selected) {
+  for (int64_t i = 0; i < selected->count; i++)
+    if (!pags_driving_sensor(driving, selected->cameras[i]))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s/images: camera %d is asked for, but no picture is its", driving->root,
+                       selected->cameras[i]);
+  return PAGS_OK;
+}
+
+static pags_result choose_holdout(pags_driving *driving, const char *text) {
+  const char *at = text;
+  driving->holdout = -1;
+  if (!text)
+    return PAGS_OK;
+  if (!read_number(&at, &driving->holdout) || *at || !pags_driving_sensor(driving, driving->holdout))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "held-out camera '%s': expected the number of one of the cameras used", text);
+  return pags_driving_note(driving, "held out: all views of camera %d", driving->holdout);
+}
+
+/* Calibration. */
+
+/* fx fy cx cy k1 k2 p1 p2 k3, or the camera matrix of 3x3, which is told by its zeros. */
+static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sensor) {
+  double n[9];
+  int count = 0;
+  char *path = pags_draft_text("%s/intrinsics/%d.txt", driving->root, sensor->number);
+  if (!path)
+    return pags_draft_memory(driving->root);
+  pags_result result = pags_numbers_read(path, 9, n, &count);
+  if (result == PAGS_OK && count != 9)
+    result =
+        pags_fail(PAGS_ERROR_FORMAT,
+                  "%s: expected 9 numbers (fx fy cx cy k1 k2 p1 p2 k3, or a matrix of 3x3), found %d", path, count);
+  if (result == PAGS_OK && n[1] == 0 && n[3] == 0 && n[6] == 0 && n[7] == 0 && n[8] == 1)
+    sensor->lens = (pags_lens){.fx = n[0], .fy = n[4], .cx = n[2], .cy = n[5]};
+  else if (result == PAGS_OK)
+    sensor->lens =
+        (pags_lens){.fx = n[0], .fy = n[1], .cx = n[2], .cy = n[3], .k = {n[4], n[5], n[8], 0}, .p = {n[6], n[7]}};
+  if (result == PAGS_OK && !(sensor->lens.fx > 0 && sensor->lens.fy > 0))
+    result = pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected focal lengths above 0, found %g and %g", path,
+                       sensor->lens.fx, sensor->lens.fy);
+  free(path);
+  return result;
+}
+
+/* Columns: where OpenCV's x (right), y (down), z (forward) point in Waymo's camera axes (x forward, y left, z up). */
+static const double waymo_from_opencv[12] = {0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0};
+
+static pags_result read_extrinsics(const pags_driving *driving, const char *path, double out[12]) {
+  PAGS_TRY(pags_pose_read(path, out));
+  if (driving->rules.waymo_axes)
+    pags_rigid_multiply(out, waymo_from_opencv, out);
+  return PAGS_OK;
+}
+
+static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor) {
+  PAGS_TRY(read_intrinsics(driving, sensor));
+  if (driving->rules.per_frame)
+    return PAGS_OK;
+  char *path = pags_draft_text("%s/extrinsics/%d.txt", driving->root, sensor->number);
+  pags_result result =
+      path ? read_extrinsics(driving, path, sensor->ego_from_camera) : pags_draft_memory(driving->root);
+  free(path);
+  return result;
+}
+
+static pags_result read_pose(const pags_driving *driving, const pags_sensor *sensor, int frame, double out[12]) {
+  const char *root = driving->root;
+  int digits = driving->digits;
+  char *path = driving->rules.per_frame
+                   ? pags_draft_text("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
+                   : pags_draft_text("%s/ego_pose/%0*d.txt", root, digits, frame);
+  if (!path)
+    return pags_draft_memory(root);
+  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, out) : pags_pose_read(path, out);
+  if (result == PAGS_OK && !driving->rules.per_frame)
+    pags_rigid_multiply(out, sensor->ego_from_camera, out);
+  free(path);
+  return result;
+}
+
+/* Views. */
+
+pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view,
+                                   char **out) {
+  *out = pags_draft_text("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
+  if (!*out)
+    return pags_draft_memory(driving->root);
+  if (!pags_file_exists(*out)) {
+    free(*out);
+    *out = NULL;
+  }
+  return PAGS_OK;
+}
+
+static pags_result find_masks(pags_driving *driving, pags_draft_view *view) {
+  PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
+  driving->provides |=
+      (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
+      (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
+  return PAGS_OK;
+}
+
+/* `name` NULL: there is no such picture; it would have this extension. */
+static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
+                            const char *extension, pags_draft *draft) {
+  pags_draft_view *view = pags_draft_add(draft);
+  if (!view)
+    return pags_draft_memory(driving->root);
+  view->frame = frame;
+  view->sensor = sensor->number;
+  view->missing = !name;
+  view->sized = true;
+  view->image_path =
+      name ? pags_draft_text("%s/images/%s", driving->root, name)
+           : pags_draft_text("%s/images/%0*d_%d%s", driving->root, driving->digits, frame, sensor->number, extension);
+  view->where = pags_draft_text("%s/images", driving->root);
+  if (!view->image_path || !view->where)
+    return pags_draft_memory(driving->root);
+  if (!name)
+    return PAGS_OK;
+  view->lens = sensor->lens;
+  PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
+  PAGS_TRY(find_masks(driving, view));
+  return read_pose(driving, sensor, frame, view->world_from_camera);
+}
+
+/* Every camera at every time step, in that order. */
+static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count, pags_draft *draft) {
+  const char *extension = pags_path_extension(pictures[0].name);
+  int64_t at = 0;
+  for (int64_t i = 0; i < driving->step_count; i++)
+    for (int64_t j = 0; j < driving->sensor_count; j++) {
+      const pags_sensor *sensor = &driving->sensors[j];
+      int frame = driving->steps[i].frame;
+      bool found = at < count && pictures[at].frame == frame && pictures[at].camera == sensor->number;
+      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, draft));
+      at += found;
+    }
+  return PAGS_OK;
+}
+
+static pags_result name_sensor(void *context, int number, const char *name) {
+  pags_driving *driving = context;
+  pags_sensor *sensor = pags_driving_sensor(driving, number);
+  char *copy = sensor ? pags_text_copy(name) : NULL;
+  if (!sensor)
+    return PAGS_OK;
+  if (!copy)
+    return pags_draft_memory(driving->root);
+  free(sensor->name);
+  sensor->name = copy;
+  return PAGS_OK;
+}
+
+static bool has_per_frame_extrinsics(const pags_driving *driving) {
+  char *path = pags_draft_text("%s/extrinsics/%0*d_%d.txt", driving->root, driving->digits, driving->steps[0].frame,
+                               driving->sensors[0].number);
+  bool found = path && pags_file_exists(path);
+  free(path);
+  return found;
+}
+
+static pags_result note_rules(pags_driving *driving) {
+  const pags_rules *rules = &driving->rules;
+  return pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s", rules->kind,
+                           rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
+                           rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->laser_frame ? "laser's" : "ego",
+                           rules->forward_y ? "+y" : "+x");
+}
+
+/* Everything beside the pictures themselves. */
+static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
+                              int64_t count, pags_draft *draft) {
+  PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
+                           name_sensor, driving));
+  PAGS_TRY(note_rules(driving));
+  PAGS_TRY(choose_holdout(driving, options->holdout_camera));
+  for (int64_t i = 0; i < driving->sensor_count; i++)
+    PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
+  PAGS_TRY(add_views(driving, pictures, count, draft));
+  PAGS_TRY(pags_times_read(driving, draft));
+  PAGS_TRY(pags_tracks_read(driving));
+  PAGS_TRY(pags_critical_choose(driving, options->critical, draft));
+  PAGS_TRY(pags_sweeps_find(driving));
+  return pags_critical_note(driving, draft);
+}
+
+static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,
+                               const pags_dataset_options *options, pags_draft *draft) {
+  selection selected;
+  PAGS_TRY(make_selection(options, &selected));
+  picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
+  if (!pictures)
+    return pags_draft_memory(folder);
+  int64_t count = choose_pictures(list, &selected, pictures);
+  pags_result result = check_pictures(folder, pictures, count);
+  if (result == PAGS_OK)
+    result = make_steps(driving, pictures, count, options->split_every == -1 ? 4 : options->split_every);
+  if (result == PAGS_OK)
+    result = check_cameras(driving, &selected);
+  if (result == PAGS_OK)
+    result = read_parts(driving, options, pictures, count, draft);
+  free(pictures);
+  return result;
+}
+
+static pags_result read_set(const char *root, const pags_dataset_options *options, pags_draft *draft) {
+  pags_driving *driving = draft->driving;
+  char *folder = pags_path_join(root, "images");
+  driving->root = pags_text_copy(root);
+  draft->source = pags_text_copy(root);
+  pags_dir_list list = {0};
+  pags_result result = folder && driving->root && draft->source ? PAGS_OK : pags_draft_memory(root);
+  if (result == PAGS_OK)
+    result = pags_dir_list_read(folder, &list);
+  if (result == PAGS_OK)
+    result = read_listed(driving, folder, &list, options, draft);
+  pags_dir_list_destroy(&list);
+  free(folder);
+  draft->kind = driving->rules.kind;
+  draft->up = PAGS_UP_Z;
+  return result;
+}
+
+pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_draft *draft) {
+  memset(draft, 0, sizeof *draft);
+  draft->driving = calloc(1, sizeof *draft->driving);
+  if (!draft->driving)
+    return pags_draft_memory(root);
+  pags_result result = read_set(root, options, draft);
+  if (result != PAGS_OK)
+    pags_draft_destroy(draft);
+  return result;
+}

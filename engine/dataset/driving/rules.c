@@ -1,0 +1,196 @@
+/* What drivestudio's layout leaves open, by kind and by dataset.json.
+ *
+ * Sources of the kinds' rules: drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/), and for
+ * PandaSet's boxes measurement: their front is +y. A key of dataset.json wins over the kind's rule. */
+#include "dataset/driving/reader.h"
+
+#include "base/file.h"
+#include "base/json.h"
+#include "scene/place_json.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define OPENCV false
+#define WAYMO true
+#define CONSTANT false
+#define PER_FRAME true
+
+/* Waymo: origin 3, point 3, flow 3, flow class, ground, intensity, elongation, laser. PandaSet: xyz, intensity, sensor.
+ * nuPlan: xyz, intensity, ring, laser. KITTI, nuScenes, Argoverse 2: xyz, reflectance. nuScenes alone stores sweeps in
+ * the laser's frame. */
+static const pags_rules kinds[] = {
+    {"waymo", WAYMO, CONSTANT, false, false, 14, .position = {3, 4, 5}},
+    {"pandaset", OPENCV, PER_FRAME, false, true, 5, .position = {0, 1, 2}},
+    {"kitti", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
+    {"nuscenes", OPENCV, PER_FRAME, true, false, 4, .position = {0, 1, 2}},
+    {"argoverse2", OPENCV, CONSTANT, false, false, 4, .position = {0, 1, 2}},
+    {"nuplan", OPENCV, CONSTANT, false, false, 6, .position = {0, 1, 2}},
+    {"pags", OPENCV, CONSTANT, false, false, 0, .position = {0, 1, 2}}, /* states all of them */
+};
+
+#define KIND_NAMES "waymo, pandaset, kitti, nuscenes, argoverse2 or nuplan"
+
+static const pags_rules *find_kind(const char *name) {
+  for (size_t i = 0; i < sizeof kinds / sizeof *kinds; i++)
+    if (strcmp(name, kinds[i].kind) == 0)
+      return &kinds[i];
+  return NULL;
+}
+
+typedef struct source {
+  pags_json *json; /* NULL: there is no dataset.json */
+  const pags_json_value *root;
+} source;
+
+static bool states(const source *s, const char *key) {
+  const pags_json_value *value = s->json ? pags_json_member(s->root, key) : NULL;
+  return value && value->type != PAGS_JSON_NULL;
+}
+
+static pags_result choose_kind(const char *root, const char *asked, bool per_frame_files, const source *s,
+                               pags_rules *rules) {
+  const pags_rules *kind = NULL;
+  if (asked) {
+    kind = find_kind(asked);
+    if (!kind)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "kind '%s' is not known; expected " KIND_NAMES, asked);
+  } else if (states(s, "kind")) {
+    const char *name;
+    PAGS_TRY(pags_json_string(s->json, s->root, "kind", &name));
+    kind = find_kind(name);
+    if (!kind)
+      return pags_json_fail(s->json, pags_json_member(s->root, "kind"),
+                            "kind '%s' is not known; expected " KIND_NAMES ", or pags", name);
+  } else if (per_frame_files) {
+    kind = find_kind("pandaset");
+  } else {
+    return pags_fail(PAGS_ERROR_FORMAT,
+                     "%s: nothing says whose axes these files have: pass --kind " KIND_NAMES
+                     ", or put dataset.json with \"kind\" beside them",
+                     root);
+  }
+  *rules = *kind;
+  return PAGS_OK;
+}
+
+/* One of two words; `second` says which. A longer text may follow the word. */
+static pags_result read_choice(const source *s, const char *key, const char *first, const char *other, bool *second) {
+  const char *text;
+  if (!states(s, key))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_string(s->json, s->root, key, &text));
+  if (strncmp(text, first, strlen(first)) != 0 && strncmp(text, other, strlen(other)) != 0)
+    return pags_json_fail(s->json, pags_json_member(s->root, key), "expected '%s' to be '%s' or '%s', found '%s'", key,
+                          first, other, text);
+  *second = strncmp(text, other, strlen(other)) == 0;
+  return PAGS_OK;
+}
+
+static pags_result read_columns(const source *s, pags_rules *rules) {
+  static const char *const axes[] = {"x", "y", "z"};
+  const pags_json_value *list;
+  if (!states(s, "lidar_columns"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_array(s->json, s->root, "lidar_columns", &list));
+  int found[3] = {-1, -1, -1}, index = 0;
+  for (const pags_json_value *item = list->first; item; item = item->next, index++) {
+    const char *name;
+    PAGS_TRY(pags_json_as_string(s->json, item, "a column", &name));
+    for (int i = 0; i < 3; i++)
+      if (strcmp(name, axes[i]) == 0)
+        found[i] = index;
+  }
+  if (list->count > 64 || found[0] < 0 || found[1] < 0 || found[2] < 0)
+    return pags_json_fail(s->json, list, "expected 'lidar_columns' to name at most 64 columns, x, y and z among them");
+  memcpy(rules->position, found, sizeof found);
+  rules->columns = (int)list->count;
+  return PAGS_OK;
+}
+
+static pags_result read_fps(const source *s, pags_rules *rules) {
+  if (!states(s, "fps"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_number(s->json, s->root, "fps", &rules->fps));
+  if (!(rules->fps > 0 && rules->fps <= 10000))
+    return pags_json_fail(s->json, pags_json_member(s->root, "fps"), "expected 'fps' above 0 and at most 10000");
+  return PAGS_OK;
+}
+
+static pags_result read_names(const source *s, pags_camera_name_fn *name, void *context) {
+  const pags_json_value *list;
+  if (!states(s, "cameras"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_object(s->json, s->root, "cameras", &list));
+  for (const pags_json_value *item = list->first; item; item = item->next) {
+    const char *text;
+    char *end;
+    PAGS_TRY(pags_json_as_string(s->json, item, "a camera's name", &text));
+    long number = strtol(item->key, &end, 10);
+    if (*end || end == item->key || number < 0 || number > 999999)
+      return pags_json_fail(s->json, item, "expected the number of a camera, found '%s'", item->key);
+    PAGS_TRY(name(context, (int)number, text));
+  }
+  return PAGS_OK;
+}
+
+static pags_result read_labels(const source *s, pags_rules *rules) {
+  const char *name;
+  rules->labels = &pags_label_sets[0];
+  if (!states(s, "labels"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_string(s->json, s->root, "labels", &name));
+  rules->labels = pags_label_set_find(name);
+  if (!rules->labels)
+    return pags_json_fail(
+        s->json, pags_json_member(s->root, "labels"),
+        "expected 'labels' to be cityscapes, step, cityscapes-ids, kitti-360, waymo or pandaset, found '%s'", name);
+  return PAGS_OK;
+}
+
+static pags_result require_all(const source *s, const char *root) {
+  static const char *const keys[] = {"camera_axes", "extrinsics", "object_forward"};
+  for (size_t i = 0; i < sizeof keys / sizeof *keys; i++)
+    if (!states(s, keys[i]))
+      return pags_fail(PAGS_ERROR_FORMAT, "%s/dataset.json: kind pags has no rules of its own: expected '%s'", root,
+                       keys[i]);
+  return PAGS_OK;
+}
+
+static pags_result read_rules(const char *root, const char *kind, bool per_frame_files, const source *s,
+                              pags_rules *rules) {
+  PAGS_TRY(choose_kind(root, kind, per_frame_files, s, rules));
+  if (strcmp(rules->kind, "pags") == 0)
+    PAGS_TRY(require_all(s, root));
+  bool constant = !rules->per_frame;
+  PAGS_TRY(read_choice(s, "camera_axes", "opencv", "waymo", &rules->waymo_axes));
+  PAGS_TRY(read_choice(s, "extrinsics", "per-frame", "constant", &constant));
+  rules->per_frame = !constant;
+  PAGS_TRY(read_choice(s, "lidar_frame", "ego", "laser", &rules->laser_frame));
+  PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
+  PAGS_TRY(read_columns(s, rules));
+  PAGS_TRY(read_labels(s, rules));
+  PAGS_TRY(read_fps(s, rules));
+  return s->json ? pags_place_from_json(s->json, s->root, &rules->place) : PAGS_OK;
+}
+
+pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_files, pags_rules *rules,
+                            pags_camera_name_fn *name, void *context) {
+  char *path = pags_path_join(root, "dataset.json");
+  if (!path)
+    return pags_draft_memory(root);
+  source s = {NULL, NULL};
+  pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &s.json) : PAGS_OK;
+  if (s.json) {
+    s.root = pags_json_root(s.json);
+    result = pags_json_as_object(s.json, s.root, "a description of a data set");
+  }
+  if (result == PAGS_OK)
+    result = read_rules(root, kind, per_frame_files, &s, rules);
+  if (result == PAGS_OK)
+    result = read_names(&s, name, context);
+  pags_json_destroy(s.json);
+  free(path);
+  return result;
+}

@@ -1,0 +1,69 @@
+/* Points of a COLMAP model that stands in the world of a driving set: its poses are not used, its tracks are, so that
+ * points that held-out photographs made can be told. */
+#include "dataset/driving/reader.h"
+
+#include "base/file.h"
+#include "base/text.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* The folder itself, or where COLMAP puts a model below it; as given, or inside of the data set. */
+static char *find_model(const char *root, const char *named) {
+  static const char *const below[] = {"", "sparse/0", "sparse"};
+  const char *const bases[] = {NULL, root};
+  for (size_t i = 0; i < sizeof bases / sizeof *bases; i++)
+    for (size_t j = 0; j < sizeof below / sizeof *below; j++) {
+      char *base = bases[i] ? pags_path_join(bases[i], named) : pags_text_copy(named);
+      char *folder = base && *below[j] ? pags_path_join(base, below[j]) : pags_text_copy(base);
+      free(base);
+      if (folder && pags_colmap_is_model(folder))
+        return folder;
+      free(folder);
+    }
+  return NULL;
+}
+
+/* Views that the model names take its numbers, the others one that no track has. Returns how many it names. */
+static int64_t match_views(const pags_draft *model, pags_draft *draft) {
+  int64_t matched = 0;
+  for (int64_t i = 0; i < draft->count; i++) {
+    const char *name = pags_path_name(draft->views[i].image_path);
+    draft->views[i].id = -1;
+    for (int64_t j = 0; j < model->count && draft->views[i].id < 0; j++)
+      if (strcmp(name, pags_path_name(model->views[j].image_path)) == 0)
+        draft->views[i].id = model->views[j].id;
+    matched += draft->views[i].id >= 0;
+  }
+  return matched;
+}
+
+static pags_result take_points(pags_draft *model, pags_draft *draft) {
+  pags_driving *driving = draft->driving;
+  long long count = (long long)model->points.count;
+  int64_t matched = match_views(model, draft);
+  draft->points = model->points;
+  memset(&model->points, 0, sizeof model->points);
+  draft->points.tracked = matched > 0;
+  if (count > 0)
+    driving->provides |= PAGS_PROVIDES_SFM;
+  if (matched > 0)
+    return pags_driving_note(driving, "SfM: %lld points; those that fewer than two training views see are left out",
+                             count);
+  return pags_driving_note(driving, "SfM: %lld points, all used: none of the model's images has the name of a view",
+                           count);
+}
+
+pags_result pags_sfm_read(const char *named, pags_draft *draft) {
+  char *folder = find_model(draft->driving->root, named);
+  if (!folder)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", named);
+  pags_draft model;
+  pags_result result = pags_colmap_read(folder, folder, &model);
+  if (result == PAGS_OK) {
+    result = take_points(&model, draft);
+    pags_draft_destroy(&model);
+  }
+  free(folder);
+  return result;
+}

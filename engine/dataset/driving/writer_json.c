@@ -1,0 +1,238 @@
+/* The layout's files about the whole: instances, intrinsics, times and dataset.json. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "dataset/driving/writer.h"
+#include "scene/place_json.h"
+
+/* Saves the writer's document under `name` and destroys it. */
+static pags_result save(const pags_layout *layout, const char *name, pags_json_writer *writer) {
+  char *path = pags_path_join(layout->folder, name);
+  pags_result result =
+      path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  if (result == PAGS_OK)
+    result = pags_json_writer_save(writer, path);
+  free(path);
+  pags_json_writer_destroy(writer);
+  return result;
+}
+
+/* ---- Instances ---- */
+
+static void put_pose(pags_json_writer *writer, const double m[12]) {
+  static const double last[4] = {0, 0, 0, 1};
+  pags_json_begin_array(writer, NULL);
+  for (int row = 0; row < 4; row++)
+    pags_json_put_numbers(writer, NULL, row < 3 ? m + 4 * row : last, 4);
+  pags_json_end_array(writer);
+}
+
+static void put_annotations(pags_json_writer *writer, const pags_layout_track *track) {
+  const pags_object *object = &track->object;
+  pags_json_begin_object(writer, "frame_annotations");
+  pags_json_begin_array(writer, "frame_idx");
+  for (int64_t i = 0; i < object->knot_count; i++)
+    pags_json_put_integer(writer, NULL, object->knots[i].frame);
+  pags_json_end_array(writer);
+  pags_json_begin_array(writer, "obj_to_world");
+  for (int64_t i = 0; i < object->knot_count; i++)
+    put_pose(writer, object->knots[i].world_from_object);
+  pags_json_end_array(writer);
+  pags_json_begin_array(writer, "box_size");
+  for (int64_t i = 0; i < object->knot_count; i++)
+    pags_json_put_numbers(writer, NULL, track->sizes ? track->sizes + 3 * i : object->size, 3);
+  pags_json_end_array(writer);
+  pags_json_end_object(writer);
+}
+
+static pags_result put_info(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
+  pags_json_writer writer;
+  char key[24];
+  pags_json_writer_init(&writer, 0);
+  pags_json_begin_object(&writer, NULL);
+  for (int64_t i = 0; i < count; i++) {
+    snprintf(key, sizeof key, "%lld", (long long)i);
+    pags_json_begin_object(&writer, key);
+    pags_json_put_string(&writer, "id", tracks[i].object.id);
+    pags_json_put_string(&writer, "class_name", tracks[i].object.class_name);
+    put_annotations(&writer, &tracks[i]);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_object(&writer);
+  return save(layout, "instances/instances_info.json", &writer);
+}
+
+static pags_result put_frames(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
+  pags_json_writer writer;
+  char key[24];
+  pags_json_writer_init(&writer, 0);
+  pags_json_begin_object(&writer, NULL);
+  for (int64_t frame = 0; frame < layout->info->frame_count; frame++) {
+    snprintf(key, sizeof key, "%lld", (long long)frame);
+    pags_json_begin_array(&writer, key);
+    for (int64_t i = 0; i < count; i++)
+      if (pags_object_knot(&tracks[i].object, frame))
+        pags_json_put_integer(&writer, NULL, i);
+    pags_json_end_array(&writer);
+  }
+  pags_json_end_object(&writer);
+  return save(layout, "instances/frame_instances.json", &writer);
+}
+
+pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
+  PAGS_TRY(put_info(layout, tracks, count));
+  return put_frames(layout, tracks, count);
+}
+
+/* ---- Intrinsics ---- */
+
+static pags_result put_intrinsics(const pags_layout *layout) {
+  const pags_layout_info *info = layout->info;
+  for (int c = 0; c < info->camera_count; c++) {
+    char text[9 * 32], name[48];
+    int at = 0;
+    for (int i = 0; i < 9; i++)
+      at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
+    snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
+    char *path = pags_path_join(layout->folder, name);
+    pags_result result =
+        path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+    if (result == PAGS_OK)
+      result = pags_file_write(path, text, (size_t)at);
+    free(path);
+    PAGS_TRY(result);
+  }
+  return PAGS_OK;
+}
+
+/* ---- Times ---- */
+
+/* Members of pags_layout_exposure by their names in timestamps.json; each "": {"C": [of every frame]}. */
+static const struct column {
+  const char *key;
+  size_t offset;
+  int count;
+} columns[] = {{"cameras", offsetof(pags_layout_exposure, time), 1},
+               {"shutter", offsetof(pags_layout_exposure, shutter), 1},
+               {"trigger", offsetof(pags_layout_exposure, trigger), 1},
+               {"readout", offsetof(pags_layout_exposure, readout), 1},
+               {"velocity", offsetof(pags_layout_exposure, velocity), 6},
+               {"pose_time", offsetof(pags_layout_exposure, pose_time), 1},
+               {"pose", offsetof(pags_layout_exposure, pose), 12}};
+
+static const double *column_value(const pags_layout_exposure *exposure, const struct column *column) {
+  return (const double *)(const void *)((const char *)exposure + column->offset);
+}
+
+static bool is_known(const pags_layout_times *times, int64_t count, const struct column *column) {
+  for (int64_t i = 0; times->exposures && i < count; i++)
+    if (!isnan(*column_value(&times->exposures[i], column)))
+      return true;
+  return false;
+}
+
+static void put_column(pags_json_writer *writer, const pags_layout_info *info, const pags_layout_times *times,
+                       const struct column *column) {
+  char key[24];
+  pags_json_begin_object(writer, column->key);
+  for (int c = 0; c < info->camera_count; c++) {
+    snprintf(key, sizeof key, "%d", info->cameras[c].number);
+    pags_json_begin_array(writer, key);
+    for (int64_t t = 0; t < info->frame_count; t++) {
+      const double *value = column_value(&times->exposures[t * info->camera_count + c], column);
+      if (column->count == 1)
+        pags_json_put_number(writer, NULL, *value);
+      else
+        pags_json_put_numbers(writer, NULL, value, column->count);
+    }
+    pags_json_end_array(writer);
+  }
+  pags_json_end_object(writer);
+}
+
+static pags_result put_times(const pags_layout *layout, const pags_layout_times *times) {
+  const pags_layout_info *info = layout->info;
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 1);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_begin_array(&writer, "frames");
+  for (int64_t t = 0; t < info->frame_count; t++)
+    pags_json_put_number(&writer, NULL, times->frames[t]);
+  pags_json_end_array(&writer);
+  for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++)
+    if (is_known(times, info->frame_count * info->camera_count, &columns[i]))
+      put_column(&writer, info, times, &columns[i]);
+  if (times->lidar) {
+    pags_json_begin_array(&writer, "lidar");
+    for (int64_t t = 0; t < info->frame_count; t++)
+      pags_json_put_numbers(&writer, NULL, times->lidar + 2 * t, 2);
+    pags_json_end_array(&writer);
+  }
+  pags_json_end_object(&writer);
+  return save(layout, "timestamps.json", &writer);
+}
+
+/* ---- dataset.json ---- */
+
+static const char *extrinsics_words(const pags_layout_info *info) {
+  if (!info->extrinsics_per_frame)
+    return "constant camera-to-ego (C.txt)";
+  return info->extrinsics_from_world ? "per-frame camera-to-world (TTT_C.txt)" : "per-frame camera-to-ego (TTT_C.txt)";
+}
+
+static void put_cameras(pags_json_writer *writer, const pags_layout_info *info) {
+  char key[24];
+  bool rolling = false;
+  pags_json_begin_object(writer, "cameras");
+  for (int c = 0; c < info->camera_count; c++) {
+    snprintf(key, sizeof key, "%d", info->cameras[c].number);
+    pags_json_put_string(writer, key, info->cameras[c].name);
+    rolling = rolling || info->cameras[c].rolling_shutter;
+  }
+  pags_json_end_object(writer);
+  if (!rolling)
+    return;
+  pags_json_begin_object(writer, "rolling_shutter");
+  for (int c = 0; c < info->camera_count; c++) {
+    snprintf(key, sizeof key, "%d", info->cameras[c].number);
+    pags_json_put_string(writer, key, info->cameras[c].rolling_shutter);
+  }
+  pags_json_end_object(writer);
+}
+
+static pags_result put_description(const pags_layout *layout) {
+  const pags_layout_info *info = layout->info;
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "kind", info->kind);
+  pags_json_put_string(&writer, "camera_axes", "opencv");
+  pags_json_put_string(&writer, "extrinsics", extrinsics_words(info));
+  if (info->lidar_columns) {
+    pags_json_begin_array(&writer, "lidar_columns");
+    for (int i = 0; info->lidar_columns[i]; i++)
+      pags_json_put_string(&writer, NULL, info->lidar_columns[i]);
+    pags_json_end_array(&writer);
+    pags_json_put_string(&writer, "lidar_frame", "ego");
+  }
+  pags_json_put_string(&writer, "object_forward", "+x");
+  pags_json_put_number(&writer, "fps", info->fps);
+  pags_place_to_json(&writer, &info->place);
+  put_cameras(&writer, info);
+  pags_json_put_string(&writer, "source", info->source);
+  pags_json_put_integer(&writer, "first_frame", info->first_frame);
+  pags_json_end_object(&writer);
+  return save(layout, "dataset.json", &writer);
+}
+
+pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times) {
+  if (pags_layout_is_finished(layout))
+    return PAGS_OK;
+  PAGS_TRY(put_intrinsics(layout));
+  PAGS_TRY(put_times(layout, times));
+  return put_description(layout);
+}

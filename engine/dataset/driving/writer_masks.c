@@ -1,0 +1,97 @@
+/* The layout's masks: those that a source brings, and those drawn from boxes. */
+#include <pags/dataset.h>
+#include <pags/image.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "dataset/driving/writer.h"
+
+enum { ALL, VEHICLE, HUMAN, MASKS };
+static const char *const mask_folders[MASKS] = {"dynamic_masks/all", "dynamic_masks/vehicle", "dynamic_masks/human"};
+
+pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width,
+                                 int height, const uint8_t *pixels) {
+  char name[128];
+  if (pags_layout_has(layout, folder, frame, camera, ".png"))
+    return PAGS_OK;
+  snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
+  char *path = pags_path_join(layout->folder, name);
+  pags_image image = {0};
+  pags_result result =
+      path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  if (result == PAGS_OK)
+    result = pags_image_create(&image, width, height, 1, PAGS_U8);
+  if (result == PAGS_OK) {
+    memcpy(image.data, pixels, (size_t)width * (size_t)height);
+    result = pags_image_save(path, &image);
+  }
+  pags_image_destroy(&image);
+  free(path);
+  return result;
+}
+
+static void draw_track(const pags_camera *camera, const pags_layout_track *track, int64_t frame,
+                       uint8_t *planes[MASKS]) {
+  const pags_object *object = &track->object;
+  const pags_knot *knot = object->moving ? pags_object_knot(object, frame) : NULL;
+  double corners[32];
+  if (!knot)
+    return;
+  const double *size = track->sizes ? track->sizes + 3 * (knot - object->knots) : object->size;
+  const int count = pags_box_outline(camera, knot->world_from_object, size, corners);
+  if (count == 0)
+    return;
+  pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[ALL]);
+  if (object->category == PAGS_CATEGORY_VEHICLE)
+    pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[VEHICLE]);
+  if (object->category == PAGS_CATEGORY_PEDESTRIAN || object->category == PAGS_CATEGORY_CYCLIST)
+    pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[HUMAN]);
+}
+
+/* The photograph's picture of a plane drawn for the pinhole. */
+static void see_through(const pags_layout_lens *lens, const uint8_t *plane, uint8_t *out) {
+  const size_t pixels = (size_t)lens->width * (size_t)lens->height;
+  for (size_t i = 0; i < pixels; i++)
+    out[i] = lens->source[i] >= 0 ? plane[lens->source[i]] : 0;
+}
+
+static pags_result put_planes(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
+                              const pags_layout_lens *lens, uint8_t *planes[MASKS], uint8_t *seen) {
+  const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
+  for (int m = 0; m < MASKS; m++) {
+    if (lens)
+      see_through(lens, planes[m], seen);
+    PAGS_TRY(pags_layout_put_mask(layout, mask_folders[m], frame, number, width, height, lens ? seen : planes[m]));
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int64_t frame, int number,
+                                                  const pags_camera *camera, const pags_layout_lens *lens,
+                                                  const pags_layout_track *tracks, int64_t track_count) {
+  bool there = true;
+  for (int m = 0; m < MASKS; m++)
+    there = there && pags_layout_has(layout, mask_folders[m], frame, number, ".png");
+  if (there)
+    return PAGS_OK;
+  const size_t pixels = (size_t)camera->width * (size_t)camera->height;
+  const size_t seen = lens ? (size_t)lens->width * (size_t)lens->height : 0;
+  uint8_t *block = calloc(1, MASKS * pixels + seen);
+  if (!block)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for masks of %dx%d", layout->folder, camera->width,
+                     camera->height);
+  uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
+  for (int64_t i = 0; i < track_count; i++)
+    draw_track(camera, &tracks[i], frame, planes);
+  const pags_result result = put_planes(layout, frame, number, camera, lens, planes, block + MASKS * pixels);
+  free(block);
+  return result;
+}
+
+pags_result pags_layout_put_dynamic_masks(const pags_layout *layout, int64_t frame, int number,
+                                          const pags_camera *camera, const pags_layout_track *tracks,
+                                          int64_t track_count) {
+  return pags_layout_put_dynamic_masks_through(layout, frame, number, camera, NULL, tracks, track_count);
+}

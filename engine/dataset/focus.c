@@ -1,0 +1,114 @@
+/* The subject of a set of cameras: the point nearest to all optical axes. */
+#include "dataset/focus.h"
+
+#include "base/sort.h"
+#include "dataset/parsed.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Solves the symmetric 3x3 system a x = b; false where it is close to singular. */
+static bool solve(const double a[6], const double b[3], double x[3]) {
+  double xx = a[0], xy = a[1], xz = a[2], yy = a[3], yz = a[4], zz = a[5];
+  double c0 = yy * zz - yz * yz, c1 = xz * yz - xy * zz, c2 = xy * yz - xz * yy;
+  double det = xx * c0 + xy * c1 + xz * c2, trace = xx + yy + zz;
+  if (!(det > 1e-6 * trace * trace * trace))
+    return false;
+  x[0] = (c0 * b[0] + c1 * b[1] + c2 * b[2]) / det;
+  x[1] = (c1 * b[0] + (xx * zz - xz * xz) * b[1] + (xy * xz - xx * yz) * b[2]) / det;
+  x[2] = (c2 * b[0] + (xy * xz - xx * yz) * b[1] + (xx * yy - xy * xy) * b[2]) / det;
+  return true;
+}
+
+static void centre_of(const pags_camera *camera, double c[3]) {
+  for (int i = 0; i < 3; i++)
+    c[i] = camera->world_from_camera[4 * i + 3];
+}
+
+/* The point with the smallest sum of squared distances from all optical axes: sum of (I - d d^T)(x - c) = 0. Relative
+ * to `middle`, so that large coordinates cancel nothing. */
+static bool find_subject(const pags_camera *const *cameras, int64_t count, const double middle[3], double subject[3]) {
+  double a[6] = {0}, b[3] = {0};
+  for (int64_t i = 0; i < count; i++) {
+    const double *m = cameras[i]->world_from_camera;
+    double d[3] = {m[2], m[6], m[10]}, c[3];
+    for (int j = 0; j < 3; j++)
+      c[j] = m[4 * j + 3] - middle[j];
+    double along = d[0] * c[0] + d[1] * c[1] + d[2] * c[2];
+    a[0] += 1 - d[0] * d[0];
+    a[1] -= d[0] * d[1];
+    a[2] -= d[0] * d[2];
+    a[3] += 1 - d[1] * d[1];
+    a[4] -= d[1] * d[2];
+    a[5] += 1 - d[2] * d[2];
+    for (int j = 0; j < 3; j++)
+      b[j] += c[j] - along * d[j];
+  }
+  if (!solve(a, b, subject))
+    return false;
+  for (int j = 0; j < 3; j++)
+    subject[j] += middle[j];
+  return true;
+}
+
+static double depth_of(const pags_camera *camera, const double point[3]) {
+  const double *m = camera->world_from_camera;
+  return m[2] * (point[0] - m[3]) + m[6] * (point[1] - m[7]) + m[10] * (point[2] - m[11]);
+}
+
+/* Root mean square distance of the cameras from their middle. */
+static double find_middle(const pags_camera *const *cameras, int64_t count, double middle[3]) {
+  double square = 0, c[3];
+  for (int j = 0; j < 3; j++)
+    middle[j] = 0;
+  for (int64_t i = 0; i < count; i++) {
+    centre_of(cameras[i], c);
+    for (int j = 0; j < 3; j++)
+      middle[j] += c[j] / (double)count;
+  }
+  for (int64_t i = 0; i < count; i++) {
+    centre_of(cameras[i], c);
+    for (int j = 0; j < 3; j++)
+      square += (c[j] - middle[j]) * (c[j] - middle[j]);
+  }
+  return sqrt(square / (double)count);
+}
+
+/* The median depth of the point nearest to all axes. */
+pags_result pags_subject_distance(const pags_camera *const *cameras, int64_t count, double *out) {
+  double middle[3], subject[3], spread = find_middle(cameras, count, middle);
+  *out = spread > 1e-9 ? 4 * spread : 1;
+  if (!find_subject(cameras, count, middle, subject))
+    return PAGS_OK;
+  double *depths = malloc((size_t)count * sizeof *depths);
+  if (!depths)
+    return pags_draft_memory("random points");
+  int64_t ahead = 0;
+  for (int64_t i = 0; i < count; i++) {
+    depths[ahead] = depth_of(cameras[i], subject);
+    ahead += depths[ahead] > 0;
+  }
+  pags_sort_doubles(depths, ahead);
+  if (2 * ahead > count && depths[ahead / 2] < 20 * spread)
+    *out = depths[ahead / 2];
+  free(depths);
+  return PAGS_OK;
+}
+
+bool pags_camera_sees(const pags_camera *camera, const double point[3], double nearest) {
+  const double *m = camera->world_from_camera;
+  double p[3] = {point[0] - m[3], point[1] - m[7], point[2] - m[11]};
+  double z = m[2] * p[0] + m[6] * p[1] + m[10] * p[2];
+  if (!(z >= nearest))
+    return false;
+  double u = camera->fx * (m[0] * p[0] + m[4] * p[1] + m[8] * p[2]) / z + camera->cx;
+  double v = camera->fy * (m[1] * p[0] + m[5] * p[1] + m[9] * p[2]) / z + camera->cy;
+  return u >= 0 && u <= camera->width && v >= 0 && v <= camera->height;
+}
+
+/* In a room with an object in its middle (the model of data/fox), 98 % of all observations lie above 0.45; most lie
+ * below 1.6, but outdoors what is behind the subject begins there. */
+double pags_subject_depth(double distance, double draw) {
+  const double low = 0.45, high = 4;
+  return distance * low * pow(high / low, draw);
+}

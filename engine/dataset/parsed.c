@@ -1,0 +1,106 @@
+/* Storage of what readers read. */
+#include "dataset/driving/reader.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+
+void pags_draft_destroy(pags_draft *draft) {
+  for (int64_t i = 0; i < draft->count; i++) {
+    free(draft->views[i].image_path);
+    free(draft->views[i].mask_path);
+    free(draft->views[i].where);
+    free(draft->views[i].sky_path);
+    free(draft->views[i].semantic_path);
+    free(draft->views[i].dynamic_path);
+    free(draft->views[i].part_path);
+  }
+  free(draft->views);
+  free(draft->source);
+  free(draft->points.items);
+  free(draft->points.track);
+  pags_driving_destroy(draft->driving);
+  memset(draft, 0, sizeof *draft);
+}
+
+/* Room for one more item of `size` bytes in *items; doubles. */
+static bool grow(void **items, int64_t count, int64_t *capacity, size_t size) {
+  if (count < *capacity)
+    return true;
+  int64_t larger = *capacity ? 2 * *capacity : 64;
+  void *moved = (uint64_t)larger <= SIZE_MAX / size ? realloc(*items, (size_t)larger * size) : NULL;
+  if (!moved)
+    return false;
+  *items = moved;
+  *capacity = larger;
+  return true;
+}
+
+pags_draft_view *pags_draft_add(pags_draft *draft) {
+  void *views = draft->views;
+  if (!grow(&views, draft->count, &draft->capacity, sizeof *draft->views))
+    return NULL;
+  draft->views = views;
+  pags_draft_view *view = &draft->views[draft->count++];
+  memset(view, 0, sizeof *view);
+  return view;
+}
+
+pags_result pags_draft_add_point(pags_draft_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
+                                 const char *where) {
+  if (!isfinite(xyz[0]) || !isfinite(xyz[1]) || !isfinite(xyz[2]))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: point %lld: expected finite coordinates", where, (long long)id);
+  void *items = points->items;
+  if (!grow(&items, points->count, &points->capacity, sizeof *points->items))
+    return pags_draft_memory(where);
+  points->items = items;
+  pags_draft_point *point = &points->items[points->count++];
+  *point = (pags_draft_point){.id = id, .track_begin = points->track_count};
+  memcpy(point->xyz, xyz, sizeof point->xyz);
+  memcpy(point->rgb, rgb, sizeof point->rgb);
+  return PAGS_OK;
+}
+
+pags_result pags_draft_observe(pags_draft_points *points, int64_t view, const char *where) {
+  assert(points->count > 0);
+  void *track = points->track;
+  if (!grow(&track, points->track_count, &points->track_capacity, sizeof *points->track))
+    return pags_draft_memory(where);
+  points->track = track;
+  points->track[points->track_count++] = view;
+  points->items[points->count - 1].track_count++;
+  return PAGS_OK;
+}
+
+static int by_id(const void *a, const void *b) {
+  int64_t left = ((const pags_draft_point *)a)->id, right = ((const pags_draft_point *)b)->id;
+  return left < right ? -1 : left > right;
+}
+
+void pags_draft_sort_points(pags_draft_points *points) {
+  if (points->count > 0)
+    pags_sort(points->items, points->count, sizeof *points->items, by_id);
+}
+
+pags_result pags_draft_memory(const char *where) {
+  return pags_fail(PAGS_ERROR_MEMORY, "%s: not enough memory to read it", where);
+}
+
+char *pags_draft_text(const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  int length = vsnprintf(NULL, 0, format, arguments);
+  va_end(arguments);
+  char *text = length >= 0 ? malloc((size_t)length + 1) : NULL;
+  if (!text)
+    return NULL;
+  va_start(arguments, format);
+  vsnprintf(text, (size_t)length + 1, format, arguments);
+  va_end(arguments);
+  return text;
+}

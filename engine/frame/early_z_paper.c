@@ -1,0 +1,228 @@
+/* The paper's two passes: occluders write depth, then nothing is drawn behind it.
+ *
+ * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The
+ * paper names neither number but the first.) The second pass tests clusters, then Gaussians, then (Gaussian, tile)
+ * pairs, then pixels. It drops what would have shone through: an occluder that covers a pixel with alpha a hides what
+ * weighs up to 1 - a there. Nothing bounds that. */
+#include <math.h>
+#include <string.h>
+
+#include "frame/stages.h"
+
+#define OCCLUDER_LOG2 (-0.51457317f) /* log2(0.7) */
+
+enum { SIDE = 4, LEVELS = 16 }; /* blocks of a tile's side; 2^16 blocks a side at most */
+
+typedef struct paper {
+  pags_frame *frame;
+  pags_touch_fn *touch;
+  void *user;
+  uint8_t *loaded;      /* per cluster: projected */
+  uint8_t *hidden;      /* per cluster */
+  int32_t *dropped;     /* per cluster: members behind */
+  int32_t *occluders;   /* per cluster */
+  uint32_t *all_keys;   /* of the colour pass */
+  pags_reach *reaches;  /* per dense index */
+  float *limits;        /* per tile */
+  float *level[LEVELS]; /* the pyramid: farthest depth of 1, 2x2, 4x4, ... blocks */
+  int width[LEVELS], height[LEVELS], levels;
+} paper;
+
+/* Of a projected member. */
+static bool is_occluder(const pags_frame *f, const view_cluster *c, int member) {
+  return f->keys[c->base + member] != UINT32_MAX && f->splats[c->base + member].log2_opacity >= OCCLUDER_LOG2 &&
+         frame_is_critical(f->parts + c->part, c->first + member);
+}
+
+static void load(const paper *p, int64_t i, int worker) {
+  const view_cluster *const c = p->frame->clusters + i;
+  if (p->touch)
+    p->touch(p->user, c->part, c->cluster, worker);
+  pags_frame_project_cluster(p->frame, c, p->reaches + c->base);
+  pags_frame_box_members(p->frame, c->base, c->count);
+  p->loaded[i] = 1;
+}
+
+/* Projects clusters that hold something critical. Keys are left to occluders alone; those of all members go to
+ * all_keys. */
+static void find_occluders(void *context, int64_t begin, int64_t end, int worker) {
+  const paper *const p = context;
+  const pags_frame *const f = p->frame;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const c = f->clusters + i;
+    uint32_t *const keys = f->keys + c->base;
+    const int padded = (c->count + 15) / 16 * 16;
+    bool critical = false;
+    p->loaded[i] = 0;
+    for (int k = 0; k < c->count && !critical; k++)
+      critical = frame_is_critical(f->parts + c->part, c->first + k);
+    if (critical)
+      load(p, i, worker);
+    else
+      memset(keys, 0xFF, (size_t)padded * sizeof *keys);
+    memcpy(p->all_keys + c->base, keys, (size_t)padded * sizeof *keys);
+    p->occluders[i] = 0;
+    for (int k = 0; k < c->count; k++)
+      if (is_occluder(f, c, k))
+        p->occluders[i]++;
+      else
+        keys[k] = UINT32_MAX;
+  }
+}
+
+static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
+  const paper *const p = context;
+  const pags_frame *const f = p->frame;
+  (void)worker;
+  for (int64_t tile = begin; tile < end; tile++) {
+    const int tx = (int)(tile % f->tiles_x), ty = (int)(tile / f->tiles_x);
+    const int64_t start = f->tile_start[tile];
+    const pags_raster_in in = {.splats = f->splats,
+                               .entries = f->entries + start,
+                               .count = f->tile_start[tile + 1] - start,
+                               .x0 = tx * PAGS_TILE,
+                               .y0 = ty * PAGS_TILE,
+                               .width = f->camera.width,
+                               .height = f->camera.height};
+    float farthest[PAGS_TILE_BLOCKS], limit = 0.0f;
+    f->kernels->raster_depth(&in, f->hard + frame_tile_offset(f, tile), f->stride, farthest);
+    for (int b = 0; b < PAGS_TILE_BLOCKS; b++) {
+      p->level[0][(int64_t)(SIDE * ty + b / SIDE) * p->width[0] + SIDE * tx + b % SIDE] = farthest[b];
+      limit = farthest[b] > limit ? farthest[b] : limit;
+    }
+    p->limits[tile] = limit;
+  }
+}
+
+static void fill_level(const paper *p, int level) {
+  const float *const from = p->level[level - 1];
+  const int w = p->width[level - 1], h = p->height[level - 1];
+  for (int y = 0; y < p->height[level]; y++)
+    for (int x = 0; x < p->width[level]; x++) {
+      float farthest = 0.0f;
+      for (int k = 0; k < 4; k++) {
+        const int fx = 2 * x + (k & 1), fy = 2 * y + (k >> 1);
+        const float depth = fx < w && fy < h ? from[(int64_t)fy * w + fx] : 0.0f;
+        farthest = depth > farthest ? depth : farthest;
+      }
+      p->level[level][(int64_t)y * p->width[level] + x] = farthest;
+    }
+}
+
+static pags_result make_pyramid(paper *p) {
+  pags_frame *const f = p->frame;
+  for (int l = 0; l < LEVELS; l++) {
+    p->width[l] = l ? (p->width[l - 1] + 1) / 2 : SIDE * f->tiles_x;
+    p->height[l] = l ? (p->height[l - 1] + 1) / 2 : SIDE * f->tiles_y;
+    p->level[l] = pags_frame_alloc(f, (int64_t)p->width[l] * p->height[l], sizeof(float), "depth pyramid");
+    if (!p->level[l])
+      return PAGS_ERROR_MEMORY;
+    p->levels = l + 1;
+    if (p->width[l] == 1 && p->height[l] == 1)
+      break;
+  }
+  return PAGS_OK;
+}
+
+/* Whether all of the reach lies nearer than z: at the level at which it covers at most 2 x 2 cells. */
+static bool is_behind(const paper *p, pags_reach r, float z) {
+  if (r.x0 >= r.x1 || r.y0 >= r.y1)
+    return true;
+  int level = 0, x0 = r.x0, x1 = r.x1 - 1, y0 = r.y0, y1 = r.y1 - 1;
+  for (; level + 1 < p->levels && (x1 - x0 > 1 || y1 - y0 > 1); level++)
+    x0 >>= 1, x1 >>= 1, y0 >>= 1, y1 >>= 1;
+  for (int y = y0; y <= y1; y++)
+    for (int x = x0; x <= x1; x++)
+      if (!(z > p->level[level][(int64_t)y * p->width[level] + x]))
+        return false;
+  return true;
+}
+
+static void choose_members(void *context, int64_t begin, int64_t end, int worker) {
+  const paper *const p = context;
+  const pags_frame *const f = p->frame;
+  for (int64_t i = begin; i < end; i++) {
+    const view_cluster *const c = f->clusters + i;
+    uint32_t *const keys = f->keys + c->base;
+    p->dropped[i] = 0;
+    p->hidden[i] = is_behind(p, f->bounds[i].reach, f->bounds[i].near);
+    if (p->loaded[i])
+      memcpy(keys, p->all_keys + c->base, (size_t)c->count * sizeof *keys);
+    else if (!p->hidden[i])
+      load(p, i, worker);
+    for (int k = 0; k < c->count; k++)
+      if (keys[k] != UINT32_MAX && (p->hidden[i] || is_behind(p, p->reaches[c->base + k], f->splats[c->base + k].z))) {
+        keys[k] = UINT32_MAX;
+        p->dropped[i]++;
+      }
+  }
+}
+
+static pags_result allocate(paper *p) {
+  pags_frame *const f = p->frame;
+  const int64_t clusters = f->cluster_count, dense = f->dense_count, tiles = (int64_t)f->tiles_x * f->tiles_y;
+  p->loaded = pags_frame_alloc(f, clusters, 1, "cluster flags");
+  p->hidden = pags_frame_alloc(f, clusters, 1, "cluster flags");
+  p->dropped = pags_frame_alloc(f, clusters, sizeof *p->dropped, "cluster counts");
+  p->occluders = pags_frame_alloc(f, clusters, sizeof *p->occluders, "cluster counts");
+  p->all_keys = pags_frame_alloc(f, dense, sizeof *p->all_keys, "depth keys");
+  p->reaches = pags_frame_alloc(f, dense, sizeof *p->reaches, "reaches");
+  p->limits = pags_frame_alloc(f, tiles, sizeof *p->limits, "tile depths");
+  f->splats = pags_frame_alloc(f, dense, sizeof *f->splats, "projected Gaussians");
+  f->keys = pags_frame_alloc(f, dense, sizeof *f->keys, "depth keys");
+  f->boxes = pags_frame_alloc(f, dense, sizeof *f->boxes, "tiles of Gaussians");
+  f->hard = pags_frame_alloc(f, f->plane_size, sizeof *f->hard, "occluders' depth");
+  if (!p->loaded || !p->hidden || !p->dropped || !p->occluders || !p->all_keys || !p->reaches || !p->limits ||
+      !f->splats || !f->keys || !f->boxes || !f->hard)
+    return PAGS_ERROR_MEMORY;
+  return make_pyramid(p);
+}
+
+static pags_result draw_occluders(paper *p) {
+  pags_frame *const f = p->frame;
+  const pags_frame_stats before = f->stats;
+  PAGS_TRY(pags_frame_for(f, f->cluster_count, 8, find_occluders, p));
+  PAGS_TRY(pags_stage_list(f));
+  PAGS_TRY(pags_stage_bin(f));
+  PAGS_TRY(pags_frame_for(f, (int64_t)f->tiles_x * f->tiles_y, 1, draw_depth, p));
+  for (int l = 1; l < p->levels; l++)
+    fill_level(p, l);
+  f->stats = before; /* its pairs and such are not the picture's */
+  for (int64_t i = 0; i < f->cluster_count; i++)
+    f->stats.occluders += p->occluders[i];
+  return PAGS_OK;
+}
+
+static void count_clusters(const paper *p) {
+  pags_frame *const f = p->frame;
+  for (int64_t i = 0; i < f->cluster_count; i++) {
+    f->stats.clusters_hidden += p->hidden[i] && !p->loaded[i];
+    f->stats.loaded += p->loaded[i] ? f->clusters[i].count : 0;
+    f->stats.hidden += p->dropped[i];
+  }
+}
+
+pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
+  paper p = {.frame = frame, .touch = touch, .user = user};
+  const double t0 = pags_clock_ms();
+  PAGS_TRY(allocate(&p));
+  PAGS_TRY(draw_occluders(&p));
+  const double t1 = pags_clock_ms();
+  PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
+  count_clusters(&p);
+  const double t2 = pags_clock_ms();
+  PAGS_TRY(pags_stage_shade(frame));
+  const double t3 = pags_clock_ms();
+  frame->tile_limits = p.limits;
+  PAGS_TRY(pags_stage_list(frame));
+  PAGS_TRY(pags_stage_bin(frame));
+  const double t4 = pags_clock_ms();
+  PAGS_TRY(pags_stage_sort(frame));
+  const double t5 = pags_clock_ms();
+  PAGS_TRY(pags_stage_raster(frame));
+  pags_frame_stats *const s = &frame->stats;
+  s->ms_occlude = t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3, s->ms_sort = t5 - t4;
+  s->ms_raster = pags_clock_ms() - t5;
+  s->slabs = 1;
+  return PAGS_OK;
+}

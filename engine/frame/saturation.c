@@ -1,0 +1,59 @@
+/* Which parts of the picture can still change, while a frame is drawn slab by slab. */
+#include <math.h>
+#include <string.h>
+
+#include "frame/stages.h"
+
+enum { BLOCK_SIDE = 4, BLOCKS = PAGS_TILE / BLOCK_SIDE, WORD = 64 };
+
+/* Blocks of a tile that have a pixel inside of the picture: padding counts as full. */
+static uint16_t blocks_inside(const pags_frame *frame, int x0, int y0) {
+  unsigned inside = 0;
+  for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
+    if (x0 + BLOCK_SIDE * (b % BLOCKS) < frame->camera.width && y0 + BLOCK_SIDE * (b / BLOCKS) < frame->camera.height)
+      inside |= 1u << b;
+  return (uint16_t)inside;
+}
+
+/* Rows of blocks from the tiles' masks: four bits of a tile go into each of four rows. */
+static void spread(const pags_frame *frame) {
+  fullness *const f = frame->full;
+  memset(f->open, 0, (size_t)(f->rows * f->words) * sizeof *f->open);
+  f->tiles_full = 0;
+  for (int ty = 0; ty < frame->tiles_y; ty++)
+    for (int tx = 0; tx < frame->tiles_x; tx++) {
+      const int64_t tile = (int64_t)ty * frame->tiles_x + tx;
+      const uint64_t open = f->tile_open[tile];
+      f->tiles_full += f->limits[tile] < 0.0f;
+      for (int row = 0; row < BLOCKS && open; row++)
+        f->open[(int64_t)(BLOCKS * ty + row) * f->words + BLOCKS * tx / WORD] |= (open >> BLOCKS * row & 15u)
+                                                                                 << BLOCKS * tx % WORD;
+    }
+}
+
+pags_result pags_frame_fullness_begin(pags_frame *frame) {
+  const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
+  fullness *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "full tiles");
+  if (!f)
+    return PAGS_ERROR_MEMORY;
+  f->words = (BLOCKS * frame->tiles_x + WORD - 1) / WORD;
+  f->rows = BLOCKS * frame->tiles_y;
+  f->limits = pags_frame_alloc(frame, tiles, sizeof *f->limits, "full tiles");
+  f->tile_begun = pags_frame_alloc(frame, tiles, sizeof *f->tile_begun, "full tiles");
+  f->tile_open = pags_frame_alloc(frame, tiles, sizeof *f->tile_open, "full tiles");
+  f->open = pags_frame_alloc(frame, (int64_t)f->rows * f->words, sizeof *f->open, "full tiles");
+  if (!f->limits || !f->tile_begun || !f->tile_open || !f->open)
+    return PAGS_ERROR_MEMORY;
+  memset(f->tile_begun, 0, (size_t)tiles);
+  for (int64_t tile = 0; tile < tiles; tile++) {
+    f->limits[tile] = INFINITY;
+    f->tile_open[tile] = blocks_inside(frame, frame_tile_x(frame, tile), frame_tile_y(frame, tile));
+  }
+  frame->tile_limits = f->limits;
+  spread(frame);
+  return PAGS_OK;
+}
+
+void pags_frame_fullness_update(pags_frame *frame) {
+  spread(frame);
+}

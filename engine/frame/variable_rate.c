@@ -1,0 +1,151 @@
+/* A frame of which only what is critical is wanted in full: all tiles are looked at by samples 4 pixels apart; tiles in
+ * which a sample or its neighbour shows something critical are drawn pixel by pixel, with the bits that they have
+ * without samples, and the others are interpolated between samples. Lists are made once for both. The sky is that of
+ * the full size everywhere. */
+#include <string.h>
+
+#include "frame/stages.h"
+
+enum { TILE_SAMPLES = PAGS_TILE / SAMPLE_SIDE };
+#define SHOWS 0.125f /* weight from which on a sample shows what is critical */
+
+static float *sample_plane(pags_frame *f, const frame_samples *s) {
+  return pags_frame_alloc(f, (int64_t)s->stride * (f->rows / SAMPLE_SIDE), sizeof(float), "samples");
+}
+
+static pags_result make_samples(pags_frame *f, frame_samples *s) {
+  *s = (frame_samples){.width = (f->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                       .height = (f->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                       .stride = f->stride / SAMPLE_SIDE};
+  float **const planes[] = {&s->rgb[0],   &s->rgb[1], &s->rgb[2],   &s->transmittance,
+                            &s->critical, &s->depth,  &s->depth_sum};
+  const int count = f->options.extra_channels ? 7 : 5;
+  for (int k = 0; k < count; k++)
+    if (!(*planes[k] = sample_plane(f, s)))
+      return PAGS_ERROR_MEMORY;
+  if (f->options.extra_channels && !(s->id = (int32_t *)(void *)sample_plane(f, s)))
+    return PAGS_ERROR_MEMORY;
+  return PAGS_OK;
+}
+
+/* The tiles around a sample, up to a sample away. */
+static void mark_around(const pags_frame *f, const frame_samples *s, int x, int y, uint8_t *wanted) {
+  const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < s->width ? x + 1 : x) / TILE_SAMPLES;
+  const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < s->height ? y + 1 : y) / TILE_SAMPLES;
+  for (int ty = y0; ty <= y1; ty++)
+    for (int tx = x0; tx <= x1; tx++)
+      wanted[(int64_t)ty * f->tiles_x + tx] = 1;
+}
+
+static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
+  const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y;
+  uint8_t *const wanted = pags_frame_alloc(f, tiles, 1, "tiles that are drawn in full");
+  if (!wanted)
+    return PAGS_ERROR_MEMORY;
+  memset(wanted, 0, (size_t)tiles);
+  for (int y = 0; y < s->height; y++)
+    for (int x = 0; x < s->width; x++)
+      if (s->critical[(int64_t)y * s->stride + x] >= SHOWS)
+        mark_around(f, s, x, y, wanted);
+  int64_t marked = 0;
+  for (int64_t i = 0; i < tiles; i++)
+    marked += wanted[i];
+  f->apart->full_tiles = (double)marked / (double)tiles;
+  f->wanted = wanted;
+  return PAGS_OK;
+}
+
+/* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones
+ * as these. */
+typedef struct between {
+  int a, b;
+  float t;
+} between;
+
+static between between_at(int y, int height) {
+  const float at = ((float)y + 0.5f) / SAMPLE_SIDE - 0.5f;
+  const int a = at > 0.0f ? (int)at : 0, last = height - 1;
+  return (between){a < last ? a : last, a + 1 < last ? a + 1 : last, at > 0.0f ? at - (float)(int)at : 0.0f};
+}
+
+/* A tile's row of pixels: its samples and one on either side are taken down to the row, then from sample to sample. */
+static void interpolate_row(const float *plane, int64_t stride, int first, int size, between v, float *out) {
+  static const float weight[SAMPLE_SIDE] = {0.625f, 0.875f, 0.125f,
+                                            0.375f}; /* of the right one; two pixels left of it, two beyond */
+  const float *const top = plane + (int64_t)v.a * stride, *const bottom = plane + (int64_t)v.b * stride;
+  float row[TILE_SAMPLES + 2];
+  for (int k = 0; k < TILE_SAMPLES + 2; k++) {
+    const int x = first + k - 1, at = x < 0 ? 0 : x < size ? x : size - 1;
+    row[k] = top[at] + (bottom[at] - top[at]) * v.t;
+  }
+  for (int x = 0; x < PAGS_TILE; x++) {
+    const int k = (x + SAMPLE_SIDE / 2) / SAMPLE_SIDE;
+    out[x] = row[k] + (row[k + 1] - row[k]) * weight[x % SAMPLE_SIDE];
+  }
+}
+
+/* The sample whose square a pixel lies in. */
+static void take_nearest(const pags_frame *f, const frame_samples *s, int x0, int y) {
+  int32_t *const ids = (int32_t *)(void *)frame_plane(f, PLANE_ID);
+  for (int x = x0; x < x0 + PAGS_TILE; x++) {
+    const int64_t from = (int64_t)(y / SAMPLE_SIDE) * s->stride + x / SAMPLE_SIDE, to = (int64_t)y * f->stride + x;
+    frame_plane(f, PLANE_DEPTH)[to] = s->depth[from];
+    frame_plane(f, PLANE_DEPTH_SUM)[to] = s->depth_sum[from];
+    ids[to] = s->id[from];
+  }
+}
+
+/* What is left of the background there is at most. */
+static float most_transmittance(const pags_frame *f, int64_t at) {
+  const float *row = frame_plane(f, PLANE_T) + at;
+  float most = 0.0f;
+  for (int y = 0; y < PAGS_TILE; y++, row += f->stride)
+    for (int x = 0; x < PAGS_TILE; x++)
+      most = row[x] > most ? row[x] : most;
+  return most;
+}
+
+static void enlarge_tile(const pags_frame *f, const frame_samples *s, int64_t tile) {
+  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
+  const int64_t at = frame_tile_offset(f, tile);
+  const int first = x0 / SAMPLE_SIDE;
+  for (int y = 0; y < PAGS_TILE; y++) {
+    const between v = between_at(y0 + y, s->height);
+    const int64_t row = at + (int64_t)y * f->stride;
+    for (int k = 0; k < 3; k++)
+      interpolate_row(s->rgb[k], s->stride, first, s->width, v, frame_plane(f, PLANE_R + k) + row);
+    interpolate_row(s->transmittance, s->stride, first, s->width, v, frame_plane(f, PLANE_T) + row);
+    if (f->options.extra_channels)
+      take_nearest(f, s, x0, y0 + y);
+  }
+  if (f->has_sky && most_transmittance(f, at) > 1.0f / 512.0f) { /* less is no grey level */
+    pags_sky_tile sky;
+    pags_frame_find_sky(f, tile, &sky);
+    pags_frame_blend_sky(f, tile, &sky);
+  }
+  if (f->options.exposed)
+    pags_frame_expose(f, tile);
+}
+
+typedef struct enlarging {
+  const pags_frame *frame;
+  const frame_samples *samples;
+} enlarging;
+
+static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  const enlarging *const e = context;
+  (void)worker;
+  for (int64_t tile = begin; tile < end; tile++)
+    if (!e->frame->wanted[tile])
+      enlarge_tile(e->frame, e->samples, tile);
+}
+
+pags_result pags_stage_apart(pags_frame *frame) {
+  frame_samples samples;
+  PAGS_TRY(make_samples(frame, &samples));
+  PAGS_TRY(pags_stage_sample(frame, &samples));
+  PAGS_TRY(mark_tiles(frame, &samples));
+  PAGS_TRY(pags_stage_raster(frame));
+  enlarging e = {frame, &samples};
+  return pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 16, enlarge_tiles, &e);
+}

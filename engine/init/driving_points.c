@@ -1,0 +1,324 @@
+/* Points to start from in a driving scene.
+ *
+ * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in
+ * voxels of 0.15 m, and from structure from motion; what the laser never reaches is covered by random points as
+ * drivestudio does it. Here voxels grow with the distance and with the number of points, colours are means over the
+ * photographs that see a point, and points that no training photograph sees are left out. */
+#include "init/driving_points.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/sort.h"
+#include "init/colorize.h"
+
+enum {
+  MOST_READ = 3000000,      /* points of the background taken from sweeps */
+  MOST_PAINTED = 600000,    /* of them coloured */
+  MOST_BACKGROUND = 200000, /* of them kept */
+  MOST_OBJECT = 20000,      /* of each object (Street Gaussians) */
+  FEW_OBJECT = 2000,        /* fewer are filled up (Street Gaussians) */
+  LEAST_OBJECT = 500,
+  FAR_POINTS = 40000,
+  MATCHED_POINTS = 40000 /* without LiDAR and structure from motion */
+};
+
+static const double finest_voxel = 0.05, voxel_step = 1.25; /* metres, times */
+static const double farthest_times = 4.0;                   /* of the scene's radius */
+
+void pags_start_destroy(pags_start *start) {
+  pags_start_points *all = start->objects;
+  for (int64_t i = 0; i < start->object_count; i++) {
+    free(all[i].xyz);
+    free(all[i].rgb);
+    free(all[i].object);
+  }
+  free(all);
+  free(start->background.xyz);
+  free(start->background.rgb);
+  free(start->background.object);
+  free(start->background.s_sem);
+  *start = (pags_start){0};
+}
+
+static pags_result reserve(pags_start_points *points, int64_t count, int with_object) {
+  size_t room = (size_t)(count > 0 ? count : 1);
+  points->xyz = malloc(room * 3 * sizeof *points->xyz);
+  points->rgb = malloc(room * 3);
+  points->object = with_object ? malloc(room * sizeof *points->object) : NULL;
+  points->s_sem = with_object ? calloc(room, sizeof *points->s_sem) : NULL;
+  if (points->xyz && points->rgb && ((points->object && points->s_sem) || !with_object))
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)count);
+}
+
+static void put(pags_start_points *to, const float *xyz, const uint8_t *rgb, int32_t object) {
+  memcpy(to->xyz + 3 * to->count, xyz, 3 * sizeof *xyz);
+  memcpy(to->rgb + 3 * to->count, rgb, 3);
+  if (to->object)
+    to->object[to->count] = object;
+  to->count++;
+}
+
+static void colour_of(const pags_candidate *row, uint8_t rgb[3]) {
+  for (int c = 0; c < 3; c++)
+    rgb[c] = (uint8_t)fminf(255.0f, row->sum[c] / row->sum[3] + 0.5f);
+}
+
+/* The eyes: where the training cameras stand, relative to the origin. */
+static pags_result list_eyes(const pags_dataset *dataset, float **eyes, int64_t *count) {
+  *count = 0;
+  *eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof **eyes);
+  if (!*eyes)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the cameras");
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    if (view->test)
+      continue;
+    for (int k = 0; k < 3; k++)
+      (*eyes)[3 * *count + k] = (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
+    ++*count;
+  }
+  return PAGS_OK;
+}
+
+/* Objects. */
+
+/* What has a colour; a mirror image takes its source's. */
+static int seen_colour(const pags_candidates *points, int64_t i, uint8_t rgb[3]) {
+  const pags_candidate *row = &points->rows[i];
+  if (row->kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
+    row = &points->rows[row->source];
+  if (!(row->sum[3] > 0))
+    return 0;
+  colour_of(row, rgb);
+  return 1;
+}
+
+static int64_t take_kind(const pags_candidates *points, int32_t owner, int kind, int64_t from, pags_start_points *to) {
+  for (int64_t i = from; i < points->count; i++) {
+    uint8_t rgb[3];
+    if (points->rows[i].owner == owner && points->rows[i].kind == kind && seen_colour(points, i, rgb))
+      put(to, points->rows[i].p, rgb, 0);
+  }
+  return to->count;
+}
+
+static pags_result take_object(const pags_candidates *points, int32_t owner, int64_t measured, pags_start_points *to) {
+  int64_t all = 0;
+  for (int64_t i = 0; i < points->count; i++)
+    all += points->rows[i].owner == owner;
+  if (all == 0)
+    return PAGS_OK;
+  PAGS_TRY(reserve(to, all, 0));
+  int64_t count = take_kind(points, owner, PAGS_CANDIDATE_MEASURED, 0, to);
+  if (count < FEW_OBJECT)
+    count = take_kind(points, owner, PAGS_CANDIDATE_MIRRORED, measured, to);
+  if (count < LEAST_OBJECT)
+    take_kind(points, owner, PAGS_CANDIDATE_GRID, measured, to);
+  return PAGS_OK;
+}
+
+static pags_result take_objects(const pags_dataset *dataset, const pags_candidates *points, int64_t measured,
+                                pags_start *out) {
+  for (int64_t i = 0; i < out->object_count; i++)
+    if (pags_dataset_object(dataset, i)->moving)
+      PAGS_TRY(take_object(points, (int32_t)i, measured, &out->objects[i]));
+  return PAGS_OK;
+}
+
+/* Background. */
+
+static void keep_seen_background(pags_candidates *points) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < points->count; i++)
+    if (points->rows[i].owner < 0 && points->rows[i].sum[3] > 0)
+      points->rows[kept++] = points->rows[i];
+  points->count = kept;
+}
+
+static int64_t background_count(const pags_candidates *points) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < points->count; i++)
+    count += points->rows[i].owner < 0;
+  return count;
+}
+
+/* Voxels as fine as `most` points allow, from `side` on; `side` is what it has come to. */
+static pags_result thin_background(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                                   int64_t most, double *side) {
+  PAGS_TRY(pags_candidates_merge(points, tasks, eyes, eye_count, *side));
+  while (background_count(points) > most) {
+    *side *= voxel_step;
+    PAGS_TRY(pags_candidates_merge(points, tasks, eyes, eye_count, *side));
+  }
+  return PAGS_OK;
+}
+
+static double distance_from(const float *p, const double middle[3]) {
+  double sum = 0;
+  for (int k = 0; k < 3; k++)
+    sum += ((double)p[k] - middle[k]) * ((double)p[k] - middle[k]);
+  return sqrt(sum);
+}
+
+static void mean_eye(const float *eyes, int64_t count, double middle[3]) {
+  for (int k = 0; k < 3; k++) {
+    middle[k] = 0;
+    for (int64_t i = 0; i < count; i++)
+      middle[k] += (double)eyes[3 * i + k] / (double)count;
+  }
+}
+
+/* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all.
+ */
+static pags_result scene_radius(const pags_candidates *points, const double middle[3], double *radius,
+                                double *largest) {
+  double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
+  int64_t count = 0;
+  if (!all)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  for (int64_t i = 0; i < points->count; i++)
+    if (points->rows[i].owner < 0)
+      all[count++] = distance_from(points->rows[i].p, middle);
+  pags_sort_doubles(all, count);
+  *radius = count ? fmax(30.0, all[count * 95 / 100]) : 100.0;
+  *largest = count ? all[count - 1] : INFINITY;
+  free(all);
+  return PAGS_OK;
+}
+
+/* Is a point ever inside of a moving object's box? Points from photographs can't be told apart by time. */
+static int swept_by_object(const pags_dataset *dataset, const float *p) {
+  const double *origin = pags_dataset_origin(dataset);
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *object = pags_dataset_object(dataset, i);
+    for (int64_t n = 0; object->moving && n < object->knot_count; n++) {
+      double inverse[12], local = 0;
+      int inside = 1;
+      pags_rigid_inverse(object->knots[n].world_from_object, inverse);
+      for (int k = 0; k < 3 && inside; k++) {
+        const double *m = inverse + 4 * k;
+        local = m[0] * ((double)p[0] + origin[0]) + m[1] * ((double)p[1] + origin[1]) +
+                m[2] * ((double)p[2] + origin[2]) + m[3];
+        inside = fabs(local) <= 0.5 * object->size[k];
+      }
+      if (inside)
+        return 1;
+    }
+  }
+  return 0;
+}
+
+typedef struct extra_points {
+  int64_t count;
+  const float *xyz;
+  const uint8_t *rgb;
+  float *matched_xyz; /* owned */
+  uint8_t *matched_rgb;
+} extra_points;
+
+/* Structure from motion, or, where there is neither that nor LiDAR, points matched between photographs. */
+static pags_result find_extra(const pags_dataset *dataset, const pags_train_config *config, int64_t lidar,
+                              pags_tasks *tasks, extra_points *out) {
+  int random;
+  *out = (extra_points){0};
+  pags_dataset_points(dataset, &out->count, &out->xyz, &out->rgb, &random);
+  if (!random && out->count > 0)
+    return PAGS_OK;
+  if (lidar > 0) {
+    out->count = 0;
+    return PAGS_OK;
+  }
+  if (config->random_start)
+    return PAGS_OK;
+  out->count = MATCHED_POINTS;
+  PAGS_TRY(pags_dataset_match_points(dataset, tasks, out->count, config->seed, &out->matched_xyz, &out->matched_rgb));
+  out->xyz = out->matched_xyz;
+  out->rgb = out->matched_rgb;
+  return PAGS_OK;
+}
+
+static pags_result put_background(const pags_dataset *dataset, const pags_candidates *points, const extra_points *extra,
+                                  const double middle[3], double largest, const pags_far_points *far, pags_start *out) {
+  pags_start_points *to = &out->background;
+  PAGS_TRY(reserve(to, points->count + extra->count + far->count, 1));
+  for (int64_t i = 0; i < points->count; i++) {
+    uint8_t rgb[3];
+    const pags_candidate *row = &points->rows[i];
+    colour_of(row, rgb);
+    to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
+    put(to, row->p, rgb, row->parked);
+  }
+  out->lidar_points = to->count;
+  for (int64_t i = 0; i < extra->count; i++)
+    if (distance_from(extra->xyz + 3 * i, middle) <= 2 * largest && !swept_by_object(dataset, extra->xyz + 3 * i))
+      put(to, extra->xyz + 3 * i, extra->rgb + 3 * i, -1);
+  for (int64_t i = 0; i < far->count; i++)
+    put(to, far->xyz + 3 * i, far->rgb + 3 * i, -1);
+  return PAGS_OK;
+}
+
+typedef struct work {
+  pags_candidates points;
+  pags_far_points far;
+  extra_points extra;
+  float *eyes;
+  int64_t eye_count;
+} work;
+
+/* Gathers, thins, colours; leaves the background's seen points in work->points and the objects in `out`. */
+static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks *tasks, work *w, double middle[3],
+                              double *largest, pags_start *out) {
+  double radius = 0, side = finest_voxel;
+  if (lidar)
+    PAGS_TRY(pags_candidates_gather(dataset, tasks, MOST_READ, &w->points));
+  PAGS_TRY(pags_candidates_remove_rig(&w->points, tasks, w->eyes, w->eye_count));
+  PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_PAINTED, &side));
+  PAGS_TRY(scene_radius(&w->points, middle, &radius, largest));
+  PAGS_TRY(pags_candidates_complete(dataset, MOST_OBJECT, FEW_OBJECT, &w->points));
+  int64_t measured = 0;
+  while (measured < w->points.count && w->points.rows[measured].kind == PAGS_CANDIDATE_MEASURED)
+    measured++;
+  w->far.farthest = farthest_times * radius;
+  PAGS_TRY(pags_candidates_paint(dataset, tasks, &w->points, measured, &w->far));
+  PAGS_TRY(take_objects(dataset, &w->points, measured, out));
+  keep_seen_background(&w->points);
+  PAGS_TRY(pags_candidates_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
+  PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_BACKGROUND, &side));
+  pags_log(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
+           pags_dataset_path(dataset), (long long)w->points.count, side);
+  return PAGS_OK;
+}
+
+static pags_result make(const pags_dataset *dataset, const pags_train_config *config, int lidar, pags_tasks *tasks,
+                        work *w, pags_start *out) {
+  double middle[3], largest = INFINITY;
+  out->object_count = pags_dataset_object_count(dataset);
+  out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
+  if (!out->objects)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)out->object_count);
+  PAGS_TRY(list_eyes(dataset, &w->eyes, &w->eye_count));
+  mean_eye(w->eyes, w->eye_count, middle);
+  PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));
+  PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
+  return put_background(dataset, &w->points, &w->extra, middle, largest, &w->far, out);
+}
+
+pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
+                              pags_tasks *tasks, pags_start *out) {
+  work w = {.far = {.wanted = FAR_POINTS, .seed = config->seed}};
+  *out = (pags_start){0};
+  pags_result result = make(dataset, config, lidar, tasks, &w, out);
+  pags_candidates_destroy(&w.points);
+  free(w.far.xyz);
+  free(w.far.rgb);
+  free(w.extra.matched_xyz);
+  free(w.extra.matched_rgb);
+  free(w.eyes);
+  if (result != PAGS_OK)
+    pags_start_destroy(out);
+  return result;
+}

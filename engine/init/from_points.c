@@ -1,0 +1,100 @@
+/* From points to Gaussians, as Kerbl et al. (2023) do it. */
+#include "init/from_points.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include "init/knn.h"
+
+static const double sh_c0 = 0.28209479177387814; /* 1 / (2 sqrt(pi)) */
+
+/* Smallest square of the first sigma, m^2: duplicate points have no distance to take. INRIA's bound. */
+static const float least_square = 1e-7f;
+
+/* Half a level: colours are clamped at 0, where nothing flows back, so that a black cloud would stay black. */
+static const double least_level = 0.5;
+
+double pags_init_extent(const pags_dataset *dataset, const int64_t *views, int64_t count) {
+  double mean[3] = {0.0, 0.0, 0.0}, largest = 0.0;
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < 3; k++)
+      mean[k] += pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] / (double)count;
+  for (int64_t i = 0; i < count; i++) {
+    double square = 0.0;
+    for (int k = 0; k < 3; k++) {
+      double d = pags_dataset_view(dataset, views[i])->camera.world_from_camera[4 * k + 3] - mean[k];
+      square += d * d;
+    }
+    largest = fmax(largest, sqrt(square));
+  }
+  return largest > 1e-6 ? 1.1 * largest : 1.0;
+}
+
+/* Indices of the points to use; returns how many. */
+static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int64_t *chosen) {
+  int64_t finite = 0, taken = 0;
+  for (int64_t i = 0; i < points; i++)
+    if (isfinite(xyz[3 * i]) && isfinite(xyz[3 * i + 1]) && isfinite(xyz[3 * i + 2]))
+      chosen[finite++] = i;
+  if (finite <= most)
+    return finite;
+  for (; taken < most; taken++) /* evenly spread over the order of the file */
+    chosen[taken] = chosen[(int64_t)((double)taken * (double)finite / (double)most)];
+  return taken;
+}
+
+static void fill_row(const pags_train_config *config, const float *xyz, const uint8_t *rgb, float square, double extent,
+                     pags_gaussians *g, int64_t row) {
+  double sigma = config->init_scale * sqrt((double)fmaxf(square, least_square));
+  float log_sigma = (float)log(fmin(sigma, config->init_scale_max * extent));
+  for (int k = 0; k < 3; k++) {
+    pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
+    pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
+    pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / sh_c0);
+  }
+  pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
+  pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->init_opacity / (1.0 - config->init_opacity));
+}
+
+/* `xyz` and `square` hold the chosen points in order. */
+static pags_result sorted_rows(const pags_train_config *config, int64_t count, const float *xyz, const uint8_t *rgb,
+                               const int64_t *chosen, const float *square, double extent, pags_gaussians *out) {
+  pags_gaussians unsorted;
+  PAGS_TRY(pags_gaussians_create(&unsorted, count, config->sh_degree));
+  for (int64_t i = 0; i < count; i++)
+    fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, &unsorted, i);
+  int64_t *order = malloc((size_t)count * sizeof *order);
+  pags_result result = order ? pags_gaussians_morton_order(&unsorted, order)
+                             : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)count);
+  if (result == PAGS_OK)
+    result = pags_gaussians_create(out, count, config->sh_degree);
+  if (result == PAGS_OK)
+    pags_gaussians_gather(&unsorted, order, count, out);
+  free(order);
+  pags_gaussians_destroy(&unsorted);
+  return result;
+}
+
+pags_result pags_init_gaussians(const pags_train_config *config, int64_t points, const float *xyz, const uint8_t *rgb,
+                                int64_t most, double extent, pags_tasks *tasks, pags_gaussians *out) {
+  *out = (pags_gaussians){0};
+  int64_t *chosen = malloc((size_t)(points > 0 ? points : 1) * sizeof *chosen);
+  int64_t count = chosen ? choose_points(points, xyz, most, chosen) : 0;
+  float *positions = malloc((size_t)(count > 0 ? count : 1) * 4 * sizeof(float)); /* and the squares behind them */
+  pags_result result = PAGS_OK;
+  if (!chosen || !positions)
+    result = pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points);
+  else if (count == 0)
+    result = pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
+                       (long long)points);
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
+    for (int k = 0; k < 3; k++)
+      positions[3 * i + k] = xyz[3 * chosen[i] + k];
+  if (result == PAGS_OK)
+    result = pags_knn_mean_squared(positions, count, tasks, positions + 3 * count);
+  if (result == PAGS_OK)
+    result = sorted_rows(config, count, positions, rgb, chosen, positions + 3 * count, extent, out);
+  free(positions);
+  free(chosen);
+  return result;
+}

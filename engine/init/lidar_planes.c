@@ -1,0 +1,269 @@
+/* Facets; see facets.h.
+ *
+ * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of
+ * the smallest eigenvalue of their covariance) to within the laser's noise is a facet; one whose points don't is
+ * remembered as rough, so that nothing there is drawn to a plane of larger cells. */
+#include "init/lidar_planes.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+
+enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
+
+static const double finest = 0.4; /* side of the smallest cells, metres; then twice that, and so on */
+static const double thickest =
+    0.04; /* standard deviation across a facet, metres: noise of the laser, of the poses, a little relief */
+static const double narrowest =
+    0.1; /* standard deviation along its second axis, of the side: a line of points has no plane */
+static const double widest = 0.75;  /* how far along the plane from its centre a facet reaches, of the side */
+static const double farthest = 0.3; /* and across, metres */
+static const double nearest = 0.03; /* what lies nearer than this is left alone: the planes are no better known */
+
+static uint64_t key_of(const int64_t cell[3], int level) {
+  uint64_t key = (uint64_t)level;
+  for (int k = 0; k < 3; k++)
+    key = key << CELL_BITS | ((uint64_t)(cell[k] + (1 << (CELL_BITS - 1))) & ((1u << CELL_BITS) - 1));
+  return key;
+}
+
+static void cell_of(const float p[3], double side, int64_t cell[3]) {
+  const double most = (1 << (CELL_BITS - 1)) - 2;
+  for (int k = 0; k < 3; k++)
+    cell[k] = (int64_t)fmax(-most, fmin(most, floor((double)p[k] / side)));
+}
+
+static uint64_t hash_of(uint64_t key) {
+  key ^= key >> 31;
+  key *= 0x9e3779b97f4a7c15u;
+  key ^= key >> 29;
+  key *= 0xd6e8feb86659fd93u;
+  return key ^ key >> 32;
+}
+
+static const pags_facet *find(const pags_facets *self, uint64_t key) {
+  for (uint64_t at = hash_of(key) & self->mask; self->table[at] >= 0; at = (at + 1) & self->mask)
+    if (self->list[self->table[at]].key == key)
+      return &self->list[self->table[at]];
+  return NULL;
+}
+
+/* Fitting. */
+
+typedef struct keyed {
+  uint64_t key;
+  int64_t row;
+} keyed;
+
+static int by_key(const void *a, const void *b) {
+  const keyed *x = a, *y = b;
+  if (x->key != y->key)
+    return x->key < y->key ? -1 : 1;
+  return x->row < y->row ? -1 : x->row > y->row;
+}
+
+/* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix
+ * Computations, 8.5). */
+static void diagonalise(double a[3][3], double v[3][3]) {
+  for (int i = 0; i < 9; i++)
+    v[i / 3][i % 3] = i / 3 == i % 3;
+  for (int sweep = 0; sweep < 12; sweep++)
+    for (int p = 0; p < 2; p++)
+      for (int q = p + 1; q < 3; q++) {
+        if (fabs(a[p][q]) < 1e-300)
+          continue;
+        double tau = (a[q][q] - a[p][p]) / (2 * a[p][q]);
+        double t = (tau >= 0 ? 1 : -1) / (fabs(tau) + sqrt(1 + tau * tau)), c = 1 / sqrt(1 + t * t), s = t * c;
+        for (int k = 0; k < 3; k++) {
+          double x = a[k][p], y = a[k][q];
+          a[k][p] = c * x - s * y;
+          a[k][q] = s * x + c * y;
+        }
+        for (int k = 0; k < 3; k++) {
+          double x = a[p][k], y = a[q][k];
+          a[p][k] = c * x - s * y;
+          a[q][k] = s * x + c * y;
+          x = v[k][p];
+          y = v[k][q];
+          v[k][p] = c * x - s * y;
+          v[k][q] = s * x + c * y;
+        }
+      }
+}
+
+static void moments_of(const pags_candidates *points, const keyed *run, int64_t count, double mean[3], double a[3][3]) {
+  memset(a, 0, 9 * sizeof(double));
+  for (int k = 0; k < 3; k++) {
+    mean[k] = 0;
+    for (int64_t i = 0; i < count; i++)
+      mean[k] += (double)points->rows[run[i].row].p[k] / (double)count;
+  }
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < 9; k++)
+      a[k / 3][k % 3] += ((double)points->rows[run[i].row].p[k / 3] - mean[k / 3]) *
+                         ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
+}
+
+static pags_facet fit(const pags_candidates *points, const keyed *run, int64_t count, double side) {
+  double mean[3], a[3][3], v[3][3];
+  pags_facet facet = {.key = run->key};
+  moments_of(points, run, count, mean, a);
+  diagonalise(a, v);
+  int least = 0, most = 0;
+  for (int k = 1; k < 3; k++) {
+    least = a[k][k] < a[least][least] ? k : least;
+    most = a[k][k] >= a[most][most] ? k : most;
+  }
+  double second = a[0][0] + a[1][1] + a[2][2] - a[least][least] - a[most][most];
+  int flat = a[least][least] <= thickest * thickest && second >= narrowest * narrowest * side * side;
+  for (int k = 0; k < 3; k++) {
+    facet.centre[k] = (float)mean[k];
+    facet.normal[k] = flat ? (float)v[k][least] : 0.0f;
+  }
+  return facet;
+}
+
+/* All cells of one level; `keys` has room for all points. */
+static void fit_level(const pags_candidates *points, int level, keyed *keys, pags_facets *out) {
+  double side = ldexp(finest, level);
+  int64_t n = 0;
+  for (int64_t i = 0; i < points->count; i++) {
+    int64_t cell[3];
+    if (points->rows[i].owner >= 0 || points->rows[i].parked >= 0)
+      continue;
+    cell_of(points->rows[i].p, side, cell);
+    keys[n++] = (keyed){key_of(cell, level), i};
+  }
+  pags_sort(keys, n, sizeof *keys, by_key);
+  for (int64_t i = 0, end; i < n; i = end) {
+    for (end = i + 1; end < n && keys[end].key == keys[i].key;)
+      end++;
+    if (end - i >= LEAST_POINTS)
+      out->list[out->count++] = fit(points, keys + i, end - i, side);
+  }
+}
+
+static pags_result make_table(pags_facets *self) {
+  uint64_t size = 16;
+  while (size < 2 * (uint64_t)self->count)
+    size *= 2;
+  self->mask = size - 1;
+  self->table = malloc(size * sizeof *self->table);
+  if (!self->table)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld facets", (long long)self->count);
+  memset(self->table, 0xff, size * sizeof *self->table);
+  for (int64_t i = 0; i < self->count; i++) {
+    uint64_t at = hash_of(self->list[i].key) & self->mask;
+    while (self->table[at] >= 0)
+      at = (at + 1) & self->mask;
+    self->table[at] = (int32_t)i;
+  }
+  return PAGS_OK;
+}
+
+pags_result pags_facets_fit(const pags_candidates *points, pags_facets *out) {
+  *out = (pags_facets){0};
+  size_t room = (size_t)(points->count > 0 ? points->count : 1);
+  keyed *keys = malloc(room * sizeof *keys);
+  out->list = malloc((room / LEAST_POINTS + 1) * LEVELS * sizeof *out->list);
+  if (!keys || !out->list) {
+    free(keys);
+    pags_facets_destroy(out);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to fit planes to %lld points", (long long)points->count);
+  }
+  for (int level = 0; level < LEVELS; level++)
+    fit_level(points, level, keys, out);
+  free(keys);
+  pags_result result = make_table(out);
+  if (result != PAGS_OK)
+    pags_facets_destroy(out);
+  return result;
+}
+
+pags_result pags_facets_create(const pags_dataset *dataset, pags_tasks *tasks, pags_facets *out) {
+  pags_candidates points = {0};
+  *out = (pags_facets){0};
+  pags_result result = pags_candidates_gather(dataset, tasks, MOST_POINTS, &points);
+  if (result == PAGS_OK && points.count > 0)
+    result = pags_facets_fit(&points, out);
+  pags_candidates_destroy(&points);
+  return result;
+}
+
+void pags_facets_destroy(pags_facets *self) {
+  free(self->list);
+  free(self->table);
+  *self = (pags_facets){0};
+}
+
+/* Drawing. */
+
+typedef struct drawing {
+  const pags_facets *facets;
+  pags_gaussians *g;
+  float share;
+} drawing;
+
+static int reaches(const pags_facet *facet, const float p[3], float side, float *across) {
+  float d[3], along2 = 0;
+  *across = 0;
+  for (int k = 0; k < 3; k++) {
+    d[k] = p[k] - facet->centre[k];
+    *across += d[k] * facet->normal[k];
+    along2 += d[k] * d[k];
+  }
+  along2 -= *across * *across;
+  return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
+}
+
+/* The facet whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
+ */
+static const pags_facet *nearest_facet(const pags_facets *self, const float p[3], float *across) {
+  static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
+  for (int level = 0; level < LEVELS; level++) {
+    double side = ldexp(finest, level);
+    const pags_facet *best = NULL;
+    int64_t cell[3];
+    cell_of(p, side, cell);
+    for (int i = 0; i < 7; i++) {
+      int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
+      const pags_facet *facet = find(self, key_of(beside, level));
+      float d;
+      if (!facet)
+        continue;
+      int rough = facet->normal[0] == 0.0f && facet->normal[1] == 0.0f && facet->normal[2] == 0.0f;
+      if (rough && i == 0)
+        return NULL;
+      if (!rough && reaches(facet, p, (float)side, &d) && (!best || fabsf(d) < fabsf(*across))) {
+        best = facet;
+        *across = d;
+      }
+    }
+    if (best)
+      return best;
+  }
+  return NULL;
+}
+
+static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
+  const drawing *d = context;
+  (void)worker;
+  for (int64_t row = begin; row < end; row++) {
+    float p[3], across = 0;
+    if (d->g->object_id && d->g->object_id[row] >= 0)
+      continue;
+    for (int k = 0; k < 3; k++)
+      p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
+    const pags_facet *facet = nearest_facet(d->facets, p, &across);
+    float excess = fabsf(across) - (float)nearest;
+    for (int k = 0; facet && excess > 0.0f && k < 3; k++)
+      pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * facet->normal[k];
+  }
+}
+
+int pags_facets_draw(const pags_facets *self, pags_gaussians *g, double share, pags_tasks *tasks) {
+  drawing d = {self, g, (float)share};
+  return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
+}

@@ -1,0 +1,236 @@
+/* Thinning the background: voxels that grow with the distance, and outliers. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+#include "init/lidar_points.h"
+#include "init/knn.h"
+
+enum { LEVELS = 12, BLOCK = 2048 };
+
+static const double finest_until = 10.0; /* metres */
+
+/* How often the distance to the nearest eye doubles beyond finest_until. */
+typedef struct levels {
+  const pags_candidate *rows;
+  const float *eyes;
+  int64_t eye_count;
+  uint8_t *level;
+} levels;
+
+static void level_block(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  const levels *l = context;
+  for (int64_t i = begin; i < end; i++) {
+    const float *p = l->rows[i].p;
+    float least = INFINITY;
+    for (int64_t e = 0; e < l->eye_count; e++) {
+      const float *q = l->eyes + 3 * e;
+      float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2], d2 = x * x + y * y + z * z;
+      least = d2 < least ? d2 : least;
+    }
+    double limit = finest_until * finest_until;
+    int level = 0;
+    while (level < LEVELS - 1 && (double)least > limit) {
+      limit *= 4;
+      level++;
+    }
+    l->level[i] = (uint8_t)level;
+  }
+}
+
+static pags_result find_levels(const pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                               uint8_t **out) {
+  *out = malloc((size_t)(points->count > 0 ? points->count : 1));
+  if (!*out)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  levels l = {points->rows, eyes, eye_count, *out};
+  if (pags_parallel_for(tasks, points->count, BLOCK, level_block, &l))
+    return PAGS_OK;
+  free(*out);
+  *out = NULL;
+  return pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
+}
+
+typedef struct key {
+  int32_t cell[3];
+  int32_t parked;
+  int32_t level;
+} key;
+
+static key key_of(const pags_candidate *row, int level, double side) {
+  key k = {.parked = row->parked, .level = level};
+  double size = ldexp(side, level);
+  for (int i = 0; i < 3; i++)
+    k.cell[i] = (int32_t)fmax(-1e9, fmin(1e9, floor((double)row->p[i] / size)));
+  return k;
+}
+
+static uint64_t hash_of(const key *k) {
+  uint64_t h = (uint32_t)k->cell[0];
+  h = h * 0x9e3779b97f4a7c15u + (uint32_t)k->cell[1];
+  h = h * 0x9e3779b97f4a7c15u + (uint32_t)k->cell[2];
+  h = h * 0x9e3779b97f4a7c15u + (uint32_t)(k->parked * LEVELS + k->level);
+  h ^= h >> 32;
+  h *= 0xd6e8feb86659fd93u;
+  return h ^ h >> 29;
+}
+
+/* Mean weighted by what each has been merged of; colours by their own weights. */
+static void merge_into(pags_candidate *to, const pags_candidate *from) {
+  float share = from->merged / (to->merged + from->merged);
+  for (int k = 0; k < 3; k++)
+    to->p[k] += share * (from->p[k] - to->p[k]);
+  to->time += share * (from->time - to->time);
+  for (int k = 0; k < 4; k++)
+    to->sum[k] += from->sum[k];
+  for (int k = 0; k < 2; k++)
+    to->views[k] += from->views[k];
+  to->merged += from->merged;
+}
+
+/* Open addressing over indices of rows kept so far; `keys` are theirs. */
+static int64_t find_slot(const int32_t *table, uint64_t mask, const key *keys, const key *wanted) {
+  uint64_t at = hash_of(wanted) & mask;
+  while (table[at] >= 0 && memcmp(&keys[table[at]], wanted, sizeof *wanted) != 0)
+    at = (at + 1) & mask;
+  return (int64_t)at;
+}
+
+static void merge_rows(pags_candidates *points, const uint8_t *level, double side, int32_t *table, uint64_t mask,
+                       key *keys) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < points->count; i++) {
+    pags_candidate row = points->rows[i];
+    if (row.owner < 0) {
+      key k = key_of(&row, level[i], side);
+      int64_t slot = find_slot(table, mask, keys, &k);
+      if (table[slot] >= 0) {
+        merge_into(&points->rows[table[slot]], &row);
+        continue;
+      }
+      table[slot] = (int32_t)kept;
+      keys[kept] = k;
+    }
+    points->rows[kept++] = row;
+  }
+  points->count = kept;
+}
+
+pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                                  double side) {
+  uint8_t *level;
+  uint64_t size = 16;
+  if (points->count > INT32_MAX / 4)
+    return pags_fail(PAGS_ERROR_LIMIT, "%lld points are too many to thin", (long long)points->count);
+  while (size < 2 * (uint64_t)points->count)
+    size *= 2;
+  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, &level));
+  int32_t *table = malloc(size * sizeof *table);
+  key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
+  pags_result result = PAGS_OK;
+  if (!table || !keys) {
+    result = pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld voxels", (long long)points->count);
+  } else {
+    memset(table, 0xff, size * sizeof *table);
+    merge_rows(points, level, side, table, size - 1, keys);
+  }
+  free(keys);
+  free(table);
+  free(level);
+  return result;
+}
+
+/* The recording car about its cameras: half its width, and how far below and above the cameras; metres. The road lies
+ * deeper. */
+static const float rig_radius = 1.2f, rig_below = 1.2f, rig_above = 1.5f;
+
+static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
+  (void)worker;
+  const levels *l = context;
+  for (int64_t i = begin; i < end; i++) {
+    const float *p = l->rows[i].p;
+    l->level[i] = 0;
+    for (int64_t e = 0; e < l->eye_count && !l->level[i]; e++) {
+      const float *q = l->eyes + 3 * e;
+      float x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
+      l->level[i] = x * x + y * y < rig_radius * rig_radius && z > -rig_below && z < rig_above;
+    }
+  }
+}
+
+pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes,
+                                       int64_t eye_count) {
+  int64_t kept = 0;
+  uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
+  if (!inside)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  levels l = {points->rows, eyes, eye_count, inside};
+  pags_result result = pags_parallel_for(tasks, points->count, BLOCK, rig_block, &l)
+                           ? PAGS_OK
+                           : pags_fail(PAGS_CANCELLED, "cancelled while thinning points");
+  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+    if (points->rows[i].owner >= 0 || !inside[i])
+      points->rows[kept++] = points->rows[i];
+  if (result == PAGS_OK)
+    points->count = kept;
+  free(inside);
+  return result;
+}
+
+/* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
+static void find_limits(const uint8_t *level, const float *square, int64_t count, float *scratch,
+                        float limits[LEVELS]) {
+  for (int l = 0; l < LEVELS; l++) {
+    int64_t n = 0;
+    for (int64_t i = 0; i < count; i++)
+      if (level[i] == l)
+        scratch[n++] = square[i];
+    pags_sort_floats(scratch, n);
+    limits[l] = n >= 16 ? 16 * scratch[n / 2] : INFINITY;
+  }
+}
+
+/* `index` lists the rows of the background, `floats` has room for 5 a row: positions, squares, scratch. */
+static pags_result mark_outliers(pags_candidates *points, pags_tasks *tasks, const uint8_t *level, const int64_t *index,
+                                 int64_t count, float *floats, uint8_t *own) {
+  float *square = floats + 3 * count, limits[LEVELS];
+  for (int64_t i = 0; i < count; i++) {
+    memcpy(floats + 3 * i, points->rows[index[i]].p, 3 * sizeof *floats);
+    own[i] = level[index[i]];
+  }
+  PAGS_TRY(pags_knn_mean_squared(floats, count, tasks, square));
+  find_limits(own, square, count, square + count, limits);
+  for (int64_t i = 0; i < count; i++)
+    if (square[i] > limits[own[i]])
+      points->rows[index[i]].kind = -1;
+  return PAGS_OK;
+}
+
+pags_result pags_candidates_remove_outliers(pags_candidates *points, pags_tasks *tasks, const float *eyes,
+                                            int64_t eye_count) {
+  uint8_t *level;
+  int64_t count = 0, kept = 0;
+  PAGS_TRY(find_levels(points, tasks, eyes, eye_count, &level));
+  size_t room = (size_t)(points->count > 0 ? points->count : 1);
+  int64_t *index = malloc(room * sizeof *index);
+  float *floats = malloc(room * 5 * sizeof *floats);
+  uint8_t *own = malloc(room);
+  for (int64_t i = 0; index && i < points->count; i++)
+    if (points->rows[i].owner < 0)
+      index[count++] = i;
+  pags_result result = index && floats && own
+                           ? mark_outliers(points, tasks, level, index, count, floats, own)
+                           : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+    if (points->rows[i].kind >= 0)
+      points->rows[kept++] = points->rows[i];
+  if (result == PAGS_OK)
+    points->count = kept;
+  free(own);
+  free(floats);
+  free(index);
+  free(level);
+  return result;
+}

@@ -1,0 +1,75 @@
+/* A depth buffer of coarse cells for sparse points.
+ *
+ * The laser sits elsewhere than the camera and sees things that the camera doesn't; drawn as single pixels its points
+ * would hide nothing. How large a point has to be to close the surface it was measured on depends on how many there
+ * are. */
+#include "init/z_buffer.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Half the side of the smallest thing that a point stands for, and of the largest; metres. */
+static const double least_half = 0.08, most_half = 0.5;
+static const double most_pixels = 16.0;
+
+/* Nearer by less than this is taken for the same surface seen at a slant: metres and share of the depth. */
+static const float same_metres = 0.3f, same_share = 0.08f;
+
+pags_result pags_occlusion_reset(pags_occlusion *self, int width, int height, double focal) {
+  self->width = width;
+  self->height = height;
+  self->focal = focal;
+  self->columns = (width + PAGS_OCCLUSION_CELL - 1) / PAGS_OCCLUSION_CELL;
+  self->rows = (height + PAGS_OCCLUSION_CELL - 1) / PAGS_OCCLUSION_CELL;
+  int64_t cells = (int64_t)self->columns * self->rows;
+  if (cells > self->room) {
+    free(self->depth);
+    self->depth = malloc((size_t)cells * sizeof *self->depth);
+    self->room = self->depth ? cells : 0;
+    if (!self->depth)
+      return pags_fail(PAGS_ERROR_MEMORY, "no memory for a depth buffer of %dx%d", self->columns, self->rows);
+  }
+  for (int64_t i = 0; i < cells; i++)
+    self->depth[i] = INFINITY;
+  return PAGS_OK;
+}
+
+void pags_occlusion_destroy(pags_occlusion *self) {
+  free(self->depth);
+  *self = (pags_occlusion){0};
+}
+
+static int clamp_cell(double pixel, int cells) {
+  int cell = (int)(pixel / PAGS_OCCLUSION_CELL);
+  return pixel < 0 ? 0 : cell < cells ? cell : cells - 1;
+}
+
+static void cover(pags_occlusion *self, const pags_seen_point *p, double spacing) {
+  double u = (double)p->u, v = (double)p->v, scale = self->focal / (double)p->z;
+  double half = fmin(fmax(spacing, least_half * scale), fmin(most_half * scale, most_pixels));
+  int left = clamp_cell(u - half, self->columns), right = clamp_cell(u + half, self->columns);
+  int top = clamp_cell(v - 0.25 * half, self->rows), bottom = clamp_cell(v + 2 * half, self->rows);
+  for (int y = top; y <= bottom; y++) {
+    float *row = self->depth + (int64_t)y * self->columns;
+    for (int x = left; x <= right; x++)
+      row[x] = p->z < row[x] ? p->z : row[x];
+  }
+}
+
+void pags_occlusion_add(pags_occlusion *self, const pags_seen_point *points, int64_t count) {
+  int64_t seen = 0;
+  for (int64_t i = 0; i < count; i++)
+    seen += points[i].z > 0;
+  if (seen == 0)
+    return;
+  double spacing = 0.5 * sqrt((double)self->width * self->height / (double)seen);
+  for (int64_t i = 0; i < count; i++)
+    if (points[i].z > 0)
+      cover(self, &points[i], spacing);
+}
+
+int pags_occlusion_visible(const pags_occlusion *self, const pags_seen_point *point) {
+  int x = clamp_cell((double)point->u, self->columns), y = clamp_cell((double)point->v, self->rows);
+  float nearest = self->depth[(int64_t)y * self->columns + x];
+  return point->z <= nearest * (1 + same_share) + same_metres;
+}

@@ -1,0 +1,16 @@
+/* Adam's moments of a parameter of six numbers, as poses (rotation, translation) and exposures (gains, offsets) are. */
+#ifndef PAGS_TRAIN_ADAM6_H
+#define PAGS_TRAIN_ADAM6_H
+
+#include <pags/train.h>
+
+typedef struct pags_moments {
+  double first[6], second[6];
+  int64_t count; /* gradients so far, which is what the moments' bias is corrected by */
+} pags_moments;
+
+/* Takes in a gradient and gives the direction to be subtracted, times a rate (Kingma and Ba). 0, and `step` unset,
+ * where a number of the gradient is not finite: then nothing may move. */
+int pags_moments_step(pags_moments *moments, const double gradient[6], const pags_train_config *config, double step[6]);
+
+#endif

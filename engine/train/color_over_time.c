@@ -1,0 +1,165 @@
+/* Held-in test of colour over time. The least-squares fit is weighted by pixels; what it explains beyond a constant,
+ * which the static colour would take up by itself, is the gain. */
+#include "train/color_over_time.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "train/trainer.h"
+
+enum { TERMS = 5, SHRINK = 2 };
+
+/* Fewer pixels or time steps than these say nothing about an object. */
+static const double least_pixels = 500.0;
+static const int least_steps = 8;
+
+/* Normal equations of one object, all channels. */
+typedef struct object_fit {
+  double a[TERMS][TERMS], b[3][TERMS];
+  double squares; /* sum of squared errors, pixel by pixel */
+  double pixels;
+  int steps, last_frame;
+} object_fit;
+
+/* Sums of the error of one object's pixels in one view. */
+typedef struct object_error {
+  double sum[3], squares, pixels;
+} object_error;
+
+static int64_t model_of_id(const pags_trainer *t, int32_t id) {
+  int64_t first = 0;
+  for (int64_t i = 0; i < t->state.model_count; i++) {
+    first += t->state.models[i].gaussians.count;
+    if (id < first)
+      return i;
+  }
+  return 0;
+}
+
+/* The mean of factor x factor pixels of a plane; -1 where the mask leaves one of them out. */
+static double target_at(const pags_photo *photo, int c, int x, int y, int factor) {
+  const int64_t stride = photo->stride, plane = c * photo->height * stride;
+  double sum = 0.0;
+  for (int64_t j = (int64_t)y * factor; j < ((int64_t)y + 1) * factor; j++)
+    for (int64_t i = (int64_t)x * factor; i < ((int64_t)x + 1) * factor; i++) {
+      if (photo->mask && !photo->mask[j * stride + i])
+        return -1.0;
+      sum += photo->rgb[plane + j * stride + i];
+    }
+  return sum / (255.0 * factor * factor);
+}
+
+static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, int factor,
+                        object_error *errors) {
+  int32_t background = (int32_t)t->state.models[0].gaussians.count;
+  for (int y = 0; y < p->height; y++)
+    for (int x = 0; x < p->width; x++) {
+      int64_t at = (int64_t)y * p->stride + x;
+      if (p->id[at] < background || target_at(photo, 0, x, y, factor) < 0.0)
+        continue;
+      object_error *e = &errors[model_of_id(t, p->id[at])];
+      for (int c = 0; c < 3; c++) {
+        double error = target_at(photo, c, x, y, factor) - (double)p->rgb[c][at];
+        e->sum[c] += error;
+        e->squares += error * error;
+      }
+      e->pixels += 1.0;
+    }
+}
+
+static void add_errors(const pags_trainer *t, int frame, const object_error *errors, object_fit *fits) {
+  for (int i = 0; i < t->pass.part_count; i++) {
+    int64_t model = t->pass.part_model[i];
+    const object_error *e = &errors[model];
+    object_fit *f = &fits[model];
+    const double *basis = t->pass.basis[model];
+    if (e->pixels <= 0.0)
+      continue;
+    f->steps += f->last_frame != frame;
+    f->last_frame = frame;
+    f->pixels += e->pixels;
+    f->squares += e->squares;
+    for (int k = 0; k < TERMS; k++) {
+      for (int l = 0; l < TERMS; l++)
+        f->a[k][l] += e->pixels * basis[k] * basis[l];
+      for (int c = 0; c < 3; c++)
+        f->b[c][k] += e->sum[c] * basis[k];
+    }
+  }
+}
+
+/* b' A^-1 b by Cholesky, terms 0 .. n - 1, with a slight ridge: short tracks see only part of the basis. */
+static double explained(const object_fit *f, const double b[TERMS], int n) {
+  double l[TERMS][TERMS] = {{0.0}}, y[TERMS], sum = 0.0;
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j <= i; j++) {
+      double s = f->a[i][j] + (i == j ? 1e-3 * f->pixels : 0.0);
+      for (int k = 0; k < j; k++)
+        s -= l[i][k] * l[j][k];
+      l[i][j] = i == j ? sqrt(fmax(s, 1e-12)) : s / l[j][j];
+    }
+    y[i] = b[i];
+    for (int k = 0; k < i; k++)
+      y[i] -= l[i][k] * y[k];
+    y[i] /= l[i][i];
+    sum += y[i] * y[i];
+  }
+  return sum;
+}
+
+/* dB that the time-varying terms promise. */
+static double gain_of(const object_fit *f) {
+  double less = 0.0;
+  if (f->pixels < least_pixels || f->steps < least_steps)
+    return 0.0;
+  for (int c = 0; c < 3; c++)
+    less += explained(f, f->b[c], TERMS) - explained(f, f->b[c], 1);
+  return f->squares > 0.0 ? -10.0 * log10(fmax(1.0 - less / f->squares, 1e-6)) : 0.0;
+}
+
+static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors, object_fit *fits) {
+  const pags_view *view = pags_dataset_view(t->dataset, t->views[index]);
+  int level;
+  pags_photo photo;
+  pags_picture picture;
+  pags_frame_options options = pags_pass_options(t, t->state.step);
+  options.extra_channels = 1;
+  pags_pass_compose(t, t->views[index]);
+  if (t->pass.part_count < 2)
+    return PAGS_OK;
+  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  int factor = level < SHRINK ? SHRINK / level : 1;
+  pags_camera camera = pags_camera_downscale(&view->camera, level * factor);
+  PAGS_TRY(pags_pass_render(t, t->state.step + 1, &camera, &options, &picture));
+  memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
+  add_picture(t, &picture, &photo, factor, errors);
+  add_errors(t, view->frame, errors, fits);
+  return PAGS_OK;
+}
+
+pags_result pags_fourier_decide(pags_trainer *t) {
+  size_t models = (size_t)t->state.model_count;
+  object_error *errors = calloc(models, sizeof *errors);
+  object_fit *fits = calloc(models, sizeof *fits);
+  pags_result result = errors && fits ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %zu fits", models);
+  for (size_t i = 0; result == PAGS_OK && i < models; i++)
+    fits[i].last_frame = -1;
+  for (int64_t i = 0; result == PAGS_OK && i < t->view_count; i++)
+    result = add_view(t, i, errors, fits);
+  int64_t given = 0;
+  for (size_t i = 1; result == PAGS_OK && i < models; i++) {
+    pags_train_model *m = &t->state.models[i];
+    m->fourier_gain = gain_of(&fits[i]);
+    if (m->fourier_gain < m->schedule.config.fourier_gain)
+      continue;
+    result = pags_model_add_fourier(m);
+    given++;
+  }
+  if (result == PAGS_OK)
+    pags_log(PAGS_LOG_INFO, "colour over time for %lld of %lld objects", (long long)given, (long long)models - 1);
+  free(errors);
+  free(fits);
+  return result;
+}

@@ -1,0 +1,181 @@
+/* Loss terms of driving scenes: opacity where the sky is, depth where the laser hit, opacity of moving objects in and
+ * out of their boxes.
+ *
+ * With T the transmittance, alpha = 1 - T and n counted pixels:
+ *   sky      -(w/n) log T where the label says sky, -(w/n) log(1 - T) elsewhere     d/dT = -(w/n) / T, (w/n) / (1 - T)
+ *   objects  -(w/n) log T outside of the boxes, (w/n) H(T) within them              dH/dT = log((1 - T) / T)
+ *   depth    (w/m) |D / alpha - sample|, m samples kept                             d/dD = s (w/m) / alpha, d/dT = s
+ * (w/m) D / alpha^2 Arguments of the logarithms are clamped to [1e-6, 1 - 1e-6], outside of which the gradient is zero:
+ * simd/opacity.inl. Every row has its own sum, added in order. */
+#include "train/driving_losses.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "simd/kernels.h"
+#include "train/photometric_loss.h"
+
+enum { IN_MOVING_BOX = PAGS_LABEL_VEHICLE | PAGS_LABEL_PEDESTRIAN | PAGS_LABEL_CYCLIST };
+
+static const float least_alpha = 0.05f; /* of a pixel whose depth counts */
+
+typedef struct term {
+  const pags_kernels *kernels;
+  const pags_picture *picture;
+  const pags_photo *photo;
+  pags_opacity_row row; /* what is the same of all rows */
+  double *sums;         /* per row */
+} term;
+
+static void sum_rows(void *context, int64_t begin, int64_t end, int worker) {
+  const term *const t = context;
+  (void)worker;
+  for (int64_t y = begin; y < end; y++) {
+    const int64_t at = y * t->photo->stride;
+    pags_opacity_row row = t->row;
+    row.transmittance = t->picture->transmittance + at;
+    row.labels = t->photo->labels + at;
+    row.mask = t->photo->mask ? t->photo->mask + at : NULL;
+    row.gradient += at;
+    t->sums[y] = t->kernels->opacity_row(&row);
+  }
+}
+
+static pags_result check_sizes(const pags_picture *picture, const pags_photo *photo) {
+  if (picture->width == photo->width && picture->height == photo->height && picture->stride == photo->stride)
+    return PAGS_OK;
+  return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",
+                   picture->width, picture->height, photo->width, photo->height);
+}
+
+static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *value) {
+  const char *why = "no vector kernels";
+  *value = 0.0;
+  PAGS_TRY(check_sizes(t->picture, t->photo));
+  const int64_t counted = t->photo->labels ? pags_photo_counted(t->photo) : 0;
+  if (counted == 0 || weight == 0.0)
+    return PAGS_OK;
+  t->kernels = pags_kernels_get(&why);
+  if (!t->kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  t->row.width = t->photo->width;
+  t->row.scale = (float)(weight / (double)counted);
+  pags_arena *const arena = pags_tasks_arena(tasks, 0);
+  const pags_arena_mark mark = pags_arena_save(arena);
+  t->sums = pags_arena_alloc(arena, (size_t)t->photo->height, sizeof *t->sums);
+  if (!t->sums)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels high", t->photo->height);
+  const bool done = pags_parallel_for(tasks, t->photo->height, 16, sum_rows, t);
+  double sum = 0.0;
+  for (int y = 0; done && y < t->photo->height; y++)
+    sum += t->sums[y];
+  pags_arena_release(arena, mark);
+  if (!done)
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  *value = weight * sum / (double)counted;
+  return PAGS_OK;
+}
+
+pags_result pags_term_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
+                          float *transmittance_gradient, double *value) {
+  term t = {.picture = picture, .photo = photo, .row = {.chosen = PAGS_LABEL_SKY, .gradient = transmittance_gradient}};
+  return sum_term(tasks, &t, weight, value);
+}
+
+pags_result pags_term_objects(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
+                              float *transmittance_gradient, double *value) {
+  term t = {.picture = picture,
+            .photo = photo,
+            .row = {.chosen = IN_MOVING_BOX, .unsure = true, .gradient = transmittance_gradient}};
+  return sum_term(tasks, &t, weight, value);
+}
+
+/* Depth */
+
+typedef struct depth_hit {
+  int64_t at;  /* pixel in the planes */
+  float error; /* rendered minus measured, metres */
+} depth_hit;
+
+/* Samples in counted pixels that are not empty, in their order. Returns how many. */
+static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
+                         int64_t count, int shrink, depth_hit *hits) {
+  const float scale = 1.0f / (float)shrink; /* exact: a power of two */
+  int64_t found = 0;
+  for (int64_t i = 0; i < count; i++) {
+    const float x = samples[i].x * scale, y = samples[i].y * scale;
+    if (!(x >= 0.0f && y >= 0.0f && x < (float)picture->width && y < (float)picture->height))
+      continue;
+    const int64_t at = (int64_t)y * picture->stride + (int64_t)x;
+    const float alpha = 1.0f - picture->transmittance[at];
+    if (!(alpha > least_alpha) || (photo->mask && !photo->mask[at]))
+      continue;
+    const float error = picture->depth_sum[at] / alpha - samples[i].depth;
+    if (isfinite(error))
+      hits[found++] = (depth_hit){at, error};
+  }
+  return found;
+}
+
+static uint32_t error_key(const depth_hit *hit) { /* bits of floats that aren't negative are in the floats' order */
+  const float size = fabsf(hit->error);
+  uint32_t key;
+  memcpy(&key, &size, sizeof key);
+  return key;
+}
+
+/* The kept-th smallest key (from 1), and how many of the smaller keys there are: bit by bit from the top, 8 at a time.
+ */
+static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, int64_t *smaller) {
+  uint32_t prefix = 0;
+  *smaller = 0;
+  for (int shift = 24; shift >= 0; shift -= 8) {
+    int64_t bins[256] = {0};
+    for (int64_t i = 0; i < count; i++) {
+      const uint32_t key = error_key(hits + i);
+      bins[key >> shift & 255] += (uint64_t)key >> (shift + 8) == (uint64_t)prefix >> (shift + 8);
+    }
+    uint32_t bin = 0;
+    while (*smaller + bins[bin] < kept)
+      *smaller += bins[bin++];
+    prefix |= bin << shift;
+  }
+  return prefix;
+}
+
+pags_result pags_term_depth(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
+                            int64_t count, int shrink, double weight, double share, float *depth_gradient,
+                            float *transmittance_gradient, double *value) {
+  assert(picture->depth_sum && shrink >= 1 && share >= 0.0 && share <= 1.0);
+  *value = 0.0;
+  PAGS_TRY(check_sizes(picture, photo));
+  if (count <= 0 || weight == 0.0)
+    return PAGS_OK;
+  depth_hit *const hits = (uint64_t)count <= SIZE_MAX / sizeof *hits ? malloc((size_t)count * sizeof *hits) : NULL;
+  if (!hits)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld depth samples", (long long)count);
+  const int64_t found = find_hits(picture, photo, samples, count, shrink, hits),
+                kept = (int64_t)ceil(share * (double)found);
+  if (kept > 0) {
+    int64_t smaller;
+    const uint32_t largest = select_key(hits, found, kept, &smaller);
+    int64_t ties = kept - smaller; /* of those that equal the largest, the first ones */
+    double sum = 0.0;
+    for (int64_t i = 0; i < found; i++) {
+      const uint32_t key = error_key(hits + i);
+      if (key > largest || (key == largest && ties-- <= 0))
+        continue;
+      const int64_t at = hits[i].at;
+      const double alpha = (double)(1.0f - picture->transmittance[at]);
+      const double slope = hits[i].error == 0.0f ? 0.0 : copysign(weight / (double)kept, (double)hits[i].error) / alpha;
+      depth_gradient[at] += (float)slope;
+      transmittance_gradient[at] += (float)(slope * (double)picture->depth_sum[at] / alpha);
+      sum += fabs((double)hits[i].error);
+    }
+    *value = weight * sum / (double)kept;
+  }
+  free(hits);
+  return PAGS_OK;
+}

@@ -1,0 +1,86 @@
+/* LiDAR as sparse depth of a view. */
+#include "train/lidar_depth.h"
+
+#include <stdlib.h>
+
+#include "init/z_buffer.h"
+
+static int64_t find_sweep(const pags_dataset *dataset, int frame) {
+  for (int64_t i = 0; frame >= 0 && i < pags_dataset_sweep_count(dataset); i++)
+    if (pags_dataset_sweep(dataset, i)->frame == frame)
+      return i;
+  return -1;
+}
+
+static void project(const pags_camera *camera, const double camera_from_sweep[12], const float *xyz, int64_t count,
+                    pags_seen_point *out) {
+  for (int64_t i = 0; i < count; i++) {
+    double p[3], q[3] = {(double)xyz[3 * i], (double)xyz[3 * i + 1], (double)xyz[3 * i + 2]};
+    for (int k = 0; k < 3; k++) {
+      const double *m = camera_from_sweep + 4 * k;
+      p[k] = m[0] * q[0] + m[1] * q[1] + m[2] * q[2] + m[3];
+    }
+    out[i] = (pags_seen_point){0};
+    if (!(p[2] > 0.1))
+      continue;
+    double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
+    if (u >= 0 && v >= 0 && u < camera->width && v < camera->height)
+      out[i] = (pags_seen_point){(float)u, (float)v, (float)p[2]};
+  }
+}
+
+/* Moves what the camera sees to the front; returns how many. */
+static pags_result keep_visible(const pags_camera *camera, pags_seen_point *points, int64_t *count) {
+  pags_occlusion occlusion = {0};
+  int64_t kept = 0;
+  PAGS_TRY(pags_occlusion_reset(&occlusion, camera->width, camera->height, camera->fx));
+  pags_occlusion_add(&occlusion, points, *count);
+  for (int64_t i = 0; i < *count; i++)
+    if (points[i].z > 0 && pags_occlusion_visible(&occlusion, &points[i]))
+      points[kept++] = points[i];
+  *count = kept;
+  pags_occlusion_destroy(&occlusion);
+  return PAGS_OK;
+}
+
+static pags_result choose(const pags_seen_point *points, int64_t visible, int64_t most, int64_t *count,
+                          pags_depth_sample **samples) {
+  int64_t taken = visible < most ? visible : most;
+  if (taken <= 0)
+    return PAGS_OK;
+  *samples = malloc((size_t)taken * sizeof **samples);
+  if (!*samples)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld depths", (long long)taken);
+  for (int64_t i = 0; i < taken; i++) {
+    const pags_seen_point *p = &points[(int64_t)((double)i * (double)visible / (double)taken)];
+    (*samples)[i] = (pags_depth_sample){p->u, p->v, p->z};
+  }
+  *count = taken;
+  return PAGS_OK;
+}
+
+pags_result pags_depth_samples(const pags_dataset *dataset, int64_t view, int64_t most, int64_t *count,
+                               pags_depth_sample **samples) {
+  const pags_view *v = pags_dataset_view(dataset, view);
+  int64_t sweep = find_sweep(dataset, v->frame), points = 0;
+  float *xyz = NULL;
+  *count = 0;
+  *samples = NULL;
+  if (sweep < 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_dataset_sweep_load(dataset, sweep, &points, &xyz));
+  pags_seen_point *seen = malloc((size_t)(points > 0 ? points : 1) * sizeof *seen);
+  pags_result result = seen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points);
+  if (result == PAGS_OK) {
+    double inverse[12], camera_from_sweep[12];
+    pags_rigid_inverse(v->camera.world_from_camera, inverse);
+    pags_rigid_multiply(inverse, pags_dataset_sweep(dataset, sweep)->world_from_sweep, camera_from_sweep);
+    project(&v->camera, camera_from_sweep, xyz, points, seen);
+    result = keep_visible(&v->camera, seen, &points);
+  }
+  if (result == PAGS_OK)
+    result = choose(seen, points, most, count, samples);
+  free(seen);
+  free(xyz);
+  return result;
+}

@@ -1,0 +1,80 @@
+/* Counting and naming what isn't finite. */
+#include "train/nonfinite.h"
+
+#include <stdio.h>
+
+#include <pags/gaussians.h>
+
+void pags_guard_init(pags_guard *guard) {
+  *guard = (pags_guard){.count = 0};
+  atomic_flag_clear(&guard->busy);
+}
+
+/* Gaussians before poses before exposures, as a step comes to them. */
+static int stage_of(const pags_offender *o) {
+  return o->kind == PAGS_OFFENCE_EXPOSURE ? 2 : o->kind == PAGS_OFFENCE_POSE;
+}
+
+static int comes_before(const pags_offender *a, const pags_offender *b) {
+  if (a->step != b->step)
+    return a->step < b->step;
+  if (stage_of(a) != stage_of(b))
+    return stage_of(a) < stage_of(b);
+  if (a->object != b->object)
+    return a->object < b->object;
+  if (a->row != b->row)
+    return a->row < b->row;
+  return a->plane < b->plane;
+}
+
+/* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't
+ * either. */
+void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *first) {
+  while (atomic_flag_test_and_set_explicit(&guard->busy, memory_order_acquire)) {
+  }
+  if (guard->count == 0 || comes_before(first, &guard->first))
+    guard->first = *first;
+  guard->count += count;
+  atomic_flag_clear_explicit(&guard->busy, memory_order_release);
+}
+
+static void name_plane(int plane, char text[48]) {
+  static const char *const names[PAGS_SH] = {"mean x",       "mean y",       "mean z",       "ln sigma 1",
+                                             "ln sigma 2",   "ln sigma 3",   "quaternion w", "quaternion x",
+                                             "quaternion y", "quaternion z", "opacity logit"};
+  static const char *const channels[3] = {"red", "green", "blue"};
+  if (plane < PAGS_SH)
+    snprintf(text, 48, "%s", names[plane]);
+  else if (plane < PAGS_MAX_PLANES)
+    snprintf(text, 48, "colour term %d of %s", (plane - PAGS_SH) / 3, channels[(plane - PAGS_SH) % 3]);
+  else
+    snprintf(text, 48, "Fourier term %d of %s", 1 + (plane - PAGS_MAX_PLANES) / 3,
+             channels[(plane - PAGS_MAX_PLANES) % 3]);
+}
+
+void pags_guard_describe(const pags_guard *guard, const char *name, char text[PAGS_GUARD_TEXT]) {
+  const pags_offender *o = &guard->first;
+  char plane[48] = "", model[96] = "the background";
+  if (o->object >= 0)
+    snprintf(model, sizeof model, "object '%.64s'", name ? name : "");
+  if (o->kind == PAGS_OFFENCE_GRADIENT || o->kind == PAGS_OFFENCE_PARAMETER)
+    name_plane(o->plane, plane);
+  switch ((pags_offence)o->kind) {
+    case PAGS_OFFENCE_GRADIENT:
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by %s of row %lld of %s at step %lld", plane, (long long)o->row,
+               model, (long long)o->step);
+      break;
+    case PAGS_OFFENCE_PARAMETER:
+      snprintf(text, PAGS_GUARD_TEXT, "%s of row %lld of %s at step %lld", plane, (long long)o->row, model,
+               (long long)o->step);
+      break;
+    case PAGS_OFFENCE_POSE:
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its knot %lld at step %lld", model,
+               (long long)o->row, (long long)o->step);
+      break;
+    case PAGS_OFFENCE_EXPOSURE:
+      snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row,
+               (long long)o->step);
+      break;
+  }
+}

@@ -1,0 +1,296 @@
+/* How a run begins: from nothing, or from its checkpoint. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/sort.h"
+#include "train/size_limit.h"
+#include "train/checkpoint.h"
+#include "train/config.h"
+#include "init/from_points.h"
+#include "init/driving_points.h"
+#include "train/score_pass.h"
+#include "train/trainer.h"
+
+static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
+  const uint8_t *b = bytes;
+  for (size_t i = 0; i < size; i++)
+    hash = (hash ^ b[i]) * 1099511628211u;
+  return hash;
+}
+
+/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps
+ * depend on. */
+static uint64_t fingerprint_of(const pags_dataset *dataset) {
+  uint64_t hash = 14695981039346656037u;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *v = pags_dataset_view(dataset, i);
+    int sizes[3] = {v->camera.width, v->camera.height, v->test};
+    double lens[4] = {v->camera.fx, v->camera.fy, v->camera.cx, v->camera.cy};
+    hash = hash_bytes(hash, v->name, strlen(v->name) + 1);
+    hash = hash_bytes(hash, sizes, sizeof sizes);
+    hash = hash_bytes(hash, lens, sizeof lens);
+    hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+  }
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *o = pags_dataset_object(dataset, i);
+    hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
+    for (int64_t k = 0; k < o->knot_count; k++) {
+      hash = hash_bytes(hash, &o->knots[k].time, sizeof o->knots[k].time);
+      hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
+    }
+  }
+  if (pags_dataset_critical(dataset))
+    hash = hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
+  return hash;
+}
+
+pags_result pags_trainer_list_views(pags_trainer *t) {
+  int64_t all = pags_dataset_view_count(t->dataset);
+  t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
+  t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
+  if (!t->views || !t->order)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)all);
+  for (int64_t i = 0; i < all; i++)
+    if (!pags_dataset_view(t->dataset, i)->test)
+      t->views[t->view_count++] = i;
+  t->order_epoch = -1;
+  if (t->view_count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no view to train on: %lld views, all held out",
+                     pags_dataset_path(t->dataset), (long long)all);
+  t->fingerprint = fingerprint_of(t->dataset);
+  return PAGS_OK;
+}
+
+static void largest_picture(const pags_trainer *t, int *width, int *height) {
+  int64_t most = 0;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *c = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    if ((int64_t)c->width * c->height <= most)
+      continue;
+    most = (int64_t)c->width * c->height;
+    *width = c->width;
+    *height = c->height;
+  }
+}
+
+/* The smaller of max_gaussians and of what max_memory has room for; 0: neither. */
+static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
+  int width = 1, height = 1;
+  uint64_t memory = t->options->max_memory;
+  int64_t most =
+      config->preset == PAGS_PRESET_NONE ? config->max_gaussians : 0; /* with a preset its last prune sees to it */
+  if (memory == 0)
+    return most;
+  largest_picture(t, &width, &height);
+  uint64_t fixed = pags_train_bytes(0, config->sh_degree, width, height) + t->options->image_cache;
+  if (config->sky && pags_dataset_fps(t->dataset) > 0.0)
+    fixed += pags_sky_fit_most_bytes(t->dataset);
+  uint64_t each =
+      (pags_train_bytes(1 << 20, config->sh_degree, 1, 1) - pags_train_bytes(0, config->sh_degree, 1, 1)) >> 20;
+  uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
+  int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
+  return most > 0 && most < fits ? most : fits;
+}
+
+/* From the data set's points, or, where those are random, from as many that matching finds. */
+static pags_result first_gaussians(pags_trainer *t, const pags_train_config *config, int64_t most, double extent,
+                                   pags_gaussians *g) {
+  int64_t points;
+  const float *xyz;
+  const uint8_t *rgb;
+  float *matched_xyz = NULL;
+  uint8_t *matched_rgb = NULL;
+  int random;
+  pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
+  if (random && !config->random_start) {
+    PAGS_TRY(pags_dataset_match_points(t->dataset, t->tasks, points, config->seed, &matched_xyz, &matched_rgb));
+    xyz = matched_xyz;
+    rgb = matched_rgb;
+  }
+  pags_result result = pags_init_gaussians(config, points, xyz, rgb, most, extent, t->tasks, g);
+  free(matched_xyz);
+  free(matched_rgb);
+  return result;
+}
+
+static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
+  pags_train_state *s = &t->state;
+  pags_gaussians g;
+  PAGS_TRY(first_gaussians(t, config, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, &g));
+  return pags_state_add_model(s, -1, extent, &g);
+}
+
+/* Driving sets. */
+
+/* Object numbers and priorities of the chosen points go to the nearest Gaussian's row: init sorts rows, so they are
+ * found again by position. */
+typedef struct point_key {
+  float xyz[3];
+  int32_t object;
+  float s_sem;
+} point_key;
+
+static int by_position(const void *a, const void *b) {
+  const point_key *x = a, *y = b;
+  for (int k = 0; k < 3; k++)
+    if (x->xyz[k] != y->xyz[k])
+      return x->xyz[k] < y->xyz[k] ? -1 : 1;
+  return 0;
+}
+
+static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g) {
+  point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
+  pags_result result = keys ? pags_gaussians_add_object_id(g)
+                            : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  if (result == PAGS_OK)
+    result = pags_gaussians_add_s_sem(g);
+  for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
+    keys[i] = (point_key){
+        {points->xyz[3 * i], points->xyz[3 * i + 1], points->xyz[3 * i + 2]}, points->object[i], points->s_sem[i]};
+  if (result == PAGS_OK)
+    pags_sort(keys, points->count, sizeof *keys, by_position);
+  for (int64_t row = 0; result == PAGS_OK && row < g->count; row++) {
+    point_key key = {
+        {pags_plane(g, PAGS_MEAN)[row], pags_plane(g, PAGS_MEAN + 1)[row], pags_plane(g, PAGS_MEAN + 2)[row]}, 0, 0};
+    const point_key *found = bsearch(&key, keys, (size_t)points->count, sizeof *keys, by_position);
+    g->object_id[row] = found ? found->object : -1;
+    g->s_sem[row] = found ? found->s_sem : 0.0f;
+  }
+  free(keys);
+  return result;
+}
+
+static pags_result add_background(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+                                  int64_t most, double extent) {
+  const pags_start_points *p = &start->background;
+  pags_train_state *s = &t->state;
+  pags_gaussians g;
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, extent, t->tasks, &g));
+  pags_result result = p->object ? mark_rows(p, &g) : PAGS_OK;
+  if (result == PAGS_OK)
+    return pags_state_add_model(s, -1, extent, &g);
+  pags_gaussians_destroy(&g);
+  return result;
+}
+
+/* Half of the longest side of its box, as Street Gaussians has it. */
+static double object_extent(const pags_object *o) {
+  return 0.5 * fmax(fmax(o->size[0], o->size[1]), o->size[2]);
+}
+
+static pags_result add_object(pags_trainer *t, const pags_train_config *config, int64_t object,
+                              const pags_start_points *p, int64_t most) {
+  pags_train_state *s = &t->state;
+  const pags_object *o = &s->tracks.objects[object];
+  pags_gaussians g;
+  if (most == 0)
+    return PAGS_OK;
+  PAGS_TRY(pags_init_gaussians(config, p->count, p->xyz, p->rgb, most, object_extent(o), t->tasks, &g));
+  pags_result result = pags_gaussians_add_s_sem(&g);
+  for (int64_t row = 0; result == PAGS_OK && row < g.count; row++)
+    g.s_sem[row] = pags_dataset_object_is_critical(t->dataset, object) ? 1.0f : 0.0f;
+  if (result == PAGS_OK)
+    result = pags_state_add_model(s, object, object_extent(o), &g);
+  pags_gaussians_destroy(&g);
+  PAGS_TRY(result);
+  pags_trainer_fit_box(s, s->model_count - 1);
+  return PAGS_OK;
+}
+
+void pags_trainer_fit_box(pags_train_state *s, int64_t model) {
+  pags_train_model *m = &s->models[model];
+  for (int k = 0; m->object >= 0 && s->schedule.config.box_prune && k < 3; k++)
+    m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
+}
+
+/* Where there is a cap, objects get half of it at most, each by its points. */
+static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start,
+                              double extent) {
+  int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
+  for (int64_t i = 0; config->objects && i < start->object_count; i++)
+    points += start->objects[i].count;
+  int64_t most = points < cap / 2 ? points : cap / 2;
+  PAGS_TRY(add_background(t, config, start, cap - most, extent));
+  for (int64_t i = 0; points > 0 && i < start->object_count; i++) /* both numbers are below 2^31 */
+    PAGS_TRY(add_object(t, config, i, &start->objects[i], start->objects[i].count * most / points));
+  return PAGS_OK;
+}
+
+static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
+  pags_train_state *s = &t->state;
+  pags_start start;
+  PAGS_TRY(pags_tracks_create(&s->tracks, t->dataset));
+  if (config->tracks)
+    PAGS_TRY(pags_tracks_smooth(&s->tracks));
+  PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
+  s->lidar_points = start.lidar_points;
+  pags_result result = add_models(t, config, &start, extent);
+  pags_start_destroy(&start);
+  PAGS_TRY(result);
+  if (config->sky)
+    PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
+  if (config->exposure)
+    PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
+  pags_log(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
+           (long long)s->models[0].gaussians.count,
+           (long long)(pags_state_gaussian_count(s) - s->models[0].gaussians.count), (long long)s->model_count - 1,
+           s->sky.sky.size > 0 ? "modelled" : "not seen");
+  return PAGS_OK;
+}
+
+/* Rows have a priority exactly where the data set says what is critical. */
+static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
+  if (pags_scores_has_labels(t->dataset))
+    return pags_gaussians_add_s_sem(g);
+  free(g->s_sem);
+  g->s_sem = NULL;
+  return PAGS_OK;
+}
+
+pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config) {
+  int driving = pags_dataset_fps(t->dataset) > 0.0;
+  double extent = pags_init_extent(t->dataset, t->views, t->view_count);
+  if (driving)
+    extent = fmin(extent, config->extent_most);
+  pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
+  PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, 1 + pags_dataset_object_count(t->dataset)));
+  t->state.cap = choose_cap(t, config);
+  PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
+  for (int64_t i = 0; i < t->state.model_count; i++)
+    PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
+  return pags_budget_start(t->dataset, &t->state, t->tasks);
+}
+
+/* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
+static void take_bound(pags_train_state *s, const pags_train_config *config) {
+  const pags_schedule *d = &s->schedule;
+  if (d->config.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
+    s->schedule.config.max_gaussians = config->max_gaussians;
+}
+
+pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
+  uint64_t fingerprint;
+  const char *path = t->output.checkpoint;
+  PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
+  pags_train_state *s = &t->state;
+  take_bound(s, config);
+  const char *field = pags_config_difference(config, &s->schedule.config);
+  if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: belongs to other views, or another choice of what is critical, than those of %s", path,
+                     pags_dataset_path(t->dataset));
+  if (field)
+    return pags_fail(PAGS_ERROR_ARGUMENT,
+                     "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
+  if (s->clocked || config->iterations == s->stop)
+    return PAGS_OK;
+  if (config->iterations < s->stop)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is of a run of %lld iterations; %lld asked for can't be fewer", path,
+                     (long long)s->stop, (long long)config->iterations);
+  pags_schedule schedule = s->schedule;
+  schedule.config.iterations = config->iterations;
+  schedule.config.schedule_iterations = s->schedule.length;
+  return pags_state_retime(s, &schedule, config->iterations);
+}

@@ -1,0 +1,169 @@
+/* The pass over the training views that scores are taken from. */
+#include "train/score_pass.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct score_pass {
+  pags_trainer *trainer;
+  pags_scores *scores;
+  int64_t *first; /* per model: its first row in `scores` */
+  float *counted, *critical;
+  int64_t plane_floats;
+  int labelled; /* the view under way */
+} score_pass;
+
+static int64_t *list_first_rows(const pags_train_state *s) {
+  int64_t *first = malloc((size_t)s->model_count * sizeof *first), at = 0;
+  for (int64_t i = 0; first && i < s->model_count; i++) {
+    first[i] = at;
+    at += s->models[i].gaussians.count;
+  }
+  return first;
+}
+
+static pags_result create(pags_scores *scores, int64_t count) {
+  *scores = (pags_scores){.count = count};
+  scores->seen = calloc(4 * (size_t)(count > 0 ? count : 1), sizeof *scores->seen);
+  if (!scores->seen)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld Gaussians", (long long)count);
+  scores->critical = scores->seen + count;
+  scores->squared = scores->critical + count;
+  scores->drawn = scores->squared + count;
+  return PAGS_OK;
+}
+
+void pags_scores_destroy(pags_scores *scores) {
+  free(scores->seen);
+  *scores = (pags_scores){0};
+}
+
+int pags_scores_has_labels(const pags_dataset *dataset) {
+  return (pags_dataset_provides(dataset) &
+          (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_SEMANTIC | PAGS_PROVIDES_DYNAMIC_MASKS)) != 0;
+}
+
+/* Planes as the frame reads them: whole tiles of rows. */
+static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
+  int64_t floats = (int64_t)picture->stride * ((picture->height + 15) / 16 * 16);
+  if (floats <= p->plane_floats)
+    return PAGS_OK;
+  free(p->counted);
+  p->plane_floats = 0;
+  p->counted = calloc(2 * (size_t)floats, sizeof *p->counted);
+  if (!p->counted)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the masks of a picture of %dx%d", picture->width,
+                     picture->height);
+  p->plane_floats = floats;
+  return PAGS_OK;
+}
+
+/* A photograph's pixels count where it has any to compare with; of `factor` x `factor` of them one is asked. */
+static void fill_planes(score_pass *p, const pags_photo *photo, const pags_picture *picture, int factor) {
+  p->critical = p->counted + p->plane_floats;
+  p->labelled = photo->labels != NULL;
+  for (int y = 0; y < picture->height; y++) {
+    int64_t from = (int64_t)(y * factor + factor / 2) * photo->stride + factor / 2, to = (int64_t)y * picture->stride;
+    for (int x = 0; x < picture->width; x++, from += factor, to++) {
+      p->counted[to] = !photo->mask || photo->mask[from] ? 1.0f : 0.0f;
+      p->critical[to] = photo->labels && photo->labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
+    }
+  }
+}
+
+static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
+  const score_pass *p = user;
+  int64_t at = p->first[p->trainer->pass.part_model[c->part]] + c->first;
+  (void)worker;
+  for (int i = 0; i < c->count; i++) {
+    p->scores->squared[at + i] += c->squared[i];
+    p->scores->drawn[at + i] += c->seen[i];
+    p->scores->seen[at + i] += p->labelled ? c->seen[i] : 0.0;
+    p->scores->critical[at + i] += p->labelled ? c->critical[i] : 0.0;
+  }
+}
+
+/* Rough is half the size of training's pictures, unless that is smaller than they ever are. */
+static int factor_of(const pags_trainer *t, const pags_camera *camera, int level) {
+  int shorter = camera->width < camera->height ? camera->width : camera->height;
+  return level < 4 && shorter / (2 * level) >= t->state.schedule.config.resolution_floor ? 2 : 1;
+}
+
+static pags_result add_view(score_pass *p, int64_t index, int rough) {
+  pags_trainer *t = p->trainer;
+  int level;
+  pags_photo photo;
+  pags_picture picture;
+  pags_frame_options options = pags_pass_options(t, t->state.step);
+  options.keep_for_backward = 1;
+  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
+  int factor = rough ? factor_of(t, whole, level) : 1;
+  pags_camera camera = pags_camera_downscale(whole, level * factor);
+  pags_pass_compose(t, t->views[index]);
+  PAGS_TRY(pags_pass_render(t, t->state.step, &camera, &options, &picture));
+  PAGS_TRY(reserve_planes(p, &picture));
+  fill_planes(p, &photo, &picture, factor);
+  pags_score_planes planes = {
+      .counted = p->counted, .critical = p->critical, .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
+  return pags_frame_scores(t->pass.frame, &planes, add_cluster, p);
+}
+
+static pags_result add_views(score_pass *p, int rough) {
+  for (int64_t i = 0; i < p->trainer->view_count; i++)
+    PAGS_TRY(add_view(p, i, rough));
+  return PAGS_OK;
+}
+
+pags_result pags_scores_measure(pags_trainer *t, int rough, pags_scores *out) {
+  score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
+  *out = (pags_scores){0};
+  pags_result result = p.first ? create(out, pags_state_gaussian_count(&t->state))
+                               : pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld models",
+                                           (long long)t->state.model_count);
+  if (result == PAGS_OK)
+    result = add_views(&p, rough);
+  free(p.first);
+  free(p.counted);
+  if (result != PAGS_OK)
+    pags_scores_destroy(out);
+  return result;
+}
+
+void pags_scores_write_s_sem(pags_train_state *s, const pags_scores *scores) {
+  int64_t at = 0;
+  for (int64_t m = 0; m < s->model_count; m++) {
+    pags_gaussians *g = &s->models[m].gaussians;
+    for (int64_t i = 0; i < g->count; i++, at++)
+      if (g->s_sem && s->schedule.config.s_sem != PAGS_S_SEM_INIT && scores->seen[at] > 0.0) {
+        double share = scores->critical[at] / scores->seen[at];
+        g->s_sem[i] = share < 1.0 ? (float)share : 1.0f; /* rounding may take it over 1 */
+      }
+  }
+}
+
+pags_result pags_scores_finish(pags_trainer *t) {
+  pags_scores scores;
+  if (!pags_scores_has_labels(t->dataset) || t->state.schedule.config.s_sem == PAGS_S_SEM_INIT)
+    return PAGS_OK;
+  PAGS_TRY(pags_scores_measure(t, 0, &scores));
+  pags_scores_write_s_sem(&t->state, &scores);
+  pags_scores_destroy(&scores);
+  return PAGS_OK;
+}
+
+static void add_squares(void *user, const pags_cluster_score *c, int worker) {
+  pags_trainer *t = user;
+  pags_train_model *m = &t->state.models[t->pass.part_model[c->part]];
+  (void)worker;
+  for (int i = 0; i < c->count; i++)
+    m->density.squared[c->first + i] += (float)c->squared[i];
+}
+
+pags_result pags_scores_add_training(pags_trainer *t, const pags_picture_gradient *gradient, const float *ones,
+                                     const float *zeros) {
+  pags_score_planes planes = {.counted = ones, .critical = zeros};
+  for (int c = 0; c < 3; c++)
+    planes.rgb[c] = gradient->rgb[c];
+  return pags_frame_scores(t->pass.frame, &planes, add_squares, t);
+}

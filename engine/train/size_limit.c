@@ -1,0 +1,107 @@
+/* Bytes of a scene folder as a bound on Gaussians. */
+#include "train/size_limit.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+#include <pags/scene.h>
+
+#include "base/log.h"
+#include "train/output.h"
+
+enum {
+  FOURIER_BYTES = 4 * PAGS_FOURIER_PLANES,
+  HEADER_BYTES = 4096,  /* of a PLY, at most */
+  GENERAL_BYTES = 8192, /* the data set's path; counts and notes that get longer */
+  KNOT_BYTES = 6 * 24,  /* six numbers that are 0 at the start */
+  VIEW_BYTES = 12 * 24  /* gain and offset, which may be missing at the start */
+};
+static const int64_t least_background = 16;
+
+/* Colour over time may still be decided for objects. */
+int pags_budget_row(const pags_train_state *s, int64_t model) {
+  const pags_train_model *m = &s->models[model];
+  int undecided = m->object >= 0 && s->schedule.config.fourier && isnan(m->fourier_gain) && !m->gaussians.fourier;
+  return pags_ply_row_bytes(&m->gaussians) + (undecided ? FOURIER_BYTES : 0);
+}
+
+/* Until then numbers that training will lengthen are short. */
+static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
+  int64_t bytes = GENERAL_BYTES;
+  if (s->exposures.count > 0)
+    bytes += VIEW_BYTES * pags_dataset_view_count(dataset);
+  for (int64_t i = 1; i < s->model_count && s->schedule.config.tracks; i++)
+    bytes += KNOT_BYTES * s->tracks.objects[s->models[i].object].knot_count;
+  return bytes;
+}
+
+pags_result pags_budget_rows(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
+  uint64_t rest = 0;
+  PAGS_TRY(pags_output_bytes(dataset, s, &rest));
+  *bytes = (int64_t)(s->schedule.config.target_size * 1e6) - (int64_t)rest - HEADER_BYTES * s->model_count -
+           to_come(dataset, s);
+  return PAGS_OK;
+}
+
+/* A prune by score is still to come, whose target the bound is part of. */
+static int is_later(const pags_train_state *s) {
+  int prunes = s->schedule.prunes;
+  int64_t last = prunes > 0 ? s->schedule.prune_step[prunes - 1] : 0;
+  return s->step < last && last < s->stop;
+}
+
+static int64_t bytes_used(const pags_train_state *s, int *most) {
+  int64_t used = 0;
+  *most = 1;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    int row = pags_budget_row(s, i);
+    used += row * s->models[i].gaussians.count;
+    *most = row > *most ? row : *most;
+  }
+  return used;
+}
+
+pags_result pags_budget_room(const pags_dataset *dataset, const pags_train_state *s, int64_t *gaussians) {
+  int64_t bytes = 0;
+  int most;
+  *gaussians = INT32_MAX;
+  if (s->schedule.config.target_size <= 0.0 || is_later(s))
+    return PAGS_OK;
+  PAGS_TRY(pags_budget_rows(dataset, s, &bytes));
+  bytes -= bytes_used(s, &most);
+  *gaussians = bytes > 0 ? bytes / most : 0;
+  return PAGS_OK;
+}
+
+static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *tasks) {
+  int64_t count = m->gaussians.count;
+  int64_t *source = malloc((size_t)kept * sizeof *source);
+  if (!source)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory to choose from %lld Gaussians", (long long)count);
+  for (int64_t i = 0; i < kept; i++)
+    source[i] = i * count / kept;
+  pags_result result = pags_model_gather(m, source, kept, kept, tasks);
+  free(source);
+  return result == PAGS_OK ? pags_model_sort(m, tasks) : result;
+}
+
+pags_result pags_budget_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
+  int64_t bytes = 0;
+  int most, row = pags_budget_row(s, 0);
+  if (s->schedule.config.target_size <= 0.0)
+    return PAGS_OK;
+  PAGS_TRY(pags_budget_rows(dataset, s, &bytes));
+  int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].gaussians.count;
+  int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
+  const int64_t least = count < least_background ? count : least_background;
+  if (kept < least)
+    return pags_fail(PAGS_ERROR_LIMIT,
+                     "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
+                     s->schedule.config.target_size, (long long)least,
+                     ceil(1e3 * s->schedule.config.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
+  if (kept == count || is_later(s))
+    return PAGS_OK;
+  pags_log(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size", (long long)kept,
+           (long long)count);
+  return keep_evenly(&s->models[0], kept, tasks);
+}

@@ -1,0 +1,108 @@
+/* Track optimisation. */
+#include "train/track_poses.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+/* As the positions' rates, log-linear over the schedule, but to a tenth (Street Gaussians ends at a fifth to a
+ * hundredth). */
+static const double final_share = 0.1;
+static const double reference_visits = 100.0; /* of each photograph in a run: about 30 000 steps over 300 */
+
+static pags_result copy_object(const pags_object *from, pags_object *to, pags_moments **moments) {
+  *to = *from;
+  size_t knots = (size_t)(from->knot_count > 0 ? from->knot_count : 1);
+  to->id = pags_text_copy(from->id);
+  to->class_name = pags_text_copy(from->class_name);
+  to->knots = malloc(knots * sizeof *to->knots);
+  *moments = calloc(knots, sizeof **moments);
+  if (!to->id || !to->class_name || !to->knots || !*moments)
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a track of %lld knots", (long long)from->knot_count);
+  memcpy(to->knots, from->knots, (size_t)from->knot_count * sizeof *to->knots);
+  return PAGS_OK;
+}
+
+pags_result pags_tracks_create(pags_tracks *tracks, const pags_dataset *dataset) {
+  int64_t count = pags_dataset_object_count(dataset);
+  size_t room = (size_t)(count > 0 ? count : 1);
+  *tracks =
+      (pags_tracks){.objects = calloc(room, sizeof *tracks->objects), .moments = calloc(room, sizeof *tracks->moments)};
+  if (!tracks->objects || !tracks->moments) {
+    pags_tracks_destroy(tracks);
+    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld tracks", (long long)count);
+  }
+  for (int64_t i = 0; i < count; i++) {
+    tracks->count = i + 1;
+    pags_result result = copy_object(pags_dataset_object(dataset, i), &tracks->objects[i], &tracks->moments[i]);
+    if (result != PAGS_OK) {
+      pags_tracks_destroy(tracks);
+      return result;
+    }
+  }
+  return PAGS_OK;
+}
+
+void pags_tracks_destroy(pags_tracks *tracks) {
+  for (int64_t i = 0; i < tracks->count; i++) {
+    pags_object_destroy(&tracks->objects[i]);
+    free(tracks->moments[i]);
+  }
+  free(tracks->objects);
+  free(tracks->moments);
+  *tracks = (pags_tracks){0};
+}
+
+int64_t pags_tracks_knot(const pags_object *object, int frame) {
+  for (int64_t k = 0; k < object->knot_count; k++)
+    if (object->knots[k].frame == frame)
+      return k;
+  return -1;
+}
+
+/* A knot is moved once for each visit to one of its photographs, so that a short run, or one with many photographs,
+ * must take longer steps to come as far. */
+static double hurry(const pags_schedule *schedule) {
+  double visits = (double)schedule->length / (double)schedule->views;
+  return fmin(fmax(reference_visits / visits, 0.25), 4.0);
+}
+
+/* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no
+ * picture. The labels' mean knows, so that what one knot has gone is taken back from all that photographs have moved.
+ */
+static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6]) {
+  const pags_moments *m = tracks->moments[object];
+  pags_object *o = &tracks->objects[object];
+  double moved = 0.0;
+  for (int64_t k = 0; k < o->knot_count; k++)
+    moved += m[k].count > 0;
+  for (int64_t k = 0; k < o->knot_count; k++)
+    for (int i = 0; i < 3 && m[k].count > 0; i++) {
+      o->knots[k].rotation[i] += gone[i] / moved;
+      o->knots[k].translation[i] += gone[3 + i] / moved;
+    }
+}
+
+int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
+                       const pags_schedule *schedule, int64_t step) {
+  const pags_train_config *c = &schedule->config;
+  pags_knot *k = &tracks->objects[object].knots[knot];
+  double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
+  pags_increment_matrix(k->rotation, zero, turn);
+  memcpy(g, gradient, sizeof g);
+  for (int i = 0; i < 3; i++)
+    g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
+  double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
+  if (!pags_moments_step(&tracks->moments[object][knot], g, c, direction))
+    return 0;
+  for (int i = 0; i < 3; i++) {
+    direction[i] *= fall * c->track_rotation_rate;
+    direction[3 + i] *= fall * c->track_translation_rate;
+    k->rotation[i] -= direction[i];
+    k->translation[i] -= direction[3 + i];
+  }
+  hold_mean(tracks, object, direction);
+  return 1;
+}

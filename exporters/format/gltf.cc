@@ -1,0 +1,427 @@
+/* glTF through tinygltf: the only file that sees it. No exception leaves it. */
+#include "exporters/format/gltf.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+#include <memory>
+#include <sstream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+#include <tiny_gltf.h>
+
+#include "base/file.h"
+#include "base/json.h"
+
+struct pags_gltf {
+  tinygltf::Model model;
+  std::vector<unsigned char> bytes;
+  bool failed = false;
+};
+
+namespace {
+
+/* Runs what may throw; -1 and the failure remembered when it does. Of any type: making a std::function could throw
+ * before the try. */
+template <typename Work>
+int guarded(pags_gltf *gltf, const Work &what) {
+  if (gltf->failed)
+    return -1;
+  try {
+    return what();
+  } catch (...) {
+    gltf->failed = true;
+    return -1;
+  }
+}
+
+tinygltf::Value convert(const pags_json_value *value) {
+  switch (value->type) {
+    case PAGS_JSON_BOOL: return tinygltf::Value(value->boolean);
+    case PAGS_JSON_NUMBER:
+      if (!std::strpbrk(value->text, ".eE") && std::fabs(value->number) < 2e9)
+        return tinygltf::Value(static_cast<int>(value->number));
+      return tinygltf::Value(value->number);
+    case PAGS_JSON_STRING: return tinygltf::Value(std::string(value->text));
+    case PAGS_JSON_ARRAY: {
+      tinygltf::Value::Array array;
+      for (const pags_json_value *child = value->first; child; child = child->next)
+        array.push_back(convert(child));
+      return tinygltf::Value(array);
+    }
+    case PAGS_JSON_OBJECT: {
+      tinygltf::Value::Object object;
+      for (const pags_json_value *child = value->first; child; child = child->next)
+        if (child->type != PAGS_JSON_NULL)
+          object[child->key] = convert(child);
+      return tinygltf::Value(object);
+    }
+    default: return tinygltf::Value();
+  }
+}
+
+tinygltf::Value parse(const char *text) {
+  pags_json *json = nullptr;
+  if (pags_json_parse_text("extras", text, std::strlen(text), &json) != PAGS_OK)
+    throw std::runtime_error("json");
+  const std::unique_ptr<pags_json, void (*)(pags_json *)> owner(json, pags_json_destroy);
+  return convert(pags_json_root(json));
+}
+
+/* Appends to the buffer, aligned to 4; returns the view. */
+int put_view(pags_gltf *gltf, const void *data, size_t size, int target, size_t stride) {
+  gltf->bytes.resize((gltf->bytes.size() + 3) / 4 * 4);
+  tinygltf::BufferView view;
+  view.buffer = 0;
+  view.byteOffset = gltf->bytes.size();
+  view.byteLength = size;
+  view.byteStride = stride;
+  view.target = target;
+  const unsigned char *begin = static_cast<const unsigned char *>(data);
+  gltf->bytes.insert(gltf->bytes.end(), begin, begin + size);
+  gltf->model.bufferViews.push_back(view);
+  return static_cast<int>(gltf->model.bufferViews.size()) - 1;
+}
+
+int put_accessor(pags_gltf *gltf, int view, int component, int type, size_t count, bool normalized = false) {
+  tinygltf::Accessor accessor;
+  accessor.bufferView = view;
+  accessor.componentType = component;
+  accessor.type = type;
+  accessor.count = count;
+  accessor.normalized = normalized;
+  gltf->model.accessors.push_back(accessor);
+  return static_cast<int>(gltf->model.accessors.size()) - 1;
+}
+
+int type_of(int components) {
+  return components == 1 ? TINYGLTF_TYPE_SCALAR : components == 3 ? TINYGLTF_TYPE_VEC3 : TINYGLTF_TYPE_VEC4;
+}
+
+int put_floats(pags_gltf *gltf, const float *values, size_t count, int components, int target, bool bounds) {
+  size_t width = static_cast<size_t>(components);
+  int view = put_view(gltf, values, count * width * 4, target, 0);
+  int index = put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_FLOAT, type_of(components), count);
+  if (bounds) {
+    tinygltf::Accessor &accessor = gltf->model.accessors[static_cast<size_t>(index)];
+    for (size_t k = 0; k < width; ++k) {
+      float lo = values[k], hi = values[k];
+      for (size_t i = 0; i < count; ++i) {
+        lo = std::min(lo, values[i * width + k]);
+        hi = std::max(hi, values[i * width + k]);
+      }
+      accessor.minValues.push_back(static_cast<double>(lo));
+      accessor.maxValues.push_back(static_cast<double>(hi));
+    }
+  }
+  return index;
+}
+
+int put_indices(pags_gltf *gltf, const uint32_t *triangles, size_t count, size_t vertices) {
+  if (vertices < 65535) {
+    std::vector<uint16_t> narrow(triangles, triangles + count);
+    return put_accessor(gltf, put_view(gltf, narrow.data(), 2 * count, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER, 0),
+                        TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_SCALAR, count);
+  }
+  return put_accessor(gltf, put_view(gltf, triangles, 4 * count, TINYGLTF_TARGET_ELEMENT_ARRAY_BUFFER, 0),
+                      TINYGLTF_COMPONENT_TYPE_UNSIGNED_INT, TINYGLTF_TYPE_SCALAR, count);
+}
+
+/* sRGB to linear light (IEC 61966-2-1), as glTF wants vertex colours. */
+double linear(double v) {
+  v = std::min(std::max(v, 0.0), 1.0);
+  return v <= 0.04045 ? v / 12.92 : std::pow((v + 0.055) / 1.055, 2.4);
+}
+
+int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
+  std::vector<uint16_t> values(4 * count);
+  for (size_t i = 0; i < count; ++i) {
+    for (size_t c = 0; c < 3; ++c)
+      values[4 * i + c] = static_cast<uint16_t>(std::lround(65535 * linear(static_cast<double>(colors[3 * i + c]))));
+    values[4 * i + 3] = 65535;
+  }
+  int view = put_view(gltf, values.data(), 8 * count, TINYGLTF_TARGET_ARRAY_BUFFER, 0);
+  return put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_UNSIGNED_SHORT, TINYGLTF_TYPE_VEC4, count, true);
+}
+
+void use_extension(pags_gltf *gltf, const std::string &name) {
+  std::vector<std::string> &used = gltf->model.extensionsUsed;
+  if (std::find(used.begin(), used.end(), name) == used.end())
+    used.push_back(name);
+}
+
+/* Quaternion x y z w of unit length. */
+std::vector<double> quaternion(const double pose[12]) {
+  const double r[9] = {pose[0], pose[1], pose[2], pose[4], pose[5], pose[6], pose[8], pose[9], pose[10]};
+  double q[4];
+  pags_quaternion_from_rotation(r, q);
+  double length = std::sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+  return {q[1] / length, q[2] / length, q[3] / length, q[0] / length};
+}
+
+tinygltf::Node &node_at(pags_gltf *gltf, int node) {
+  return gltf->model.nodes.at(static_cast<size_t>(node));
+}
+
+void add_channel(pags_gltf *gltf, int node, int input, int output, const char *path) {
+  tinygltf::Animation &animation = gltf->model.animations.front();
+  tinygltf::AnimationSampler sampler;
+  sampler.input = input;
+  sampler.output = output;
+  tinygltf::AnimationChannel channel;
+  channel.sampler = static_cast<int>(animation.samplers.size());
+  channel.target_node = node;
+  channel.target_path = path;
+  animation.samplers.push_back(sampler);
+  animation.channels.push_back(channel);
+}
+
+std::string serialize(pags_gltf *gltf) {
+  tinygltf::TinyGLTF writer;
+  std::ostringstream stream(std::ios::binary);
+  if (!gltf->model.buffers.empty())
+    gltf->model.buffers.clear();
+  if (!gltf->bytes.empty()) {
+    tinygltf::Buffer buffer;
+    buffer.data.swap(gltf->bytes);
+    gltf->model.buffers.push_back(std::move(buffer));
+  }
+  if (!writer.WriteGltfSceneToStream(&gltf->model, stream, false, true))
+    throw std::runtime_error("write");
+  return stream.str();
+}
+
+uint32_t word_at(const std::string &bytes, size_t at) {
+  uint32_t word;
+  std::memcpy(&word, bytes.data() + at, 4);
+  return word;
+}
+
+/* A GLB is a header of 12 bytes and chunks of (length, kind, bytes): JSON, then the buffer. */
+pags_result save_apart(const std::string &glb, const char *path) {
+  std::string bin_path(path);
+  bin_path.replace(bin_path.size() - 5, 5, ".bin");
+  size_t json_size = word_at(glb, 12), bin_at = 20 + json_size;
+  std::string json = glb.substr(20, json_size);
+  while (!json.empty() && json.back() == ' ')
+    json.pop_back();
+  const std::string mark = "\"buffers\":[{"; /* quotes within texts are escaped, so this can only be the member */
+  size_t at = json.find(mark);
+  if (at != std::string::npos) {
+    json.insert(at + mark.size(), "\"uri\":\"" + std::string(pags_path_name(bin_path.c_str())) + "\",");
+    size_t bin_size = word_at(glb, bin_at);
+    PAGS_TRY(pags_file_write(bin_path.c_str(), glb.data() + bin_at + 8, bin_size));
+  }
+  return pags_file_write(path, json.data(), json.size());
+}
+
+} /* namespace */
+
+extern "C" {
+
+pags_result pags_gltf_create(pags_gltf **out) {
+  *out = nullptr;
+  try {
+    *out = new pags_gltf;
+    tinygltf::Model &model = (*out)->model;
+    model.asset.generator = "pags " PAGS_VERSION_STRING;
+    model.scenes.emplace_back();
+    model.scenes[0].name = "scene";
+    model.defaultScene = 0;
+    return PAGS_OK;
+  } catch (...) {
+    delete *out;
+    *out = nullptr;
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a glTF file");
+  }
+}
+
+void pags_gltf_destroy(pags_gltf *gltf) {
+  delete gltf;
+}
+
+int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
+  return guarded(gltf, [&] {
+    tinygltf::Material material;
+    material.name = name;
+    material.doubleSided = double_sided != 0;
+    material.pbrMetallicRoughness.metallicFactor = 0;
+    gltf->model.materials.push_back(material);
+    return static_cast<int>(gltf->model.materials.size()) - 1;
+  });
+}
+
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags) {
+  return guarded(gltf, [&] {
+    size_t vertices = static_cast<size_t>(surface->vertex_count),
+           indices = 3 * static_cast<size_t>(surface->triangle_count);
+    tinygltf::Primitive primitive;
+    primitive.mode = TINYGLTF_MODE_TRIANGLES;
+    primitive.material = material;
+    primitive.attributes["POSITION"] =
+        put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
+    if (flags & PAGS_GLTF_NORMALS) {
+      std::vector<float> normals(3 * vertices);
+      pags_shell_normals(surface, normals.data());
+      primitive.attributes["NORMAL"] =
+          put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
+    }
+    primitive.attributes["COLOR_0"] = put_colors(gltf, surface->colors, vertices);
+    primitive.indices = put_indices(gltf, surface->triangles, indices, vertices);
+    tinygltf::Mesh mesh;
+    mesh.name = name;
+    mesh.primitives.push_back(primitive);
+    if (flags & PAGS_GLTF_MANIFOLD) {
+      /* Corners are shared between faces already, so that the primitive's own indices are the manifold ones. */
+      tinygltf::Value::Object own, manifold, position;
+      position["POSITION"] = tinygltf::Value(primitive.attributes["POSITION"]);
+      own["attributes"] = tinygltf::Value(position);
+      own["indices"] = tinygltf::Value(primitive.indices);
+      own["mode"] = tinygltf::Value(TINYGLTF_MODE_TRIANGLES);
+      manifold["manifoldPrimitive"] = tinygltf::Value(own);
+      mesh.extensions["EXT_mesh_manifold"] = tinygltf::Value(manifold);
+      use_extension(gltf, "EXT_mesh_manifold");
+    }
+    gltf->model.meshes.push_back(mesh);
+    return static_cast<int>(gltf->model.meshes.size()) - 1;
+  });
+}
+
+int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pags_gltf_attribute *attributes,
+                     int attribute_count, const char *extension, const char *extension_json) {
+  return guarded(gltf, [&] {
+    tinygltf::Primitive primitive;
+    primitive.mode = TINYGLTF_MODE_POINTS;
+    for (int i = 0; i < attribute_count; ++i)
+      primitive.attributes[attributes[i].name] =
+          put_floats(gltf, attributes[i].values, static_cast<size_t>(count), attributes[i].components,
+                     TINYGLTF_TARGET_ARRAY_BUFFER, std::strcmp(attributes[i].name, "POSITION") == 0);
+    primitive.extensions[extension] = parse(extension_json);
+    use_extension(gltf, extension);
+    tinygltf::Mesh mesh;
+    mesh.name = name;
+    mesh.primitives.push_back(primitive);
+    gltf->model.meshes.push_back(mesh);
+    return static_cast<int>(gltf->model.meshes.size()) - 1;
+  });
+}
+
+int pags_gltf_node(pags_gltf *gltf, int parent, const char *name) {
+  return guarded(gltf, [&] {
+    int index = static_cast<int>(gltf->model.nodes.size());
+    tinygltf::Node node;
+    node.name = name;
+    gltf->model.nodes.push_back(node);
+    if (parent >= 0)
+      node_at(gltf, parent).children.push_back(index);
+    else if (parent == -1)
+      gltf->model.scenes[0].nodes.push_back(index);
+    return index;
+  });
+}
+
+int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camera) {
+  return guarded(gltf, [&] {
+    tinygltf::Camera out;
+    out.name = name;
+    out.type = "perspective";
+    out.perspective.yfov = 2 * std::atan(0.5 * camera->height / camera->fy);
+    out.perspective.aspectRatio = camera->width / camera->fx / (camera->height / camera->fy);
+    out.perspective.znear = 0.01;
+    out.perspective.zfar = 1e5; /* tinygltf would write 0 for infinity, which is no distance */
+    gltf->model.cameras.push_back(out);
+    return static_cast<int>(gltf->model.cameras.size()) - 1;
+  });
+}
+
+void pags_gltf_node_pose(pags_gltf *gltf, int node, const double pose[12]) {
+  guarded(gltf, [&] {
+    node_at(gltf, node).rotation = quaternion(pose);
+    node_at(gltf, node).translation = {pose[3], pose[7], pose[11]};
+    return 0;
+  });
+}
+
+void pags_gltf_node_mesh(pags_gltf *gltf, int node, int mesh) {
+  guarded(gltf, [&] { return node_at(gltf, node).mesh = mesh; });
+}
+
+void pags_gltf_node_camera(pags_gltf *gltf, int node, int camera) {
+  guarded(gltf, [&] { return node_at(gltf, node).camera = camera; });
+}
+
+void pags_gltf_node_extras(pags_gltf *gltf, int node, const char *json) {
+  guarded(gltf, [&] {
+    node_at(gltf, node).extras = parse(json);
+    return 0;
+  });
+}
+
+void pags_gltf_asset_extras(pags_gltf *gltf, const char *json) {
+  guarded(gltf, [&] {
+    gltf->model.asset.extras = parse(json);
+    return 0;
+  });
+}
+
+void pags_gltf_node_extension(pags_gltf *gltf, int node, const char *name, const char *json) {
+  guarded(gltf, [&] {
+    node_at(gltf, node).extensions[name] = parse(json);
+    use_extension(gltf, name);
+    return 0;
+  });
+}
+
+void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json) {
+  guarded(gltf, [&] {
+    gltf->model.extensions[name] = parse(json);
+    use_extension(gltf, name);
+    return 0;
+  });
+}
+
+void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double *times, const double (*poses)[12]) {
+  guarded(gltf, [&] {
+    std::vector<float> seconds, places, turns;
+    double before[4] = {0, 0, 0, 0};
+    for (int64_t i = 0; i < count; ++i) {
+      float t = static_cast<float>(times[i]);
+      if (!seconds.empty() && !(t > seconds.back()))
+        continue;
+      std::vector<double> q = quaternion(poses[i]);
+      /* The shorter way round from the one before. */
+      double along = q[0] * before[0] + q[1] * before[1] + q[2] * before[2] + q[3] * before[3];
+      seconds.push_back(t);
+      for (size_t k = 0; k < 4; ++k) {
+        before[k] = along < 0 ? -q[k] : q[k];
+        turns.push_back(static_cast<float>(before[k]));
+      }
+      for (int k = 0; k < 3; ++k)
+        places.push_back(static_cast<float>(poses[i][4 * k + 3]));
+    }
+    if (gltf->model.animations.empty()) {
+      gltf->model.animations.emplace_back();
+      gltf->model.animations[0].name = "tracks";
+    }
+    int input = put_floats(gltf, seconds.data(), seconds.size(), 1, 0, true);
+    add_channel(gltf, node, input, put_floats(gltf, places.data(), seconds.size(), 3, 0, false), "translation");
+    add_channel(gltf, node, input, put_floats(gltf, turns.data(), seconds.size(), 4, 0, false), "rotation");
+    return 0;
+  });
+}
+
+pags_result pags_gltf_save(pags_gltf *gltf, const char *path) {
+  if (gltf->failed)
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory building it", path);
+  try {
+    std::string glb = serialize(gltf);
+    return std::strcmp(pags_path_extension(path), ".gltf") == 0 ? save_apart(glb, path)
+                                                                : pags_file_write(path, glb.data(), glb.size());
+  } catch (...) {
+    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory building it", path);
+  }
+}
+
+} /* extern "C" */

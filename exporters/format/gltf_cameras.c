@@ -1,0 +1,138 @@
+/* Views as glTF cameras. What glTF's perspective can't say (principal point, held out or not) is in the node's extras.
+ */
+#include "exporters/format/gltf_cameras.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/json.h"
+#include "base/sort.h"
+
+typedef struct kind { /* of camera: views of one sensor share it */
+  int index;
+  pags_camera camera;
+} kind;
+
+static int same_lens(const pags_camera *a, const pags_camera *b) {
+  return a->width == b->width && a->height == b->height && a->fx == b->fx && a->fy == b->fy;
+}
+
+static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_scene_view *view) {
+  char name[32];
+  for (int64_t i = 0; i < *count; ++i)
+    if (same_lens(&kinds[i].camera, &view->camera))
+      return kinds[i].index;
+  snprintf(name, sizeof name, "camera_%lld", (long long)*count);
+  kinds[*count] = (kind){pags_gltf_camera(gltf, name, &view->camera), view->camera};
+  return kinds[(*count)++].index;
+}
+
+/* Columns of `from`'s rotation as `order` and `sign` say; relative to the origin. */
+static void turn(const pags_scene *scene, const double from[12], const int order[3], const double sign[3],
+                 double out[12]) {
+  for (int k = 0; k < 3; ++k) {
+    for (int c = 0; c < 3; ++c)
+      out[4 * k + c] = sign[c] * from[4 * k + order[c]];
+    out[4 * k + 3] = from[4 * k + 3] - scene->origin[k];
+  }
+}
+
+static pags_result put_extras(pags_gltf *gltf, int node, const pags_scene_view *view, double time_zero) {
+  const pags_camera *c = &view->camera;
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_string(&w, "view", view->name);
+  pags_json_put_bool(&w, "test", view->test);
+  pags_json_put_number(&w, "time", c->time - time_zero);
+  if (view->sensor >= 0)
+    pags_json_put_integer(&w, "sensor", view->sensor);
+  pags_json_put_integer(&w, "width", c->width);
+  pags_json_put_integer(&w, "height", c->height);
+  pags_json_put_number(&w, "fx", c->fx);
+  pags_json_put_number(&w, "fy", c->fy);
+  pags_json_put_number(&w, "cx", c->cx);
+  pags_json_put_number(&w, "cy", c->cy);
+  pags_json_end_object(&w);
+  pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_node_extras(gltf, node, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
+/* glTF's camera looks along -z, y up; ours along z, y down. */
+static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view,
+                            int camera, double time_zero) {
+  static const int order[3] = {0, 1, 2};
+  static const double sign[3] = {1, -1, -1};
+  double pose[12];
+  char name[96];
+  const char *file = pags_path_name(view->name);
+  int stem = (int)(strlen(file) - strlen(pags_path_extension(file)));
+  snprintf(name, sizeof name, "%.*s", stem < 90 ? stem : 90, file);
+  int node = pags_gltf_node(gltf, parent, name);
+  turn(scene, view->camera.world_from_camera, order, sign, pose);
+  pags_gltf_node_pose(gltf, node, pose);
+  pags_gltf_node_camera(gltf, node, camera);
+  return put_extras(gltf, node, view, time_zero);
+}
+
+static int compare_times(const void *left, const void *right) {
+  const pags_scene_view *a = *(const pags_scene_view *const *)left, *b = *(const pags_scene_view *const *)right;
+  if (a->camera.time != b->camera.time)
+    return a->camera.time < b->camera.time ? -1 : 1;
+  return strcmp(a->name, b->name);
+}
+
+/* The views of the sensor of the least number, by time. */
+static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
+  static const int order[3] = {2, 0, 1};
+  static const double sign[3] = {1, -1, -1};
+  int sensor = scene->views[0].sensor;
+  int64_t count = 0;
+  const pags_scene_view **list = malloc((size_t)scene->view_count * sizeof *list);
+  double *times = malloc((size_t)scene->view_count * sizeof *times);
+  double(*poses)[12] = malloc((size_t)scene->view_count * sizeof *poses);
+  pags_result result = list && times && poses
+                           ? PAGS_OK
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+  for (int64_t i = 1; i < scene->view_count; ++i)
+    sensor = scene->views[i].sensor < sensor ? scene->views[i].sensor : sensor;
+  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
+    if (scene->views[i].sensor == sensor)
+      list[count++] = &scene->views[i];
+  if (result == PAGS_OK) {
+    pags_sort(list, count, sizeof *list, compare_times);
+    for (int64_t i = 0; i < count; ++i) {
+      times[i] = list[i]->camera.time - time_zero;
+      turn(scene, list[i]->camera.world_from_camera, order, sign, poses[i]);
+    }
+    int node = pags_gltf_node(gltf, parent, "ego");
+    pags_gltf_node_pose(gltf, node, poses[0]);
+    if (times[count - 1] > times[0])
+      pags_gltf_node_track(gltf, node, count, times, (const double(*)[12])poses);
+  }
+  free(list);
+  free(times);
+  free(poses);
+  return result;
+}
+
+pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *scene, double time_zero) {
+  if (!scene->view_count)
+    return PAGS_OK;
+  int64_t kind_count = 0;
+  kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
+  if (!kinds)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+  int group = pags_gltf_node(gltf, parent, "cameras");
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
+    result = add_view(gltf, group, scene, &scene->views[i], camera_of(gltf, kinds, &kind_count, &scene->views[i]),
+                      time_zero);
+  free(kinds);
+  return result == PAGS_OK ? add_ego(gltf, parent, scene, time_zero) : result;
+}

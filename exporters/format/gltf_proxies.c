@@ -1,0 +1,467 @@
+/* pags_export_proxies: every labelled object, the ground and the background, into one glTF file. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/export.h>
+
+#include "exporters/proxy/background.h"
+#include "base/json.h"
+#include "base/text.h"
+#include "exporters/format/gltf_cameras.h"
+#include "exporters/proxy/proxy_error.h"
+#include "exporters/format/gltf.h"
+#include "exporters/proxy/objects.h"
+#include "exporters/proxy/proxy_report.h"
+#include "scene/place_json.h"
+
+enum { NAME_SIZE = 96, MOST_GROUPS = 256 };
+
+pags_proxy_options pags_proxy_options_default(void) {
+  return (pags_proxy_options){.level = PAGS_PROXY_MESH,
+                              .triangles = 4000,
+                              .ground_triangles = 60000,
+                              .chunk_triangles = 200000,
+                              .voxel = 0.15,
+                              .chunk = 20,
+                              .range = 60,
+                              .cage_level = 1,
+                              .background = 1};
+}
+
+const char *pags_proxy_level_name(pags_proxy_level level) {
+  static const char *const names[] = {"mesh", "cage", "hull", "box"};
+  return names[level];
+}
+
+typedef struct group {
+  char name[NAME_SIZE];
+  int parent, node;
+} group;
+
+typedef struct exporter {
+  pags_workshop workshop;
+  pags_gltf *gltf;
+  pags_proxy_report *report;
+  int root, critical, background; /* nodes; -1: not there yet */
+  int material, sheet;            /* of closed meshes, of open ones */
+  group groups[MOST_GROUPS];
+  int group_count;
+  double time_zero;        /* seconds of the scene that are 0 in the file */
+  pags_json_writer shapes; /* of KHR_implicit_shapes */
+  int shape_count;
+  pags_progress_fn *progress;
+  void *user;
+} exporter;
+
+static pags_result tell(const exporter *self, double fraction, const char *what) {
+  if (self->progress && !self->progress(self->user, fraction, what))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  return PAGS_OK;
+}
+
+/* "Pedestrian with Object" -> "pedestrian_with_object" */
+static void plain_name(const char *name, char out[NAME_SIZE]) {
+  size_t i = 0;
+  for (; name[i] && i + 16 < NAME_SIZE; ++i) {
+    char c = name[i];
+    out[i] = c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ? c : '_';
+  }
+  out[i] = 0;
+}
+
+static int group_node(exporter *self, int parent, const char *name) {
+  for (int i = 0; i < self->group_count; ++i)
+    if (self->groups[i].parent == parent && !strcmp(self->groups[i].name, name))
+      return self->groups[i].node;
+  int node = pags_gltf_node(self->gltf, parent, name);
+  if (self->group_count < MOST_GROUPS) {
+    group *added = &self->groups[self->group_count++];
+    added->parent = parent;
+    added->node = node;
+    snprintf(added->name, NAME_SIZE, "%s", name);
+  }
+  return node;
+}
+
+/* The group of a class under `critical` or `background`, made when first asked for. */
+static int class_node(exporter *self, int critical, const char *class_name) {
+  int *half = critical ? &self->critical : &self->background;
+  char name[NAME_SIZE];
+  plain_name(class_name, name);
+  if (*half < 0)
+    *half = pags_gltf_node(self->gltf, self->root, critical ? "critical" : "background");
+  return group_node(self, *half, name);
+}
+
+static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
+  if (isnan(d->mean))
+    return;
+  pags_json_begin_object(w, key);
+  pags_json_put_number(w, "mean", d->mean);
+  pags_json_put_number(w, "p95", d->p95);
+  pags_json_put_number(w, "max", d->max);
+  pags_json_end_object(w);
+}
+
+void pags_proxy_facts_put(pags_json_writer *w, const pags_proxy_facts *f) {
+  pags_json_put_string(w, "level", pags_proxy_level_name(f->level));
+  pags_json_put_string(w, "class", f->class_name);
+  pags_json_put_bool(w, "critical", f->critical);
+  pags_json_put_bool(w, "moving", f->moving);
+  pags_json_put_integer(w, "gaussians", f->gaussians);
+  if (!isnan(f->s_sem))
+    pags_json_put_number(w, "s_sem", f->s_sem);
+  pags_json_put_integer(w, "vertices", f->vertices);
+  pags_json_put_integer(w, "triangles", f->triangles);
+  pags_json_put_bool(w, "watertight", f->closed);
+  if (f->closed)
+    pags_json_put_number(w, "volume", f->volume);
+  pags_json_put_number(w, "observed", f->observed);
+  pags_json_begin_object(w, "error");
+  pags_json_put_string(w, "unit", "metres");
+  put_distance(w, "proxy_to_gaussians", &f->to_gaussians);
+  put_distance(w, "gaussians_to_proxy", &f->from_gaussians);
+  if (!isnan(f->silhouette_iou)) {
+    pags_json_put_number(w, "silhouette_iou", f->silhouette_iou);
+    pags_json_put_integer(w, "silhouette_views", f->silhouette_views);
+  }
+  pags_json_end_object(w);
+  if (f->note)
+    pags_json_put_string(w, "note", f->note);
+}
+
+static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *facts, const pags_object *record) {
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_proxy_facts_put(&w, facts);
+  if (record) {
+    pags_json_put_string(&w, "track", record->id);
+    pags_json_put_string(&w, "category", pags_category_name(record->category));
+    pags_json_put_numbers(&w, "size", record->size, 3);
+    pags_json_put_number(&w, "time_begin", record->knots[0].time - self->time_zero);
+    pags_json_put_number(&w, "time_end", record->knots[record->knot_count - 1].time - self->time_zero);
+  }
+  pags_json_end_object(&w);
+  pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_node_extras(self->gltf, node, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
+/* Relative to the origin. */
+static void pose_at(const exporter *self, const pags_object *object, const pags_knot *knot, double out[12]) {
+  if (!pags_object_pose(object, knot->time, out))
+    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  for (int k = 0; k < 3; ++k)
+    out[4 * k + 3] -= self->workshop.scene->origin[k];
+}
+
+static pags_result place(exporter *self, int node, const pags_object *object) {
+  double first[12];
+  pose_at(self, object, &object->knots[object->moving ? 0 : object->knot_count / 2], first);
+  pags_gltf_node_pose(self->gltf, node, first);
+  if (!object->moving || object->knot_count < 2)
+    return PAGS_OK;
+  double *times = malloc((size_t)object->knot_count * sizeof *times);
+  double(*poses)[12] = malloc((size_t)object->knot_count * sizeof *poses);
+  pags_result result = times && poses ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
+  for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; ++i) {
+    times[i] = object->knots[i].time - self->time_zero;
+    pose_at(self, object, &object->knots[i], poses[i]);
+  }
+  if (result == PAGS_OK)
+    pags_gltf_node_track(self->gltf, node, object->knot_count, times, (const double(*)[12])poses);
+  free(times);
+  free(poses);
+  return result;
+}
+
+/* Kinematic: it goes where its track says. */
+static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts *facts, const pags_object *record) {
+  char text[160];
+  if (facts->level == PAGS_PROXY_BOX) {
+    pags_json_begin_object(&self->shapes, NULL);
+    pags_json_put_string(&self->shapes, "type", "box");
+    pags_json_begin_object(&self->shapes, "box");
+    pags_json_put_numbers(&self->shapes, "size", record->size, 3);
+    pags_json_end_object(&self->shapes);
+    pags_json_end_object(&self->shapes);
+    snprintf(text, sizeof text, "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"shape\":%d}}}",
+             self->shape_count++);
+  } else {
+    snprintf(text, sizeof text,
+             "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}}", mesh,
+             facts->level == PAGS_PROXY_HULL ? "true" : "false");
+  }
+  pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
+}
+
+/* One level of one object into the file; `mesh` receives its number there. */
+static pags_result add_level(exporter *self, int64_t object, pags_made_level *made, const char *name, int *mesh) {
+  pags_proxy_facts *facts = &made->facts;
+  char mesh_name[NAME_SIZE];
+  facts->name = name;
+  facts->class_name = self->workshop.scene->objects[object].record.class_name;
+  if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
+    snprintf(mesh_name, NAME_SIZE, "UCX_%.80s_00", name);
+  else if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
+    snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
+  else
+    snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
+  *mesh = pags_gltf_mesh(
+      self->gltf, mesh_name, &made->shell, self->material,
+      (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
+  return pags_proxy_report_add(self->report, facts);
+}
+
+/* The levels below the finest as nodes outside of the scene, named by MSFT_lod of the node that holds the finest. */
+static pags_result add_coarser(exporter *self, int64_t object, pags_made_object *made, const char *name, int node) {
+  char ids[96] = "", child_name[NAME_SIZE];
+  int used = 0;
+  for (int level = 1; level < made->level_count; ++level) {
+    int mesh;
+    PAGS_TRY(add_level(self, object, &made->levels[level], name, &mesh));
+    snprintf(child_name, NAME_SIZE, "%.80s_lod%d", name, level);
+    int child = pags_gltf_node(self->gltf, -2, child_name);
+    pags_gltf_node_mesh(self->gltf, child, mesh);
+    PAGS_TRY(put_extras(self, child, &made->levels[level].facts, &self->workshop.scene->objects[object].record));
+    used += snprintf(ids + used, sizeof ids - (size_t)used, "%s%d", used ? "," : "{\"ids\":[", child);
+  }
+  snprintf(ids + used, sizeof ids - (size_t)used, "]}");
+  pags_gltf_node_extension(self->gltf, node, "MSFT_lod", ids);
+  /* Shares of the screen's height under which the next level does. */
+  pags_gltf_node_extras(self->gltf, node, "{\"MSFT_screencoverage\":[0.2,0.05,0.02,0]}");
+  return PAGS_OK;
+}
+
+static pags_result add_object(exporter *self, int64_t object, pags_made_object *made) {
+  const pags_proxy_options *options = self->workshop.options;
+  const pags_scene_object *o = &self->workshop.scene->objects[object];
+  const pags_proxy_facts *facts = &made->levels[0].facts;
+  char plain[NAME_SIZE], name[NAME_SIZE], child_name[NAME_SIZE];
+  int mesh = -1;
+  plain_name(o->record.class_name, plain);
+  snprintf(name, NAME_SIZE, "%.60s_%04lld", plain, (long long)object);
+  int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name);
+  pags_result result = place(self, node, &o->record);
+  if (result == PAGS_OK)
+    result = add_level(self, object, &made->levels[0], name, &mesh);
+  if (result == PAGS_OK)
+    result = put_extras(self, node, facts, &o->record);
+  if (result == PAGS_OK && (options->lod || options->naming == PAGS_NAMING_UNREAL)) {
+    if (options->lod)
+      snprintf(child_name, NAME_SIZE, "%.80s_lod0", name);
+    else
+      snprintf(child_name, NAME_SIZE, "%s%.80s%s",
+               facts->level == PAGS_PROXY_HULL  ? "UCX_"
+               : facts->level == PAGS_PROXY_BOX ? "UBX_"
+                                                : "SM_",
+               name, facts->level >= PAGS_PROXY_HULL ? "_00" : "");
+    int child = pags_gltf_node(self->gltf, node, child_name);
+    pags_gltf_node_mesh(self->gltf, child, mesh);
+    if (options->lod)
+      result = add_coarser(self, object, made, name, child);
+  } else {
+    pags_gltf_node_mesh(self->gltf, node, mesh);
+  }
+  if (result == PAGS_OK && options->physics)
+    put_body(self, node, mesh, facts, &o->record);
+  if (options->visibility)
+    pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
+  return result;
+}
+
+/* Y up: z-up worlds turn by -90 degrees about x, worlds whose y points down by 180. */
+static void root_pose(pags_up up, double out[12]) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  memcpy(out, up == PAGS_UP_Z ? from_z : from_minus_y, 12 * sizeof *out);
+}
+
+static pags_result put_asset(const exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  pags_json_writer w;
+  pags_json_writer_init(&w, 0);
+  pags_json_begin_object(&w, NULL);
+  pags_json_put_string(&w, "units", "metres");
+  pags_json_put_string(&w, "frame",
+                       "below the node 'scene' positions are in the axes of the recording, relative to origin");
+  pags_json_put_numbers(&w, "origin", scene->origin, 3);
+  pags_json_put_string(&w, "up", scene->up == PAGS_UP_Z ? "z" : scene->up == PAGS_UP_MINUS_Y ? "-y" : "unknown");
+  pags_json_put_number(&w, "time_zero", self->time_zero);
+  if (scene->fps > 0)
+    pags_json_put_number(&w, "fps", scene->fps);
+  pags_place_to_json(&w, &scene->place);
+  pags_json_end_object(&w);
+  pags_result result = pags_json_writer_finish(&w);
+  if (result == PAGS_OK)
+    pags_gltf_asset_extras(self->gltf, w.data);
+  pags_json_writer_destroy(&w);
+  return result;
+}
+
+static void find_time_zero(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  self->time_zero = scene->time_begin;
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
+}
+
+static pags_result finish_shapes(exporter *self) {
+  pags_json_end_array(&self->shapes);
+  pags_json_end_object(&self->shapes);
+  PAGS_TRY(pags_json_writer_finish(&self->shapes));
+  if (self->shape_count)
+    pags_gltf_extension(self->gltf, "KHR_implicit_shapes", self->shapes.data);
+  return PAGS_OK;
+}
+
+static int tell_background(void *user, double fraction, const char *what) {
+  const exporter *self = user;
+  return tell(self, self->workshop.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
+}
+
+/* All chunks as one mesh, and whose its triangles are. */
+static pags_result join_chunks(const pags_backdrop *b, pags_shell *all, int32_t **group_of) {
+  int64_t triangles = 0;
+  for (int64_t i = 0; i < b->chunk_count; ++i)
+    triangles += b->chunks[i].shell.triangle_count;
+  *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
+  if (!*group_of)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)triangles);
+  for (int64_t i = 0; i < b->chunk_count; ++i) {
+    const pags_shell *s = &b->chunks[i].shell;
+    uint32_t first = (uint32_t)all->vertex_count;
+    for (int64_t v = 0; v < s->vertex_count; ++v)
+      pags_shell_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
+    for (int64_t t = 0; t < s->triangle_count; ++t) {
+      (*group_of)[all->triangle_count] = (int32_t)i;
+      pags_shell_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1],
+                          first + s->triangles[3 * t + 2]);
+    }
+  }
+  return pags_shell_check(all);
+}
+
+static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t index, pags_proxy_facts *facts) {
+  const pags_chunk *chunk = &b->chunks[index];
+  char name[NAME_SIZE];
+  if (!strcmp(chunk->class_name, "ground"))
+    snprintf(name, NAME_SIZE, "ground");
+  else
+    snprintf(name, NAME_SIZE, "%s_%03d", chunk->class_name, chunk->number);
+  facts->name = name;
+  facts->class_name = chunk->class_name;
+  facts->level = PAGS_PROXY_MESH;
+  facts->object = -1;
+  facts->gaussians = b->gaussians;
+  facts->s_sem = b->s_sem;
+  facts->vertices = chunk->shell.vertex_count;
+  facts->triangles = chunk->shell.triangle_count;
+  facts->observed = pags_shell_observed(&chunk->shell);
+  if (self->background < 0)
+    self->background = pags_gltf_node(self->gltf, self->root, "background");
+  int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
+  int node = pags_gltf_node(self->gltf, parent, name);
+  pags_gltf_node_mesh(self->gltf, node,
+                      pags_gltf_mesh(self->gltf, name, &chunk->shell, self->sheet, PAGS_GLTF_NORMALS));
+  if (self->workshop.options->visibility)
+    pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
+  PAGS_TRY(put_extras(self, node, facts, NULL));
+  return pags_proxy_report_add(self->report, facts);
+}
+
+static pags_result measure_chunks(exporter *self, const pags_backdrop *b, pags_proxy_facts *facts) {
+  pags_shell all = {0};
+  int32_t *group_of = NULL;
+  pags_result result = join_chunks(b, &all, &group_of);
+  if (result == PAGS_OK)
+    result = pags_proxies_compare(&all, group_of, b->chunk_count, &b->sights, self->workshop.options->range,
+                                  self->workshop.tasks, facts);
+  free(group_of);
+  pags_shell_destroy(&all);
+  return result;
+}
+
+static pags_result add_background(exporter *self) {
+  pags_backdrop b;
+  PAGS_TRY(pags_backdrop_make(&self->workshop, tell_background, self, &b));
+  pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
+  pags_result result =
+      facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
+  if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
+    self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
+  if (result == PAGS_OK)
+    result = measure_chunks(self, &b, facts);
+  for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; ++i)
+    result = add_chunk(self, &b, i, &facts[i]);
+  free(facts);
+  pags_backdrop_destroy(&b);
+  return result;
+}
+
+static int tell_objects(void *user, double fraction, const char *what) {
+  const exporter *self = user;
+  return tell(self, self->workshop.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
+}
+
+static pags_result add_objects(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  pags_made_object *made;
+  PAGS_TRY(pags_objects_make(&self->workshop, 1, tell_objects, self, &made));
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; ++i)
+    if (made[i].level_count)
+      result = add_object(self, i, &made[i]);
+  pags_objects_destroy(made, scene->object_count);
+  return result;
+}
+
+static pags_result fill(exporter *self) {
+  const pags_scene *scene = self->workshop.scene;
+  double pose[12];
+  find_time_zero(self);
+  root_pose(scene->up, pose);
+  self->root = pags_gltf_node(self->gltf, -1, "scene");
+  pags_gltf_node_pose(self->gltf, self->root, pose);
+  if (scene->object_count)
+    self->material = pags_gltf_material(self->gltf, "proxy", 0);
+  if (scene->object_count)
+    PAGS_TRY(add_objects(self));
+  if (self->workshop.options->background)
+    PAGS_TRY(add_background(self));
+  if (self->workshop.options->cameras)
+    PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
+  PAGS_TRY(put_asset(self));
+  return finish_shapes(self);
+}
+
+pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,
+                                pags_tasks *tasks, pags_progress_fn *progress, void *user, pags_proxy_report *report) {
+  pags_proxy_report own = {0};
+  exporter self = {
+      .report = report ? report : &own, .critical = -1, .background = -1, .progress = progress, .user = user};
+  *self.report = own;
+  pags_json_writer_init(&self.shapes, 0);
+  pags_json_begin_object(&self.shapes, NULL);
+  pags_json_begin_array(&self.shapes, "shapes");
+  pags_result result = pags_workshop_open(scene, options, tasks, &self.workshop);
+  if (result == PAGS_OK)
+    result = pags_gltf_create(&self.gltf);
+  if (result == PAGS_OK)
+    result = fill(&self);
+  if (result == PAGS_OK)
+    result = tell(&self, 1, "writing");
+  if (result == PAGS_OK)
+    result = pags_gltf_save(self.gltf, path);
+  pags_gltf_destroy(self.gltf);
+  pags_workshop_close(&self.workshop);
+  pags_json_writer_destroy(&self.shapes);
+  if (!report || result != PAGS_OK)
+    pags_proxy_report_destroy(self.report);
+  return result;
+}

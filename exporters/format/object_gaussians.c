@@ -1,0 +1,88 @@
+/* Objects are placed where their frame is the world's, so that what is drawn there is in their frame. */
+#include "exporters/format/object_gaussians.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "exporters/format/bake.h"
+
+/* Where a parked object stands: its middle label, which its proxy is made by. Relative to the origin. */
+static void parked_pose(const pags_scene *scene, const pags_object *record, double out[12]) {
+  const pags_knot *knot = &record->knots[record->knot_count / 2];
+  if (!pags_object_pose(record, knot->time, out))
+    memcpy(out, knot->world_from_object, 12 * sizeof *out);
+  for (int k = 0; k < 3; ++k)
+    out[4 * k + 3] -= scene->origin[k];
+}
+
+pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
+                                 pags_gaussians *out) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  const pags_part *parts;
+  int count;
+  if (object >= 0 && !pags_composition_is_tracked(composition, object)) { /* it is carried from its rest pose */
+    double parked[12], back[12], rest[12];
+    parked_pose(scene, &scene->objects[object].record, parked);
+    pags_rigid_inverse(parked, back);
+    pags_composition_rest_pose(composition, object, rest);
+    for (int k = 0; k < 3; ++k)
+      rest[4 * k + 3] -= scene->origin[k];
+    pags_rigid_multiply(back, rest, placement.world_from_object);
+  }
+  for (int k = 0; k < 3 && object >= 0; ++k)
+    placement.world_from_object[4 * k + 3] += scene->origin[k];
+  *out = (pags_gaussians){0};
+  PAGS_TRY(pags_compose_placed(composition, time, &placement, 1, &parts, &count));
+  return pags_splats_bake(parts, count, sh_degree, out);
+}
+
+pags_result pags_owned_degree(pags_composition *composition, int most, int *out) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  int degree = 0;
+  *out = 0;
+  for (int64_t object = -1; object < scene->object_count && degree < most; ++object) {
+    const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+    const pags_part *parts;
+    int count;
+    PAGS_TRY(pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count));
+    for (int i = 0; i < count; ++i)
+      degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
+  }
+  *out = degree < most ? degree : most;
+  return PAGS_OK;
+}
+
+pags_result pags_owned_track_make(const pags_composition *composition, int64_t object, double time_zero,
+                                  pags_owned_track *out) {
+  const pags_scene *scene = pags_composition_scene(composition);
+  const pags_object *record = &scene->objects[object].record;
+  int64_t count = record->moving ? record->knot_count : 1;
+  *out = (pags_owned_track){.count = count,
+                            .times = malloc((size_t)count * sizeof *out->times),
+                            .poses = malloc((size_t)count * sizeof *out->poses)};
+  if (!out->times || !out->poses) {
+    pags_owned_track_destroy(out);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
+  }
+  for (int64_t i = 0; i < count; ++i) {
+    const pags_knot *knot = &record->knots[i];
+    out->times[i] = knot->time - time_zero;
+    if (!record->moving) {
+      parked_pose(scene, record, out->poses[i]);
+      continue;
+    }
+    if (!pags_object_pose(record, knot->time, out->poses[i]))
+      memcpy(out->poses[i], knot->world_from_object, sizeof out->poses[i]);
+    for (int k = 0; k < 3; ++k)
+      out->poses[i][4 * k + 3] -= scene->origin[k];
+  }
+  return PAGS_OK;
+}
+
+void pags_owned_track_destroy(pags_owned_track *track) {
+  free(track->times);
+  free(track->poses);
+  *track = (pags_owned_track){0};
+}

@@ -1,0 +1,220 @@
+/* pags_export_splats: the formats that other programs take Gaussians in. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/compose.h>
+#include <pags/export.h>
+#include <pags/packed.h>
+
+#include "base/file.h"
+#include "exporters/format/gltf.h"
+#include "exporters/format/object_gaussians.h"
+#include "exporters/format/bake.h"
+
+pags_splat_options pags_splat_options_default(void) {
+  return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3};
+}
+
+int pags_export_is_splat(const char *path) {
+  const char *extension = pags_path_extension(path);
+  return !strcmp(extension, ".ply") || !strcmp(extension, ".spz") || !strcmp(extension, ".splat") ||
+         !strcmp(extension, ".pagsz");
+}
+
+static double sigmoid(double x) {
+  return 1 / (1 + exp(-x));
+}
+
+static double linear(double v) {
+  v = fmin(fmax(v, 0), 1);
+  return v <= 0.04045 ? v / 12.92 : pow((v + 0.055) / 1.055, 2.4);
+}
+
+typedef struct columns {
+  float *block; /* all values, attribute after attribute */
+  pags_gltf_attribute list[24];
+  char names[24][64];
+  int count;
+  size_t used, rows;
+} columns;
+
+static float *add_column(columns *c, const char *name, int components) {
+  float *values = c->block + c->used;
+  snprintf(c->names[c->count], sizeof c->names[0], "%.63s", name);
+  c->list[c->count] = (pags_gltf_attribute){c->names[c->count], components, values};
+  ++c->count;
+  c->used += c->rows * (size_t)components;
+  return values;
+}
+
+/* KHR_gaussian_splatting's attributes; COLOR_0 is for readers that know points alone. */
+static void fill_columns(const pags_gaussians *g, columns *c) {
+  float *position = add_column(c, "POSITION", 3), *color = add_column(c, "COLOR_0", 4);
+  float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
+        *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
+  float *opacity = add_column(c, "KHR_gaussian_splatting:OPACITY", 1);
+  for (int64_t i = 0; i < g->count; ++i) {
+    double q[4], length = 0;
+    for (int k = 0; k < 4; ++k) {
+      q[k] = (double)pags_plane(g, PAGS_ROTATION + (k + 1) % 4)[i];
+      length += q[k] * q[k];
+    }
+    for (int k = 0; k < 4; ++k)
+      rotation[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 3);
+    for (int k = 0; k < 3; ++k) {
+      position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
+      scale[3 * i + k] = (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
+      color[4 * i + k] = (float)linear(0.5 + 0.28209479177387814 * (double)pags_plane(g, PAGS_SH + k)[i]);
+    }
+    opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
+  }
+  for (int degree = 0, k = 0; degree <= g->sh_degree; ++degree)
+    for (int n = 0; n <= 2 * degree; ++n, ++k) {
+      char name[64];
+      snprintf(name, sizeof name, "KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d", degree, n);
+      float *values = add_column(c, name, 3);
+      for (int64_t i = 0; i < g->count; ++i)
+        for (int channel = 0; channel < 3; ++channel)
+          values[3 * i + channel] = pags_plane(g, PAGS_SH + 3 * k + channel)[i];
+    }
+}
+
+static pags_result add_points(pags_gltf *gltf, int node, const char *name, const pags_gaussians *g) {
+  static const char extension[] =
+      "{\"kernel\":\"ellipse\",\"colorSpace\":\"srgb_rec709_display\",\"projection\":\"perspective\","
+      "\"sortingMethod\":\"cameraDistance\"}";
+  columns *c = calloc(1, sizeof *c);
+  if (c)
+    c->block = malloc(((size_t)g->count * (15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree)) + 1) * sizeof(float));
+  if (!c || !c->block) {
+    free(c);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  }
+  c->rows = (size_t)g->count;
+  fill_columns(g, c);
+  pags_gltf_node_mesh(gltf, node,
+                      pags_gltf_points(gltf, name, g->count, c->list, c->count, "KHR_gaussian_splatting", extension));
+  free(c->block);
+  free(c);
+  return PAGS_OK;
+}
+
+/* Y up by the root node, as proxies have it: what is below keeps its axes, and its harmonics with them. */
+static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *g) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  pags_gltf *gltf;
+  if (!g->count)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian at that time", path);
+  PAGS_TRY(pags_gltf_create(&gltf));
+  int root = pags_gltf_node(gltf, -1, "scene");
+  pags_gltf_node_pose(gltf, root, up == PAGS_UP_Z ? from_z : from_minus_y);
+  pags_result result = add_points(gltf, pags_gltf_node(gltf, root, "splats"), "splats", g);
+  if (result == PAGS_OK)
+    result = pags_gltf_save(gltf, path);
+  pags_gltf_destroy(gltf);
+  return result;
+}
+
+/* One node an object, in its own frame, with its track; what is nobody's as `background`. */
+static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
+                             const pags_splat_options *options, int degree, int64_t *count) {
+  pags_gaussians g;
+  pags_owned_track track = {0};
+  char name[96];
+  const pags_scene *scene = pags_composition_scene(composition);
+  PAGS_TRY(pags_owned_gaussians(composition, object, options->time, degree, &g));
+  pags_result result = PAGS_OK;
+  if (g.count) {
+    snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
+    int node = pags_gltf_node(gltf, root, name);
+    if (object >= 0)
+      result = pags_owned_track_make(composition, object, time_zero, &track);
+    if (result == PAGS_OK && track.count)
+      pags_gltf_node_pose(gltf, node, track.poses[0]);
+    if (result == PAGS_OK && track.count > 1)
+      pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
+    pags_owned_track_destroy(&track);
+    if (result == PAGS_OK)
+      result = add_points(gltf, node, name, &g);
+    *count += g.count;
+  }
+  pags_gaussians_destroy(&g);
+  return result;
+}
+
+static pags_result save_tracks(const char *path, pags_composition *composition, const pags_splat_options *options,
+                               int64_t *count) {
+  static const double from_z[12] = {1, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0},
+                      from_minus_y[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0};
+  const pags_scene *scene = pags_composition_scene(composition);
+  int degree;
+  double time_zero = scene->time_begin;
+  pags_gltf *gltf;
+  PAGS_TRY(pags_owned_degree(composition, options->sh_degree, &degree));
+  PAGS_TRY(pags_gltf_create(&gltf));
+  int root = pags_gltf_node(gltf, -1, "scene");
+  pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);
+  for (int64_t i = 0; i < scene->object_count; ++i)
+    time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
+  pags_result result = PAGS_OK;
+  *count = 0;
+  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; ++i)
+    result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);
+  if (result == PAGS_OK && !*count)
+    result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
+  if (result == PAGS_OK)
+    result = pags_gltf_save(gltf, path);
+  pags_gltf_destroy(gltf);
+  return result;
+}
+
+static pags_result save_packed(const char *path, const pags_scene *scene, const pags_gaussians *g) {
+  pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
+  memcpy(head.origin, scene->origin, sizeof head.origin);
+  for (int k = 0; k < 3; ++k)
+    head.background[k] = scene->background[k];
+  return pags_packed_export(path, g, &head);
+}
+
+static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
+                        const pags_gaussians *g) {
+  const char *extension = pags_path_extension(path);
+  if (!strcmp(extension, ".ply"))
+    return pags_ply_save(path, g);
+  if (!strcmp(extension, ".splat"))
+    return pags_splat_save(path, g);
+  if (!strcmp(extension, ".spz"))
+    return pags_spz_save(path, g, options->spz_version, scene->antialiased);
+  if (!strcmp(extension, ".pagsz"))
+    return save_packed(path, scene, g);
+  return save_glb(path, scene->up, g);
+}
+
+pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_splat_options *options, int64_t *count) {
+  pags_composition *composition;
+  const pags_part *parts;
+  int part_count, degree = 0;
+  pags_gaussians baked = {0};
+  int64_t written = 0;
+  PAGS_TRY(pags_composition_create(scene, &composition));
+  if (options->tracks) {
+    pags_result saved = save_tracks(path, composition, options, count ? count : &written);
+    pags_composition_destroy(composition);
+    return saved;
+  }
+  pags_compose(composition, options->time, &parts, &part_count);
+  for (int i = 0; i < part_count; ++i)
+    degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
+  pags_result result =
+      pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);
+  if (result == PAGS_OK)
+    result = save(path, pags_composition_scene(composition), options, &baked);
+  if (count)
+    *count = baked.count;
+  pags_gaussians_destroy(&baked);
+  pags_composition_destroy(composition);
+  return result;
+}

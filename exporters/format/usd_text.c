@@ -1,0 +1,157 @@
+/* Text is gathered in a buffer a line or an array's piece at a time. Numbers are the shortest that read back to the
+ * same float. */
+#include "exporters/format/usd_text.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+enum { INDENT = 4, PIECE = 1 << 16 };
+
+static void put(pags_usd *usd, const char *text, size_t size) {
+  if (usd->result == PAGS_OK)
+    usd->result = pags_file_writer_put(&usd->file, text, size);
+}
+
+static void put_text(pags_usd *usd, const char *text) {
+  put(usd, text, strlen(text));
+}
+
+static void indent(pags_usd *usd) {
+  for (int i = 0; i < usd->depth * INDENT; ++i)
+    put(usd, " ", 1);
+}
+
+void pags_usd_begin(pags_usd *usd, const char *path) {
+  *usd = (pags_usd){0};
+  usd->result = pags_file_writer_begin(&usd->file, path);
+  put_text(usd, "#usda 1.0\n");
+}
+
+pags_result pags_usd_end(pags_usd *usd) {
+  if (usd->result == PAGS_OK)
+    return pags_file_writer_commit(&usd->file);
+  pags_file_writer_abort(&usd->file);
+  return usd->result;
+}
+
+static void put_line(pags_usd *usd, const char *format, va_list arguments) {
+  char line[1024];
+  int length = vsnprintf(line, sizeof line, format, arguments);
+  indent(usd);
+  if (length < 0 || (size_t)length >= sizeof line)
+    usd->result = pags_fail(PAGS_ERROR_LIMIT, "a line of more than %zu characters", sizeof line);
+  else
+    put(usd, line, (size_t)length);
+  put_text(usd, "\n");
+}
+
+void pags_usd_line(pags_usd *usd, const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  put_line(usd, format, arguments);
+  va_end(arguments);
+}
+
+void pags_usd_open(pags_usd *usd, const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  put_line(usd, format, arguments);
+  va_end(arguments);
+  pags_usd_line(usd, "{");
+  ++usd->depth;
+}
+
+void pags_usd_close(pags_usd *usd) {
+  --usd->depth;
+  pags_usd_line(usd, "}");
+}
+
+/* At most 24 characters. */
+static size_t put_float(float value, char *out) {
+  char text[PAGS_DOUBLE_TEXT];
+  int length = 0;
+  for (int digits = 6; digits <= 9; ++digits) {
+    length = snprintf(text, sizeof text, "%.*g", digits, (double)value);
+    if ((float)pags_text_to_double(text, NULL) == value)
+      break;
+  }
+  for (int i = 0; i < length; ++i) /* whatever the locale */
+    out[i] = text[i] == ',' ? '.' : text[i];
+  return (size_t)length;
+}
+
+void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64_t count, int width,
+                     const char *interpolation) {
+  char *piece = malloc(PIECE);
+  size_t used = 0;
+  if (!piece) {
+    usd->result = pags_fail(PAGS_ERROR_MEMORY, "out of memory writing numbers");
+    return;
+  }
+  indent(usd);
+  put_text(usd, head);
+  put_text(usd, " = [");
+  for (int64_t i = 0; i < count; ++i) {
+    if (used + 32 * (size_t)width + 8 > PIECE) {
+      put(usd, piece, used);
+      used = 0;
+    }
+    if (i)
+      used += (size_t)snprintf(piece + used, 3, ", ");
+    for (int k = 0; k < width; ++k) {
+      if (width > 1)
+        used += (size_t)snprintf(piece + used, 3, k ? ", " : "(");
+      used += put_float(values[i * width + k], piece + used);
+    }
+    if (width > 1)
+      piece[used++] = ')';
+  }
+  put(usd, piece, used);
+  free(piece);
+  put_text(usd, interpolation ? "] (\n" : "]\n");
+  if (interpolation) {
+    pags_usd_line(usd, "    interpolation = \"%s\"", interpolation);
+    pags_usd_line(usd, ")");
+  }
+}
+
+void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, int64_t count) {
+  char text[16];
+  indent(usd);
+  put_text(usd, head);
+  put_text(usd, " = [");
+  for (int64_t i = 0; i < count; ++i) {
+    int length = snprintf(text, sizeof text, "%s%u", i ? ", " : "", values[i]);
+    put(usd, text, (size_t)length);
+  }
+  put_text(usd, "]\n");
+}
+
+void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count) {
+  char text[16];
+  indent(usd);
+  put_text(usd, head);
+  put_text(usd, " = [");
+  for (int64_t i = 0; i < count; ++i) {
+    int length = snprintf(text, sizeof text, "%s%d", i ? ", " : "", value);
+    put(usd, text, (size_t)length);
+  }
+  put_text(usd, "]\n");
+}
+
+void pags_usd_name(const char *text, char *out, size_t size) {
+  size_t used = 0;
+  if (*text >= '0' && *text <= '9' && size > 1)
+    out[used++] = '_';
+  for (; *text && used + 1 < size; ++text) {
+    char c = *text;
+    out[used++] = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ? c : '_';
+  }
+  if (!used && size > 1)
+    out[used++] = '_';
+  out[used] = 0;
+}

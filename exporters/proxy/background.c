@@ -1,0 +1,583 @@
+/* The background: drawn without labelled objects by a choice of the training cameras, its depth fused tile by tile.
+ *
+ * A surface that is near the ground belongs to the ground. The rest is cut by class: by what the data set's semantic
+ * pictures say where they are at hand, else by shape and colour. */
+#include "exporters/proxy/background.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/file.h"
+#include "base/log.h"
+#ifdef PAGS_WITH_IMAGES
+#include <pags/image.h>
+#endif
+
+enum { MOST_VIEWS = 120, CLUSTER = 64, LEAST_TRIANGLES = 8 };
+enum { ROAD, SIDEWALK, BUILDING, VEGETATION, POLE, OTHER, CLASSES, UNLABELLED = 255 };
+static const char *const class_names[CLASSES] = {"road", "sidewalk", "building", "vegetation", "pole", "other"};
+
+static const double ground_reach =
+    11; /* metres from the cameras that the ground covers without holes: 10 from the path between them */
+static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
+static const double least_area = 0.4;  /* square metres of a part: less floats */
+
+void pags_backdrop_destroy(pags_backdrop *backdrop) {
+  pags_sights_destroy(&backdrop->sights);
+  for (int64_t i = 0; i < backdrop->chunk_count; ++i)
+    pags_shell_destroy(&backdrop->chunks[i].shell);
+  free(backdrop->chunks);
+  memset(backdrop, 0, sizeof *backdrop);
+}
+
+/* Cityscapes' train ids. */
+static uint8_t class_of_label(uint8_t label) {
+  static const uint8_t of[10] = {ROAD, SIDEWALK, BUILDING, BUILDING,   BUILDING,
+                                 POLE, POLE,     POLE,     VEGETATION, VEGETATION};
+  return label < 10 ? of[label] : UNLABELLED;
+}
+
+/* The scene's Gaussians that are nobody's: no object's number, in no parked object's box. */
+static pags_result gather_background(const pags_workshop *w, pags_gaussians *out) {
+  const pags_gaussians *g = &w->scene->models[0].gaussians;
+  uint8_t *taken = calloc((size_t)g->count + 1, 1);
+  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
+  if (!taken || !index) {
+    free(taken);
+    free(index);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  }
+  for (int64_t o = 0; o < w->scene->object_count; ++o)
+    if (w->scene->objects[o].model < 0)
+      pags_object_mark(w, o, taken);
+  for (int64_t i = 0; i < g->count; ++i)
+    if (!taken[i])
+      index[count++] = i;
+  free(taken);
+  pags_gaussians loose = {0};
+  pags_result result = pags_gaussians_create_like(&loose, count, g);
+  if (result == PAGS_OK) {
+    pags_gaussians_gather(g, index, count, &loose);
+    result = pags_gaussians_sorted_copy(out, &loose);
+  }
+  pags_gaussians_destroy(&loose);
+  free(index);
+  return result;
+}
+
+/* The data set's semantic picture of a view, brought to the sight's size; nothing where there is none. */
+static void load_labels(const pags_workshop *w, const pags_scene_view *view, pags_sight *sight) {
+#ifdef PAGS_WITH_IMAGES
+  char path[1024];
+  pags_image image;
+  const char *name = pags_path_name(view->name);
+  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
+  int width = sight->camera.width, height = sight->camera.height;
+  if (!w->scene->dataset)
+    return;
+  snprintf(path, sizeof path, "%s/semantic/%.*s.png", w->scene->dataset, stem, name);
+  if (!pags_file_exists(path) || pags_image_load(path, PAGS_U8, 1, &image) != PAGS_OK)
+    return;
+  sight->labels = malloc((size_t)width * (size_t)height);
+  for (int y = 0; sight->labels && y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
+      sight->labels[(size_t)y * (size_t)width + (size_t)x] =
+          class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
+    }
+  pags_image_destroy(&image);
+#else
+  (void)w;
+  (void)view;
+  (void)sight;
+#endif
+}
+
+static int shows_training(const pags_scene_view *view) {
+  return !view->test;
+}
+
+static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user,
+                        pags_backdrop *out) {
+  int64_t count = 0, taken = 0, seen = 0;
+  for (int64_t v = 0; v < w->scene->view_count; ++v)
+    count += shows_training(&w->scene->views[v]);
+  for (int64_t v = 0; v < w->scene->view_count; ++v) {
+    const pags_scene_view *view = &w->scene->views[v];
+    if (!shows_training(view) || (count > MOST_VIEWS && seen++ * MOST_VIEWS / count < taken))
+      continue;
+    ++taken;
+    if (!tell(user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"))
+      return pags_fail(PAGS_CANCELLED, "interrupted");
+    const pags_camera *camera = &w->whole.views[v].camera;
+    pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
+    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
+    pags_sight_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
+    load_labels(w, view, &out->sights.list[out->sights.count - 1]);
+    out->labelled = out->labelled || out->sights.list[out->sights.count - 1].labels != NULL;
+  }
+  return PAGS_OK;
+}
+
+static pags_result draw_views(const pags_workshop *w, const pags_gaussians *g, pags_progress_fn *tell, void *user,
+                              pags_backdrop *out) {
+  pags_clusters clusters;
+  pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));
+  pags_clusters_update(&clusters, g, 0, clusters.count);
+  pags_result result = look(w, &part, tell, user, out);
+  pags_clusters_destroy(&clusters);
+  return result;
+}
+
+/* Takes the shell over. */
+static pags_result add_chunk(pags_backdrop *b, const char *class_name, pags_shell *shell) {
+  if (b->chunk_count == b->chunk_capacity) {
+    int64_t capacity = 2 * b->chunk_capacity + 64;
+    pags_chunk *grown = realloc(b->chunks, (size_t)capacity * sizeof *grown);
+    if (!grown) {
+      pags_shell_destroy(shell);
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)capacity);
+    }
+    b->chunks = grown;
+    b->chunk_capacity = capacity;
+  }
+  int number = 0;
+  for (int64_t i = 0; i < b->chunk_count; ++i)
+    number += !strcmp(b->chunks[i].class_name, class_name);
+  b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .shell = *shell};
+  *shell = (pags_shell){0};
+  return PAGS_OK;
+}
+
+/* Where the cameras were, held-out views among them. */
+static double *path_of(const pags_scene *scene) {
+  double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
+  for (int64_t i = 0; path && i < scene->view_count; ++i)
+    for (int k = 0; k < 3; ++k)
+      path[3 * i + k] = scene->views[i].camera.world_from_camera[4 * k + 3] - scene->origin[k];
+  return path;
+}
+
+static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
+  double *path = path_of(w->scene);
+  pags_result result =
+      path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
+           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
+  free(path);
+  PAGS_TRY(result);
+  if (!ground->nx)
+    return PAGS_OK;
+  pags_shell shell;
+  PAGS_TRY(pags_ground_shell(ground, w->options->ground_triangles, &shell));
+  if (!pags_shell_paint(&shell, &out->sights, 0.3, w->tasks)) {
+    pags_shell_destroy(&shell);
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  }
+  return add_chunk(out, "ground", &shell);
+}
+
+typedef struct naming {
+  const pags_shell *shell;
+  const pags_sights *sights;
+  const pags_ground *ground;
+  double tolerance;
+  uint8_t *class_of; /* one a vertex */
+} naming;
+
+static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
+  int votes[CLASSES] = {0}, best = 0, x, y;
+  double z;
+  for (int64_t s = 0; s < seen_count; ++s) {
+    const pags_sight *sight = &self->sights->list[seen[s]];
+    if (!sight->labels || !pags_sight_project(sight, point, &x, &y, &z))
+      continue;
+    int64_t pixel = (int64_t)y * sight->camera.width + x;
+    if (fabs((double)sight->depth[pixel] - z) < self->tolerance && sight->labels[pixel] < CLASSES)
+      ++votes[sight->labels[pixel]];
+  }
+  for (int c = 1; c < CLASSES; ++c)
+    best = votes[c] > votes[best] ? c : best;
+  return votes[best] ? (uint8_t)best : OTHER;
+}
+
+/* Upright and not green: a building. Level: road. Else vegetation. Poles are not told. */
+static uint8_t guess(const float normal[3], const float color[3]) {
+  int green = color[1] > 1.05f * color[0] && color[1] > color[2];
+  if (normal[2] > 0.9f)
+    return ROAD;
+  return !green && fabsf(normal[2]) < 0.35f ? BUILDING : green ? VEGETATION : OTHER;
+}
+
+static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
+  const naming *self = context;
+  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  (void)worker;
+  if (!seen)
+    return; /* of class 0 */
+  seen_count = pags_sights_of_run(self->sights, self->shell, begin, end, seen);
+  for (int64_t i = begin; i < end; ++i) {
+    const float *p = self->shell->positions + 3 * i;
+    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
+    self->class_of[i] = vote(self, seen, seen_count, point);
+  }
+  free(seen);
+}
+
+static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, const pags_shell *shell,
+                                uint8_t *class_of) {
+  naming self = {.shell = shell, .sights = &b->sights, .tolerance = 3 * w->options->voxel, .class_of = class_of};
+  if (b->labelled)
+    return pags_parallel_for(w->tasks, shell->vertex_count, 256, name_vertices, &self)
+               ? PAGS_OK
+               : pags_fail(PAGS_CANCELLED, "interrupted");
+  float *normals = malloc(((size_t)shell->vertex_count + 1) * 3 * sizeof *normals);
+  if (!normals)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)shell->vertex_count);
+  pags_shell_normals(shell, normals);
+  for (int64_t i = 0; i < shell->vertex_count; ++i)
+    class_of[i] = guess(normals + 3 * i, shell->colors + 3 * i);
+  free(normals);
+  return PAGS_OK;
+}
+
+/* Leaves out triangles that are the ground, or below it. */
+static void drop_ground(pags_shell *shell, const pags_ground *ground) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < shell->triangle_count; ++i) {
+    double p[3] = {0}, z;
+    for (int c = 0; c < 3; ++c)
+      for (int k = 0; k < 3; ++k)
+        p[k] += (double)shell->positions[3 * (int64_t)shell->triangles[3 * i + c] + k] / 3;
+    if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
+      continue;
+    memmove(shell->triangles + 3 * kept++, shell->triangles + 3 * i, 3 * sizeof(uint32_t));
+  }
+  shell->triangle_count = kept;
+}
+
+/* What a tile gives: a shell of each class, or none. */
+typedef struct tile {
+  double lo[3], hi[3];
+  int64_t first, last; /* of the points sorted by tile */
+  pags_shell parts[CLASSES];
+  pags_result result;
+  char message[256]; /* of a failure: messages belong to threads */
+} tile;
+
+static pags_result take_class(const pags_shell *whole, const uint8_t *class_of, int class, pags_shell *part) {
+  pags_shell view = *whole; /* borrows the vertices */
+  *part = (pags_shell){0};
+  view.triangles = malloc(((size_t)whole->triangle_count + 1) * 3 * sizeof *view.triangles);
+  if (!view.triangles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)whole->triangle_count);
+  view.triangle_count = 0;
+  for (int64_t i = 0; i < whole->triangle_count; ++i) {
+    const uint32_t *t = whole->triangles + 3 * i;
+    /* The class of two corners, else of the first. */
+    int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
+    if (own == class)
+      memcpy(view.triangles + 3 * view.triangle_count++, t, 3 * sizeof(uint32_t));
+  }
+  pags_result result = view.triangle_count ? pags_shell_copy(&view, part) : PAGS_OK;
+  free(view.triangles);
+  if (result == PAGS_OK)
+    result = pags_shell_compact(part);
+  return result == PAGS_OK ? pags_shell_drop_small(part, least_area) : result;
+}
+
+static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, const pags_ground *ground,
+                                pags_shell *whole, tile *out) {
+  drop_ground(whole, ground);
+  PAGS_TRY(pags_shell_compact(whole));
+  PAGS_TRY(pags_shell_drop_small(whole, least_area));
+  if (!whole->triangle_count)
+    return PAGS_OK;
+  if (!pags_shell_paint(whole, &b->sights, 3 * w->options->voxel, w->tasks))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  uint8_t *class_of = calloc((size_t)whole->vertex_count, 1);
+  if (!class_of)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)whole->vertex_count);
+  pags_result result = find_classes(w, b, whole, class_of);
+  for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
+    result = take_class(whole, class_of, class, &out->parts[class]);
+  free(class_of);
+  return result;
+}
+
+/* Depths as points, those of a tile together; a point near a border belongs to all tiles that it is near to. */
+typedef struct tiling {
+  const pags_workshop *workshop;
+  const pags_backdrop *backdrop;
+  const pags_ground *ground;
+  pags_progress_fn *tell;
+  void *user;
+  double side, step, reach;
+  int64_t origin[2], count[2];
+  tile *tiles;
+  float *points;
+  atomic_llong done;
+  atomic_int stopped;
+} tiling;
+
+static int64_t tile_of(const tiling *t, double x, int axis) {
+  int64_t i = (int64_t)floor(x / t->side) - t->origin[axis];
+  return i < 0 ? 0 : i >= t->count[axis] ? t->count[axis] - 1 : i;
+}
+
+/* Twice over all depths: first counting into `last`, then putting. */
+static void visit_depths(tiling *t) {
+  const pags_sights *sights = &t->backdrop->sights;
+  for (int64_t i = 0; i < sights->count; ++i) {
+    const pags_sight *s = &sights->list[i];
+    for (int y = 0; y < s->camera.height; y += 2)
+      for (int x = 0; x < s->camera.width; x += 2) {
+        double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
+        if (!(depth > 0 && depth < t->workshop->options->range))
+          continue;
+        pags_sight_point(s, x, y, depth, p);
+        for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); ++v)
+          for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); ++u) {
+            tile *own = &t->tiles[v * t->count[0] + u];
+            for (int k = 0; k < 3 && t->points; ++k)
+              t->points[3 * own->last + k] = (float)p[k];
+            ++own->last;
+          }
+      }
+  }
+}
+
+static pags_result sort_depths(tiling *t) {
+  int64_t total = 0;
+  visit_depths(t);
+  for (int64_t i = 0; i < t->count[0] * t->count[1]; ++i) {
+    int64_t own = t->tiles[i].last;
+    t->tiles[i].first = t->tiles[i].last = total;
+    total += own;
+  }
+  t->points = malloc(((size_t)total + 1) * 3 * sizeof *t->points);
+  if (!t->points)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)total);
+  visit_depths(t);
+  return PAGS_OK;
+}
+
+static pags_result make_tile(const tiling *t, tile *own) {
+  const pags_workshop *w = t->workshop;
+  pags_grid grid;
+  pags_shell whole = {0};
+  if (own->first == own->last)
+    return PAGS_OK;
+  PAGS_TRY(pags_grid_create(&grid, own->lo, own->hi, t->step, 1));
+  for (int64_t i = own->first; i < own->last; ++i) {
+    const float *p = t->points + 3 * i;
+    const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
+    pags_grid_touch(&grid, point, t->reach);
+  }
+  pags_result result = PAGS_OK;
+  if (!pags_grid_fuse(&grid, &t->backdrop->sights, 3 * t->step, w->options->range, 1, w->tasks))
+    result = pags_fail(PAGS_CANCELLED, "interrupted");
+  if (result == PAGS_OK)
+    result = pags_grid_surface(&grid, 1, &whole);
+  pags_grid_destroy(&grid);
+  if (result == PAGS_OK)
+    result = cut_by_class(w, t->backdrop, t->ground, &whole, own);
+  pags_shell_destroy(&whole);
+  return result;
+}
+
+static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
+  tiling *t = context;
+  for (int64_t i = begin; i < end; ++i) {
+    tile *own = &t->tiles[i];
+    if (!atomic_load(&t->stopped))
+      own->result = make_tile(t, own);
+    if (own->result != PAGS_OK) {
+      snprintf(own->message, sizeof own->message, "%s", pags_error_message());
+      atomic_store(&t->stopped, 1);
+    }
+    double done = (double)(atomic_fetch_add(&t->done, 1) + 1) / (double)(t->count[0] * t->count[1]);
+    if (worker == 0 && !t->tell(t->user, 0.45 + 0.45 * done, "background: surface"))
+      atomic_store(&t->stopped, 2);
+  }
+}
+
+/* Where depths within range are: the box that holds all but stray ones (a thousandth at either end of each axis). */
+static pags_result find_extent(const pags_workshop *w, const pags_sights *sights, double lo[3], double hi[3]) {
+  enum { BINS = 4096 };
+  int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
+  double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+  if (!bins)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  for (int64_t i = 0; i < sights->count; ++i)
+    for (int k = 0; k < 3; ++k) {
+      double c = sights->list[i].camera.world_from_camera[4 * k + 3];
+      from[k] = fmin(from[k], c - w->options->range * 1.5);
+      to[k] = fmax(to[k], c + w->options->range * 1.5);
+    }
+  for (int64_t i = 0; i < sights->count; ++i) {
+    const pags_sight *s = &sights->list[i];
+    for (int y = 0; y < s->camera.height; y += 4)
+      for (int x = 0; x < s->camera.width; x += 4) {
+        double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
+        if (!(depth > 0 && depth < w->options->range))
+          continue;
+        pags_sight_point(s, x, y, depth, p);
+        ++count;
+        for (int k = 0; k < 3; ++k) {
+          double bin = floor((p[k] - from[k]) / (to[k] - from[k]) * BINS);
+          ++bins[k * BINS + (int)fmin(fmax(bin, 0), BINS - 1)];
+        }
+      }
+  }
+  for (int k = 0; k < 3; ++k) {
+    int64_t below = 0, above = 0;
+    int a = 0, z = BINS - 1;
+    while (a < BINS - 1 && (below += bins[k * BINS + a]) * 1000 < count)
+      ++a;
+    while (z > a && (above += bins[k * BINS + z]) * 1000 < count)
+      --z;
+    lo[k] = from[k] + (to[k] - from[k]) * a / BINS;
+    hi[k] = from[k] + (to[k] - from[k]) * (z + 1) / BINS;
+  }
+  free(bins);
+  return PAGS_OK;
+}
+
+static pags_result take_tiles(tiling *t, pags_backdrop *b) {
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; ++i) {
+    if (t->tiles[i].result != PAGS_OK)
+      result = pags_fail(t->tiles[i].result, "%s", t->tiles[i].message);
+    for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
+      if (t->tiles[i].parts[class].triangle_count)
+        result = add_chunk(b, class_names[class], &t->tiles[i].parts[class]);
+  }
+  return result;
+}
+
+/* Tiles are independent: each worker takes the next one. */
+static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
+                             pags_backdrop *b) {
+  double lo[3], hi[3];
+  tiling t = {.workshop = w, .backdrop = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
+  PAGS_TRY(find_extent(w, &b->sights, lo, hi));
+  t.step = t.side / ceil(t.side / w->options->voxel); /* tiles meet on points of both grids */
+  t.reach = 3 * t.step;
+  for (int k = 0; k < 2; ++k) {
+    t.origin[k] = (int64_t)floor(lo[k] / t.side);
+    t.count[k] = (int64_t)floor(hi[k] / t.side) - t.origin[k] + 1;
+  }
+  int64_t count = t.count[0] * t.count[1];
+  t.tiles = calloc((size_t)count, sizeof *t.tiles);
+  if (!t.tiles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld tiles", (long long)count);
+  for (int64_t i = 0; i < count; ++i) {
+    const int64_t at[2] = {t.origin[0] + i % t.count[0], t.origin[1] + i / t.count[0]};
+    for (int k = 0; k < 2; ++k) {
+      t.tiles[i].lo[k] = (double)at[k] * t.side;
+      t.tiles[i].hi[k] = (double)(at[k] + 1) * t.side - 0.01 * t.step;
+    }
+    t.tiles[i].lo[2] = lo[2] - t.reach;
+    t.tiles[i].hi[2] = hi[2] + t.reach;
+  }
+  pags_result result = sort_depths(&t);
+  if (result == PAGS_OK && (!pags_parallel_for(w->tasks, count, 1, make_tiles, &t) || atomic_load(&t.stopped) == 2))
+    result = pags_fail(PAGS_CANCELLED, "interrupted");
+  if (result == PAGS_OK)
+    result = take_tiles(&t, b);
+  for (int64_t i = 0; i < count; ++i)
+    for (int class = 0; class < CLASSES; ++class)
+      pags_shell_destroy(&t.tiles[i].parts[class]);
+  free(t.tiles);
+  free(t.points);
+  return result;
+}
+
+typedef struct decimation {
+  const pags_workshop *workshop;
+  pags_backdrop *backdrop;
+  int64_t total;        /* triangles of all chunks but the ground */
+  pags_result *results; /* one a chunk */
+} decimation;
+
+static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
+  const decimation *d = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    pags_shell *shell = &d->backdrop->chunks[i].shell, simple = {0};
+    if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
+      continue;
+    int64_t budget =
+        (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
+    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_shell_simplify(shell, budget, &simple);
+    pags_shell_destroy(shell);
+    *shell = simple;
+  }
+}
+
+/* Each chunk gets its share of the budget by triangles; what would have fewer than a few is left out. */
+static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
+  int64_t kept = 0;
+  decimation d = {.workshop = w, .backdrop = b};
+  for (int64_t i = 0; i < b->chunk_count; ++i)
+    d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].shell.triangle_count : 0;
+  if (d.total <= w->options->chunk_triangles)
+    return PAGS_OK;
+  d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
+  if (!d.results)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b->chunk_count);
+  pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
+                           ? PAGS_OK
+                           : pags_fail(PAGS_CANCELLED, "interrupted");
+  for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; ++i) {
+    pags_chunk *chunk = &b->chunks[i];
+    if (d.results[i] == PAGS_ERROR_LIMIT)
+      continue;
+    if (d.results[i] != PAGS_OK)
+      result = pags_fail(d.results[i], "a chunk of the background can't be decimated");
+    b->chunks[kept] = *chunk;
+    if (kept++ != i)
+      chunk->shell = (pags_shell){0};
+  }
+  free(d.results);
+  if (result == PAGS_OK)
+    b->chunk_count = kept;
+  return result;
+}
+
+static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_backdrop *out,
+                        pags_gaussians *g, pags_ground *ground) {
+  PAGS_TRY(gather_background(w, g));
+  out->gaussians = g->count;
+  out->s_sem = (double)NAN;
+  if (g->s_sem && g->count) {
+    out->s_sem = 0;
+    for (int64_t i = 0; i < g->count; ++i)
+      out->s_sem += (double)g->s_sem[i] / (double)g->count;
+  }
+  PAGS_TRY(draw_views(w, g, tell, user, out));
+  if (!out->sights.count)
+    return PAGS_OK;
+  if (w->scene->up == PAGS_UP_Z)
+    PAGS_TRY(add_ground(w, out, ground));
+  PAGS_TRY(add_tiles(w, tell, user, ground, out));
+  return decimate(w, out);
+}
+
+pags_result pags_backdrop_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user, pags_backdrop *out) {
+  pags_gaussians g = {0};
+  pags_ground ground = {0};
+  *out = (pags_backdrop){.s_sem = (double)NAN};
+  if (!workshop->scene->model_count)
+    return PAGS_OK;
+  pags_result result = make(workshop, tell, user, out, &g, &ground);
+  pags_gaussians_destroy(&g);
+  pags_ground_destroy(&ground);
+  if (result != PAGS_OK)
+    pags_backdrop_destroy(out);
+  return result;
+}

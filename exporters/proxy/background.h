@@ -1,0 +1,35 @@
+/* Everything that is no labelled object: the ground, and the rest in chunks by class. */
+#ifndef PAGS_PROXY_BACKGROUND_H
+#define PAGS_PROXY_BACKGROUND_H
+
+#include "exporters/proxy/ground.h"
+#include "exporters/proxy/object_proxy.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pags_chunk {
+  const char *class_name; /* static: "ground", "road", "building", ... */
+  int number;             /* of its class */
+  int64_t gaussians;      /* of the background within its tile */
+  pags_shell shell;       /* relative to the scene's origin */
+} pags_chunk;
+
+typedef struct pags_backdrop {
+  pags_sights sights; /* in the scene's frame */
+  int64_t gaussians;
+  double s_sem;
+  int64_t chunk_count, chunk_capacity;
+  pags_chunk *chunks; /* the ground first, where there is one */
+  int labelled;       /* 1: classes are from the data set's semantic pictures; 0: guessed from shape and colour */
+} pags_backdrop;
+
+/* `tell` is called with 0..1. */
+pags_result pags_backdrop_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user, pags_backdrop *out);
+void pags_backdrop_destroy(pags_backdrop *backdrop);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,299 @@
+/* Fitting a cage: a box of quads about the shell, moved so that its limit surface comes to lie on the shell.
+ *
+ * Each round, every sample of the limit surface is drawn to the nearest point of the shell, and the nearest sample to
+ * every vertex of the shell to that vertex (so that what sticks out is not lost). The control points that do this best
+ * are found by linear least squares over the limit stencils, with a price on the second differences of the cage that
+ * falls from round to round. */
+#include "exporters/proxy/cage.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "exporters/proxy/mesh_query.h"
+#include "exporters/proxy/subdiv.h"
+
+enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
+
+/* Price of all pulls at the shell's vertices beside that of all at samples: what sticks out, a wheel, has few of the
+ * first and none of the second, which find something nearer. */
+static const double vertex_price = 8;
+
+typedef struct cage {
+  int n[3]; /* quads along x, y, z */
+  int vertex_count, quad_count;
+  int *quads;
+  float *positions;
+  int *lattice; /* vertex at each point of the (n + 1)^3 lattice; -1 inside */
+} cage;
+
+static int lattice_at(const cage *c, int x, int y, int z) {
+  return (z * (c->n[1] + 1) + y) * (c->n[0] + 1) + x;
+}
+
+/* As many quads as the budget allows, as square as they can be; quads = 2 (ab + bc + ca). */
+static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
+  for (int longest = 16;; --longest) {
+    double side = fmax(size[0], fmax(size[1], size[2])) / longest;
+    for (int k = 0; k < 3; ++k)
+      n[k] = side > 0 ? (int)fmax(1, floor(size[k] / side + 0.5)) : 1;
+    if (longest == 1 || 2 * ((int64_t)n[0] * n[1] + (int64_t)n[1] * n[2] + (int64_t)n[2] * n[0]) <= most_quads)
+      return;
+  }
+}
+
+/* The quads of one face of the box, axis `a` held at its low or high end, counter-clockwise from outside. */
+static void add_face(cage *c, int a, int high) {
+  int u = (a + 1) % 3, v = (a + 2) % 3;
+  for (int j = 0; j < c->n[v]; ++j)
+    for (int i = 0; i < c->n[u]; ++i) {
+      int *quad = c->quads + 4 * (size_t)c->quad_count++;
+      for (int corner = 0; corner < 4; ++corner) {
+        static const int du[4] = {0, 1, 1, 0}, dv[4] = {0, 0, 1, 1};
+        int at = high ? corner : 3 - corner, p[3];
+        p[a] = high ? c->n[a] : 0;
+        p[u] = i + du[at];
+        p[v] = j + dv[at];
+        quad[corner] = c->lattice[lattice_at(c, p[0], p[1], p[2])];
+      }
+    }
+}
+
+static pags_result build_box(cage *c, const double lo[3], const double hi[3], int64_t most_quads) {
+  double size[3];
+  for (int k = 0; k < 3; ++k)
+    size[k] = hi[k] - lo[k];
+  choose_counts(size, most_quads, c->n);
+  size_t points = (size_t)(c->n[0] + 1) * (size_t)(c->n[1] + 1) * (size_t)(c->n[2] + 1);
+  size_t quads =
+      2 * ((size_t)c->n[0] * (size_t)c->n[1] + (size_t)c->n[1] * (size_t)c->n[2] + (size_t)c->n[2] * (size_t)c->n[0]);
+  c->lattice = malloc(points * sizeof *c->lattice);
+  c->positions = malloc(points * 3 * sizeof *c->positions);
+  c->quads = malloc(quads * 4 * sizeof *c->quads);
+  if (!c->lattice || !c->positions || !c->quads)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a cage");
+  for (int z = 0; z <= c->n[2]; ++z)
+    for (int y = 0; y <= c->n[1]; ++y)
+      for (int x = 0; x <= c->n[0]; ++x) {
+        const int p[3] = {x, y, z};
+        int outside = 0;
+        for (int k = 0; k < 3; ++k)
+          outside |= p[k] == 0 || p[k] == c->n[k];
+        c->lattice[lattice_at(c, x, y, z)] = outside ? c->vertex_count : -1;
+        for (int k = 0; k < 3 && outside; ++k)
+          c->positions[3 * c->vertex_count + k] = (float)(lo[k] + size[k] * p[k] / c->n[k]);
+        c->vertex_count += outside;
+      }
+  for (int a = 0; a < 3; ++a)
+    for (int high = 0; high < 2; ++high)
+      add_face(c, a, high);
+  return PAGS_OK;
+}
+
+/* Normal equations of the least squares: one symmetric matrix, three right sides. */
+typedef struct equations {
+  int n;
+  double *matrix; /* n * n */
+  double *right;  /* 3 * n */
+} equations;
+
+static void add_equation(equations *e, const int32_t *indices, const float *weights, int64_t count,
+                         const double target[3], double price) {
+  for (int64_t i = 0; i < count; ++i) {
+    double w = price * (double)weights[i];
+    for (int64_t j = 0; j < count; ++j)
+      e->matrix[(size_t)indices[i] * (size_t)e->n + (size_t)indices[j]] += w * (double)weights[j];
+    for (int k = 0; k < 3; ++k)
+      e->right[k * e->n + indices[i]] += w * target[k];
+  }
+}
+
+static double dot(const double *a, const double *b, int n) {
+  double sum[4] = {0};
+  int i = 0;
+  for (; i + 4 <= n; i += 4)
+    for (int k = 0; k < 4; ++k)
+      sum[k] += a[i + k] * b[i + k];
+  for (; i < n; ++i)
+    sum[0] += a[i] * b[i];
+  return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+/* Cholesky by rows, in place; the matrix is positive definite, for each control point has a price on it. */
+static void solve(equations *e) {
+  size_t n = (size_t)e->n;
+  for (size_t i = 0; i < n; ++i) {
+    double *row = e->matrix + i * n;
+    for (size_t j = 0; j < i; ++j)
+      row[j] = (row[j] - dot(row, e->matrix + j * n, (int)j)) / e->matrix[j * n + j];
+    row[i] = sqrt(fmax(row[i] - dot(row, row, (int)i), 1e-12));
+  }
+  for (int c = 0; c < 3; ++c) {
+    double *x = e->right + (size_t)c * n;
+    for (size_t i = 0; i < n; ++i)
+      x[i] = (x[i] - dot(e->matrix + i * n, x, (int)i)) / e->matrix[i * n + i];
+    for (size_t i = n; i-- > 0;) {
+      x[i] /= e->matrix[i * n + i];
+      for (size_t k = 0; k < i; ++k)
+        x[k] -= e->matrix[i * n + k] * x[i];
+    }
+  }
+}
+
+typedef struct fit {
+  const pags_shell *shell;
+  const pags_solid *solid;
+  cage *cage;
+  pags_stencils stencils;
+  float *limit; /* samples of the limit surface */
+  equations equations;
+} fit;
+
+static void evaluate(fit *f) {
+  for (int64_t i = 0; i < f->stencils.count; ++i) {
+    double p[3] = {0};
+    for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; ++s)
+      for (int k = 0; k < 3; ++k)
+        p[k] += (double)f->stencils.weights[s] * (double)f->cage->positions[3 * f->stencils.indices[s] + k];
+    for (int k = 0; k < 3; ++k)
+      f->limit[3 * i + k] = (float)p[k];
+  }
+}
+
+static void pull(fit *f, int64_t sample, const double target[3], double price) {
+  int64_t first = f->stencils.first[sample];
+  add_equation(&f->equations, f->stencils.indices + first, f->stencils.weights + first,
+               f->stencils.first[sample + 1] - first, target, price);
+}
+
+/* Each control point should be the mean of those it shares a quad's edge with. */
+static void add_smoothness(fit *f, double price) {
+  const cage *c = f->cage;
+  static const double nothing[3] = {0};
+  int32_t indices[33];
+  float weights[33];
+  for (int v = 0; v < c->vertex_count; ++v) {
+    int count = 0;
+    indices[0] = v;
+    for (int q = 0; q < c->quad_count; ++q)
+      for (int k = 0; k < 4; ++k)
+        if (c->quads[4 * q + k] == v &&
+            count < 32) /* the edge that leaves it; each neighbour once, as all quads turn the same way */
+          indices[++count] = c->quads[4 * q + (k + 1) % 4];
+    weights[0] = 1;
+    for (int i = 1; i <= count; ++i)
+      weights[i] = -1.0f / (float)count;
+    add_equation(&f->equations, indices, weights, count + 1, nothing, price);
+  }
+}
+
+static pags_result round_of(fit *f, int round) {
+  int n = f->equations.n;
+  pags_solid *cloud;
+  evaluate(f);
+  PAGS_TRY(pags_solid_of_points(f->limit, f->stencils.count, &cloud));
+  memset(f->equations.matrix, 0, (size_t)n * (size_t)n * sizeof(double));
+  memset(f->equations.right, 0, 3 * (size_t)n * sizeof(double));
+  for (int64_t i = 0; i < f->stencils.count; ++i) {
+    const double p[3] = {(double)f->limit[3 * i], (double)f->limit[3 * i + 1], (double)f->limit[3 * i + 2]};
+    double target[3];
+    pags_solid_nearest(f->solid, p, target);
+    pull(f, i, target, 1);
+  }
+  int64_t step = f->shell->vertex_count / MOST_PULLS + 1;
+  double share = (double)f->stencils.count / (double)(f->shell->vertex_count / step + 1);
+  for (int64_t i = 0; i < f->shell->vertex_count; i += step) {
+    const float *v = f->shell->positions + 3 * i;
+    const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
+    uint32_t sample;
+    pags_solid_distance(cloud, target, &sample);
+    pull(f, sample, target, vertex_price * share);
+  }
+  double samples_each = (double)f->stencils.count / (double)n;
+  add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));
+  for (int i = 0; i < n; ++i) { /* stays where nothing else is asked */
+    f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
+    for (int k = 0; k < 3; ++k)
+      f->equations.right[k * n + i] += 1e-4 * samples_each * (double)f->cage->positions[3 * i + k];
+  }
+  pags_solid_destroy(cloud);
+  solve(&f->equations);
+  for (int i = 0; i < n; ++i)
+    for (int k = 0; k < 3; ++k)
+      f->cage->positions[3 * i + k] = (float)f->equations.right[k * n + i];
+  return PAGS_OK;
+}
+
+static pags_result fit_cage(const pags_shell *shell, const pags_solid *solid, cage *c) {
+  fit f = {.shell = shell, .solid = solid, .cage = c, .equations = {.n = c->vertex_count}};
+  size_t n = (size_t)c->vertex_count;
+  PAGS_TRY(pags_subdiv_stencils(c->vertex_count, c->quad_count, c->quads, SIDE, &f.stencils));
+  f.limit = malloc((size_t)f.stencils.count * 3 * sizeof *f.limit);
+  f.equations.matrix = malloc(n * n * sizeof(double));
+  f.equations.right = malloc(3 * n * sizeof(double));
+  pags_result result = f.limit && f.equations.matrix && f.equations.right
+                           ? PAGS_OK
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a cage");
+  for (int round = 0; round < ROUNDS && result == PAGS_OK; ++round)
+    result = round_of(&f, round);
+  free(f.limit);
+  free(f.equations.matrix);
+  free(f.equations.right);
+  pags_stencils_destroy(&f.stencils);
+  return result;
+}
+
+/* Quads as triangles, colours and flags from the nearest place of the shell. */
+static pags_result write_out(const pags_shell *shell, const pags_solid *solid, int vertex_count, const float *positions,
+                             int quad_count, const int *quads, pags_shell *out) {
+  for (int i = 0; i < vertex_count; ++i) {
+    const double p[3] = {(double)positions[3 * i], (double)positions[3 * i + 1], (double)positions[3 * i + 2]};
+    uint32_t triangle;
+    pags_solid_distance(solid, p, &triangle);
+    int64_t nearest = shell->triangles[3 * (size_t)triangle];
+    pags_shell_vertex(out, positions + 3 * i, shell->colors + 3 * nearest, shell->observed[nearest]);
+  }
+  for (int i = 0; i < quad_count; ++i) {
+    const int *q = quads + 4 * i;
+    pags_shell_triangle(out, (uint32_t)q[0], (uint32_t)q[1], (uint32_t)q[2]);
+    pags_shell_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
+  }
+  return pags_shell_check(out);
+}
+
+static pags_result make_cage(const pags_shell *shell, const pags_solid *solid, int level, int64_t budget, cage *c,
+                             pags_shell *out) {
+  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+  for (int64_t i = 0; i < 3 * shell->vertex_count; ++i) {
+    lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
+  }
+  PAGS_TRY(build_box(c, lo, hi, budget / 2 >> 2 * level));
+  PAGS_TRY(fit_cage(shell, solid, c));
+  if (level == 0)
+    return write_out(shell, solid, c->vertex_count, c->positions, c->quad_count, c->quads, out);
+  int vertex_count, quad_count, *quads;
+  float *positions;
+  PAGS_TRY(pags_subdiv_refine(c->vertex_count, c->positions, c->quad_count, c->quads, level, &vertex_count, &positions,
+                              &quad_count, &quads));
+  pags_result result = write_out(shell, solid, vertex_count, positions, quad_count, quads, out);
+  free(positions);
+  free(quads);
+  return result;
+}
+
+pags_result pags_shell_cage(const pags_shell *shell, int level, int64_t budget, pags_shell *out) {
+  cage c = {0};
+  pags_solid *solid = NULL;
+  *out = (pags_shell){0};
+  pags_result result = pags_solid_of_shell(shell, &solid);
+  if (result == PAGS_OK)
+    result = make_cage(shell, solid, level, budget, &c, out);
+  pags_solid_destroy(solid);
+  free(c.lattice);
+  free(c.positions);
+  free(c.quads);
+  if (result != PAGS_OK)
+    pags_shell_destroy(out);
+  return result;
+}

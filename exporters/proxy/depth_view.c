@@ -1,0 +1,296 @@
+/* Drawing Gaussians by the training cameras for their depth.
+ *
+ * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth
+ * of their neighbours, which jumps there, and say nothing. */
+#include "exporters/proxy/depth_view.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: nothing */
+
+/* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes
+ * by 1 / (f tan 3 deg) a pixel: 0.04 at f = 480 px. */
+static const float jump = 0.05f;
+
+static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
+
+void pags_sights_destroy(pags_sights *sights) {
+  for (int64_t i = 0; i < sights->count; ++i) {
+    free(sights->list[i].depth);
+    free(sights->list[i].plane);
+    free(sights->list[i].cover);
+    free(sights->list[i].rgb);
+    free(sights->list[i].labels);
+    free(sights->list[i].lo);
+  }
+  free(sights->list);
+  memset(sights, 0, sizeof *sights);
+}
+
+static uint8_t byte_of(float value) {
+  return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
+}
+
+static void read_pixels(const pags_picture *picture, pags_sight *sight) {
+  for (int y = 0; y < picture->height; ++y)
+    for (int x = 0; x < picture->width; ++x) {
+      int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
+      float alpha = 1.0f - picture->transmittance[from];
+      sight->cover[to] = byte_of(alpha);
+      sight->depth[to] = sight->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
+                         : sight->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
+                                                                              : PAGS_SIGHT_UNKNOWN;
+      for (int c = 0; c < 3; ++c)
+        sight->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
+    }
+}
+
+/* The thinnest axis of a Gaussian and its plane's reach; 0 where it isn't flat. */
+static int plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
+  const pags_gaussians *g = part->gaussians;
+  double scale[3], q[4], length = 0, axis[3], mean[3];
+  int thin = 0, wide = 0;
+  for (int k = 0; k < 3; ++k) {
+    scale[k] = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
+    mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[row];
+    thin = scale[k] < scale[thin] ? k : thin;
+    wide = scale[k] > scale[wide] ? k : wide;
+  }
+  for (int k = 0; k < 4; ++k) {
+    q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[row];
+    length += q[k] * q[k];
+  }
+  int other = thin == wide ? thin : 3 - thin - wide;
+  if (!(length > 0) || scale[thin] > flatness * scale[other])
+    return 0;
+  for (int k = 0; k < 4; ++k)
+    q[k] /= sqrt(length);
+  const double columns[3][3] = {
+      {1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
+      {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
+      {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
+  memcpy(axis, columns[thin], sizeof axis);
+  for (int k = 0; k < 3; ++k) {
+    const double *m = part->world_from_model + 4 * k;
+    middle[k] = m[0] * mean[0] + m[1] * mean[1] + m[2] * mean[2] + m[3];
+    normal[k] = m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2];
+  }
+  *reach = 4 * scale[wide];
+  return 1;
+}
+
+/* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in
+ * front of the plane that they are in. */
+static void find_planes(const pags_picture *picture, const pags_part *part, pags_sight *sight) {
+  const double *m = sight->camera.world_from_camera;
+  for (int y = 0; y < picture->height; ++y)
+    for (int x = 0; x < picture->width; ++x) {
+      int64_t to = (int64_t)y * picture->width + x, row = picture->id[(int64_t)y * picture->stride + x];
+      double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
+      sight->plane[to] = 0;
+      if (!(sight->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
+        continue;
+      pags_sight_point(sight, x, y, 1, along);
+      for (int k = 0; k < 3; ++k) {
+        along[k] -= m[4 * k + 3];
+        above += normal[k] * (middle[k] - m[4 * k + 3]);
+        slant += normal[k] * along[k];
+      }
+      for (int k = 0; k < 3; ++k)
+        off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
+      if (above / slant > 0 && off < reach * reach)
+        sight->plane[to] = (float)(above / slant);
+    }
+}
+
+static int jumps(const float *depth, int64_t at, int64_t other) {
+  float a = depth[at], b = depth[other];
+  return b > 0 && (a > b ? a - b : b - a) > jump * (a < b ? a : b);
+}
+
+/* A pixel whose neighbour jumps is at an edge: the mean of two surfaces, or beside one. */
+static void drop_edges(pags_sight *sight, float *scratch) {
+  int w = sight->camera.width, h = sight->camera.height;
+  memcpy(scratch, sight->depth, (size_t)w * (size_t)h * sizeof *scratch);
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x) {
+      int64_t at = (int64_t)y * w + x;
+      if (scratch[at] > 0 && ((x > 0 && jumps(scratch, at, at - 1)) || (x + 1 < w && jumps(scratch, at, at + 1)) ||
+                              (y > 0 && jumps(scratch, at, at - w)) || (y + 1 < h && jumps(scratch, at, at + w))))
+        sight->depth[at] = PAGS_SIGHT_UNKNOWN;
+    }
+}
+
+static pags_result make_cells(pags_sight *sight) {
+  int w = sight->camera.width, h = sight->camera.height;
+  sight->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  sight->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
+  sight->lo = malloc(2 * (size_t)count * sizeof *sight->lo);
+  if (!sight->lo)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", w, h);
+  sight->hi = sight->lo + count;
+  pags_sight_bound(sight);
+  return PAGS_OK;
+}
+
+void pags_sight_bound(pags_sight *sight) {
+  int w = sight->camera.width, h = sight->camera.height;
+  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
+  for (int64_t i = 0; i < count; ++i) {
+    sight->lo[i] = INFINITY;
+    sight->hi[i] = 0;
+  }
+  for (int y = 0; y < h; ++y)
+    for (int x = 0; x < w; ++x) {
+      int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * sight->cells_x + x / PAGS_SIGHT_CELL;
+      float depth = sight->depth[(int64_t)y * w + x];
+      depth = fabsf(depth);
+      sight->lo[at] = depth < sight->lo[at] ? depth : sight->lo[at];
+      sight->hi[at] = depth > sight->hi[at] ? depth : sight->hi[at];
+    }
+}
+
+static pags_result reserve(pags_sights *sights) {
+  if (sights->count < sights->capacity)
+    return PAGS_OK;
+  int64_t capacity = 2 * sights->capacity + 16;
+  pags_sight *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
+  if (!grown)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)capacity);
+  sights->list = grown;
+  sights->capacity = capacity;
+  return PAGS_OK;
+}
+
+pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
+                            const pags_camera *camera, const pags_frame_options *options, int64_t view, int planes) {
+  pags_picture picture;
+  size_t pixels = (size_t)camera->width * (size_t)camera->height;
+  PAGS_TRY(reserve(sights));
+  PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
+  pags_sight *sight = &sights->list[sights->count++];
+  *sight = (pags_sight){.camera = *camera,
+                        .blur = sqrt((double)options->low_pass),
+                        .view = view,
+                        .depth = malloc(pixels * sizeof(float)),
+                        .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
+                        .cover = malloc(pixels),
+                        .rgb = malloc(3 * pixels)};
+  float *scratch = malloc(pixels * sizeof *scratch);
+  if (!sight->depth || !sight->cover || (planes && !sight->plane) || !sight->rgb || !scratch) {
+    free(scratch);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", camera->width, camera->height);
+  }
+  pags_rigid_inverse(camera->world_from_camera, sight->camera_from_model);
+  read_pixels(&picture, sight);
+  if (planes)
+    find_planes(&picture, &parts[0], sight);
+  drop_edges(sight, scratch);
+  free(scratch);
+  return make_cells(sight);
+}
+
+int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
+                     pags_camera *out) {
+  double camera_from_world[12], box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+  int behind = 0;
+  pags_rigid_inverse(camera->world_from_camera, camera_from_world);
+  for (int i = 0; i < 8; ++i) {
+    double corner[3], p[3];
+    for (int k = 0; k < 3; ++k)
+      corner[k] = i >> k & 1 ? hi[k] : lo[k];
+    pags_rigid_point(camera_from_world, corner, p);
+    if (p[2] <= near_plane) {
+      ++behind;
+      continue;
+    }
+    const double uv[2] = {camera->fx * p[0] / p[2] + camera->cx, camera->fy * p[1] / p[2] + camera->cy};
+    for (int k = 0; k < 2; ++k) {
+      box[k] = fmin(box[k], uv[k]);
+      box[2 + k] = fmax(box[2 + k], uv[k]);
+    }
+  }
+  if (behind == 8)
+    return 0;
+  if (behind) { /* reaches beside the camera: where is not worth knowing */
+    box[0] = box[1] = 0;
+    box[2] = camera->width;
+    box[3] = camera->height;
+  }
+  double x0 = fmax(0, floor(box[0]) - 2), y0 = fmax(0, floor(box[1]) - 2);
+  double x1 = fmin(camera->width, ceil(box[2]) + 2), y1 = fmin(camera->height, ceil(box[3]) + 2);
+  if (x1 - x0 < 1 || y1 - y0 < 1)
+    return 0;
+  *out = *camera;
+  out->width = (int)(x1 - x0);
+  out->height = (int)(y1 - y0);
+  out->cx -= x0;
+  out->cy -= y0;
+  return 1;
+}
+
+int pags_sight_may_see(const pags_sight *sight, const double middle[3], double radius, double range) {
+  const pags_camera *c = &sight->camera;
+  double p[3];
+  pags_rigid_point(sight->camera_from_model, middle, p);
+  if (p[2] < -radius || p[2] > range + radius)
+    return 0;
+  const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx},
+                              {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
+  for (int k = 0; k < 2; ++k) {
+    double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
+    double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
+    if (left < -radius || right < -radius)
+      return 0;
+  }
+  return 1;
+}
+
+pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin,
+                                    double *z) {
+  const pags_camera *c = &sight->camera;
+  double p[3];
+  pags_rigid_point(sight->camera_from_model, middle, p);
+  *z = p[2];
+  double near = p[2] - radius;
+  if (near < 0.1)
+    return PAGS_SIGHT_MIXED;
+  /* A point of the ball is off in u by at most f r (1 + |x / z|) / (z - r). */
+  double u = c->fx * p[0] / p[2] + c->cx, v = c->fy * p[1] / p[2] + c->cy;
+  double du = c->fx * radius * (1 + fabs(p[0] / p[2])) / near, dv = c->fy * radius * (1 + fabs(p[1] / p[2])) / near;
+  if (!(u - du >= 0 && v - dv >= 0 && u + du < c->width && v + dv < c->height))
+    return PAGS_SIGHT_MIXED;
+  int x0 = (int)(u - du) / PAGS_SIGHT_CELL, x1 = (int)(u + du) / PAGS_SIGHT_CELL;
+  int y0 = (int)(v - dv) / PAGS_SIGHT_CELL, y1 = (int)(v + dv) / PAGS_SIGHT_CELL;
+  double lo = HUGE_VAL, hi = 0;
+  for (int y = y0; y <= y1; ++y)
+    for (int x = x0; x <= x1; ++x) {
+      lo = fmin(lo, (double)sight->lo[(int64_t)y * sight->cells_x + x]);
+      hi = fmax(hi, (double)sight->hi[(int64_t)y * sight->cells_x + x]);
+    }
+  return lo >= p[2] + radius + margin ? PAGS_SIGHT_CLEAR : hi < near - margin ? PAGS_SIGHT_HIDDEN : PAGS_SIGHT_MIXED;
+}
+
+int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z) {
+  double p[3];
+  const pags_camera *camera = &sight->camera;
+  pags_rigid_point(sight->camera_from_model, point, p);
+  if (p[2] <= 0.05)
+    return 0;
+  double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
+  if (!(u >= 0 && v >= 0 && u < camera->width && v < camera->height))
+    return 0;
+  *x = (int)u;
+  *y = (int)v;
+  *z = p[2];
+  return 1;
+}
+
+void pags_sight_point(const pags_sight *sight, int x, int y, double z, double point[3]) {
+  const pags_camera *camera = &sight->camera;
+  const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
+  pags_rigid_point(camera->world_from_camera, p, point);
+}

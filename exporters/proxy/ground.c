@@ -1,0 +1,422 @@
+/* Finding the ground.
+ *
+ * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the
+ * ground must be, it grows from cell to cell: a cell's height is the median of those near what its neighbours say, so
+ * that tables, roofs and reflections are passed over and a kerb is not. Heights are the laser's where there are some,
+ * else those of near pixels, else of far ones. */
+#include "exporters/proxy/ground.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+
+static const double cell = 0.2; /* metres */
+static const double
+    farthest = 25,
+    nearer = 10; /* depths beyond which a pixel is too flat on the ground to tell its height, to tell it well; metres */
+static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
+static const double seed_band = 0.3,
+                    grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
+static const double laser_band =
+    0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
+static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
+enum {
+  LEAST_HEIGHTS = 3,
+  ENOUGH_HEIGHTS = 8,
+  WINDOW = 2,
+  LEAP = 7
+}; /* windows of cells: what lies about one, how far laser rings lie apart */
+
+/* Of one source: the laser, near pixels, all pixels. */
+typedef struct heights {
+  int64_t *first;             /* cells + 1 */
+  float *values;              /* by cell, ascending */
+  int enough;                 /* of a cell, to ask no other source */
+  double most_band;           /* about the height expected */
+  const struct heights *next; /* the source to ask then; NULL: none */
+} heights;
+
+/* What gives heights. */
+typedef struct source {
+  const pags_sights *sights; /* NULL: the laser */
+  const pags_laser *laser;
+  double reach; /* of pixels, metres */
+} source;
+
+void pags_ground_destroy(pags_ground *ground) {
+  free(ground->z);
+  free(ground->known);
+  memset(ground, 0, sizeof *ground);
+}
+
+static int64_t cell_of(const pags_ground *g, double x, double y) {
+  double i = floor((x - g->x0) / g->step + 0.5), j = floor((y - g->y0) / g->step + 0.5);
+  return i >= 0 && j >= 0 && i < g->nx && j < g->ny ? (int64_t)j * g->nx + (int64_t)i : -1;
+}
+
+/* The point of a pixel where it and its neighbours make a level plane. */
+static int level_point(const pags_sight *s, int x, int y, double reach, double p[3]) {
+  int w = s->camera.width;
+  double right[3], below[3], n[3];
+  int64_t at = (int64_t)y * w + x;
+  if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > reach)
+    return 0;
+  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  pags_sight_point(s, x + 1, y, (double)s->depth[at + 1], right);
+  pags_sight_point(s, x, y + 1, (double)s->depth[at + w], below);
+  for (int k = 0; k < 3; ++k) {
+    right[k] -= p[k];
+    below[k] -= p[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
+  if (s->plane && s->plane[at] > 0)
+    pags_sight_point(s, x, y, (double)s->plane[at], p);
+  return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+/* Twice over all pixels: first counting, then putting. */
+static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
+  for (int64_t i = 0; i < from->sights->count; ++i) {
+    const pags_sight *s = &from->sights->list[i];
+    double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
+    for (int y = 0; y + 1 < s->camera.height; ++y)
+      for (int x = 0; x + 1 < s->camera.width; ++x) {
+        double p[3];
+        int64_t at = level_point(s, x, y, reach, p) ? cell_of(g, p[0], p[1]) : -1;
+        if (at >= 0 && values)
+          values[count[at]++] = (float)p[2];
+        else if (at >= 0)
+          ++count[at + 1];
+      }
+  }
+}
+
+static void visit_points(const pags_ground *g, const pags_laser *laser, int64_t *count, float *values) {
+  for (int64_t i = 0; i < laser->count; ++i) {
+    const float *p = laser->points + 3 * i;
+    int64_t at = cell_of(g, (double)p[0], (double)p[1]);
+    if (at >= 0 && values)
+      values[count[at]++] = p[2];
+    else if (at >= 0)
+      ++count[at + 1];
+  }
+}
+
+static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
+  if (from->sights)
+    visit_pixels(g, from, count, values);
+  else
+    visit_points(g, from->laser, count, values);
+}
+
+static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
+  int64_t cells = (int64_t)g->nx * g->ny;
+  int64_t *next = calloc((size_t)cells + 1, sizeof *next);
+  out->first = calloc((size_t)cells + 2, sizeof *out->first);
+  if (next && out->first) {
+    visit(g, from, out->first, NULL);
+    for (int64_t i = 0; i < cells; ++i)
+      out->first[i + 1] += out->first[i];
+    memcpy(next, out->first, (size_t)cells * sizeof *next);
+    out->values = malloc(((size_t)out->first[cells] + 1) * sizeof *out->values);
+  }
+  if (!out->values) {
+    free(next);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  }
+  visit(g, from, next, out->values);
+  free(next);
+  for (int64_t i = 0; i < cells; ++i)
+    pags_sort_floats(out->values + out->first[i], out->first[i + 1] - out->first[i]);
+  return PAGS_OK;
+}
+
+/* The median of a cell's heights within `band` of `expected`, of the first source that has enough; returns how many
+ * there are. */
+static int64_t median_near(const heights *h, int64_t at, double expected, double band, double *median) {
+  for (;; h = h->next) {
+    int64_t begin = h->first[at], end = h->first[at + 1];
+    double reach = fmin(band, h->most_band);
+    while (begin < end && (double)h->values[begin] < expected - reach)
+      ++begin;
+    while (end > begin && (double)h->values[end - 1] > expected + reach)
+      --end;
+    if (end - begin < h->enough && h->next)
+      continue;
+    if (end > begin)
+      *median = 0.5 * ((double)h->values[begin + (end - begin - 1) / 2] + (double)h->values[begin + (end - begin) / 2]);
+    return end - begin;
+  }
+}
+
+/* How high the cameras are above what is level below and around them: the median over cells within 4 m of a camera of
+ * its height above their lower quartile. NaN when nothing is seen there. */
+static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
+  int64_t most = path_count * 1681, found = 0;
+  double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
+  for (int64_t i = 0; list && i < path_count; ++i)
+    for (int dy = -20; dy <= 20; ++dy)
+      for (int dx = -20; dx <= 20; ++dx) {
+        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        if (at < 0 || h->first[at + 1] - h->first[at] < LEAST_HEIGHTS)
+          continue;
+        double height = path[3 * i + 2] - (double)h->values[h->first[at] + (h->first[at + 1] - h->first[at]) / 4];
+        if (height > 0.4 && height < 5)
+          list[found++] = height;
+      }
+  if (found) {
+    pags_sort_doubles(list, found);
+    result = list[found / 2];
+  }
+  free(list);
+  return result;
+}
+
+static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height,
+                     int64_t *queue) {
+  int64_t count = 0;
+  for (int64_t i = 0; i < path_count; ++i)
+    for (int dy = -15; dy <= 15; ++dy)
+      for (int dx = -15; dx <= 15; ++dx) {
+        int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
+        double z = 0;
+        if (at < 0 || g->known[at] || median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
+          continue;
+        g->known[at] = 1;
+        g->z[at] = (float)z;
+        queue[count++] = at;
+      }
+  return count;
+}
+
+/* Mean height of the known cells within `window`; 0 when there is none. */
+static int around(const pags_ground *g, int64_t x, int64_t y, int window, double *mean) {
+  double sum = 0;
+  int count = 0;
+  for (int64_t j = y - window; j <= y + window; ++j)
+    for (int64_t i = x - window; i <= x + window; ++i)
+      if (i >= 0 && j >= 0 && i < g->nx && j < g->ny && g->known[j * g->nx + i]) {
+        sum += (double)g->z[j * g->nx + i];
+        ++count;
+      }
+  *mean = count ? sum / count : 0;
+  return count;
+}
+
+/* Whether the laser met something upright in a cell: a wall's foot, which heights would climb. */
+static int is_foot(const heights *laser, int64_t at, double expected) {
+  int64_t level = 0, above = 0;
+  for (int64_t i = laser->first[at]; i < laser->first[at + 1]; ++i) {
+    double over = (double)laser->values[i] - expected;
+    level += fabs(over) <= grow_band;
+    above += over > grow_band && over < upright;
+  }
+  return above >= LEAST_HEIGHTS && above > level / 2;
+}
+
+static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count) {
+  static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
+  for (int64_t head = 0; head < count; ++head)
+    for (int d = 0; d < 4; ++d) {
+      int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
+      double expected, z = 0;
+      if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
+        continue;
+      around(g, x, y, WINDOW, &expected);
+      if (is_foot(h, y * g->nx + x, expected) || median_near(h, y * g->nx + x, expected, grow_band, &z) < LEAST_HEIGHTS)
+        continue;
+      g->known[y * g->nx + x] = 1;
+      g->z[y * g->nx + x] = (float)z;
+      queue[count++] = y * g->nx + x;
+    }
+}
+
+/* Growing stops where a laser's rings lie too far apart and no pixel says what is between them: cells that it measured
+ * beyond go on. */
+static void leap(pags_ground *g, const heights *h, int64_t *queue) {
+  heights laser = *h;
+  laser.next = NULL;
+  for (int64_t count = 1; count > 0; grow(g, h, queue, count)) {
+    count = 0;
+    for (int64_t at = 0; at < (int64_t)g->nx * g->ny; ++at) {
+      double expected, z;
+      if (g->known[at] || laser.first[at + 1] - laser.first[at] < LEAST_HEIGHTS ||
+          !around(g, at % g->nx, at / g->nx, LEAP, &expected) || is_foot(&laser, at, expected) ||
+          median_near(&laser, at, expected, grow_band, &z) < LEAST_HEIGHTS)
+        continue;
+      g->z[at] = (float)z;
+      queue[count++] = at;
+    }
+    for (int64_t i = 0; i < count; ++i)
+      g->known[queue[i]] = 1;
+  }
+}
+
+/* Weights of cells for smoothing: a height of the laser counts 1, a pixel's nearly nothing beside it, since pixels blur
+ * kerbs. */
+static pags_result weigh(const pags_ground *g, const heights *laser, const heights *all, float **out) {
+  int64_t cells = (int64_t)g->nx * g->ny;
+  double of_pixel = laser->first[cells] ? 0.004 : 0.5;
+  float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
+  if (!weights)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  for (int64_t i = 0; i < cells; ++i) {
+    double by_laser = (double)(laser->first[i + 1] - laser->first[i]),
+           count = (double)(all->first[i + 1] - all->first[i]);
+    weights[i] = (float)(by_laser >= laser->enough ? fmin(by_laser, 40) : fmin(count, 24) * of_pixel);
+  }
+  return PAGS_OK;
+}
+
+static pags_result find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+                        double reach, heights sources[3], pags_ground *g) {
+  const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
+  static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
+  int64_t cells = (int64_t)g->nx * g->ny;
+  for (int i = 0; i < 3; ++i) {
+    PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
+    sources[i].enough = enough[i];
+    sources[i].next = i < 2 ? &sources[i + 1] : NULL;
+    sources[i].most_band = i > 0 && laser->count ? laser_band : HUGE_VAL;
+  }
+  double height = camera_height(g, &sources[2], path, path_count);
+  int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
+  if (!queue)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+  int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
+  grow(g, sources, queue, planted);
+  leap(g, sources, queue);
+  free(queue);
+  if (!planted) {
+    pags_ground_destroy(g);
+    return PAGS_OK;
+  }
+  float *weights;
+  PAGS_TRY(weigh(g, &sources[0], &sources[2], &weights));
+  pags_result result = pags_ground_fill(g, weights, path, path_count, reach);
+  free(weights);
+  return result;
+}
+
+pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+                             double reach, pags_ground *out) {
+  double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
+  *out = (pags_ground){.step = cell};
+  for (int64_t i = 0; i < path_count; ++i)
+    for (int k = 0; k < 2; ++k) {
+      lo[k] = fmin(lo[k], path[3 * i + k] - farthest);
+      hi[k] = fmax(hi[k], path[3 * i + k] + farthest);
+    }
+  if (!path_count)
+    return PAGS_OK;
+  double nx = ceil((hi[0] - lo[0]) / cell) + 1, ny = ceil((hi[1] - lo[1]) / cell) + 1;
+  if (!(nx * ny < 1e8))
+    return pags_fail(PAGS_ERROR_LIMIT, "the path of the cameras spans %g x %g m: too much for one ground",
+                     hi[0] - lo[0], hi[1] - lo[1]);
+  out->nx = (int)nx;
+  out->ny = (int)ny;
+  out->x0 = lo[0];
+  out->y0 = lo[1];
+  out->z = calloc((size_t)(nx * ny), sizeof *out->z);
+  out->known = calloc((size_t)(nx * ny), 1);
+  heights sources[3] = {{0}};
+  pags_result result = out->z && out->known ? find(sights, laser, path, path_count, reach, sources, out)
+                                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+  for (int i = 0; i < 3; ++i) {
+    free(sources[i].first);
+    free(sources[i].values);
+  }
+  if (result != PAGS_OK)
+    pags_ground_destroy(out);
+  return result;
+}
+
+int pags_ground_height(const pags_ground *ground, double x, double y, double *z) {
+  double u = (x - ground->x0) / ground->step, v = (y - ground->y0) / ground->step, sum = 0;
+  double i = floor(u), j = floor(v);
+  if (!ground->nx || !(i >= 0 && j >= 0 && i + 1 < ground->nx && j + 1 < ground->ny))
+    return 0;
+  for (int c = 0; c < 4; ++c) {
+    int64_t at = ((int64_t)j + (c >> 1)) * ground->nx + (int64_t)i + (c & 1);
+    if (!ground->known[at])
+      return 0;
+    sum += (double)ground->z[at] * (c & 1 ? u - i : 1 - u + i) * (c >> 1 ? v - j : 1 - v + j);
+  }
+  *z = sum;
+  return 1;
+}
+
+/* Every `stride`th point of the lattice; two triangles where all four corners are ground. */
+static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *out) {
+  static const float grey[3] = {0.5f, 0.5f, 0.5f};
+  int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
+  uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
+  *out = (pags_shell){0};
+  if (!place)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+  for (int j = 0; j < ny; ++j)
+    for (int i = 0; i < nx; ++i) {
+      int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;
+      const float p[3] = {(float)(g->x0 + i * stride * g->step), (float)(g->y0 + j * stride * g->step), g->z[at]};
+      place[(size_t)j * (size_t)nx + (size_t)i] =
+          g->known[at] ? pags_shell_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
+    }
+  for (int j = 0; j + 1 < ny; ++j)
+    for (int i = 0; i + 1 < nx; ++i) {
+      const uint32_t *row = place + (size_t)j * (size_t)nx + (size_t)i;
+      uint32_t a = row[0], b = row[1], c = row[nx + 1], d = row[nx];
+      if (a == UINT32_MAX || b == UINT32_MAX || c == UINT32_MAX || d == UINT32_MAX)
+        continue;
+      pags_shell_triangle(out, a, b, c);
+      pags_shell_triangle(out, a, c, d);
+    }
+  free(place);
+  PAGS_TRY(pags_shell_check(out));
+  return pags_shell_compact(out);
+}
+
+/* Whether seen from above every triangle turns the same way: then no point of the plane has two heights. */
+static int single_valued(const pags_shell *s) {
+  for (int64_t i = 0; i < s->triangle_count; ++i) {
+    const uint32_t *t = s->triangles + 3 * i;
+    const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
+                *c = s->positions + 3 * (int64_t)t[2];
+    double area = ((double)b[0] - (double)a[0]) * ((double)c[1] - (double)a[1]) -
+                  ((double)b[1] - (double)a[1]) * ((double)c[0] - (double)a[0]);
+    if (!(area > 0))
+      return 0;
+  }
+  return 1;
+}
+
+/* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
+ * over unnoticed. */
+static void jitter(pags_shell *s) {
+  uint32_t state = 1;
+  for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
+    state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
+    if (i % 3 < 2)
+      s->positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
+  }
+}
+
+pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out) {
+  pags_shell full;
+  PAGS_TRY(mesh_lattice(ground, 1, &full));
+  jitter(&full);
+  pags_result result = pags_shell_simplify(&full, budget, out);
+  pags_shell_destroy(&full);
+  if (result == PAGS_OK && single_valued(out))
+    return PAGS_OK;
+  if (result == PAGS_OK)
+    pags_shell_destroy(out);
+  for (int stride = 2;; ++stride) { /* collapses have folded it: every second point, every third, ... */
+    PAGS_TRY(mesh_lattice(ground, stride, out));
+    if (out->triangle_count <= budget)
+      return PAGS_OK;
+    pags_shell_destroy(out);
+  }
+}

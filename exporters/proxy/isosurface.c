@@ -1,0 +1,132 @@
+/* Marching tetrahedra. Each cell of the grid is cut into six tetrahedra round its long diagonal (Kuhn 1960), the same
+ * way in all cells, so that faces of neighbours meet; a tetrahedron has no ambiguous case, so the surface has no holes.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "exporters/proxy/tsdf.h"
+
+/* Corners of the six tetrahedra as bits (1: +x, 2: +y, 4: +z), all of positive volume. */
+static const int tetrahedra[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
+                                     {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
+
+/* Even orders of the four corners by which of them are inside, those first. */
+static const int one_first[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 0, 1, 3}, {3, 0, 2, 1}};
+static const int two_first[6][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 3, 0, 1}};
+
+typedef struct marcher {
+  const pags_grid *grid;
+  pags_shell *out;
+  uint32_t *edges; /* vertex + 1 on each of the 7 edges that begin at a point, of two layers of points; 0: none yet */
+  int64_t layer;   /* points in a layer */
+} marcher;
+
+typedef struct corner {
+  int64_t point; /* of the grid */
+  int bits;      /* of the cell's corner */
+} corner;
+
+/* The vertex where the distance between two corners is zero. The edge belongs to the corner whose bits the other's
+ * include. */
+static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) {
+  const pags_grid *g = self->grid;
+  if (a.bits > b.bits) {
+    corner c = a;
+    a = b;
+    b = c;
+  }
+  int begin[3];
+  for (int k = 0; k < 3; ++k)
+    begin[k] = cell[k] + (a.bits >> k & 1);
+  int64_t slot = (begin[2] % 2 * self->layer + (int64_t)begin[1] * g->n[0] + begin[0]) * 7 + (a.bits ^ b.bits) - 1;
+  if (self->edges[slot])
+    return self->edges[slot] - 1;
+  float da = g->distance[a.point], db = g->distance[b.point], grey[3] = {0.5f, 0.5f, 0.5f}, position[3];
+  double t = fmin(fmax((double)da / ((double)da - (double)db), 0.02), 0.98); /* no two vertices in one place */
+  for (int k = 0; k < 3; ++k)
+    position[k] = (float)(g->origin[k] + g->step * (begin[k] + t * ((a.bits ^ b.bits) >> k & 1)));
+  uint32_t vertex = pags_shell_vertex(self->out, position, grey, g->weight[a.point] > 0 && g->weight[b.point] > 0);
+  self->edges[slot] = vertex + 1;
+  return vertex;
+}
+
+static void march(marcher *self, const int cell[3], const corner c[4], int inside) {
+  int count = (inside & 1) + (inside >> 1 & 1) + (inside >> 2 & 1) + (inside >> 3);
+  if (count == 2) {
+    const int *o = two_first[0];
+    for (int i = 0; i < 6; ++i)
+      if (inside == (1 << two_first[i][0] | 1 << two_first[i][1]))
+        o = two_first[i];
+    uint32_t v[4] = {vertex_on(self, cell, c[o[0]], c[o[2]]), vertex_on(self, cell, c[o[0]], c[o[3]]),
+                     vertex_on(self, cell, c[o[1]], c[o[3]]), vertex_on(self, cell, c[o[1]], c[o[2]])};
+    pags_shell_triangle(self->out, v[0], v[1], v[2]);
+    pags_shell_triangle(self->out, v[0], v[2], v[3]);
+    return;
+  }
+  int alone = count == 1 ? inside : 15 - inside, first = 0;
+  while (!(alone >> first & 1))
+    ++first;
+  const int *o = one_first[first];
+  uint32_t v[3];
+  for (int i = 0; i < 3; ++i)
+    v[i] = vertex_on(self, cell, c[first], c[o[i + 1]]);
+  pags_shell_triangle(self->out, v[0], v[count == 1 ? 1 : 2], v[count == 1 ? 2 : 1]);
+}
+
+static void march_cell(marcher *self, const int cell[3], int known_only) {
+  const pags_grid *g = self->grid;
+  corner corners[8];
+  int inside = 0;
+  for (int i = 0; i < 8; ++i) {
+    corners[i].bits = i;
+    corners[i].point = ((int64_t)(cell[2] + (i >> 2)) * g->n[1] + cell[1] + (i >> 1 & 1)) * g->n[0] + cell[0] + (i & 1);
+    if (known_only && !(g->weight[corners[i].point] > 0))
+      return;
+    inside |= (g->distance[corners[i].point] < 0) << i;
+  }
+  if (inside == 0 || inside == 255)
+    return;
+  for (int t = 0; t < 6; ++t) {
+    corner c[4];
+    int mask = 0;
+    for (int i = 0; i < 4; ++i) {
+      c[i] = corners[tetrahedra[t][i]];
+      mask |= (inside >> tetrahedra[t][i] & 1) << i;
+    }
+    if (mask != 0 && mask != 15)
+      march(self, cell, c, mask);
+  }
+}
+
+/* In a block that wasn't fused. */
+static int is_idle(const pags_grid *g, const int cell[3]) {
+  int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] +
+                  cell[0] / PAGS_GRID_BLOCK;
+  return g->active && !g->active[block];
+}
+
+pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell *out) {
+  marcher self = {grid, out, NULL, (int64_t)grid->n[0] * grid->n[1]};
+  *out = (pags_shell){0};
+  size_t layer_bytes = (size_t)self.layer * 7 * sizeof *self.edges;
+  self.edges = calloc(2, layer_bytes);
+  if (!self.edges)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a surface");
+  int cell[3];
+  for (cell[2] = 0; cell[2] + 1 < grid->n[2] && !out->failed; ++cell[2]) {
+    for (cell[1] = 0; cell[1] + 1 < grid->n[1]; ++cell[1])
+      for (cell[0] = 0; cell[0] + 1 < grid->n[0]; ++cell[0]) {
+        if (known_only && is_idle(grid, cell)) /* its first corner isn't known */
+          cell[0] += PAGS_GRID_BLOCK - 1 - cell[0] % PAGS_GRID_BLOCK;
+        else
+          march_cell(&self, cell, known_only);
+      }
+    memset((char *)self.edges + (size_t)(cell[2] % 2) * layer_bytes, 0, layer_bytes); /* becomes the layer after next */
+  }
+  free(self.edges);
+  pags_result result = pags_shell_check(out);
+  if (result != PAGS_OK)
+    pags_shell_destroy(out);
+  return result;
+}

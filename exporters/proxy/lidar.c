@@ -1,0 +1,152 @@
+/* Reading sweeps: what lies in labelled boxes and what doesn't. */
+#include "exporters/proxy/lidar.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+
+void pags_laser_destroy(pags_laser *laser) {
+  for (int64_t i = 0; laser->objects && i < laser->object_count; ++i)
+    pags_cloud_destroy(&laser->objects[i]);
+  free(laser->objects);
+  free(laser->points);
+  memset(laser, 0, sizeof *laser);
+}
+
+#ifdef PAGS_WITH_DATASET
+
+/* Metres about labelled boxes that aren't the ground's; that are the object's; over their lower face that aren't, for a
+ * kerb may be there. */
+static const double box_margin = 0.2, own_margin = 0.1, stand = 0.3;
+
+typedef struct box {
+  int64_t object;
+  double middle[2], radius, half[3], box_from_world[12];
+} box;
+
+/* The boxes that are there at a time. */
+static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
+  int64_t count = 0;
+  for (int64_t o = 0; o < scene->object_count; ++o) {
+    const pags_object *record = &scene->objects[o].record;
+    double pose[12];
+    if (!pags_object_pose(record, time, pose))
+      continue;
+    box *b = &boxes[count++];
+    b->object = o;
+    b->middle[0] = pose[3];
+    b->middle[1] = pose[7];
+    b->radius = 0.5 * hypot(record->size[0], record->size[1]) + 2 * box_margin;
+    for (int k = 0; k < 3; ++k)
+      b->half[k] = 0.5 * record->size[k];
+    pags_rigid_inverse(pose, b->box_from_world);
+  }
+  return count;
+}
+
+/* Gives a point to the object in whose box it is. `taken`: it is in a box, or beside one. */
+static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_laser *out, int *taken) {
+  *taken = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    const box *b = &boxes[i];
+    double q[3], beyond = -HUGE_VAL;
+    if (!(fabs(p[0] - b->middle[0]) <= b->radius && fabs(p[1] - b->middle[1]) <= b->radius))
+      continue;
+    pags_rigid_point(b->box_from_world, p, q);
+    for (int k = 0; k < 3; ++k)
+      beyond = fmax(beyond, fabs(q[k]) - b->half[k]);
+    if (beyond >= box_margin)
+      continue;
+    *taken = 1;
+    if (beyond < own_margin && q[2] > stand - b->half[2])
+      return pags_cloud_add(&out->objects[b->object], q);
+  }
+  return PAGS_OK;
+}
+
+/* Of a time step that the scene holds out, however the data set would be divided now. */
+static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
+  for (int64_t i = 0; i < scene->view_count; ++i)
+    if (scene->views[i].frame == sweep->frame && scene->views[i].test)
+      return 1;
+  return 0;
+}
+
+static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes,
+                             pags_laser *out) {
+  const pags_sweep *sweep = pags_dataset_sweep(dataset, index);
+  const double *m = sweep->world_from_sweep;
+  float *xyz = NULL;
+  int64_t count = 0;
+  if (is_held_out(scene, sweep) != held_out)
+    return PAGS_OK;
+  PAGS_TRY(pags_dataset_sweep_load(dataset, index, &count, &xyz));
+  float *grown = realloc(out->points, (size_t)(out->count + count + 1) * 3 * sizeof *grown);
+  if (!grown) {
+    free(xyz);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)(out->count + count));
+  }
+  out->points = grown;
+  int64_t box_count = find_boxes(scene, sweep->time, boxes);
+  pags_result result = PAGS_OK;
+  for (int64_t i = 0; i < count && result == PAGS_OK; ++i) {
+    double p[3];
+    int taken;
+    for (int k = 0; k < 3; ++k)
+      p[k] = m[4 * k] * (double)xyz[3 * i] + m[4 * k + 1] * (double)xyz[3 * i + 1] +
+             m[4 * k + 2] * (double)xyz[3 * i + 2] + m[4 * k + 3];
+    if ((result = sort_point(boxes, box_count, p, out, &taken)) != PAGS_OK || taken)
+      continue;
+    for (int k = 0; k < 3; ++k)
+      out->points[3 * out->count + k] = (float)(p[k] - scene->origin[k]);
+    ++out->count;
+  }
+  free(xyz);
+  return result;
+}
+
+static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, int held_out, pags_laser *out) {
+  box *boxes = malloc(((size_t)scene->object_count + 1) * sizeof *boxes);
+  out->object_count = scene->object_count;
+  out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
+  pags_result result = boxes && out->objects ? PAGS_OK
+                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld boxes",
+                                                         (long long)scene->object_count);
+  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; ++i)
+    result = add_sweep(scene, dataset, i, held_out, boxes, out);
+  free(boxes);
+  return result;
+}
+
+pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out) {
+  pags_dataset_options options = pags_dataset_options_default();
+  pags_dataset *dataset = NULL;
+  *out = (pags_laser){0};
+  if (!scene->dataset)
+    return PAGS_OK;
+  pags_result result = pags_dataset_open(scene->dataset, &options, &dataset);
+  if (result == PAGS_OK && (pags_dataset_provides(dataset) & PAGS_PROVIDES_LIDAR))
+    result = read_sweeps(scene, dataset, held_out, out);
+  if (dataset)
+    pags_dataset_close(dataset);
+  if (result == PAGS_OK)
+    return PAGS_OK;
+  pags_laser_destroy(out);
+  if (result == PAGS_ERROR_MEMORY)
+    return result;
+  pags_log(PAGS_LOG_INFO, "proxies do without the laser: %s", pags_error_message());
+  return PAGS_OK;
+}
+
+#else
+
+pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out) {
+  (void)scene;
+  (void)held_out;
+  *out = (pags_laser){0};
+  return PAGS_OK;
+}
+
+#endif

@@ -1,0 +1,28 @@
+/* What the laser of a recording measured, where the data set of a scene is at hand. */
+#ifndef PAGS_PROXY_LIDAR_H
+#define PAGS_PROXY_LIDAR_H
+
+#include <pags/scene.h>
+
+#include "exporters/proxy/lidar_fit.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pags_laser {
+  int64_t count;
+  float *points; /* outside of labelled boxes: 3 each, metres, relative to the scene's origin */
+  int64_t object_count;
+  pags_cloud *objects; /* in the box of each of the scene's objects; NULL: there is no laser */
+} pags_laser;
+
+/* The points of the sweeps of time steps that are trained on, or with `held_out` of those that aren't. None where there
+ * is no data set, or no laser, or where it can't be read (a line in the log). */
+pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out);
+void pags_laser_destroy(pags_laser *laser); /* frees and zeroes */
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,95 @@
+/* Holding a surface to a laser's points, which are sparse, but not wrong in depth as far views are. */
+#include "exporters/proxy/lidar_fit.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt
+ * / radius^2, the more the finer it is, or noise (of cars that move while a laser turns, 5 to 10 cm) would be modelled.
+ */
+static const double radii[] = {0.4, 0.2, 0.1};
+static const double doubt = 0.16;
+
+void pags_cloud_destroy(pags_cloud *cloud) {
+  free(cloud->points);
+  memset(cloud, 0, sizeof *cloud);
+}
+
+pags_result pags_cloud_add(pags_cloud *cloud, const double point[3]) {
+  if (cloud->count == cloud->capacity) {
+    int64_t capacity = 2 * cloud->capacity + 256;
+    float *grown = realloc(cloud->points, (size_t)capacity * 3 * sizeof *grown);
+    if (!grown)
+      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)capacity);
+    cloud->points = grown;
+    cloud->capacity = capacity;
+  }
+  for (int k = 0; k < 3; ++k)
+    cloud->points[3 * cloud->count + k] = (float)point[k];
+  ++cloud->count;
+  return PAGS_OK;
+}
+
+/* The distance at a point, between the grid's points; 0 outside of the grid. */
+static int sample(const pags_grid *g, const float p[3], double *out) {
+  int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
+  double part[3];
+  for (int k = 0; k < 3; ++k) {
+    double u = ((double)p[k] - g->origin[k]) / g->step, low = floor(u);
+    if (!(low >= 0 && low + 1 < g->n[k]))
+      return 0;
+    part[k] = u - low;
+    at += (int64_t)low * stride[k];
+  }
+  *out = 0;
+  for (int c = 0; c < 8; ++c) {
+    int64_t i = at + (c & 1) + (c >> 1 & 1) * row + (c >> 2) * layer;
+    *out += (double)g->distance[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
+            (c & 4 ? part[2] : 1 - part[2]);
+  }
+  return 1;
+}
+
+/* Adds a residual to the neighbourhood of a point. */
+static void spread(const pags_grid *g, const float p[3], double radius, double residual, float *sum, float *weight) {
+  int from[3], to[3];
+  for (int k = 0; k < 3; ++k) {
+    from[k] = (int)fmax(0, ceil(((double)p[k] - radius - g->origin[k]) / g->step));
+    to[k] = (int)fmin(g->n[k] - 1, floor(((double)p[k] + radius - g->origin[k]) / g->step));
+  }
+  for (int z = from[2]; z <= to[2]; ++z)
+    for (int y = from[1]; y <= to[1]; ++y)
+      for (int x = from[0]; x <= to[0]; ++x) {
+        double dx = g->origin[0] + x * g->step - (double)p[0], dy = g->origin[1] + y * g->step - (double)p[1],
+               dz = g->origin[2] + z * g->step - (double)p[2],
+               w = 1 - (dx * dx + dy * dy + dz * dz) / (radius * radius);
+        if (w <= 0)
+          continue;
+        int64_t at = ((int64_t)z * g->n[1] + y) * g->n[0] + x;
+        sum[at] += (float)(w * w * residual);
+        weight[at] += (float)(w * w);
+      }
+}
+
+pags_result pags_cloud_hold(const pags_cloud *cloud, pags_grid *grid, double reach) {
+  size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
+  if (!cloud->count)
+    return PAGS_OK;
+  float *sum = malloc(2 * count * sizeof *sum);
+  if (!sum)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+  float *weight = sum + count;
+  for (size_t level = 0; level < sizeof radii / sizeof *radii; ++level) {
+    double residual, r = radii[level];
+    memset(sum, 0, 2 * count * sizeof *sum);
+    for (int64_t i = 0; i < cloud->count; ++i)
+      if (sample(grid, cloud->points + 3 * i, &residual) && fabs(residual) < reach)
+        spread(grid, cloud->points + 3 * i, r, residual, sum, weight);
+    for (size_t i = 0; i < count; ++i)
+      if (weight[i] > 0)
+        grid->distance[i] -= sum[i] / (weight[i] + (float)(doubt / (r * r)));
+  }
+  free(sum);
+  return PAGS_OK;
+}

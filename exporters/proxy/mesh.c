@@ -1,0 +1,321 @@
+/* Triangle meshes: building, parts, and whether they are closed. */
+#include "exporters/proxy/mesh.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+#include "exporters/proxy/mesh_query.h"
+
+void pags_shell_destroy(pags_shell *surface) {
+  free(surface->positions);
+  free(surface->colors);
+  free(surface->observed);
+  free(surface->triangles);
+  memset(surface, 0, sizeof *surface);
+}
+
+pags_result pags_shell_check(const pags_shell *surface) {
+  return surface->failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh of %lld triangles",
+                                     (long long)surface->triangle_count)
+                         : PAGS_OK;
+}
+
+/* Makes `*array` hold `count` items of `size`; false when memory is out. */
+static bool grow(void **array, int64_t count, size_t size) {
+  void *grown = realloc(*array, (size_t)count * size);
+  if (grown)
+    *array = grown;
+  return grown != NULL;
+}
+
+uint32_t pags_shell_vertex(pags_shell *surface, const float position[3], const float color[3], int observed) {
+  if (surface->failed)
+    return 0;
+  if (surface->vertex_count == surface->vertex_capacity) {
+    int64_t capacity = 2 * surface->vertex_capacity + 256;
+    if (capacity > UINT32_MAX - 1 || !grow((void **)&surface->positions, capacity, 3 * sizeof(float)) ||
+        !grow((void **)&surface->colors, capacity, 3 * sizeof(float)) ||
+        !grow((void **)&surface->observed, capacity, 1)) {
+      surface->failed = true;
+      return 0;
+    }
+    surface->vertex_capacity = capacity;
+  }
+  int64_t i = surface->vertex_count++;
+  memcpy(surface->positions + 3 * i, position, 3 * sizeof(float));
+  memcpy(surface->colors + 3 * i, color, 3 * sizeof(float));
+  surface->observed[i] = (uint8_t)observed;
+  return (uint32_t)i;
+}
+
+void pags_shell_triangle(pags_shell *surface, uint32_t a, uint32_t b, uint32_t c) {
+  if (surface->failed || a == b || b == c || c == a)
+    return;
+  if (surface->triangle_count == surface->triangle_capacity) {
+    int64_t capacity = 2 * surface->triangle_capacity + 256;
+    if (!grow((void **)&surface->triangles, capacity, 3 * sizeof(uint32_t))) {
+      surface->failed = true;
+      return;
+    }
+    surface->triangle_capacity = capacity;
+  }
+  uint32_t *t = surface->triangles + 3 * surface->triangle_count++;
+  t[0] = a;
+  t[1] = b;
+  t[2] = c;
+}
+
+pags_result pags_shell_copy(const pags_shell *from, pags_shell *to) {
+  *to = (pags_shell){0};
+  for (int64_t i = 0; i < from->vertex_count; ++i)
+    pags_shell_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
+  for (int64_t i = 0; i < from->triangle_count; ++i) {
+    const uint32_t *t = from->triangles + 3 * i;
+    pags_shell_triangle(to, t[0], t[1], t[2]);
+  }
+  pags_result result = pags_shell_check(to);
+  if (result != PAGS_OK)
+    pags_shell_destroy(to);
+  return result;
+}
+
+pags_result pags_shell_compact(pags_shell *surface) {
+  pags_shell out = {0};
+  uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
+  if (!place)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
+  memset(place, 0xff, ((size_t)surface->vertex_count + 1) * sizeof *place);
+  for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
+    uint32_t v = surface->triangles[i];
+    if (place[v] == UINT32_MAX)
+      place[v] = pags_shell_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
+                                   surface->observed[v]);
+    surface->triangles[i] = place[v];
+  }
+  free(place);
+  if (out.failed) {
+    pags_shell_destroy(&out);
+    surface->failed = true;
+    return pags_shell_check(surface);
+  }
+  out.triangles = surface->triangles;
+  out.triangle_count = surface->triangle_count;
+  out.triangle_capacity = surface->triangle_capacity;
+  surface->triangles = NULL;
+  pags_shell_destroy(surface);
+  *surface = out;
+  return PAGS_OK;
+}
+
+pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out) {
+  /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
+  static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
+                                       {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
+  *out = (pags_shell){0};
+  for (int i = 0; i < 8; ++i) {
+    float p[3];
+    for (int k = 0; k < 3; ++k)
+      p[k] = (float)(i >> k & 1 ? 0.5 * size[k] : -0.5 * size[k]);
+    pags_shell_vertex(out, p, color, 1);
+  }
+  for (int f = 0; f < 6; ++f) {
+    pags_shell_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
+    pags_shell_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
+  }
+  pags_result result = pags_shell_check(out);
+  if (result != PAGS_OK)
+    pags_shell_destroy(out);
+  return result;
+}
+
+/* Twice the area as a vector, in double. */
+static void cross_of(const pags_shell *s, int64_t triangle, double n[3]) {
+  const uint32_t *t = s->triangles + 3 * triangle;
+  const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
+              *c = s->positions + 3 * (int64_t)t[2];
+  double u[3], v[3];
+  for (int k = 0; k < 3; ++k) {
+    u[k] = (double)b[k] - (double)a[k];
+    v[k] = (double)c[k] - (double)a[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+}
+
+static double length_of(const double n[3]) {
+  return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+double pags_shell_area(const pags_shell *surface) {
+  double sum = 0, n[3];
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    cross_of(surface, i, n);
+    sum += 0.5 * length_of(n);
+  }
+  return sum;
+}
+
+void pags_shell_normals(const pags_shell *surface, float *normals) {
+  memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    double n[3];
+    cross_of(surface, i, n);
+    for (int c = 0; c < 3; ++c)
+      for (int k = 0; k < 3; ++k)
+        normals[3 * (int64_t)surface->triangles[3 * i + c] + k] += (float)n[k];
+  }
+  for (int64_t i = 0; i < surface->vertex_count; ++i) {
+    float *n = normals + 3 * i;
+    double length = sqrt((double)n[0] * (double)n[0] + (double)n[1] * (double)n[1] + (double)n[2] * (double)n[2]);
+    for (int k = 0; k < 3; ++k)
+      n[k] = length > 1e-30 ? (float)((double)n[k] / length) : (float)(k == 2);
+  }
+}
+
+/* What is smaller, as a share of the largest part, hangs on nothing. */
+static const double crumb = 0.001;
+
+static uint32_t root_of(uint32_t *parent, uint32_t i) {
+  while (parent[i] != i) {
+    parent[i] = parent[parent[i]];
+    i = parent[i];
+  }
+  return i;
+}
+
+/* Each vertex's part, named by a vertex of it. */
+static void find_parts(const pags_shell *s, uint32_t *parent) {
+  for (int64_t i = 0; i < s->vertex_count; ++i)
+    parent[i] = (uint32_t)i;
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    for (int c = 1; c < 3; ++c) {
+      uint32_t a = root_of(parent, s->triangles[3 * i]), b = root_of(parent, s->triangles[3 * i + c]);
+      parent[a < b ? b : a] = a < b ? a : b;
+    }
+}
+
+/* Each vertex's part, and the area of each part that is named by a vertex. */
+typedef struct parts {
+  uint32_t *parent;
+  double *area, largest;
+} parts;
+
+static void forget_parts(parts *p) {
+  free(p->parent);
+  free(p->area);
+}
+
+static pags_result measure_parts(const pags_shell *s, parts *out) {
+  size_t room = (size_t)s->vertex_count + 1;
+  *out = (parts){.parent = malloc(room * sizeof *out->parent), .area = calloc(room, sizeof *out->area)};
+  if (!out->parent || !out->area) {
+    forget_parts(out);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)s->vertex_count);
+  }
+  find_parts(s, out->parent);
+  for (int64_t i = 0; i < s->triangle_count; ++i) {
+    double n[3];
+    cross_of(s, i, n);
+    out->area[root_of(out->parent, s->triangles[3 * i])] += 0.5 * length_of(n);
+  }
+  for (int64_t i = 0; i < s->vertex_count; ++i)
+    out->largest = fmax(out->largest, out->area[i]);
+  return PAGS_OK;
+}
+
+/* Small parts count for large ones that they come close to. */
+static pags_result annex_parts(const pags_shell *s, parts *p, double large, double reach, const double size[3]) {
+  pags_shell main = *s;
+  pags_solid *solid = NULL;
+  main.triangle_count = 0;
+  main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
+  if (!main.triangles)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
+      memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
+  pags_result result = pags_solid_of_shell(&main, &solid);
+  for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; ++i) {
+    const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1],
+                          (double)s->positions[3 * i + 2]};
+    double *area = &p->area[root_of(p->parent, (uint32_t)i)];
+    int within = fabs(at[0]) <= 0.5 * size[0] && fabs(at[1]) <= 0.5 * size[1] && fabs(at[2]) <= 0.5 * size[2];
+    if (within && *area < large && *area >= crumb * p->largest && pags_solid_distance(solid, at, NULL) < reach)
+      *area = large;
+  }
+  pags_solid_destroy(solid);
+  free(main.triangles);
+  return result;
+}
+
+static pags_result drop_parts(pags_shell *s, parts *p, double least) {
+  int64_t kept = 0;
+  for (int64_t i = 0; i < s->triangle_count; ++i)
+    if (p->area[root_of(p->parent, s->triangles[3 * i])] >= least)
+      memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
+  s->triangle_count = kept;
+  return pags_shell_compact(s);
+}
+
+pags_result pags_shell_keep_parts(pags_shell *shell, double share, double reach, const double *size) {
+  parts p;
+  PAGS_TRY(measure_parts(shell, &p));
+  double large = share * p.largest;
+  pags_result result = size ? annex_parts(shell, &p, large, reach, size) : PAGS_OK;
+  if (result == PAGS_OK)
+    result = drop_parts(shell, &p, large);
+  forget_parts(&p);
+  return result;
+}
+
+pags_result pags_shell_drop_small(pags_shell *surface, double area) {
+  parts p;
+  PAGS_TRY(measure_parts(surface, &p));
+  pags_result result = drop_parts(surface, &p, area);
+  forget_parts(&p);
+  return result;
+}
+
+static int compare_edges(const void *left, const void *right) {
+  uint64_t a = *(const uint64_t *)left, b = *(const uint64_t *)right;
+  return a < b ? -1 : a > b;
+}
+
+/* Edges as smaller corner, larger corner, and which way the face runs: 31 + 31 + 1 bits, sorted. */
+static uint64_t *sorted_edges(const pags_shell *s) {
+  int64_t count = 3 * s->triangle_count;
+  uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);
+  for (int64_t i = 0; edges && i < count; ++i) {
+    uint64_t a = s->triangles[i], b = s->triangles[i % 3 == 2 ? i - 2 : i + 1];
+    edges[i] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
+  }
+  if (edges)
+    pags_sort(edges, count, sizeof *edges, compare_edges);
+  return edges;
+}
+
+pags_result pags_shell_inspect(const pags_shell *surface, pags_shell_topology *out) {
+  int64_t count = 3 * surface->triangle_count;
+  uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
+  *out = (pags_shell_topology){0};
+  if (!edges)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+  for (int64_t i = 0, end; i < count; i = end) {
+    int64_t backward = 0;
+    for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; ++end)
+      backward += (int64_t)(edges[end] & 1);
+    out->open_edges += end - i == 1;
+    out->crossed_edges += end - i > 2 || (end - i == 2 && backward != 1);
+  }
+  free(edges);
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    const float *a = surface->positions + 3 * (int64_t)surface->triangles[3 * i];
+    double n[3];
+    cross_of(surface, i, n);
+    out->volume += (n[0] * (double)a[0] + n[1] * (double)a[1] + n[2] * (double)a[2]) / 6;
+  }
+  out->closed = count > 0 && !out->open_edges && !out->crossed_edges && out->volume > 0;
+  return PAGS_OK;
+}

@@ -1,0 +1,237 @@
+/* The only file of the exporters that sees Embree, version 3 or 4. */
+#include "exporters/proxy/mesh_query.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if PAGS_EMBREE >= 4 /* major version, from CMake */
+#include <embree4/rtcore.h>
+#else
+#include <embree3/rtcore.h>
+#endif
+
+struct pags_solid {
+  RTCDevice device;
+  RTCScene scene;
+  const float *points;       /* vertices, or the points themselves */
+  const uint32_t *triangles; /* NULL: points */
+};
+
+typedef struct query {
+  const pags_solid *solid;
+  double point[3];
+  double best;    /* squared */
+  double foot[3]; /* the nearest point, relative to `point` */
+  uint32_t primitive;
+} query;
+
+static double dot(const double a[3], const double b[3]) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it,
+ * else to the nearest edge. `foot` receives the nearest point. */
+static double triangle_distance(const double a[3], const double b[3], const double c[3], double foot[3]) {
+  const double *corners[3] = {a, b, c};
+  double u[3], v[3], n[3], nearest = HUGE_VAL;
+  bool inside = true;
+  for (int k = 0; k < 3; ++k) {
+    u[k] = b[k] - a[k];
+    v[k] = c[k] - a[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+  double area = dot(n, n);
+  for (int i = 0; i < 3; ++i) {
+    const double *p = corners[i], *q = corners[(i + 1) % 3];
+    double edge[3], side[3], at[3], squared = 0;
+    for (int k = 0; k < 3; ++k)
+      edge[k] = q[k] - p[k];
+    for (int k = 0; k < 3; ++k)
+      side[k] = n[(k + 1) % 3] * edge[(k + 2) % 3] - n[(k + 2) % 3] * edge[(k + 1) % 3];
+    inside = inside && dot(side, p) <= 0;
+    double length = dot(edge, edge), t = length > 0 ? fmin(fmax(-dot(edge, p) / length, 0), 1) : 0;
+    for (int k = 0; k < 3; ++k) {
+      at[k] = p[k] + t * edge[k];
+      squared += at[k] * at[k];
+    }
+    if (squared < nearest) {
+      nearest = squared;
+      memcpy(foot, at, sizeof at);
+    }
+  }
+  if (!inside || !(area > 0))
+    return nearest;
+  double height = dot(n, a);
+  for (int k = 0; k < 3; ++k)
+    foot[k] = n[k] * (height / area);
+  return height * height / area;
+}
+
+static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
+  query *q = arguments->userPtr;
+  double corner[3][3], foot[3], squared;
+  int corners = q->solid->triangles ? 3 : 1;
+  for (int i = 0; i < corners; ++i) {
+    uint32_t at = corners == 3 ? q->solid->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
+    for (int k = 0; k < 3; ++k)
+      corner[i][k] = (double)q->solid->points[3 * (size_t)at + (size_t)k] - q->point[k];
+  }
+  memcpy(foot, corner[0], sizeof foot);
+  squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : dot(foot, foot);
+  if (!(squared < q->best))
+    return false;
+  q->best = squared;
+  memcpy(q->foot, foot, sizeof foot);
+  q->primitive = arguments->primID;
+  /* Rounded up: what is equally near may still be asked. */
+  arguments->query->radius = nextafterf((float)sqrt(squared), INFINITY);
+  return true;
+}
+
+static pags_result failed(const pags_solid *solid) {
+  enum RTCError code = rtcGetDeviceError(solid->device);
+  if (code == RTC_ERROR_OUT_OF_MEMORY)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+  return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
+}
+
+static void point_bounds(const struct RTCBoundsFunctionArguments *arguments) {
+  const pags_solid *solid = arguments->geometryUserPtr;
+  const float *p = solid->points + 3 * (size_t)arguments->primID;
+  *arguments->bounds_o = (struct RTCBounds){
+      .lower_x = p[0], .lower_y = p[1], .lower_z = p[2], .upper_x = p[0], .upper_y = p[1], .upper_z = p[2]};
+}
+
+static pags_result attach(pags_solid *solid, RTCGeometry geometry) {
+  rtcCommitGeometry(geometry);
+  rtcAttachGeometry(solid->scene, geometry);
+  rtcReleaseGeometry(geometry);
+  rtcSetSceneFlags(solid->scene, RTC_SCENE_FLAG_ROBUST);
+  rtcCommitScene(solid->scene);
+  return rtcGetDeviceError(solid->device) == RTC_ERROR_NONE ? PAGS_OK : failed(solid);
+}
+
+static pags_result open_scene(pags_solid *solid) {
+  solid->device = rtcNewDevice("threads=1"); /* the same tree, hence the same of two equally near, every time */
+  if (!solid->device)
+    return failed(solid);
+  solid->scene = rtcNewScene(solid->device);
+  return solid->scene ? PAGS_OK : failed(solid);
+}
+
+static pags_result add_triangles(pags_solid *solid, const pags_shell *surface) {
+  PAGS_TRY(open_scene(solid));
+  RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+  /* Embree reads 16 bytes at a vertex, so that a shared array needs padding behind the last: it gets its own. */
+  float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
+                                            (size_t)surface->vertex_count);
+  uint32_t *triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 12,
+                                                (size_t)surface->triangle_count);
+  if (!vertices || !triangles) {
+    rtcReleaseGeometry(geometry);
+    return failed(solid);
+  }
+  for (int64_t i = 0; i < 3 * surface->vertex_count; ++i)
+    vertices[i] = surface->positions[i];
+  for (int64_t i = 0; i < 3 * surface->triangle_count; ++i)
+    triangles[i] = surface->triangles[i];
+  return attach(solid, geometry);
+}
+
+static pags_result add_points(pags_solid *solid, int64_t count) {
+  PAGS_TRY(open_scene(solid));
+  RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_USER);
+  rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
+  rtcSetGeometryUserData(geometry, solid);
+  rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
+  return attach(solid, geometry);
+}
+
+pags_result pags_solid_of_shell(const pags_shell *surface, pags_solid **out) {
+  *out = NULL;
+  pags_solid *solid = calloc(1, sizeof *solid);
+  if (!solid)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh");
+  solid->points = surface->positions;
+  solid->triangles = surface->triangles;
+  pags_result result = add_triangles(solid, surface);
+  if (result == PAGS_OK)
+    *out = solid;
+  else
+    pags_solid_destroy(solid);
+  return result;
+}
+
+pags_result pags_solid_of_points(const float *points, int64_t count, pags_solid **out) {
+  *out = NULL;
+  pags_solid *solid = calloc(1, sizeof *solid);
+  if (!solid)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for points");
+  solid->points = points;
+  pags_result result = add_points(solid, count);
+  if (result == PAGS_OK)
+    *out = solid;
+  else
+    pags_solid_destroy(solid);
+  return result;
+}
+
+void pags_solid_destroy(pags_solid *solid) {
+  if (!solid)
+    return;
+  if (solid->scene)
+    rtcReleaseScene(solid->scene);
+  if (solid->device)
+    rtcReleaseDevice(solid->device);
+  free(solid);
+}
+
+static query ask(const pags_solid *solid, const double point[3]) {
+  query q = {.solid = solid, .point = {point[0], point[1], point[2]}, .best = HUGE_VAL, .primitive = UINT32_MAX};
+  struct RTCPointQuery sphere = {
+      .x = (float)point[0], .y = (float)point[1], .z = (float)point[2], .time = 0, .radius = INFINITY};
+  struct RTCPointQueryContext context;
+  rtcInitPointQueryContext(&context);
+  rtcPointQuery(solid->scene, &sphere, &context, visit, &q);
+  return q;
+}
+
+double pags_solid_distance(const pags_solid *solid, const double point[3], uint32_t *primitive) {
+  query q = ask(solid, point);
+  if (primitive)
+    *primitive = q.primitive;
+  return sqrt(q.best);
+}
+
+double pags_solid_nearest(const pags_solid *solid, const double point[3], double nearest[3]) {
+  query q = ask(solid, point);
+  for (int k = 0; k < 3; ++k)
+    nearest[k] = point[k] + q.foot[k];
+  return sqrt(q.best);
+}
+
+double pags_solid_ray(const pags_solid *solid, const double origin[3], const double direction[3], uint32_t *primitive) {
+  struct RTCRayHit ray = {.ray = {.org_x = (float)origin[0],
+                                  .org_y = (float)origin[1],
+                                  .org_z = (float)origin[2],
+                                  .dir_x = (float)direction[0],
+                                  .dir_y = (float)direction[1],
+                                  .dir_z = (float)direction[2],
+                                  .tfar = INFINITY,
+                                  .mask = ~0u}};
+  ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+#if PAGS_EMBREE >= 4
+  rtcIntersect1(solid->scene, &ray, NULL);
+#else
+  struct RTCIntersectContext context;
+  rtcInitIntersectContext(&context);
+  rtcIntersect1(solid->scene, &context, &ray);
+#endif
+  if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID)
+    return -1;
+  if (primitive)
+    *primitive = ray.hit.primID;
+  return (double)ray.ray.tfar;
+}

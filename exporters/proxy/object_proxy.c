@@ -1,0 +1,91 @@
+/* Proxies of objects at the level asked for. */
+#include "exporters/proxy/object_proxy.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json.h"
+#include "base/log.h"
+#include "exporters/proxy/cage.h"
+
+pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
+                               pags_workshop *out) {
+  *out = (pags_workshop){.scene = scene, .options = options, .tasks = tasks, .drawing = pags_frame_options_default()};
+  pags_json *json;
+  double value;
+  out->drawing.antialiased = scene->antialiased;
+  out->drawing.extra_channels = 1;
+  /* Drawn as it was trained. */
+  if (scene->config && pags_json_parse_text("config", scene->config, strlen(scene->config), &json) == PAGS_OK) {
+    if (pags_json_number_or(json, pags_json_root(json), "low_pass", 0.3, &value) == PAGS_OK && value >= 0)
+      out->drawing.low_pass = (float)value;
+    pags_json_destroy(json);
+  }
+  pags_result result = pags_frame_create(tasks, &out->frame);
+  if (result == PAGS_OK)
+    result = pags_whole_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
+  if (result == PAGS_OK)
+    result = pags_laser_read(scene, 0, &out->laser);
+  if (result != PAGS_OK)
+    pags_workshop_close(out);
+  return result;
+}
+
+void pags_workshop_close(pags_workshop *workshop) {
+  if (workshop->frame)
+    pags_frame_destroy(workshop->frame);
+  workshop->frame = NULL;
+  pags_whole_destroy(&workshop->whole);
+  pags_laser_destroy(&workshop->laser);
+}
+
+static void mean_color(const pags_object_shape *shape, float out[3]) {
+  double sum[3] = {0};
+  const pags_gaussians *g = &shape->gaussians;
+  for (int c = 0; c < 3; ++c) {
+    for (int64_t i = 0; i < g->count; ++i)
+      sum[c] += 0.5 + 0.28209479177387814 * (double)pags_plane(g, PAGS_SH + c)[i];
+    out[c] = g->count ? (float)fmin(fmax(sum[c] / (double)g->count, 0), 1) : 0.5f;
+  }
+}
+
+static pags_result make_level(const pags_workshop *w, const pags_object_shape *shape, pags_proxy_level level,
+                              pags_shell *out) {
+  switch (level) {
+    case PAGS_PROXY_MESH: return pags_shell_simplify(&shape->surface, w->options->triangles, out);
+    case PAGS_PROXY_CAGE: return pags_shell_cage(&shape->surface, w->options->cage_level, w->options->triangles, out);
+    default: return pags_shell_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
+  }
+}
+
+pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
+                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level,
+                                   const char **note) {
+  pags_shell_topology topology;
+  float color[3];
+  *note = wanted == PAGS_PROXY_BOX ? NULL : shape->note;
+  *level = wanted;
+  if (wanted != PAGS_PROXY_BOX) {
+    pags_result result = PAGS_ERROR_ARGUMENT;
+    if (shape->surface.triangle_count)
+      result = make_level(workshop, shape, wanted, out);
+    if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
+      return result;
+    if (result == PAGS_OK) {
+      PAGS_TRY(pags_shell_inspect(out, &topology));
+      if (topology.closed)
+        return PAGS_OK;
+      pags_shell_destroy(out);
+      pags_fail(PAGS_ERROR_FORMAT, "%lld open edges, %lld crossed, volume %g", (long long)topology.open_edges,
+                (long long)topology.crossed_edges, topology.volume);
+    }
+    if (shape->surface.triangle_count)
+      pags_log(PAGS_LOG_INFO, "%s: %s", workshop->scene->objects[object].record.id, pags_error_message());
+    if (!*note || shape->surface.triangle_count)
+      *note = "no closed surface could be made: the labelled box";
+  }
+  *level = PAGS_PROXY_BOX;
+  mean_color(shape, color);
+  return pags_shell_box(workshop->scene->objects[object].record.size, color, out);
+}

@@ -1,0 +1,225 @@
+/* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their
+ * silhouettes.
+ *
+ * Each view is sampled on a lattice of at most SIDE x SIDE pixels. A sample gives a point of the Gaussians' surface
+ * (its depth) and a point of the proxy (where its ray meets it first): the former is measured to the nearest triangle,
+ * the latter to the nearest of the former. */
+#include "exporters/proxy/proxy_error.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/sort.h"
+#include "exporters/proxy/mesh_query.h"
+
+enum { SIDE = 48 };
+
+pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
+  pags_proxy_distance out = {(double)NAN, (double)NAN, (double)NAN};
+  double sum = 0;
+  if (!count)
+    return out;
+  pags_sort_doubles(values, count);
+  for (int64_t i = 0; i < count; ++i)
+    sum += values[i];
+  out.mean = sum / (double)count;
+  out.p95 = values[(int64_t)ceil(0.95 * (double)count) - 1];
+  out.max = values[count - 1];
+  return out;
+}
+
+typedef struct sample {
+  float seen[3], met[3];                /* of the Gaussians, of the proxy */
+  uint32_t triangle_met, triangle_near; /* of the proxy: met by the ray, nearest to what is seen */
+  uint8_t has_seen, has_met, covered;
+} sample;
+
+typedef struct comparison {
+  const pags_sights *sights;
+  const pags_solid *solid, *cloud;
+  sample *samples; /* SIDE * SIDE a view */
+
+  const int32_t *group_of; /* of the proxy's triangles; NULL: one group */
+  int64_t group_count;
+  double range;      /* depths beyond are left out */
+  double *to, *from; /* one a sample; negative: none */
+} comparison;
+
+static void take_sample(const comparison *self, const pags_sight *sight, int x, int y, sample *out) {
+  int64_t pixel = (int64_t)y * sight->camera.width + x;
+  const double *m = sight->camera.world_from_camera;
+  const double origin[3] = {m[3], m[7], m[11]};
+  double direction[3], point[3], depth = (double)sight->depth[pixel];
+  *out = (sample){0};
+  pags_sight_point(sight, x, y, 1, direction);
+  for (int k = 0; k < 3; ++k)
+    direction[k] -= origin[k];
+  double t = pags_solid_ray(self->solid, origin, direction, &out->triangle_met);
+  /* Hidden by the rest of the scene, either of them: nothing is known. */
+  if (depth < 0 && (sight->cover[pixel] >= 128 || t > -depth))
+    return;
+  out->covered = sight->cover[pixel] >= 128;
+  out->has_met = t > 0;
+  out->has_seen = depth > 0 && depth < self->range;
+  for (int k = 0; k < 3 && t > 0; ++k)
+    out->met[k] = (float)(origin[k] + t * direction[k]);
+  if (depth > 0) {
+    pags_sight_point(sight, x, y, depth, point);
+    for (int k = 0; k < 3; ++k)
+      out->seen[k] = (float)point[k];
+  }
+}
+
+static void sample_views(void *context, int64_t begin, int64_t end, int worker) {
+  comparison *self = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    const pags_sight *sight = &self->sights->list[i];
+    int w = sight->camera.width, h = sight->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
+    sample *out = self->samples + i * SIDE * SIDE;
+    memset(out, 0, SIDE * SIDE * sizeof *out);
+    for (int y = 0; y < ny; ++y)
+      for (int x = 0; x < nx; ++x)
+        take_sample(self, sight, (2 * x + 1) * w / (2 * nx), (2 * y + 1) * h / (2 * ny), &out[y * SIDE + x]);
+  }
+}
+
+static void measure_samples(void *context, int64_t begin, int64_t end, int worker) {
+  comparison *self = context;
+  (void)worker;
+  for (int64_t i = begin; i < end; ++i) {
+    sample *s = &self->samples[i];
+    self->to[i] = self->from[i] = -1;
+    if (s->has_seen) {
+      const double p[3] = {(double)s->seen[0], (double)s->seen[1], (double)s->seen[2]};
+      self->from[i] = pags_solid_distance(self->solid, p, &s->triangle_near);
+    }
+    if (s->has_met && s->has_seen) {
+      const double p[3] = {(double)s->met[0], (double)s->met[1], (double)s->met[2]};
+      self->to[i] = pags_solid_distance(self->cloud, p, NULL);
+    }
+  }
+}
+
+/* Of one group, or of all where `group_of` is NULL, into `kept`. */
+static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near,
+                                     int64_t group, double *kept) {
+  int64_t n = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    const sample *s = &self->samples[i];
+    if (values[i] >= 0 && isfinite(values[i]) &&
+        (!self->group_of || self->group_of[near ? s->triangle_near : s->triangle_met] == group))
+      kept[n++] = values[i];
+  }
+  return pags_distance_summary(kept, n);
+}
+
+static void overlap(const sample *samples, int64_t count, pags_proxy_facts *facts) {
+  int64_t both = 0, either = 0;
+  for (int64_t i = 0; i < count; ++i) {
+    both += samples[i].covered && samples[i].has_met;
+    either += samples[i].covered || samples[i].has_met;
+  }
+  facts->silhouette_iou = either ? (double)both / (double)either : (double)NAN;
+}
+
+static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
+  float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
+  double *kept = malloc(((size_t)count + 1) * sizeof *kept);
+  pags_solid *cloud = NULL;
+  int64_t found = 0;
+  if (!points || !kept) {
+    free(points);
+    free(kept);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  }
+  for (int64_t i = 0; i < count; ++i)
+    if (self->samples[i].has_seen)
+      memcpy(points + 3 * found++, self->samples[i].seen, 3 * sizeof *points);
+  pags_result result = found ? pags_solid_of_points(points, found, &cloud) : PAGS_OK;
+  if (result == PAGS_OK && found) {
+    self->cloud = cloud;
+    if (!pags_parallel_for(tasks, count, 1024, measure_samples, self))
+      result = pags_fail(PAGS_CANCELLED, "interrupted");
+    else {
+      for (int64_t g = 0; g < self->group_count; ++g) {
+        facts[g].to_gaussians = summarise(self, self->to, count, 0, g, kept);
+        facts[g].from_gaussians = summarise(self, self->from, count, 1, g, kept);
+      }
+    }
+  }
+  pags_solid_destroy(cloud);
+  free(points);
+  free(kept);
+  return result;
+}
+
+static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
+  if (!pags_parallel_for(tasks, self->sights->count, 1, sample_views, self))
+    return pags_fail(PAGS_CANCELLED, "interrupted");
+  if (!self->group_of)
+    overlap(self->samples, count, facts);
+  return measure(self, count, tasks, facts);
+}
+
+/* By area, over the corners' flags. */
+double pags_shell_observed(const pags_shell *surface) {
+  double seen = 0, all = 0;
+  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+    const uint32_t *t = surface->triangles + 3 * i;
+    const float *a = surface->positions + 3 * (int64_t)t[0], *b = surface->positions + 3 * (int64_t)t[1],
+                *c = surface->positions + 3 * (int64_t)t[2];
+    double u[3], v[3], square = 0;
+    for (int k = 0; k < 3; ++k) {
+      u[k] = (double)b[k] - (double)a[k];
+      v[k] = (double)c[k] - (double)a[k];
+    }
+    for (int k = 0; k < 3; ++k) {
+      double n = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
+      square += n * n;
+    }
+    all += sqrt(square);
+    seen += sqrt(square) * (surface->observed[t[0]] + surface->observed[t[1]] + surface->observed[t[2]]) / 3;
+  }
+  return all > 0 ? seen / all : 0;
+}
+
+static pags_result run(const pags_shell *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
+  int64_t count = self->sights->count * SIDE * SIDE;
+  pags_solid *solid = NULL;
+  for (int64_t g = 0; g < self->group_count; ++g) {
+    const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
+    facts[g].to_gaussians = facts[g].from_gaussians = nothing;
+    facts[g].silhouette_iou = (double)NAN;
+    facts[g].silhouette_views = (int)self->sights->count;
+  }
+  if (!self->sights->count || !proxy->triangle_count)
+    return PAGS_OK;
+  PAGS_TRY(pags_solid_of_shell(proxy, &solid));
+  self->solid = solid;
+  self->samples = malloc((size_t)count * sizeof *self->samples);
+  self->to = malloc((size_t)count * sizeof *self->to);
+  self->from = malloc((size_t)count * sizeof *self->from);
+  pags_result result = self->samples && self->to && self->from
+                           ? compare(self, count, tasks, facts)
+                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  free(self->samples);
+  free(self->to);
+  free(self->from);
+  pags_solid_destroy(solid);
+  return result;
+}
+
+pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
+                               pags_proxy_facts *facts) {
+  comparison self = {.sights = sights, .range = HUGE_VAL, .group_count = 1};
+  facts->observed = pags_shell_observed(proxy);
+  return run(proxy, &self, tasks, facts);
+}
+
+pags_result pags_proxies_compare(const pags_shell *proxies, const int32_t *group_of, int64_t group_count,
+                                 const pags_sights *sights, double range, pags_tasks *tasks, pags_proxy_facts *facts) {
+  comparison self = {.sights = sights, .range = range, .group_of = group_of, .group_count = group_count};
+  return run(proxies, &self, tasks, facts);
+}

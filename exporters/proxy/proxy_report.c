@@ -1,0 +1,33 @@
+/* The list of what was exported. */
+#include "exporters/proxy/proxy_report.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/text.h"
+
+pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts) {
+  pags_proxy_facts *grown = realloc(report->proxies, (size_t)(report->count + 1) * sizeof *grown);
+  if (grown)
+    report->proxies = grown;
+  char *name = pags_text_copy(facts->name), *class_name = pags_text_copy(facts->class_name);
+  if (!grown || !name || !class_name) {
+    free(name);
+    free(class_name);
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a report");
+  }
+  grown[report->count] = *facts;
+  grown[report->count].name = name;
+  grown[report->count].class_name = class_name;
+  ++report->count;
+  return PAGS_OK;
+}
+
+void pags_proxy_report_destroy(pags_proxy_report *report) {
+  for (int64_t i = 0; i < report->count; ++i) {
+    free((char *)(uintptr_t)report->proxies[i].name);
+    free((char *)(uintptr_t)report->proxies[i].class_name);
+  }
+  free(report->proxies);
+  memset(report, 0, sizeof *report);
+}

@@ -1,0 +1,163 @@
+/* Drawing the whole scene for the depth of its training views. */
+#include "exporters/proxy/scene_depth.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/half.h"
+
+enum { CLUSTER = 64 };
+
+static const float solid = 0.5f;          /* alpha from which a pixel's depth is one */
+static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
+
+void pags_whole_destroy(pags_whole *whole) {
+  for (int64_t i = 0; i < whole->count; ++i)
+    free(whole->views[i].depth);
+  free(whole->views);
+  memset(whole, 0, sizeof *whole);
+}
+
+pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
+                                   const pags_camera *drawn) {
+  pags_frame_options out = *drawing;
+  double scale = drawn->fx / trained->fx;
+  if (scale < 1)
+    out.low_pass = fmaxf((float)(scale * scale) * out.low_pass, fminf(least_low_pass, out.low_pass));
+  return out;
+}
+
+/* The scene's models in Morton order under clusters, colours left out. */
+typedef struct layout {
+  int64_t count;
+  pags_gaussians *models;
+  pags_clusters *clusters;
+  pags_part *parts;
+} layout;
+
+static pags_result lay_out(const pags_scene *scene, layout *out) {
+  size_t count = (size_t)scene->model_count;
+  out->models = calloc(count + 1, sizeof *out->models);
+  out->clusters = calloc(count + 1, sizeof *out->clusters);
+  out->parts = calloc(count + 1, sizeof *out->parts);
+  if (!out->models || !out->clusters || !out->parts)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld models", (long long)scene->model_count);
+  for (; out->count < scene->model_count; ++out->count) {
+    int64_t i = out->count;
+    PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
+    PAGS_TRY(pags_clusters_create(&out->clusters[i], out->models[i].count, CLUSTER));
+    pags_clusters_update(&out->clusters[i], &out->models[i], 0, out->clusters[i].count);
+  }
+  return PAGS_OK;
+}
+
+static void clear_away(const pags_scene *scene, layout *l) {
+  for (int64_t i = 0; i < scene->model_count; ++i) {
+    if (l->models)
+      pags_gaussians_destroy(&l->models[i]);
+    if (l->clusters)
+      pags_clusters_destroy(&l->clusters[i]);
+  }
+  free(l->models);
+  free(l->clusters);
+  free(l->parts);
+}
+
+/* The background and the objects that are there; returns how many parts. */
+static int place(const pags_scene *scene, const layout *l, double time) {
+  static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  int count = 0;
+  l->parts[count] = (pags_part){.gaussians = &l->models[0], .clusters = &l->clusters[0]};
+  memcpy(l->parts[count++].world_from_model, identity, sizeof identity);
+  for (int64_t o = 0; o < scene->object_count && count < l->count; ++o) {
+    double pose[12];
+    int64_t model = scene->objects[o].model;
+    if (model <= 0 || !pags_object_pose(&scene->objects[o].record, time, pose))
+      continue;
+    for (int k = 0; k < 3; ++k)
+      pose[4 * k + 3] -= scene->origin[k];
+    l->parts[count] = (pags_part){.gaussians = &l->models[model], .clusters = &l->clusters[model]};
+    memcpy(l->parts[count++].world_from_model, pose, sizeof pose);
+  }
+  return count;
+}
+
+static pags_result draw_view(const pags_scene *scene, const layout *l, pags_frame *frame,
+                             const pags_frame_options *drawing, const pags_camera *trained, pags_whole_view *view) {
+  pags_picture picture;
+  const pags_camera *camera = &view->camera;
+  pags_frame_options options = pags_drawing_at(drawing, trained, camera);
+  options.sh_degree = 0;
+  PAGS_TRY(pags_frame_render(frame, l->parts, place(scene, l, camera->time), camera, &options, NULL, NULL, &picture));
+  view->depth = malloc((size_t)camera->width * (size_t)camera->height * sizeof *view->depth);
+  if (!view->depth)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", camera->width, camera->height);
+  for (int y = 0; y < camera->height; ++y)
+    for (int x = 0; x < camera->width; ++x) {
+      int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * camera->width + x;
+      float alpha = 1 - picture.transmittance[from];
+      view->depth[to] = pags_half_from_float(alpha >= solid ? picture.depth[from] : INFINITY);
+    }
+  return PAGS_OK;
+}
+
+pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing, int widest,
+                            pags_whole *out) {
+  layout l = {0};
+  *out = (pags_whole){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
+  if (!out->views)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+  out->count = scene->view_count;
+  pags_result result = scene->model_count ? lay_out(scene, &l) : PAGS_OK;
+  for (int64_t v = 0; v < scene->view_count && scene->model_count && result == PAGS_OK; ++v) {
+    const pags_camera *trained = &scene->views[v].camera;
+    if (scene->views[v].test)
+      continue;
+    out->views[v].camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
+    for (int k = 0; k < 3; ++k)
+      out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
+    result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
+  }
+  clear_away(scene, &l);
+  if (result != PAGS_OK)
+    pags_whole_destroy(out);
+  return result;
+}
+
+/* The nearest and the farthest of the four pixels about a ray's place; 0: the ray is outside. */
+static int bounds_at(const pags_whole_view *view, double u, double v, double *nearest, double *farthest) {
+  const pags_camera *c = &view->camera;
+  double px = u * c->fx + c->cx - 0.5, py = v * c->fy + c->cy - 0.5;
+  *nearest = HUGE_VAL;
+  *farthest = 0;
+  if (!(px > -1 && py > -1 && px < c->width && py < c->height))
+    return 0;
+  for (int i = 0; i < 4; ++i) {
+    int x = (int)floor(px) + (i & 1), y = (int)floor(py) + (i >> 1);
+    if (x < 0 || y < 0 || x >= c->width || y >= c->height)
+      continue;
+    double depth = (double)pags_float_from_half(view->depth[(int64_t)y * c->width + x]);
+    *nearest = fmin(*nearest, depth);
+    *farthest = fmax(*farthest, depth);
+  }
+  return *farthest > 0;
+}
+
+void pags_sight_hide(pags_sight *sight, const pags_whole_view *view) {
+  const pags_camera *c = &sight->camera;
+  if (!view->depth)
+    return;
+  for (int y = 0; y < c->height; ++y)
+    for (int x = 0; x < c->width; ++x) {
+      double nearest, farthest;
+      float *depth = &sight->depth[(int64_t)y * c->width + x];
+      if (!bounds_at(view, (x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy, &nearest, &farthest))
+        continue;
+      /* Depths are a blend's: what is a little behind may be the same surface. */
+      int hidden = *depth > 0 && (double)*depth > 1.02 * farthest + 0.25;
+      if ((hidden || *depth < 0) && nearest < (double)-PAGS_SIGHT_FREE)
+        *depth = (float)-nearest;
+    }
+  pags_sight_bound(sight);
+}

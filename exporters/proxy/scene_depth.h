@@ -1,0 +1,40 @@
+/* How far the training cameras see into the whole scene, objects where they are at each view's time: what lies behind
+ * that is hidden, whatever it would look like drawn alone. */
+#ifndef PAGS_PROXY_SCENE_DEPTH_H
+#define PAGS_PROXY_SCENE_DEPTH_H
+
+#include <pags/scene.h>
+
+#include "exporters/proxy/depth_view.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct pags_whole_view {
+  pags_camera camera; /* pose in the scene's frame, relative to its origin */
+  uint16_t *depth;    /* camera z in metres as binary16: 0 unknown, infinite where nothing is */
+} pags_whole_view;
+
+typedef struct pags_whole {
+  int64_t count;
+  pags_whole_view *views; /* one a view of the scene; depth NULL: held out, or not drawn */
+} pags_whole;
+
+/* Draws every training view, no wider than `widest` pixels. `low_pass` as trained. */
+pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing, int widest,
+                            pags_whole *out);
+void pags_whole_destroy(pags_whole *whole); /* frees and zeroes */
+
+/* The drawing of a view by a camera of another size: the low-pass, a pixel's when trained, shrinks with the picture. */
+pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
+                                   const pags_camera *drawn);
+
+/* Takes back what `sight`, drawn of a part of the scene by the same view, says of what the rest hides: there its rays
+ * are free as far as the whole scene lets them through, and nothing is known beyond. */
+void pags_sight_hide(pags_sight *sight, const pags_whole_view *view);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

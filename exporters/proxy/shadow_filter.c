@@ -1,0 +1,73 @@
+/* Telling vehicles from their shadow and from what they park at, pixel by pixel of a view. */
+#include "exporters/proxy/shadow_filter.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the
+ * wheels, from the side level on the ground. What is dark (display-referred), low and well within the box's sides is no
+ * part of them, nor is what is level near the box's lower face; metres. */
+static const double dark = 0.25, wall_height = 0.3, wheels = 0.35, shadow = 0.12, dark_shadow = 0.16;
+
+/* Off the wheels the body of a car begins higher than `sill`, and what is level and lower than `footway` beside it is
+ * one: a box is as wide as the mirrors, so the edge of what it parks at lies in it. Shares of the length that have the
+ * wheels; metres. */
+static const double sill = 0.25, wheels_from = 0.2, wheels_to = 0.4, longest_car = 6, footway = 0.3, beside = 0.2;
+
+static int is_dark(const uint8_t *rgb) {
+  return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2] < 255 * dark;
+}
+
+/* By a neighbour to the side and one above or below; -1 where one of them shows no surface. */
+static int is_level(const pags_sight *s, int x, int y, const double p[3]) {
+  int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
+  double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
+  if (!(a > 0 && b > 0))
+    return -1;
+  pags_sight_point(s, side, y, a, q);
+  pags_sight_point(s, x, next, b, r);
+  for (int k = 0; k < 3; ++k) {
+    q[k] -= p[k];
+    r[k] -= p[k];
+  }
+  for (int k = 0; k < 3; ++k)
+    n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
+  return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
+  int64_t at = (int64_t)y * s->camera.width + x;
+  double p[3], limit = shadow;
+  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  double height = p[2] + 0.5 * size[2], along = fabs(p[0]) / size[0], inwards = 0.5 * size[1] - fabs(p[1]);
+  if (is_dark(s->rgb + 3 * at)) {
+    if (height < wall_height && inwards > wheels)
+      return 1;
+    if (height < sill && size[0] < longest_car && (along < wheels_from || along > wheels_to))
+      return 1;
+    limit = dark_shadow;
+  }
+  if (inwards < beside)
+    limit = footway;
+  if (height > limit)
+    return 0;
+  int level = is_level(s, x, y, p);
+  return level < 0 ? height < 0.5 * limit : level;
+}
+
+pags_result pags_sight_clear_shadow(pags_sight *s, const double size[3]) {
+  int64_t count = (int64_t)s->camera.width * s->camera.height;
+  uint8_t *marked = calloc((size_t)count, 1);
+  if (!marked)
+    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
+  for (int64_t i = 0; i < count; ++i)
+    marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
+  for (int64_t i = 0; i < count; ++i)
+    if (marked[i]) {
+      s->depth[i] = -s->depth[i];
+      s->cover[i] = 0;
+    }
+  free(marked);
+  pags_sight_bound(s);
+  return PAGS_OK;
+}

@@ -1,0 +1,240 @@
+/* Fusion of depths into a signed distance. */
+#include "exporters/proxy/tsdf.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const int64_t most_points = (int64_t)1 << 28;
+
+pags_result pags_grid_create(pags_grid *grid, const double lo[3], const double hi[3], double step, int sparse) {
+  int64_t points = 1, blocks = 1;
+  *grid = (pags_grid){.step = step};
+  for (int k = 0; k < 3; ++k) {
+    double n = ceil((hi[k] - lo[k]) / step) + 1;
+    if (!(n >= 2 && n < 1 << 20) || (points *= (int64_t)n) > most_points)
+      return pags_fail(PAGS_ERROR_LIMIT, "a grid of %g m over %g x %g x %g m has too many points", step, hi[0] - lo[0],
+                       hi[1] - lo[1], hi[2] - lo[2]);
+    grid->n[k] = (int)n;
+    grid->origin[k] = lo[k];
+    grid->blocks[k] = (grid->n[k] + PAGS_GRID_BLOCK - 1) / PAGS_GRID_BLOCK;
+    blocks *= grid->blocks[k];
+  }
+  grid->distance = calloc((size_t)points, sizeof(float));
+  grid->weight = calloc((size_t)points, sizeof(float));
+  if (sparse)
+    grid->active = calloc((size_t)blocks, 1);
+  if (grid->distance && grid->weight && (!sparse || grid->active))
+    return PAGS_OK;
+  pags_grid_destroy(grid);
+  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid of %lld points", (long long)points);
+}
+
+void pags_grid_destroy(pags_grid *grid) {
+  free(grid->distance);
+  free(grid->weight);
+  free(grid->active);
+  memset(grid, 0, sizeof *grid);
+}
+
+void pags_grid_touch(pags_grid *grid, const double point[3], double reach) {
+  int from[3], to[3];
+  double side = PAGS_GRID_BLOCK * grid->step;
+  for (int k = 0; k < 3; ++k) {
+    double low = floor((point[k] - reach - grid->origin[k]) / side),
+           high = floor((point[k] + reach - grid->origin[k]) / side);
+    if (!(high >= 0 && low < grid->blocks[k]))
+      return;
+    from[k] = low < 0 ? 0 : (int)low;
+    to[k] = high >= grid->blocks[k] ? grid->blocks[k] - 1 : (int)high;
+  }
+  for (int z = from[2]; z <= to[2]; ++z)
+    for (int y = from[1]; y <= to[1]; ++y)
+      memset(grid->active + ((int64_t)z * grid->blocks[1] + y) * grid->blocks[0] + from[0], 1,
+             (size_t)(to[0] - from[0] + 1));
+}
+
+typedef struct fusion {
+  pags_grid *grid;
+  const pags_sights *sights;
+  double truncation, range;
+  int carve;
+} fusion;
+
+/* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
+static double weigh(const pags_sight *sight, double step, double z) {
+  double pixels = sight->camera.fx * step / z;
+  return fmin(1, pixels * pixels) + 1e-3;
+}
+
+/* What one view says of one point: returns its weight, 0 for nothing. */
+static double ask(const fusion *self, const pags_sight *sight, const double point[3], double *distance) {
+  int x, y;
+  double z;
+  if (!pags_sight_project(sight, point, &x, &y, &z) || z > self->range)
+    return 0;
+  double depth = (double)sight->depth[(int64_t)y * sight->camera.width + x];
+  if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
+    return 0;
+  *distance = depth < 0 ? self->truncation : depth - z;
+  if (*distance < -self->truncation)
+    return 0;
+  *distance = fmin(*distance, self->truncation);
+  return weigh(sight, self->grid->step, z);
+}
+
+/* Views that say the same of all of a block. */
+typedef struct known {
+  double sum, weight;
+} known;
+
+static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3],
+                       int64_t at) {
+  double sum = sure.sum, weight = sure.weight, distance = 0;
+  for (int64_t i = 0; i < seen_count; ++i) {
+    double w = ask(self, &self->sights->list[seen[i]], point, &distance);
+    if (w > 0) {
+      sum += w * distance;
+      weight += w;
+    }
+  }
+  if (weight > 0) {
+    self->grid->distance[at] = (float)(sum / weight);
+    self->grid->weight[at] = (float)weight;
+  }
+}
+
+/* Sorts the views by what they say of a ball around the block: nothing, that it is free, or point by point (`seen`). */
+static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
+  int64_t count = 0;
+  *sure = (known){0};
+  for (int64_t i = 0; i < self->sights->count; ++i) {
+    const pags_sight *sight = &self->sights->list[i];
+    double z;
+    if (!pags_sight_may_see(sight, middle, radius, self->range))
+      continue;
+    pags_sight_verdict verdict = pags_sight_judge(sight, middle, radius, self->truncation, &z);
+    if (verdict == PAGS_SIGHT_CLEAR && self->carve && z + radius <= self->range) {
+      double w = weigh(sight, self->grid->step, z);
+      sure->sum += w * self->truncation;
+      sure->weight += w;
+    } else if (verdict != PAGS_SIGHT_HIDDEN) {
+      seen[count++] = i;
+    }
+  }
+  return count;
+}
+
+static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
+  const pags_grid *grid = self->grid;
+  int first[3] = {(int)(block % grid->blocks[0]) * PAGS_GRID_BLOCK,
+                  (int)(block / grid->blocks[0] % grid->blocks[1]) * PAGS_GRID_BLOCK,
+                  (int)(block / grid->blocks[0] / grid->blocks[1]) * PAGS_GRID_BLOCK};
+  int last[3];
+  double middle[3], half = 0.5 * (PAGS_GRID_BLOCK - 1) * grid->step;
+  known sure;
+  for (int k = 0; k < 3; ++k) {
+    last[k] = first[k] + PAGS_GRID_BLOCK < grid->n[k] ? first[k] + PAGS_GRID_BLOCK : grid->n[k];
+    middle[k] = grid->origin[k] + first[k] * grid->step + half;
+  }
+  int64_t seen_count = choose_views(self, middle, 1.7321 * half, seen, &sure);
+  for (int z = first[2]; z < last[2]; ++z)
+    for (int y = first[1]; y < last[1]; ++y)
+      for (int x = first[0]; x < last[0]; ++x) {
+        const double point[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
+                                 grid->origin[2] + z * grid->step};
+        fuse_point(self, seen, seen_count, sure, point, ((int64_t)z * grid->n[1] + y) * grid->n[0] + x);
+      }
+}
+
+static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
+  const fusion *self = context;
+  (void)worker;
+  int64_t *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  for (int64_t block = begin; seen && block < end; ++block)
+    if (!self->grid->active || self->grid->active[block])
+      fuse_block(self, block, seen);
+  free(seen);
+}
+
+bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncation, double range, int carve,
+                    pags_tasks *tasks) {
+  fusion self = {grid, sights, truncation, range, carve};
+  int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
+  return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
+}
+
+int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end,
+                           int64_t *seen) {
+  double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
+  int64_t count = 0;
+  for (int64_t i = 3 * begin; i < 3 * end; ++i) {
+    lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
+  }
+  for (int k = 0; k < 3; ++k) {
+    middle[k] = 0.5 * (lo[k] + hi[k]);
+    radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
+  }
+  for (int64_t s = 0; s < sights->count; ++s)
+    if (pags_sight_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
+      seen[count++] = s;
+  return count;
+}
+
+typedef struct painting {
+  pags_shell *surface;
+  const pags_sights *sights;
+  double tolerance;
+} painting;
+
+static void paint_vertices(void *context, int64_t begin, int64_t end, int worker) {
+  const painting *self = context;
+  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  (void)worker;
+  if (!seen)
+    return; /* grey */
+  seen_count = pags_sights_of_run(self->sights, self->surface, begin, end, seen);
+  for (int64_t i = begin; i < end; ++i) {
+    float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
+    const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
+    double sum[3] = {0}, weight = 0, z;
+    int x, y;
+    for (int64_t s = 0; s < seen_count; ++s) {
+      const pags_sight *sight = &self->sights->list[seen[s]];
+      if (!pags_sight_project(sight, point, &x, &y, &z))
+        continue;
+      int64_t pixel = (int64_t)y * sight->camera.width + x;
+      double depth = (double)sight->depth[pixel];
+      if (depth <= 0 || fabs(depth - z) > self->tolerance)
+        continue;
+      double w = 1 / (z * z);
+      for (int c = 0; c < 3; ++c)
+        sum[c] += w * sight->rgb[3 * pixel + c] / 255.0;
+      weight += w;
+    }
+    for (int c = 0; c < 3; ++c)
+      color[c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
+  }
+  free(seen);
+}
+
+bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks) {
+  painting self = {surface, sights, tolerance};
+  double mean[3] = {0}, count = 0;
+  if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))
+    return false;
+  for (int64_t i = 0; i < surface->vertex_count; ++i)
+    if (surface->colors[3 * i] >= 0) {
+      for (int c = 0; c < 3; ++c)
+        mean[c] += (double)surface->colors[3 * i + c];
+      ++count;
+    }
+  for (int64_t i = 0; i < surface->vertex_count; ++i) {
+    float *color = surface->colors + 3 * i;
+    if (color[0] < 0)
+      for (int c = 0; c < 3; ++c)
+        color[c] = count > 0 ? (float)(mean[c] / count) : 0.5f;
+  }
+  return true;
+}
