@@ -2,16 +2,16 @@
  * user's. It is apart from pags because `error` needs the double-precision renderer of the tests. */
 #include "benchmarks/bench.h"
 #include "benchmarks/verbs.h"
-#include "cli/interrupt.h"
 #include "cli/camera_paths.h"
+#include "cli/interrupt.h"
 #include "cli/session.h"
 
-#include "base/file.h"
 #include <locale.h>
 #include <pags/compose.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 const char pags_program_name[] = "pags-bench";
 
@@ -106,13 +106,13 @@ static void destroy_cameras(camera_list *list) {
 }
 
 static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, camera_list *out) {
-  pags_path path = {0};
+  pags_camera_path path = {0};
   if (arguments->camera) {
-    PAGS_TRY(pags_path_load(arguments->camera, &path));
+    PAGS_TRY(pags_camera_path_load(arguments->camera, &path));
   } else if (scene->view_count > 0) {
-    PAGS_TRY(pags_path_views(scene, &path));
+    PAGS_TRY(pags_camera_path_views(scene, &path));
   } else {
-    PAGS_TRY(pags_path_orbit(scene, arguments->views, &path));
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->views, &path));
   }
   const int64_t wanted = path.count < arguments->views ? path.count : arguments->views;
   for (int64_t i = 0; i < path.count; i++)

@@ -4,11 +4,11 @@
 #ifndef PAGS_BENCHMARKS_BENCH_H
 #define PAGS_BENCHMARKS_BENCH_H
 
-#include "base/json.h"
 #include <pags/dataset.h>
 #include <pags/frame.h>
 #include <pags/train.h>
 #include <stdio.h>
+#include "base/json.h"
 
 /* A scene from some cameras. */
 typedef struct pags_bench_view {

@@ -2,17 +2,17 @@
 #include "benchmarks/modes.h"
 #include "benchmarks/plot.h"
 #include "benchmarks/verbs.h"
+#include "cli/camera_paths.h"
 #include "cli/deadline_report.h"
 #include "cli/interrupt.h"
-#include "cli/camera_paths.h"
 #include "cli/session.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 enum { MOST_MODES = PAGS_BENCH_MOST_MODES, MOST_SIZES = 8, NAME = 32 };
 
@@ -67,13 +67,13 @@ typedef struct size_row {
 typedef struct render_bench {
   const render_bench_arguments *arguments;
   pags_composition *composition;
-  pags_path path;
+  pags_camera_path path;
   pags_bench_mode_list modes;
   size_row sizes[MOST_SIZES];
   int size_count;
   pags_bench_mode_result results[MOST_SIZES][MOST_MODES];
   double layers[MOST_SIZES];
-  pags_deadline deadlines[MOST_SIZES]; /* with --budget-ms */
+  pags_deadline_report deadlines[MOST_SIZES]; /* with --budget-ms */
   pags_progress progress;
 } render_bench;
 
@@ -112,18 +112,18 @@ static pags_camera at_size(const pags_camera *camera, const size_row *size) {
   return out;
 }
 
-static pags_result find_path(const render_bench_arguments *a, const pags_scene *scene, pags_path *path) {
+static pags_result find_path(const render_bench_arguments *a, const pags_scene *scene, pags_camera_path *path) {
   const char *kind = a->path ? a->path : scene->view_count > 0 ? "views" : "orbit";
   if (!strcmp(kind, "views"))
-    PAGS_TRY(pags_path_views(scene, path));
+    PAGS_TRY(pags_camera_path_views(scene, path));
   else if (!strcmp(kind, "orbit"))
-    PAGS_TRY(pags_path_orbit(scene, a->frames, path));
+    PAGS_TRY(pags_camera_path_orbit(scene, a->frames, path));
   else if (strcmp(kind, "ego"))
-    PAGS_TRY(pags_path_load(kind, path));
+    PAGS_TRY(pags_camera_path_load(kind, path));
   else if (pags_scene_is_drive(scene))
-    PAGS_TRY(pags_path_drive(scene, a->frames, 0, path));
+    PAGS_TRY(pags_camera_path_drive(scene, a->frames, 0, path));
   else
-    PAGS_TRY(pags_path_ego(scene, a->frames, path));
+    PAGS_TRY(pags_camera_path_ego(scene, a->frames, path));
   pags_bench_thin(path, a->frames);
   return path->count > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
 }
@@ -146,20 +146,21 @@ static double mean_layers(const render_bench *self, const pags_camera *cameras) 
 
 /* Along the path, as a viewer would ask for them. */
 static pags_result keep_deadline(render_bench *self, int index, const pags_camera *cameras) {
-  pags_deadline *deadline = &self->deadlines[index];
+  pags_deadline_report *deadline = &self->deadlines[index];
   if (self->arguments->budget_ms <= 0)
     return PAGS_OK;
-  PAGS_TRY(
-      pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, 1, deadline));
+  PAGS_TRY(pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms, 1,
+                                       deadline));
   for (int64_t i = 0; i < self->path.count; i++) {
     const pags_part *parts;
     int count;
     pags_picture picture;
-    pags_budget_facts facts;
+    pags_deadline_result facts;
     if (!pags_progress_watch(&self->progress, (double)i / (double)self->path.count, "within the time"))
       return pags_fail(PAGS_CANCELLED, "cancelled");
     pags_compose(self->composition, cameras[i].time, &parts, &count);
-    PAGS_TRY(pags_deadline_draw(deadline, parts, count, cameras + i, &self->modes.modes[0].options, &picture, &facts));
+    PAGS_TRY(pags_deadline_report_draw(deadline, parts, count, cameras + i, &self->modes.modes[0].options, &picture,
+                                       &facts));
   }
   return PAGS_OK;
 }
@@ -232,7 +233,7 @@ static void say_size(const render_bench *self, int index) {
     pags_say(session, "\n");
   }
   if (self->arguments->budget_ms > 0)
-    pags_deadline_say(&self->deadlines[index], session);
+    pags_deadline_report_print(&self->deadlines[index], session);
 }
 
 static void put_span(pags_json_writer *json, const char *name, const pags_bench_span *span) {
@@ -292,7 +293,7 @@ static pags_result write_json(const render_bench *self) {
       put_mode(&json, self->modes.modes[k].name, &self->results[i][k]);
     pags_json_end_array(&json);
     if (self->arguments->budget_ms > 0)
-      pags_deadline_put(&self->deadlines[i], &json);
+      pags_deadline_report_put(&self->deadlines[i], &json);
     pags_json_end_object(&json);
   }
   pags_json_end_array(&json);
@@ -434,10 +435,10 @@ static pags_result run(render_bench *self) {
 static void destroy(render_bench *self) {
   for (int i = 0; i < self->size_count; i++) {
     pags_bench_modes_free(self->results[i], self->modes.count);
-    pags_deadline_destroy(&self->deadlines[i]);
+    pags_deadline_report_destroy(&self->deadlines[i]);
   }
   pags_composition_destroy(self->composition);
-  pags_path_destroy(&self->path);
+  pags_camera_path_destroy(&self->path);
 }
 
 int pags_bench_render(int argc, char **argv) {

@@ -5,18 +5,18 @@
  * alone is measured), and as a real packed file with every row in it, mapped. */
 #include "benchmarks/modes.h"
 #include "benchmarks/verbs.h"
-#include "cli/interrupt.h"
 #include "cli/camera_paths.h"
+#include "cli/interrupt.h"
 #include "cli/session.h"
 
-#include "base/file.h"
-#include "base/sort.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/file.h"
+#include "base/sort.h"
 
 enum { MOST_STEPS = 16, WORD = 32, FORMS = 2 };
 static const char *const form_names[FORMS] = {"shared", "packed"};
@@ -74,7 +74,7 @@ typedef struct scale_bench {
   pags_clusters clusters;
   pags_frame_options options;
   pags_sky sky;
-  pags_path path;
+  pags_camera_path path;
   double spacing;
   pags_bench_mode_list modes;
   double steps[MOST_STEPS]; /* millions */
@@ -101,7 +101,7 @@ static pags_result out_of_memory(const scale_bench *self) {
 
 static pags_result find_cameras(scale_bench *self, const pags_scene *scene) {
   const scale_arguments *a = self->arguments;
-  PAGS_TRY(a->camera ? pags_path_load(a->camera, &self->path) : pags_path_views(scene, &self->path));
+  PAGS_TRY(a->camera ? pags_camera_path_load(a->camera, &self->path) : pags_camera_path_views(scene, &self->path));
   pags_bench_thin(&self->path, a->frames);
   return self->path.count > 0 ? PAGS_OK
                               : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", a->input);
@@ -389,7 +389,7 @@ static void destroy(scale_bench *self) {
   pags_gaussians_destroy(&self->rows);
   pags_clusters_destroy(&self->clusters);
   pags_sky_destroy(&self->sky);
-  pags_path_destroy(&self->path);
+  pags_camera_path_destroy(&self->path);
   free(self->table);
 }
 

@@ -5,10 +5,10 @@
  * neighbours; beside them stand counts of work and bytes. */
 #include "benchmarks/error.h"
 
-#include "base/file.h"
-#include "simd/kernels.h"
 #include <math.h>
 #include <string.h>
+#include "base/file.h"
+#include "simd/kernels.h"
 
 /* ---- What is told ---- */
 

@@ -5,11 +5,11 @@
  * say more. */
 #include "benchmarks/error.h"
 
-#include "simd/kernels.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include "reference/reference.h"
+#include "simd/kernels.h"
 
 enum { LIMITS = 4, GROUPS = 6, PROBES = 4096, EXP_VALUES = 1 << 16, KERNEL_STEPS = 1 << 16, ROUNDS = 9 };
 

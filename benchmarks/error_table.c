@@ -1,10 +1,10 @@
 /* What the parts of pags-bench error share: rows of the table, sums of errors, pictures, processor time. */
 #include "benchmarks/error.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <time.h>
+#include "base/sort.h"
 
 error_row *error_table_add(error_table *table, const char *name, const char *exact, const char *unit) {
   error_row *row = &table->rows[table->count < ERROR_MOST_ROWS ? table->count++ : ERROR_MOST_ROWS - 1];

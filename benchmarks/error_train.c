@@ -5,10 +5,10 @@
  * double on a sample of the rows. */
 #include "benchmarks/error.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sort.h"
 #include "reference/reference_adam.h"
 #include "train/adam.h"
 

@@ -59,20 +59,20 @@ static const uint8_t *values_of(const pags_glb *file, int64_t accessor, int64_t 
   return a && view && at >= 0 && *count > 0 && at + bytes <= (int64_t)file->buffer_size ? file->buffer + at : NULL;
 }
 
-pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out) {
+pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   const pags_json_value *primitive = element(element(file->root, "meshes", mesh), "primitives", 0);
   int64_t vertices = 0, indices = 0, component = 0;
   const uint8_t *positions = values_of(file, pags_glb_integer(pags_glb_member(primitive, "attributes"), "POSITION", -1),
                                        12, &vertices, &component);
   const uint8_t *corners = values_of(file, pags_glb_integer(primitive, "indices", -1), 0, &indices, &component);
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   if (!positions || !corners)
     return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld can't be read", (long long)mesh);
   for (int64_t i = 0; i < vertices; ++i) {
     float p[3];
     memcpy(p, positions + 12 * i, sizeof p);
-    pags_shell_vertex(out, p, grey, 1);
+    pags_proxy_mesh_vertex(out, p, grey, 1);
   }
   for (int64_t i = 0; i + 2 < indices; i += 3) {
     uint32_t c[3];
@@ -83,7 +83,7 @@ pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out) {
       if (c[k] >= vertices)
         return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld: a corner is out of range", (long long)mesh);
     }
-    pags_shell_triangle(out, c[0], c[1], c[2]);
+    pags_proxy_mesh_triangle(out, c[0], c[1], c[2]);
   }
-  return pags_shell_check(out);
+  return pags_proxy_mesh_check(out);
 }

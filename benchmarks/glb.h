@@ -21,6 +21,6 @@ const pags_json_value *pags_glb_member(const pags_json_value *object, const char
 int64_t pags_glb_integer(const pags_json_value *object, const char *key, int64_t fallback);
 
 /* Positions and triangles of a mesh's first primitive. */
-pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_shell *out);
+pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_proxy_mesh *out);
 
 #endif

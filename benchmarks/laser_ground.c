@@ -2,10 +2,10 @@
  * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
 #include "benchmarks/laser_ground.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sort.h"
 
 #include <pags/dataset.h>
 
@@ -97,7 +97,7 @@ static void to_world(const pags_sweep *sweep, const float *xyz, double out[3]) {
     out[k] = m[4 * k] * (double)xyz[0] + m[4 * k + 1] * (double)xyz[1] + m[4 * k + 2] * (double)xyz[2] + m[4 * k + 3];
 }
 
-static pags_result measure_sweep(const pags_scene *scene, const pags_solid *ground, const pags_sweep *sweep,
+static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query *ground, const pags_sweep *sweep,
                                  const float *xyz, int64_t count, double **errors, int64_t *error_count,
                                  pags_laser_ground *out) {
   static patch patches[SIDE * SIDE];
@@ -128,7 +128,7 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_solid *grou
     if (at < 0 || !patches[at].ground || in_box(scene, sweep->time, p))
       continue;
     const double from[3] = {p[0] - scene->origin[0], p[1] - scene->origin[1], 1000}, down[3] = {0, 0, -1};
-    double t = pags_solid_ray(ground, from, down, NULL);
+    double t = pags_mesh_query_ray(ground, from, down, NULL);
     ++out->points;
     if (t > 0)
       (*errors)[(*error_count)++] = fabs(1000 - t + scene->origin[2] - p[2]);
@@ -138,7 +138,7 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_solid *grou
   return PAGS_OK;
 }
 
-pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_solid *ground, pags_laser_ground *out) {
+pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_mesh_query *ground, pags_laser_ground *out) {
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset;
   double *errors = NULL;

@@ -2,9 +2,9 @@
 #ifndef PAGS_BENCHMARKS_LASER_GROUND_H
 #define PAGS_BENCHMARKS_LASER_GROUND_H
 
-#include "exporters/proxy/proxy_error.h"
-#include "exporters/proxy/mesh_query.h"
 #include <pags/scene.h>
+#include "exporters/proxy/mesh_query.h"
+#include "exporters/proxy/proxy_error.h"
 
 typedef struct pags_laser_ground {
   int64_t sweeps, points, missed; /* held-out ones; points of the ground; of these without mesh above or below */
@@ -13,6 +13,6 @@ typedef struct pags_laser_ground {
 
 /* Of the sweeps of held-out time steps of the scene's data set, within 25 m of the cameras. `ground` is relative to the
  * scene's origin. */
-pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_solid *ground, pags_laser_ground *out);
+pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_mesh_query *ground, pags_laser_ground *out);
 
 #endif

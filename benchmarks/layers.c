@@ -6,8 +6,8 @@
 #include "benchmarks/modes.h"
 
 #include <math.h>
-#include "scene/packed_rows.h"
 #include <string.h>
+#include "scene/packed_rows.h"
 
 /* Planes of some Gaussians. */
 typedef struct rows {

@@ -4,10 +4,10 @@
  * is the median of ratios of frames drawn one after the other. */
 #include "benchmarks/modes.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sort.h"
 
 const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "occlude", "project", "shade",
                                                                "sort", "bin",     "raster",  "frame"};
@@ -36,7 +36,7 @@ static pags_result parse_mode(const char *text, pags_frame_options *options) {
   return PAGS_OK;
 }
 
-void pags_bench_thin(pags_path *path, int64_t most) {
+void pags_bench_thin(pags_camera_path *path, int64_t most) {
   const int64_t count = path->count;
   if (most >= count)
     return;

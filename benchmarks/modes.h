@@ -32,7 +32,7 @@ typedef struct pags_bench_mode_list {
 pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *standard, pags_bench_mode_list *out);
 /* Keeps at most `most` views: one of each stretch of equal length, at a place in it that moves on by the golden
  * section, so that of views in turns of several cameras all cameras come up. */
-void pags_bench_thin(pags_path *path, int64_t most);
+void pags_bench_thin(pags_camera_path *path, int64_t most);
 /* The next piece of a list separated by commas; false at its end or where it doesn't fit into `size` bytes. */
 int pags_bench_next_word(const char **list, char *word, size_t size);
 

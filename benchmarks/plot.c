@@ -1,12 +1,12 @@
 /* A writer of charts: text appended panel by panel, its head written at the end, when the number of panels is known. */
 #include "benchmarks/plot.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 enum {
   PANEL_WIDTH = 560,

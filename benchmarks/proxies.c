@@ -29,10 +29,10 @@
 static const double ground_bound = 0.05, ground_reach = 10; /* metres */
 
 /* A node's mesh, to be asked for distances; both are the caller's to destroy, whatever is returned. */
-static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_shell *shell,
-                             pags_solid **solid) {
+static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_proxy_mesh *shell,
+                             pags_mesh_query **solid) {
   PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), shell));
-  return pags_solid_of_shell(shell, solid);
+  return pags_mesh_query_of_mesh(shell, solid);
 }
 
 /* ---- The ground. ---- */
@@ -57,8 +57,8 @@ static int near_path(const pags_proxy_bench *self, double x, double y) {
 }
 
 static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value *node) {
-  pags_shell ground = {0};
-  pags_solid *solid = NULL;
+  pags_proxy_mesh ground = {0};
+  pags_mesh_query *solid = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   pags_result result = open_mesh(self, node, &ground, &solid);
   for (int64_t i = 0; i < ground.vertex_count; ++i)
@@ -76,7 +76,7 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
     for (double x = lo[0]; x <= hi[0] && count < most; x += step) {
       const double from[3] = {x, y, 1000}, down[3] = {0, 0, -1};
       double z, world[2] = {x + self->scene.origin[0], y + self->scene.origin[1]};
-      double t = pags_solid_ray(solid, from, down, NULL);
+      double t = pags_mesh_query_ray(solid, from, down, NULL);
       int close_by = near_path(self, world[0], world[1]);
       holes += close_by && !(t > 0);
       if (!(t > 0) || !true_height(self, world[0], world[1], &z))
@@ -103,14 +103,14 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
   }
   free(all);
   free(close);
-  pags_solid_destroy(solid);
-  pags_shell_destroy(&ground);
+  pags_mesh_query_destroy(solid);
+  pags_proxy_mesh_destroy(&ground);
   return result;
 }
 
 static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *node) {
-  pags_shell ground = {0};
-  pags_solid *solid = NULL;
+  pags_proxy_mesh ground = {0};
+  pags_mesh_query *solid = NULL;
   pags_laser_ground found;
   pags_result result = open_mesh(self, node, &ground, &solid);
   if (result == PAGS_OK)
@@ -128,31 +128,31 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
     pags_json_put_integer(&self->json, "missed", found.missed);
     pags_json_end_object(&self->json);
   }
-  pags_solid_destroy(solid);
-  pags_shell_destroy(&ground);
+  pags_mesh_query_destroy(solid);
+  pags_proxy_mesh_destroy(&ground);
   return result;
 }
 
 /* ---- Objects. ---- */
 
 /* How far each point of `cloud` is from a node's mesh. */
-static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_cloud *cloud,
+static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_lidar_fit *cloud,
                                  double *distances) {
-  pags_shell shell = {0};
-  pags_solid *solid = NULL;
+  pags_proxy_mesh shell = {0};
+  pags_mesh_query *solid = NULL;
   pags_result result = open_mesh(self, node, &shell, &solid);
   for (int64_t i = 0; i < cloud->count && result == PAGS_OK; ++i) {
     const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1],
                          (double)cloud->points[3 * i + 2]};
-    distances[i] = pags_solid_distance(solid, p, NULL);
+    distances[i] = pags_mesh_query_distance(solid, p, NULL);
   }
-  pags_solid_destroy(solid);
-  pags_shell_destroy(&shell);
+  pags_mesh_query_destroy(solid);
+  pags_proxy_mesh_destroy(&shell);
   return result;
 }
 
 /* Parked ones, then moving ones, against the laser where nothing was trained. */
-static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_laser *laser) {
+static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_lidar *laser) {
   static const char *const kinds[] = {"parked", "moving"};
   for (int moving = 0; moving < 2; ++moving) {
     double *distances = NULL;
@@ -162,7 +162,7 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
       const pags_scene_object *object = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh")
                                             ? pags_scene_find_object(&self->scene, track->text)
                                             : NULL;
-      const pags_cloud *cloud = object ? &laser->objects[object - self->scene.objects] : NULL;
+      const pags_lidar_fit *cloud = object ? &laser->objects[object - self->scene.objects] : NULL;
       if (!object || object->record.moving != moving || !cloud->count)
         continue;
       double *grown = realloc(distances, (size_t)(count + cloud->count) * sizeof *grown);
@@ -187,10 +187,10 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
 }
 
 static pags_result measure_by_laser(pags_proxy_bench *self, const pags_json_value *nodes) {
-  pags_laser laser;
-  PAGS_TRY(pags_laser_read(&self->scene, 1, &laser));
+  pags_lidar laser;
+  PAGS_TRY(pags_lidar_read(&self->scene, 1, &laser));
   pags_result result = laser.objects ? measure_objects(self, nodes, &laser) : PAGS_OK;
-  pags_laser_destroy(&laser);
+  pags_lidar_destroy(&laser);
   return result;
 }
 

@@ -2,13 +2,13 @@
 #ifndef PAGS_BENCHMARKS_PROXIES_H
 #define PAGS_BENCHMARKS_PROXIES_H
 
-#include "exporters/proxy/proxy_error.h"
 #include <pags/scene.h>
+#include "exporters/proxy/proxy_error.h"
 #include "synth/stage.h"
 #include "synth/street_labels.h"
 
-#include "cli/session.h"
 #include "benchmarks/glb.h"
+#include "cli/session.h"
 
 typedef struct pags_proxy_bench {
   pags_session session;

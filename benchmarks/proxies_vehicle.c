@@ -4,11 +4,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/image.h>
 #include "base/file.h"
 #include "base/sort.h"
 #include "exporters/proxy/lidar_fit.h"
 #include "exporters/proxy/mesh_query.h"
-#include <pags/image.h>
 
 #include "benchmarks/proxies.h"
 
@@ -17,12 +17,12 @@ static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
 static const double mean_bound = 0.1, iou_bound = 0.9;
 
 /* The actor's meshes in its box's own frame, as it is at the stage's time. */
-static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_shell *out) {
+static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   double world_from_box[12], box_from_world[12];
   pags_actor_pose(&self->street.actors[actor], self->stage_time, world_from_box);
   pags_rigid_inverse(world_from_box, box_from_world);
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   for (int i = 0; i < self->street.placement_count; ++i) {
     const pags_stage_placement *placed = &self->street.placements[i];
     if (placed->actor != actor)
@@ -39,28 +39,28 @@ static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_shel
       pags_rigid_point(pose, local, world);
       pags_rigid_point(box_from_world, world, box);
       const float q[3] = {(float)box[0], (float)box[1], (float)box[2]};
-      pags_shell_vertex(out, q, grey, 0);
+      pags_proxy_mesh_vertex(out, q, grey, 0);
     }
     for (int64_t f = 0; f < mesh->face_count; ++f) {
       const uint32_t *c = mesh->faces + 4 * f;
-      pags_shell_triangle(out, first + c[0], first + c[1], first + c[2]);
-      pags_shell_triangle(out, first + c[0], first + c[2], first + c[3]);
+      pags_proxy_mesh_triangle(out, first + c[0], first + c[1], first + c[2]);
+      pags_proxy_mesh_triangle(out, first + c[0], first + c[2], first + c[3]);
     }
   }
-  return pags_shell_check(out);
+  return pags_proxy_mesh_check(out);
 }
 
 typedef struct vehicle {
   const pags_object *record;
   int actor;
   double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
-  pags_shell truth, proxy;
-  pags_solid *truth_solid, *proxy_solid, *cloud_solid;
-  pags_cloud cloud;               /* where rays of training cameras meet it first, in its frame; one point a cell */
+  pags_proxy_mesh truth, proxy;
+  pags_mesh_query *truth_solid, *proxy_solid, *cloud_solid;
+  pags_lidar_fit cloud;           /* where rays of training cameras meet it first, in its frame; one point a cell */
   int64_t pixels;                 /* of the lattice that see it */
   int64_t both, either;           /* silhouettes of truth and proxy, each alone */
   int64_t seen_both, seen_either; /* where nothing of the street hides them */
-  pags_cloud met; /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
+  pags_lidar_fit met; /* of the rays that truly meet it: where they meet the proxy; the truth being in pictures */
 } vehicle;
 
 /* Where the vehicle is when a view is taken. */
@@ -81,10 +81,10 @@ static pags_result take_ray(vehicle *v, const frames *f, const double origin[3],
   double from[3], along[3], p[3], truth = -1;
   if (v->truth_solid) {
     bring(f->truth_from_world, origin, direction, from, along);
-    truth = pags_solid_ray(v->truth_solid, from, along, NULL);
+    truth = pags_mesh_query_ray(v->truth_solid, from, along, NULL);
   }
   bring(f->proxy_from_world, origin, direction, from, along);
-  double proxy = pags_solid_ray(v->proxy_solid, from, along, NULL);
+  double proxy = pags_mesh_query_ray(v->proxy_solid, from, along, NULL);
   v->both += truth > 0 && proxy > 0;
   v->either += truth > 0 || proxy > 0;
   int shows = proxy > 0 && (is_it || !met || proxy < distance);
@@ -96,11 +96,11 @@ static pags_result take_ray(vehicle *v, const frames *f, const double origin[3],
   if (!v->truth_solid && proxy > 0) {
     for (int k = 0; k < 3; ++k)
       p[k] = from[k] + proxy * along[k];
-    PAGS_TRY(pags_cloud_add(&v->met, p));
+    PAGS_TRY(pags_lidar_fit_add(&v->met, p));
   }
   for (int k = 0; k < 3; ++k)
     p[k] = from[k] + distance * along[k];
-  return pags_cloud_add(&v->cloud, p);
+  return pags_lidar_fit_add(&v->cloud, p);
 }
 
 typedef struct truth_pictures {
@@ -219,7 +219,7 @@ static void thin(vehicle *v) {
   v->cloud.count = kept;
 }
 
-static double triangle_area(const pags_shell *s, int64_t triangle) {
+static double triangle_area(const pags_proxy_mesh *s, int64_t triangle) {
   const float *c[3];
   double u[3], w[3], n[3];
   for (int i = 0; i < 3; ++i)
@@ -234,7 +234,7 @@ static double triangle_area(const pags_shell *s, int64_t triangle) {
 }
 
 /* Place `n` of a sequence that fills a triangle evenly (the golden ratio's plastic cousin; Roberts 2018). */
-static void place_in(const pags_shell *s, int64_t triangle, int64_t n, double out[3]) {
+static void place_in(const pags_proxy_mesh *s, int64_t triangle, int64_t n, double out[3]) {
   double a = fmod(0.5 + 0.7548776662466927 * (double)n, 1), b = fmod(0.5 + 0.5698402909980532 * (double)n, 1);
   if (a + b > 1) {
     a = 1 - a;
@@ -260,21 +260,21 @@ static void measure_proxy(const vehicle *v, spread *out) {
     for (int64_t i = 0; i < v->met.count; i += step) {
       const double p[3] = {(double)v->met.points[3 * i], (double)v->met.points[3 * i + 1],
                            (double)v->met.points[3 * i + 2]};
-      out->seen[out->seen_count++] = pags_solid_distance(v->cloud_solid, p, NULL);
+      out->seen[out->seen_count++] = pags_mesh_query_distance(v->cloud_solid, p, NULL);
     }
     return;
   }
-  double area = pags_shell_area(&v->proxy), owed = 0;
+  double area = pags_proxy_mesh_area(&v->proxy), owed = 0;
   int64_t n = 0;
   for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
     for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
       double p[3], q[3], foot[3], back[12];
       place_in(&v->proxy, t, n, p);
       pags_rigid_point(v->truth_from_proxy, p, q);
-      double distance = pags_solid_nearest(v->truth_solid, q, foot);
+      double distance = pags_mesh_query_nearest(v->truth_solid, q, foot);
       pags_rigid_inverse(v->truth_from_proxy, back);
       pags_rigid_point(back, foot, q);
-      if (pags_solid_distance(v->cloud_solid, q, NULL) <= near_observed)
+      if (pags_mesh_query_distance(v->cloud_solid, q, NULL) <= near_observed)
         out->seen[out->seen_count++] = distance;
       else
         out->rest[out->rest_count++] = distance;
@@ -283,19 +283,19 @@ static void measure_proxy(const vehicle *v, spread *out) {
 
 static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   double *from = malloc(((size_t)v->cloud.count + 1) * sizeof *from);
-  pags_shell_topology topology;
+  pags_proxy_mesh_topology topology;
   if (!from)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud.count);
   for (int64_t i = 0; i < v->cloud.count; ++i) {
     const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1],
                          (double)v->cloud.points[3 * i + 2]};
-    from[i] = pags_solid_distance(v->proxy_solid, p, NULL);
+    from[i] = pags_mesh_query_distance(v->proxy_solid, p, NULL);
   }
   pags_proxy_distance back = pags_distance_summary(from, v->cloud.count),
                       seen = pags_distance_summary(to->seen, to->seen_count),
                       rest = pags_distance_summary(to->rest, to->rest_count);
   free(from);
-  PAGS_TRY(pags_shell_inspect(&v->proxy, &topology));
+  PAGS_TRY(pags_proxy_mesh_inspect(&v->proxy, &topology));
   double alone = (double)v->both / (double)v->either, shown = (double)v->seen_both / (double)v->seen_either;
   double share = (double)to->seen_count / (double)(to->seen_count + to->rest_count);
   int good = back.mean <= mean_bound && seen.mean <= mean_bound && shown >= iou_bound && topology.closed;
@@ -331,7 +331,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
     return PAGS_OK;
   }
   thin(v);
-  PAGS_TRY(pags_solid_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
+  PAGS_TRY(pags_mesh_query_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
   spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)),
                .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
   pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
@@ -376,17 +376,17 @@ pags_result pags_proxy_bench_vehicle(pags_proxy_bench *self, const pags_json_val
   if (result == PAGS_OK && !self->pictures)
     result = true_shell(self, v.actor, &v.truth);
   if (result == PAGS_OK && !self->pictures)
-    result = pags_solid_of_shell(&v.truth, &v.truth_solid);
+    result = pags_mesh_query_of_mesh(&v.truth, &v.truth_solid);
   if (result == PAGS_OK)
-    result = pags_solid_of_shell(&v.proxy, &v.proxy_solid);
+    result = pags_mesh_query_of_mesh(&v.proxy, &v.proxy_solid);
   if (result == PAGS_OK)
     result = measure(self, &v);
-  pags_solid_destroy(v.truth_solid);
-  pags_solid_destroy(v.proxy_solid);
-  pags_solid_destroy(v.cloud_solid);
-  pags_shell_destroy(&v.truth);
-  pags_shell_destroy(&v.proxy);
-  pags_cloud_destroy(&v.cloud);
-  pags_cloud_destroy(&v.met);
+  pags_mesh_query_destroy(v.truth_solid);
+  pags_mesh_query_destroy(v.proxy_solid);
+  pags_mesh_query_destroy(v.cloud_solid);
+  pags_proxy_mesh_destroy(&v.truth);
+  pags_proxy_mesh_destroy(&v.proxy);
+  pags_lidar_fit_destroy(&v.cloud);
+  pags_lidar_fit_destroy(&v.met);
   return result;
 }

@@ -4,10 +4,10 @@
  * tiles. It and the frame are timed in turn, so that a machine that changes its speed changes both. */
 #include "benchmarks/bench.h"
 
-#include "base/clock.h"
-#include "simd/kernels.h"
 #include <stdlib.h>
 #include <string.h>
+#include "base/clock.h"
+#include "simd/kernels.h"
 
 enum { STEPS = 1 << 19, ROUNDS = 5, BANDWIDTH_BYTES = 256 << 20 };
 

@@ -1,11 +1,11 @@
 /* Orbits, flights through cameras, drives. World coordinates are absolute, in double. */
 #include "cli/camera_paths.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sort.h"
 
 typedef struct vec3 {
   double x, y, z;
@@ -68,8 +68,8 @@ static double percentile(double *values, int64_t count, double share) {
   return values[(int64_t)(share * (double)(count - 1) + 0.5)];
 }
 
-static pags_result create_path(int64_t frames, pags_path *out) {
-  *out = (pags_path){.fps = PATH_FPS, .count = frames, .cameras = calloc((size_t)frames, sizeof *out->cameras)};
+static pags_result create_path(int64_t frames, pags_camera_path *out) {
+  *out = (pags_camera_path){.fps = PATH_FPS, .count = frames, .cameras = calloc((size_t)frames, sizeof *out->cameras)};
   if (!out->cameras)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a path of %lld frames", (long long)frames);
   return PAGS_OK;
@@ -232,7 +232,7 @@ static pags_result orbit_of_drive(const pags_scene *scene, orbit *out) {
   return PAGS_OK;
 }
 
-pags_result pags_path_orbit(const pags_scene *scene, int64_t frames, pags_path *out) {
+pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags_camera_path *out) {
   orbit around = {0};
   PAGS_TRY(pags_scene_is_drive(scene) ? orbit_of_drive(scene, &around)
            : scene->view_count > 1    ? orbit_of_views(scene, &around)
@@ -295,8 +295,8 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   return camera;
 }
 
-pags_result pags_path_views(const pags_scene *scene, pags_path *out) {
-  *out = (pags_path){.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *out->cameras)};
+pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *out) {
+  *out = (pags_camera_path){.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *out->cameras)};
   if (!out->cameras)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
   for (int64_t i = 0; i < scene->view_count; ++i)
@@ -305,7 +305,7 @@ pags_result pags_path_views(const pags_scene *scene, pags_path *out) {
   return PAGS_OK;
 }
 
-pags_result pags_path_ego(const pags_scene *scene, int64_t frames, pags_path *out) {
+pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_camera_path *out) {
   size_t views = (size_t)scene->view_count;
   const pags_camera **knots = calloc(views + 1, sizeof *knots);
   double *reached = calloc(views + 1, sizeof *reached); /* metres flown up to each knot */
@@ -353,7 +353,7 @@ static int compare_times(const void *a, const void *b) {
   return ((*x)->time > (*y)->time) - ((*x)->time < (*y)->time);
 }
 
-int pags_path_drive_sensor(const pags_scene *scene) {
+int pags_camera_path_drive_sensor(const pags_scene *scene) {
   int sensor = -1;
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (is_recorded(&scene->views[i]) && (sensor < 0 || scene->views[i].sensor < sensor))
@@ -364,7 +364,7 @@ int pags_path_drive_sensor(const pags_scene *scene) {
 /* The cameras of the sensor with the lowest number in the order of time, no time twice. */
 static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
   int64_t count = 0, kept = 0;
-  const int sensor = pags_path_drive_sensor(scene);
+  const int sensor = pags_camera_path_drive_sensor(scene);
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
       knots[count++] = &scene->views[i].camera;
@@ -387,7 +387,8 @@ static pags_camera driven(const pags_camera *const *knots, int64_t count, double
   return camera;
 }
 
-static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t frames, double fps, pags_path *out) {
+static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t frames, double fps,
+                         pags_camera_path *out) {
   if (count < 2)
     return pags_fail(PAGS_ERROR_ARGUMENT, "an ego path needs at least 2 views of the first sensor; the scene has %lld",
                      (long long)count);
@@ -406,7 +407,7 @@ static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t
   return PAGS_OK;
 }
 
-pags_result pags_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_path *out) {
+pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_camera_path *out) {
   const pags_camera **knots = calloc((size_t)scene->view_count + 1, sizeof *knots);
   if (!knots)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
@@ -415,7 +416,7 @@ pags_result pags_path_drive(const pags_scene *scene, int64_t frames, double fps,
   return result;
 }
 
-void pags_path_shift(pags_path *path, double metres) {
+void pags_camera_path_shift(pags_camera_path *path, double metres) {
   for (int64_t i = 0; i < path->count; ++i) {
     pags_camera *camera = &path->cameras[i];
     set_column(camera, 3, add(column(camera, 3), scale(column(camera, 0), metres)));

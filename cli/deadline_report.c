@@ -5,19 +5,20 @@
 #include <stdlib.h>
 #include <string.h>
 
-pags_result pags_deadline_create(const pags_composition *composition, pags_tasks *tasks, double ms, int check_every,
-                                 pags_deadline *out) {
-  *out = (pags_deadline){.ms = ms, .check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
+pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
+                                        int check_every, pags_deadline_report *out) {
+  *out =
+      (pags_deadline_report){.ms = ms, .check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
   out->priority = calloc((size_t)out->ids + 1, sizeof *out->priority);
   if (!out->priority)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the priorities of %lld Gaussians", (long long)out->ids);
   pags_composition_priorities(composition, out->priority);
-  PAGS_TRY(pags_budget_create(tasks, ms, out->priority, out->ids, &out->budget));
+  PAGS_TRY(pags_deadline_create(tasks, ms, out->priority, out->ids, &out->budget));
   return pags_frame_create(tasks, &out->whole);
 }
 
-void pags_deadline_destroy(pags_deadline *deadline) {
-  pags_budget_destroy(deadline->budget);
+void pags_deadline_report_destroy(pags_deadline_report *deadline) {
+  pags_deadline_destroy(deadline->budget);
   if (deadline->whole)
     pags_frame_destroy(deadline->whole);
   free(deadline->priority);
@@ -30,7 +31,7 @@ static double cut(float v) {
 
 /* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
  * picture. */
-static void compare(pags_deadline *d, const pags_picture *picture, const pags_picture *whole) {
+static void compare(pags_deadline_report *d, const pags_picture *picture, const pags_picture *whole) {
   for (int y = 0; y < whole->height; y++)
     for (int x = 0; x < whole->width; x++) {
       const int64_t at = (int64_t)y * whole->stride + x, id = whole->id[at];
@@ -53,11 +54,12 @@ static void compare(pags_deadline *d, const pags_picture *picture, const pags_pi
   d->checked++;
 }
 
-pags_result pags_deadline_draw(pags_deadline *d, const pags_part *parts, int part_count, const pags_camera *camera,
-                               const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts) {
+pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *parts, int part_count,
+                                      const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
+                                      pags_deadline_result *facts) {
   pags_frame_options full = *options;
   pags_picture whole;
-  PAGS_TRY(pags_budget_render(d->budget, parts, part_count, camera, options, out, facts));
+  PAGS_TRY(pags_deadline_render(d->budget, parts, part_count, camera, options, out, facts));
   d->met += facts->met;
   d->at_step[facts->step]++;
   d->sum_ms += facts->ms;
@@ -86,7 +88,7 @@ static void say_error(const pags_session *session, const char *what, double squa
 }
 
 /* What `share` percent of the frames gave up. */
-static void say_step(const pags_budget_step *step, const pags_session *session, double share) {
+static void say_step(const pags_deadline_step *step, const pags_session *session, double share) {
   if (step->eps <= 0) /* the first: all others are bounded */
     pags_say(session, "  %5.1f %% of frames: in full\n", share);
   else
@@ -97,12 +99,12 @@ static void say_step(const pags_budget_step *step, const pags_session *session, 
         (double)step->cut);
 }
 
-void pags_deadline_say(const pags_deadline *d, const pags_session *session) {
+void pags_deadline_report_print(const pags_deadline_report *d, const pags_session *session) {
   const double n = d->frames ? (double)d->frames : 1;
   pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms,
            (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
-  for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
-    const pags_budget_step *step = &pags_budget_steps()[k];
+  for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
+    const pags_deadline_step *step = &pags_deadline_steps()[k];
     if (d->at_step[k])
       say_step(step, session, 100 * (double)d->at_step[k] / n);
   }
@@ -124,7 +126,7 @@ static void put_error(pags_json_writer *json, const char *name, double squared, 
   pags_json_end_object(json);
 }
 
-void pags_deadline_put(const pags_deadline *d, pags_json_writer *json) {
+void pags_deadline_report_put(const pags_deadline_report *d, pags_json_writer *json) {
   const double n = d->frames ? (double)d->frames : 1;
   pags_json_begin_object(json, "budget");
   pags_json_put_number(json, "ms", d->ms);
@@ -134,8 +136,8 @@ void pags_deadline_put(const pags_deadline *d, pags_json_writer *json) {
   pags_json_put_number(json, "worst_ms", d->worst_ms);
   pags_json_put_number(json, "full_tiles", d->sum_full_tiles / n);
   pags_json_begin_array(json, "steps");
-  for (int k = 0; k < PAGS_BUDGET_STEPS; k++) {
-    const pags_budget_step *step = &pags_budget_steps()[k];
+  for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
+    const pags_deadline_step *step = &pags_deadline_steps()[k];
     pags_json_begin_object(json, NULL);
     pags_json_put_number(json, "eps", (double)step->eps);
     pags_json_put_integer(json, "scale", step->sampled ? 4 : 1);
@@ -151,7 +153,7 @@ void pags_deadline_put(const pags_deadline *d, pags_json_writer *json) {
   pags_json_end_object(json);
 }
 
-void pags_deadline_put_frame(const pags_budget_facts *facts, pags_json_writer *json) {
+void pags_deadline_report_put_frame(const pags_deadline_result *facts, pags_json_writer *json) {
   pags_json_put_integer(json, "step", facts->step);
   pags_json_put_number(json, "budget_ms", facts->ms);
   pags_json_put_bool(json, "met", facts->met);

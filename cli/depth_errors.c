@@ -1,10 +1,10 @@
 /* Rendered depth beside LiDAR. */
 #include "cli/depth_errors.h"
 
-#include "base/sort.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/sort.h"
 #include "train/lidar_depth.h"
 
 enum { MOST_SAMPLES = 200000 }; /* a view */
@@ -28,7 +28,7 @@ static pags_result reserve(pags_depth_errors *self, int64_t more) {
   return PAGS_OK;
 }
 
-static void add_sample(pags_depth_errors *self, const pags_depth_sample *sample, const pags_picture *picture,
+static void add_sample(pags_depth_errors *self, const pags_lidar_depth_sample *sample, const pags_picture *picture,
                        const uint8_t *mask) {
   int x = (int)sample->x, y = (int)sample->y;
   if (x < 0 || y < 0 || x >= picture->width || y >= picture->height ||
@@ -46,9 +46,9 @@ static void add_sample(pags_depth_errors *self, const pags_depth_sample *sample,
 
 pags_result pags_depth_errors_add(pags_depth_errors *self, const pags_dataset *dataset, int64_t view,
                                   const pags_picture *picture, const uint8_t *mask) {
-  pags_depth_sample *samples;
+  pags_lidar_depth_sample *samples;
   int64_t count;
-  PAGS_TRY(pags_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
+  PAGS_TRY(pags_lidar_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
   pags_result result = reserve(self, count);
   for (int64_t i = 0; result == PAGS_OK && i < count; ++i)
     add_sample(self, &samples[i], picture, mask);

@@ -2,9 +2,9 @@
 #ifndef PAGS_CLI_DEPTH_ERRORS_H
 #define PAGS_CLI_DEPTH_ERRORS_H
 
-#include "base/json.h"
 #include <pags/dataset.h>
 #include <pags/frame.h>
+#include "base/json.h"
 
 typedef struct pags_depth_errors {
   int64_t count, room;

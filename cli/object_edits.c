@@ -18,7 +18,7 @@ static bool parse_values(const char *text, double out[VALUES]) {
   return true;
 }
 
-const char *pags_edits_misspelt(const pags_edit_words *words) {
+const char *pags_object_edits_misspelt(const pags_object_edits *words) {
   const pags_words *const lists[] = {&words->move, &words->add};
   double values[VALUES];
   for (int l = 0; l < 2; ++l)
@@ -115,7 +115,8 @@ static pags_result find_placed(const pags_scene *scene, const pags_words *words,
   return PAGS_OK;
 }
 
-pags_result pags_edits_find(const pags_edit_words *words, const pags_scene *scene, pags_edit **edits, int64_t *count) {
+pags_result pags_object_edits_find(const pags_object_edits *words, const pags_scene *scene, pags_edit **edits,
+                                   int64_t *count) {
   edit_list list = {0};
   pags_result result = find_hidden(scene, &words->without, &list);
   if (result == PAGS_OK)

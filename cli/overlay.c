@@ -8,10 +8,10 @@
 #include "cli/overlay_draw.h"
 #include "cli/picture.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 #include "train/lidar_depth.h"
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
@@ -76,7 +76,7 @@ static void compare_outlines(overlay *o, const pags_photo *photo) {
 
 /* LiDAR. */
 
-static void unproject(const pags_camera *camera, const pags_depth_sample *sample, double world[3]) {
+static void unproject(const pags_camera *camera, const pags_lidar_depth_sample *sample, double world[3]) {
   double z = (double)sample->depth, x = ((double)sample->x - camera->cx) / camera->fx * z,
          y = ((double)sample->y - camera->cy) / camera->fy * z;
   for (int k = 0; k < 3; ++k) {
@@ -113,7 +113,8 @@ static int place_of(const overlay *o, double time, const double world[3]) {
   return best;
 }
 
-static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo, const pags_depth_sample *sample) {
+static void measure_point(overlay *o, const pags_view *view, const pags_photo *photo,
+                          const pags_lidar_depth_sample *sample) {
   double world[3];
   unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
   unproject(&view->camera, sample, world);
@@ -131,9 +132,9 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
 
 static pags_result draw_points(overlay *o, int64_t index, const pags_photo *photo, pags_image *image) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
-  pags_depth_sample *samples;
+  pags_lidar_depth_sample *samples;
   int64_t count;
-  PAGS_TRY(pags_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
+  PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
   for (int64_t i = 0; i < count; ++i) {
     uint8_t rgb[3];
     pags_depth_colour((double)samples[i].depth, rgb);
@@ -241,19 +242,19 @@ static double front_cosine(const pags_dataset *dataset) {
   return count ? sum / (double)count : (double)NAN;
 }
 
-static void put_figures(const overlay *o, double cosine, pags_facts *facts) {
-  pags_facts_text(facts, "folder", o->folder);
-  pags_facts_count(facts, "pictures", o->pictures);
-  pags_facts_count(facts, "lidar_points", o->points);
-  pags_facts_number(facts, "lidar_under_sky", share_value(o->under_sky));
-  pags_facts_number(facts, "lidar_in_boxes", share_value(o->in_boxes));
-  pags_facts_number(facts, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
-  pags_facts_number(facts, "outline_mask_overlap", share_value(o->union_));
-  pags_facts_number(facts, "boxes_in_pictures", share_value(o->boxes));
-  pags_facts_number(facts, "front_cosine", cosine);
+static void put_figures(const overlay *o, double cosine, pags_report *facts) {
+  pags_report_text(facts, "folder", o->folder);
+  pags_report_count(facts, "pictures", o->pictures);
+  pags_report_count(facts, "lidar_points", o->points);
+  pags_report_number(facts, "lidar_under_sky", share_value(o->under_sky));
+  pags_report_number(facts, "lidar_in_boxes", share_value(o->in_boxes));
+  pags_report_number(facts, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
+  pags_report_number(facts, "outline_mask_overlap", share_value(o->union_));
+  pags_report_number(facts, "boxes_in_pictures", share_value(o->boxes));
+  pags_report_number(facts, "front_cosine", cosine);
 }
 
-static void put_warnings(const overlay *o, double cosine, pags_facts *facts) {
+static void put_warnings(const overlay *o, double cosine, pags_report *facts) {
   bool lidar = (pags_dataset_provides(o->dataset) & PAGS_PROVIDES_LIDAR) != 0;
   const struct {
     bool holds;
@@ -275,15 +276,15 @@ static void put_warnings(const overlay *o, double cosine, pags_facts *facts) {
                   {lidar && !o->points,
                    "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
                   {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
-  pags_facts_begin_list(facts, "warnings");
+  pags_report_begin_list(facts, "warnings");
   for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i)
     if (warnings[i].holds)
-      pags_facts_sentence(facts, warnings[i].text);
-  pags_facts_end_list(facts);
+      pags_report_sentence(facts, warnings[i].text);
+  pags_report_end_list(facts);
 }
 
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
-                         pags_facts *facts) {
+                         pags_report *facts) {
   overlay o = {.dataset = dataset, .folder = folder};
   if (!(pags_dataset_fps(dataset) > 0))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
@@ -296,9 +297,9 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
   if (result != PAGS_OK)
     return result;
   double cosine = front_cosine(dataset);
-  pags_facts_begin_group(facts, "overlay");
+  pags_report_begin_group(facts, "overlay");
   put_figures(&o, cosine, facts);
   put_warnings(&o, cosine, facts);
-  pags_facts_end_group(facts);
+  pags_report_end_group(facts);
   return PAGS_OK;
 }

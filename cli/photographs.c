@@ -56,7 +56,7 @@ static pags_result check_same_camera(const pags_dataset *dataset, const pags_sce
       pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
 }
 
-static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {
+static pags_result choose_views(const pags_scene *scene, pags_photographs *truth) {
   int64_t count = pags_dataset_view_count(truth->dataset);
   truth->views = calloc((size_t)count + 1, sizeof *truth->views);
   if (!truth->views)
@@ -68,7 +68,7 @@ static pags_result choose_views(const pags_scene *scene, pags_truth *truth) {
       continue;
     if (mine)
       PAGS_TRY(check_same_camera(truth->dataset, mine, &view->camera));
-    truth->views[truth->count++] = (pags_truth_view){i, mine ? mine->test : view->test, mine};
+    truth->views[truth->count++] = (pags_photographs_view){i, mine ? mine->test : view->test, mine};
   }
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (find_dataset_view(truth->dataset, scene->views[i].name) < 0)
@@ -96,19 +96,19 @@ static pags_result open_dataset(const pags_scene *scene, const char *path, pags_
   return result == PAGS_OK ? pags_dataset_open(path, &options, out) : result;
 }
 
-pags_result pags_truth_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                            pags_tasks *tasks, uint64_t image_cache, pags_truth *out) {
+pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
+                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out) {
   memset(out, 0, sizeof *out);
   PAGS_TRY(open_dataset(scene, path, *options, &out->downscale, &out->dataset));
   pags_result result = choose_views(scene, out);
   if (result == PAGS_OK)
     result = pags_photo_cache_create(out->dataset, tasks, image_cache, &out->photos);
   if (result != PAGS_OK)
-    pags_truth_close(out);
+    pags_photographs_close(out);
   return result;
 }
 
-void pags_truth_close(pags_truth *truth) {
+void pags_photographs_close(pags_photographs *truth) {
   if (truth->photos)
     pags_photo_cache_destroy(truth->photos);
   if (truth->dataset)
@@ -131,13 +131,13 @@ static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask
   }
 }
 
-void pags_truth_photo_destroy(pags_truth_photo *photo) {
+void pags_photograph_destroy(pags_photograph *photo) {
   pags_image_destroy(&photo->image);
   free(photo->mask);
   memset(photo, 0, sizeof *photo);
 }
 
-pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_truth_photo *out) {
+pags_result pags_photographs_read(pags_photographs *truth, int64_t i, pags_photograph *out) {
   memset(out, 0, sizeof *out);
   pags_photo *photo = &out->photo;
   PAGS_TRY(pags_photo_cache_get(truth->photos, truth->views[i].index, 1, photo));
@@ -145,7 +145,7 @@ pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_truth_photo
   if (photo->mask) {
     out->mask = malloc((size_t)photo->width * (size_t)photo->height);
     if (!out->mask) {
-      pags_truth_photo_destroy(out);
+      pags_photograph_destroy(out);
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mask of %dx%d", photo->width, photo->height);
     }
   }

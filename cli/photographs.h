@@ -7,36 +7,36 @@
 #include <pags/scene.h>
 #include <stdbool.h>
 
-typedef struct pags_truth_view {
+typedef struct pags_photographs_view {
   int64_t index; /* of the view in the data set */
   int test;
   const pags_scene_view *scene_view; /* NULL: the scene records no views */
-} pags_truth_view;
+} pags_photographs_view;
 
-typedef struct pags_truth {
+typedef struct pags_photographs {
   pags_dataset *dataset;
   double downscale; /* times that its photographs have been shrunk */
   pags_photo_cache *photos;
   int64_t count;
-  pags_truth_view *views; /* in the data set's order */
-} pags_truth;
+  pags_photographs_view *views; /* in the data set's order */
+} pags_photographs;
 
 /* Opens the data set `path`; `scene` must outlive `out`. A scene that records its views decides by them: the downscale
  * (from the focal lengths), which views count and which of them were held out; a view whose photograph is gone, or
  * whose pose differs, is an error. A scene without views (a bare splat file) leaves all that to `options`. */
-pags_result pags_truth_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
-                            pags_tasks *tasks, uint64_t image_cache, pags_truth *out);
-void pags_truth_close(pags_truth *truth);
+pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
+                                  pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
+void pags_photographs_close(pags_photographs *truth);
 
 /* A photograph as F32 RGB in [0, 1]. */
-typedef struct pags_truth_photo {
+typedef struct pags_photograph {
   pags_image image;
   uint8_t *mask;    /* one byte a pixel; NULL: every pixel counts */
   pags_photo photo; /* as decoded, with its labels */
-} pags_truth_photo;
+} pags_photograph;
 
 /* Of views[i]. Valid until the next call. */
-pags_result pags_truth_photograph(pags_truth *truth, int64_t i, pags_truth_photo *out);
-void pags_truth_photo_destroy(pags_truth_photo *photo); /* a zeroed struct is allowed */
+pags_result pags_photographs_read(pags_photographs *truth, int64_t i, pags_photograph *out);
+void pags_photograph_destroy(pags_photograph *photo); /* a zeroed struct is allowed */
 
 #endif

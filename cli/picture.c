@@ -3,9 +3,9 @@
 
 #include "cli/channels.h"
 
-#include "base/file.h"
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 /* Whole numbers beyond 2^24 are not all floats. */
 static const int64_t largest_float_id = 16777216;
@@ -137,7 +137,7 @@ static void fill_heat(const pags_picture_writer *writer, const pags_picture *pic
   for (size_t i = 0; i < count; ++i) {
     float rgb[3] = {0, 0, 0}, shown = 1 - picture->transmittance[i];
     if (picture->id[i] >= 0)
-      pags_heat_color(writer->priority_of[picture->id[i]], rgb);
+      pags_colormap_heat(writer->priority_of[picture->id[i]], rgb);
     for (int c = 0; c < 3; ++c)
       out[c][i] = shown * rgb[c];
   }

@@ -1,10 +1,10 @@
 /* Tracks beside the truth. */
 #include "cli/pose_errors.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 /* Errors below these are rounding. */
 static const double least_metres = 1e-6, least_degrees = 1e-4;

@@ -2,8 +2,8 @@
 #ifndef PAGS_CLI_POSE_ERRORS_H
 #define PAGS_CLI_POSE_ERRORS_H
 
-#include "base/json.h"
 #include <pags/scene.h>
+#include "base/json.h"
 
 /* Means over knots. */
 typedef struct pags_pose_error {

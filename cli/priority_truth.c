@@ -16,7 +16,7 @@ static const double least_weight = 1.0; /* pixels */
 
 typedef struct measuring {
   pags_composition *composition;
-  const pags_truth *truth;
+  const pags_photographs *truth;
   pags_street_truth *street;
   pags_frame *frame;
   pags_frame_options options;
@@ -110,7 +110,7 @@ static pags_result check_interrupted(void) {
                             : PAGS_OK;
 }
 
-static void judge(const measuring *m, int64_t i, double *left_out, double *all, pags_owners *out) {
+static void judge(const measuring *m, int64_t i, double *left_out, double *all, pags_priority_truth *out) {
   int64_t id = m->id[i];
   double critical = (double)m->critical[i], other = (double)m->other[i];
   int high = m->priority[id] > 0.5f;
@@ -128,7 +128,7 @@ static void judge(const measuring *m, int64_t i, double *left_out, double *all, 
   }
 }
 
-static pags_result judge_times(measuring *m, pags_owners *out) {
+static pags_result judge_times(measuring *m, pags_priority_truth *out) {
   double left_out = 0, all = 0, before = (double)NAN;
   for (int64_t v = 0; v < m->truth->count; ++v) { /* views are in the order of time */
     double time = pags_dataset_view(m->truth->dataset, m->truth->views[v].index)->camera.time;
@@ -146,7 +146,7 @@ static pags_result judge_times(measuring *m, pags_owners *out) {
   return PAGS_OK;
 }
 
-static pags_result measure(measuring *m, pags_owners *out) {
+static pags_result measure(measuring *m, pags_priority_truth *out) {
   size_t count = (size_t)m->count + 1;
   m->priority = malloc(count * sizeof *m->priority);
   m->most = calloc(count, sizeof *m->most);
@@ -170,14 +170,14 @@ static pags_result measure(measuring *m, pags_owners *out) {
   return judge_times(m, out);
 }
 
-pags_result pags_owners_measure(pags_composition *composition, const pags_truth *truth, pags_frame *frame,
-                                const pags_frame_options *options, pags_owners *out) {
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
+                                        const pags_frame_options *options, pags_priority_truth *out) {
   measuring m = {.composition = composition,
                  .truth = truth,
                  .frame = frame,
                  .options = *options,
                  .count = pags_composition_gaussian_count(composition)};
-  *out = (pags_owners){0};
+  *out = (pags_priority_truth){0};
   PAGS_TRY(pags_street_truth_open(pags_dataset_path(truth->dataset), &m.street));
   m.options.keep_for_backward = 1;
   m.options.extra_channels = 0;
@@ -191,10 +191,10 @@ pags_result pags_owners_measure(pags_composition *composition, const pags_truth 
 
 #else
 
-pags_result pags_owners_measure(pags_composition *composition, const pags_truth *truth, pags_frame *frame,
-                                const pags_frame_options *options, pags_owners *out) {
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
+                                        const pags_frame_options *options, pags_priority_truth *out) {
   (void)composition, (void)truth, (void)frame, (void)options;
-  *out = (pags_owners){0};
+  *out = (pags_priority_truth){0};
   return PAGS_OK;
 }
 
@@ -204,7 +204,7 @@ static void put_share(pags_json_writer *writer, const char *key, int64_t part, i
   pags_json_put_number(writer, key, whole ? (double)part / (double)whole : (double)NAN);
 }
 
-void pags_owners_put_json(pags_json_writer *writer, const pags_owners *o) {
+void pags_priority_truth_put_json(pags_json_writer *writer, const pags_priority_truth *o) {
   if (!o->seen) {
     pags_json_put_null(writer, "priorities");
     return;

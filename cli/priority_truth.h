@@ -4,25 +4,25 @@
 
 #include "cli/photographs.h"
 
-#include "base/json.h"
 #include <pags/compose.h>
+#include "base/json.h"
 
 /* A Gaussian's owner is the nearest true surface at the time of the training view that shows it most. Seen are those
  * whose weights alpha T over all training views sum up to a pixel; counted those of them whose mean lies within 5 cm of
  * the owner and over 15 cm from any surface of the other kind. */
-typedef struct pags_owners {
+typedef struct pags_priority_truth {
   int64_t seen, counted;   /* 0 seen: there is no truth */
   int64_t astray, between; /* of those left out: further than 5 cm from any surface; within 15 cm of both kinds */
   double left_out_weight;  /* share of the summed weights that those left out have */
   int64_t critical, critical_high; /* owners that are critical; of these, priorities over 0.5 */
   int64_t other, other_high;       /* the same of the others */
-} pags_owners;
+} pags_priority_truth;
 
 /* Renders the training views once more. All zero where the data set has no truth/street.json, or the scene no
  * priorities. */
-pags_result pags_owners_measure(pags_composition *composition, const pags_truth *truth, pags_frame *frame,
-                                const pags_frame_options *options, pags_owners *out);
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
+                                        const pags_frame_options *options, pags_priority_truth *out);
 
-void pags_owners_put_json(pags_json_writer *writer, const pags_owners *owners);
+void pags_priority_truth_put_json(pags_json_writer *writer, const pags_priority_truth *owners);
 
 #endif

@@ -2,9 +2,9 @@
 #include "cli/progress.h"
 #include "cli/interrupt.h"
 
-#include "base/clock.h"
 #include <stdarg.h>
 #include <unistd.h>
+#include "base/clock.h"
 
 static const double terminal_seconds = 0.2, plain_seconds = 10;
 

@@ -3,20 +3,20 @@
 
 #include "cli/camera_paths.h"
 
-#include "base/file.h"
-#include "base/text.h"
 #include <math.h>
 #include <pags/compose.h>
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
+#include "base/text.h"
 
 const char *pags_up_name(pags_up up) {
   return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
 }
 
 /* How many Gaussians need which degree of spherical harmonics: what packing by degree would have to store. */
-static void put_degrees(pags_facts *facts, const pags_scene *scene) {
+static void put_degrees(pags_report *facts, const pags_scene *scene) {
   static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
   int64_t count[4] = {0};
   int most = 0;
@@ -26,10 +26,10 @@ static void put_degrees(pags_facts *facts, const pags_scene *scene) {
     for (int64_t i = 0; i < g->count; ++i)
       ++count[pags_gaussians_row_degree(g, i)];
   }
-  pags_facts_begin_group(facts, "gaussians_by_colour");
+  pags_report_begin_group(facts, "gaussians_by_colour");
   for (int degree = 0; degree <= most; ++degree)
-    pags_facts_count(facts, names[degree], count[degree]);
-  pags_facts_end_group(facts);
+    pags_report_count(facts, names[degree], count[degree]);
+  pags_report_end_group(facts);
 }
 
 static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
@@ -68,13 +68,13 @@ static pags_result file_bytes(const char *path, const char *file, bool folder, u
 }
 
 /* One line for people: there may be a hundred. */
-static void put_object_model(pags_facts *facts, const pags_model *model, const pags_scene_object *owner,
+static void put_object_model(pags_report *facts, const pags_model *model, const pags_scene_object *owner,
                              uint64_t bytes) {
   const pags_gaussians *g = &model->gaussians;
   char size[32];
-  pags_facts_line(facts, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
-                  (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
-                  g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
+  pags_report_line(facts, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
+                   (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
+                   g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
   pags_json_writer *w = &facts->json;
   pags_json_begin_object(w, NULL);
   pags_json_put_string(w, "name", model->name);
@@ -89,10 +89,10 @@ static void put_object_model(pags_facts *facts, const pags_model *model, const p
   pags_json_end_object(w);
 }
 
-static pags_result put_models(pags_facts *facts, const char *path, const pags_scene *scene, uint64_t *total) {
+static pags_result put_models(pags_report *facts, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
-  pags_facts_begin_list(facts, "models");
+  pags_report_begin_list(facts, "models");
   for (int64_t i = 0; i < scene->model_count; ++i) {
     const pags_model *model = &scene->models[i];
     const pags_scene_object *owner = owner_of(scene, i);
@@ -103,20 +103,20 @@ static pags_result put_models(pags_facts *facts, const char *path, const pags_sc
       put_object_model(facts, model, owner, bytes);
       continue;
     }
-    pags_facts_begin_item(facts, model->name);
+    pags_report_begin_item(facts, model->name);
     if (folder)
-      pags_facts_text(facts, "file", model->file);
-    pags_facts_count(facts, "gaussians", model->gaussians.count);
-    pags_facts_count(facts, "sh_degree", model->gaussians.sh_degree);
-    pags_facts_bytes(facts, "bytes", (double)bytes);
-    pags_facts_end_item(facts);
+      pags_report_text(facts, "file", model->file);
+    pags_report_count(facts, "gaussians", model->gaussians.count);
+    pags_report_count(facts, "sh_degree", model->gaussians.sh_degree);
+    pags_report_bytes(facts, "bytes", (double)bytes);
+    pags_report_end_item(facts);
   }
-  pags_facts_end_list(facts);
+  pags_report_end_list(facts);
   return PAGS_OK;
 }
 
 /* How many objects of a category there are, and what became of them. */
-static void put_category(pags_facts *facts, const pags_scene *scene, pags_category category) {
+static void put_category(pags_report *facts, const pags_scene *scene, pags_category category) {
   int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
   for (int64_t o = 0; o < scene->object_count; ++o) {
     const pags_scene_object *object = &scene->objects[o];
@@ -131,15 +131,15 @@ static void put_category(pags_facts *facts, const pags_scene *scene, pags_catego
   }
   if (!count)
     return;
-  pags_facts_begin_item(facts, pags_category_name(category));
-  pags_facts_count(facts, "count", count);
-  pags_facts_count(facts, "critical", critical);
-  pags_facts_count(facts, "moving", moving);
-  pags_facts_count(facts, "parked", count - moving);
-  pags_facts_count(facts, "own_models", own);
-  pags_facts_count(facts, "rigid_models", rigid);
-  pags_facts_count(facts, "fourier_models", fourier);
-  pags_facts_end_item(facts);
+  pags_report_begin_item(facts, pags_category_name(category));
+  pags_report_count(facts, "count", count);
+  pags_report_count(facts, "critical", critical);
+  pags_report_count(facts, "moving", moving);
+  pags_report_count(facts, "parked", count - moving);
+  pags_report_count(facts, "own_models", own);
+  pags_report_count(facts, "rigid_models", rigid);
+  pags_report_count(facts, "fourier_models", fourier);
+  pags_report_end_item(facts);
 }
 
 /* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
@@ -154,27 +154,28 @@ static int64_t *count_parked(const pags_scene *scene) {
   return counts;
 }
 
-static pags_result list_objects(pags_facts *facts, const pags_scene *scene) {
+static pags_result list_objects(pags_report *facts, const pags_scene *scene) {
   int64_t *parked = count_parked(scene);
   if (!parked)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
-  pags_facts_begin_list(facts, "every_object");
+  pags_report_begin_list(facts, "every_object");
   for (int64_t o = 0; o < scene->object_count; ++o) {
     const pags_scene_object *object = &scene->objects[o];
     const pags_object *record = &object->record;
     double seen[2] = {record->knots[0].time - scene->time_begin,
                       record->knots[record->knot_count - 1].time - scene->time_begin};
-    pags_facts_begin_item(facts, record->id);
-    pags_facts_text(facts, "class", record->class_name);
-    pags_facts_text(facts, "category", pags_category_name(record->category));
-    pags_facts_flag(facts, "moving", record->moving != 0);
-    pags_facts_text(facts, "model", object->model >= 0 ? scene->models[object->model].name : "background");
-    pags_facts_count(facts, "gaussians", object->model >= 0 ? scene->models[object->model].gaussians.count : parked[o]);
-    pags_facts_vector(facts, "size", record->size, 3);
-    pags_facts_vector(facts, "seconds", seen, 2);
-    pags_facts_end_item(facts);
+    pags_report_begin_item(facts, record->id);
+    pags_report_text(facts, "class", record->class_name);
+    pags_report_text(facts, "category", pags_category_name(record->category));
+    pags_report_flag(facts, "moving", record->moving != 0);
+    pags_report_text(facts, "model", object->model >= 0 ? scene->models[object->model].name : "background");
+    pags_report_count(facts, "gaussians",
+                      object->model >= 0 ? scene->models[object->model].gaussians.count : parked[o]);
+    pags_report_vector(facts, "size", record->size, 3);
+    pags_report_vector(facts, "seconds", seen, 2);
+    pags_report_end_item(facts);
   }
-  pags_facts_end_list(facts);
+  pags_report_end_list(facts);
   free(parked);
   return PAGS_OK;
 }
@@ -184,7 +185,7 @@ static double norm(const double v[3]) {
 }
 
 /* What training did to the poses of objects that have models. */
-static void put_tracks(pags_facts *facts, const pags_scene *scene) {
+static void put_tracks(pags_report *facts, const pags_scene *scene) {
   int64_t tracks = 0, knots = 0, trained = 0;
   double metres = 0, radians = 0;
   for (int64_t o = 0; o < scene->object_count; ++o) {
@@ -203,28 +204,28 @@ static void put_tracks(pags_facts *facts, const pags_scene *scene) {
   }
   if (!tracks)
     return;
-  pags_facts_begin_group(facts, "tracks");
-  pags_facts_count(facts, "count", tracks);
-  pags_facts_count(facts, "knots", knots);
-  pags_facts_count(facts, "trained_knots", trained);
-  pags_facts_number(facts, "mean_correction_metres", trained ? metres / (double)trained : 0);
-  pags_facts_number(facts, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
-  pags_facts_end_group(facts);
+  pags_report_begin_group(facts, "tracks");
+  pags_report_count(facts, "count", tracks);
+  pags_report_count(facts, "knots", knots);
+  pags_report_count(facts, "trained_knots", trained);
+  pags_report_number(facts, "mean_correction_metres", trained ? metres / (double)trained : 0);
+  pags_report_number(facts, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
+  pags_report_end_group(facts);
 }
 
-static pags_result put_objects(pags_facts *facts, const pags_scene *scene, bool every) {
+static pags_result put_objects(pags_report *facts, const pags_scene *scene, bool every) {
   if (!scene->object_count)
     return PAGS_OK;
-  pags_facts_begin_list(facts, "objects");
+  pags_report_begin_list(facts, "objects");
   for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; ++c)
     put_category(facts, scene, (pags_category)c);
   put_category(facts, scene, PAGS_CATEGORY_OTHER);
-  pags_facts_end_list(facts);
+  pags_report_end_list(facts);
   put_tracks(facts, scene);
   return every ? list_objects(facts, scene) : PAGS_OK;
 }
 
-static void put_exposure(pags_facts *facts, const pags_scene *scene) {
+static void put_exposure(pags_report *facts, const pags_scene *scene) {
   int64_t exposed = 0;
   double lo = HUGE_VAL, hi = -HUGE_VAL;
   for (int64_t i = 0; i < scene->view_count; ++i) {
@@ -238,40 +239,40 @@ static void put_exposure(pags_facts *facts, const pags_scene *scene) {
     exposed += changed;
   }
   if (!exposed) {
-    pags_facts_text(facts, "exposure", "the same in every view");
+    pags_report_text(facts, "exposure", "the same in every view");
     return;
   }
-  pags_facts_begin_group(facts, "exposure");
-  pags_facts_count(facts, "views", exposed);
-  pags_facts_vector(facts, "gains", (double[]){lo, hi}, 2);
-  pags_facts_end_group(facts);
+  pags_report_begin_group(facts, "exposure");
+  pags_report_count(facts, "views", exposed);
+  pags_report_vector(facts, "gains", (double[]){lo, hi}, 2);
+  pags_report_end_group(facts);
 }
 
 /* What only scenes with a time have. */
-static void put_drive(pags_facts *facts, const pags_scene *scene) {
+static void put_drive(pags_report *facts, const pags_scene *scene) {
   double time[2] = {scene->time_begin, scene->time_end};
   if (scene->time_end > scene->time_begin || scene->fps > 0) {
-    pags_facts_vector(facts, "time", time, 2);
-    pags_facts_number(facts, "seconds", scene->time_end - scene->time_begin);
-    pags_facts_number(facts, "steps_per_second", scene->fps);
+    pags_report_vector(facts, "time", time, 2);
+    pags_report_number(facts, "seconds", scene->time_end - scene->time_begin);
+    pags_report_number(facts, "steps_per_second", scene->fps);
     put_exposure(facts, scene);
   }
   if (scene->sky.size > 0)
-    pags_facts_count(facts, "sky_texels_a_side", scene->sky.size);
+    pags_report_count(facts, "sky_texels_a_side", scene->sky.size);
   else if (scene->object_count)
-    pags_facts_text(facts, "sky", "none");
+    pags_report_text(facts, "sky", "none");
 }
 
-static void put_views(pags_facts *facts, const pags_scene *scene) {
+static void put_views(pags_report *facts, const pags_scene *scene) {
   int64_t held_out = 0;
   for (int64_t i = 0; i < scene->view_count; ++i)
     held_out += scene->views[i].test != 0;
   if (!scene->view_count)
     return;
-  pags_facts_count(facts, "views_train", scene->view_count - held_out);
-  pags_facts_count(facts, "views_test", held_out);
-  pags_facts_count(facts, "width", scene->views[0].camera.width);
-  pags_facts_count(facts, "height", scene->views[0].camera.height);
+  pags_report_count(facts, "views_train", scene->view_count - held_out);
+  pags_report_count(facts, "views_test", held_out);
+  pags_report_count(facts, "width", scene->views[0].camera.width);
+  pags_report_count(facts, "height", scene->views[0].camera.height);
 }
 
 static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
@@ -299,42 +300,42 @@ static void join(const pags_json_value *parent, const char *but, char *text, siz
 }
 
 /* An array of objects: a line each, beginning with its id. */
-static void list_notes(pags_facts *facts, const pags_json_value *array) {
+static void list_notes(pags_report *facts, const pags_json_value *array) {
   char text[1000];
-  pags_facts_line(facts, array->key, "%s", "");
+  pags_report_line(facts, array->key, "%s", "");
   facts->indent += 2;
   for (const pags_json_value *v = array->first; v; v = v->next) {
     const pags_json_value *id = pags_json_member(v, "id");
     join(v, "id", text, sizeof text);
-    pags_facts_line(facts, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
+    pags_report_line(facts, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
   }
   facts->indent -= 2;
 }
 
 /* What training noted, key by key, for people: the notes are the trainer's to choose. */
-static void say_notes(pags_facts *facts, const pags_json_value *object) {
+static void say_notes(pags_report *facts, const pags_json_value *object) {
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
     if (v->type == PAGS_JSON_OBJECT) {
       join(v, NULL, text, sizeof text);
-      pags_facts_line(facts, v->key, "%s", text);
+      pags_report_line(facts, v->key, "%s", text);
     } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
       list_notes(facts, v);
     } else if (v->type == PAGS_JSON_ARRAY) {
       for (const pags_json_value *e = v->first; e; e = e->next)
-        pags_facts_line(facts, e == v->first ? v->key : "", "%s", spoken(e, text));
+        pags_report_line(facts, e == v->first ? v->key : "", "%s", spoken(e, text));
     } else {
-      pags_facts_line(facts, v->key, "%s", spoken(v, text));
+      pags_report_line(facts, v->key, "%s", spoken(v, text));
     }
   }
 }
 
-static pags_result put_modelled(pags_facts *facts, const pags_scene *scene) {
+static pags_result put_modelled(pags_report *facts, const pags_scene *scene) {
   pags_json *json;
   if (!scene->notes)
     return PAGS_OK;
   PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
-  pags_facts_line(facts, "modelled", "%s", "");
+  pags_report_line(facts, "modelled", "%s", "");
   facts->indent += 2;
   say_notes(facts, pags_json_root(json));
   facts->indent -= 2;
@@ -358,17 +359,17 @@ static double stored_bytes(const pags_scene *scene, int *degree) {
 
 /* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes
  * the scene. */
-static pags_result put_memory(pags_facts *facts, pags_tasks *tasks, pags_scene *scene) {
-  pags_path path = {0};
+static pags_result put_memory(pags_report *facts, pags_tasks *tasks, pags_scene *scene) {
+  pags_camera_path path = {0};
   pags_frame *frame;
   pags_picture picture;
   pags_composition *composition = NULL;
   const pags_part *parts;
   int part_count, degree;
   double stored = stored_bytes(scene, &degree);
-  PAGS_TRY(pags_path_orbit(scene, 1, &path));
+  PAGS_TRY(pags_camera_path_orbit(scene, 1, &path));
   pags_camera camera = path.cameras[0];
-  pags_path_destroy(&path);
+  pags_camera_path_destroy(&path);
   PAGS_TRY(pags_frame_create(tasks, &frame));
   pags_result result = pags_composition_create(scene, &composition);
   if (result == PAGS_OK) {
@@ -379,40 +380,40 @@ static pags_result put_memory(pags_facts *facts, pags_tasks *tasks, pags_scene *
   if (result == PAGS_OK) {
     int64_t gaussians = pags_composition_gaussian_count(composition);
     double count = (double)(gaussians ? gaussians : 1);
-    pags_facts_begin_group(facts, "memory");
-    pags_facts_text(facts, "unit", "bytes per Gaussian");
-    pags_facts_number(facts, "parameters", stored / count);
-    pags_facts_number(facts, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
-    pags_facts_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
-    pags_facts_number(facts, "training",
-                      (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
-    pags_facts_count(facts, "width", camera.width);
-    pags_facts_count(facts, "height", camera.height);
-    pags_facts_end_group(facts);
+    pags_report_begin_group(facts, "memory");
+    pags_report_text(facts, "unit", "bytes per Gaussian");
+    pags_report_number(facts, "parameters", stored / count);
+    pags_report_number(facts, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
+    pags_report_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
+    pags_report_number(facts, "training",
+                       (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
+    pags_report_count(facts, "width", camera.width);
+    pags_report_count(facts, "height", camera.height);
+    pags_report_end_group(facts);
   }
   pags_composition_destroy(composition);
   pags_frame_destroy(frame);
   return result;
 }
 
-static void put_world(pags_facts *facts, const pags_scene *scene) {
+static void put_world(pags_report *facts, const pags_scene *scene) {
   double lo[3], hi[3];
-  pags_facts_text(facts, "up", pags_up_name(scene->up));
-  pags_facts_flag(facts, "antialiased", scene->antialiased != 0);
-  pags_facts_vector(facts, "origin", scene->origin, 3);
-  pags_facts_place(facts, &scene->place);
+  pags_report_text(facts, "up", pags_up_name(scene->up));
+  pags_report_flag(facts, "antialiased", scene->antialiased != 0);
+  pags_report_vector(facts, "origin", scene->origin, 3);
+  pags_report_place(facts, &scene->place);
   if (scene_bounds(scene, lo, hi)) {
-    pags_facts_vector(facts, "bounds_lo", lo, 3);
-    pags_facts_vector(facts, "bounds_hi", hi, 3);
+    pags_report_vector(facts, "bounds_lo", lo, 3);
+    pags_report_vector(facts, "bounds_hi", hi, 3);
   }
   if (scene->iterations)
-    pags_facts_count(facts, "iterations", scene->iterations);
+    pags_report_count(facts, "iterations", scene->iterations);
   if (scene->dataset)
-    pags_facts_text(facts, "dataset", scene->dataset);
+    pags_report_text(facts, "dataset", scene->dataset);
 }
 
 /* How the Gaussians that have one spread over priorities. */
-static void put_priorities(pags_facts *facts, const pags_scene *scene) {
+static void put_priorities(pags_report *facts, const pags_scene *scene) {
   static const float bounds[3] = {0.1f, 0.5f, 0.9f};
   static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
   int64_t known = 0, over[3] = {0};
@@ -428,23 +429,23 @@ static void put_priorities(pags_facts *facts, const pags_scene *scene) {
   }
   if (!known)
     return;
-  pags_facts_begin_group(facts, "priority");
-  pags_facts_count(facts, "gaussians", known);
-  pags_facts_number(facts, "mean", sum / (double)known);
+  pags_report_begin_group(facts, "priority");
+  pags_report_count(facts, "gaussians", known);
+  pags_report_number(facts, "mean", sum / (double)known);
   for (int k = 0; k < 3; ++k)
-    pags_facts_number(facts, names[k], (double)over[k] / (double)known);
-  pags_facts_end_group(facts);
+    pags_report_number(facts, names[k], (double)over[k] / (double)known);
+  pags_report_end_group(facts);
 }
 
-pags_result pags_scene_facts(pags_facts *facts, const char *path, const char *kind,
+pags_result pags_scene_facts(pags_report *facts, const char *path, const char *kind,
                              const pags_scene_facts_options *options) {
   pags_scene scene;
   uint64_t bytes = 0;
   PAGS_TRY(pags_scene_load(path, &scene));
-  pags_facts_text(facts, "kind", kind);
-  pags_facts_count(facts, "gaussians", pags_scene_gaussian_count(&scene));
+  pags_report_text(facts, "kind", kind);
+  pags_report_count(facts, "gaussians", pags_scene_gaussian_count(&scene));
   pags_result result = put_models(facts, path, &scene, &bytes);
-  pags_facts_bytes(facts, "bytes", (double)bytes);
+  pags_report_bytes(facts, "bytes", (double)bytes);
   put_degrees(facts, &scene);
   put_world(facts, &scene);
   put_priorities(facts, &scene);

@@ -3,13 +3,13 @@
 
 #include "cli/interrupt.h"
 
-#include "base/file.h"
-#include "base/log.h"
 #include <errno.h>
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/file.h"
+#include "base/log.h"
 
 static void print_log(void *user, pags_log_level level, const char *line) {
   FILE *people = user;

@@ -6,9 +6,9 @@
 #include "cli/options.h"
 #include "cli/progress.h"
 
-#include "base/json.h"
 #include <pags/base.h>
 #include <pags/tasks.h>
+#include "base/json.h"
 
 typedef struct pags_session {
   int threads;      /* 0: as many processors as this process may use */

@@ -1,15 +1,15 @@
 /* Pictures from shifted cameras beside the truth. */
 #include "cli/shifted_views.h"
 
-#include "cli/interrupt.h"
 #include "cli/camera_paths.h"
+#include "cli/interrupt.h"
 #include "cli/picture.h"
 
-#include "base/file.h"
-#include "image/resample.h"
 #include <pags/eval.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
+#include "image/resample.h"
 
 typedef struct shifting {
   const char *folder, *images;
@@ -20,7 +20,7 @@ typedef struct shifting {
   pags_frame_options options;
 } shifting;
 
-void pags_shift_scores_destroy(pags_shift_scores *scores) {
+void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores) {
   free(scores->items);
   memset(scores, 0, sizeof *scores);
 }
@@ -57,7 +57,7 @@ static pags_result save(const shifting *s, const char *name, int64_t i, const ch
 }
 
 static pags_result compare(const shifting *s, const pags_image *render, const pags_image *truth, int64_t i,
-                           pags_shift_score *score) {
+                           pags_shifted_view_score *score) {
   double psnr, ssim;
   PAGS_TRY(pags_eval_psnr(render, truth, NULL, &psnr));
   PAGS_TRY(pags_eval_ssim(render, truth, NULL, s->session->tasks, &ssim));
@@ -71,7 +71,7 @@ static pags_result compare(const shifting *s, const pags_image *render, const pa
 }
 
 static pags_result measure_view(const shifting *s, const char *folder, const pags_camera *full, int64_t i,
-                                pags_shift_score *score) {
+                                pags_shifted_view_score *score) {
   pags_camera camera = s->downscale == 1 ? *full : pags_camera_downscale(full, s->downscale);
   pags_image render, truth;
   pags_picture picture;
@@ -83,7 +83,7 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   pags_frame_options options = s->options;
   double gain[3], offset[3];
   const pags_scene *scene = pags_composition_scene(s->composition);
-  pags_scene_exposure(scene, pags_path_drive_sensor(scene), camera.time, gain, offset);
+  pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), camera.time, gain, offset);
   pags_frame_options_expose(&options, gain, offset);
   PAGS_TRY(pags_frame_render(s->frame, parts, part_count, &camera, &options, NULL, NULL, &picture));
   char *path = pags_path_join(folder, file);
@@ -102,12 +102,12 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   return result;
 }
 
-static pags_result measure_path(const shifting *s, const char *folder, pags_shift_score *score) {
-  pags_path cameras;
+static pags_result measure_path(const shifting *s, const char *folder, pags_shifted_view_score *score) {
+  pags_camera_path cameras;
   char *file = pags_path_join(folder, "path.json");
   if (!file)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
-  pags_result result = pags_path_load(file, &cameras);
+  pags_result result = pags_camera_path_load(file, &cameras);
   free(file);
   if (result != PAGS_OK)
     return result;
@@ -121,19 +121,19 @@ static pags_result measure_path(const shifting *s, const char *folder, pags_shif
       pags_progress_show(&progress, "%s: view %lld of %lld", score->name, (long long)i + 1, (long long)cameras.count);
   }
   pags_progress_end(&progress);
-  pags_path_destroy(&cameras);
+  pags_camera_path_destroy(&cameras);
   score->psnr /= (double)score->views;
   score->ssim /= (double)score->views;
   return result;
 }
 
-static pags_result measure_all(const shifting *s, const pags_dir_list *list, pags_shift_scores *out) {
+static pags_result measure_all(const shifting *s, const pags_dir_list *list, pags_shifted_view_scores *out) {
   out->items = calloc((size_t)list->count + 1, sizeof *out->items);
   if (!out->items)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
   for (int64_t i = 0; i < list->count; ++i) {
     char *folder = pags_path_join(s->folder, list->names[i]);
-    pags_shift_score *score = &out->items[out->count];
+    pags_shifted_view_score *score = &out->items[out->count];
     if (!folder)
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
     pags_result result = PAGS_OK;
@@ -148,9 +148,9 @@ static pags_result measure_all(const shifting *s, const pags_dir_list *list, pag
   return PAGS_OK;
 }
 
-pags_result pags_shift_measure(const char *dataset, double downscale, pags_composition *composition, pags_frame *frame,
-                               const pags_frame_options *options, const pags_session *session, const char *images,
-                               pags_shift_scores *out) {
+pags_result pags_shifted_views_measure(const char *dataset, double downscale, pags_composition *composition,
+                                       pags_frame *frame, const pags_frame_options *options,
+                                       const pags_session *session, const char *images, pags_shifted_view_scores *out) {
   pags_dir_list list;
   memset(out, 0, sizeof *out);
   char *folder = pags_path_join(dataset, "truth/shift");
@@ -168,6 +168,6 @@ pags_result pags_shift_measure(const char *dataset, double downscale, pags_compo
   }
   free(folder);
   if (result != PAGS_OK)
-    pags_shift_scores_destroy(out);
+    pags_shifted_view_scores_destroy(out);
   return result;
 }

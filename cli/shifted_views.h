@@ -6,23 +6,23 @@
 
 #include <pags/compose.h>
 
-typedef struct pags_shift_score {
+typedef struct pags_shifted_view_score {
   char name[64]; /* of the folder, "right_1" */
   int64_t views;
   double psnr, ssim; /* means over the views */
-} pags_shift_score;
+} pags_shifted_view_score;
 
-typedef struct pags_shift_scores {
+typedef struct pags_shifted_view_scores {
   int64_t count;
-  pags_shift_score *items; /* in the order of their names */
-} pags_shift_scores;
+  pags_shifted_view_score *items; /* in the order of their names */
+} pags_shifted_view_scores;
 
 /* Draws the cameras of every DATASET/truth/shift/NAME/path.json, `downscale` times smaller, and compares with the
  * pictures beside it. An error when the data set has none. With `images` (a folder, may be NULL) writes
  * NAME_00000_render.png and NAME_00000_truth.png. */
-pags_result pags_shift_measure(const char *dataset, double downscale, pags_composition *composition, pags_frame *frame,
-                               const pags_frame_options *options, const pags_session *session, const char *images,
-                               pags_shift_scores *out);
-void pags_shift_scores_destroy(pags_shift_scores *scores); /* a zeroed struct is allowed */
+pags_result pags_shifted_views_measure(const char *dataset, double downscale, pags_composition *composition,
+                                       pags_frame *frame, const pags_frame_options *options,
+                                       const pags_session *session, const char *images, pags_shifted_view_scores *out);
+void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores); /* a zeroed struct is allowed */
 
 #endif

@@ -1,20 +1,20 @@
 /* pags eval: a scene beside its photographs. */
 #include "cli/depth_errors.h"
 #include "cli/interrupt.h"
-#include "cli/priority_truth.h"
+#include "cli/photographs.h"
 #include "cli/picture.h"
 #include "cli/pose_errors.h"
-#include "cli/view_scores.h"
+#include "cli/priority_truth.h"
 #include "cli/session.h"
 #include "cli/shifted_views.h"
-#include "cli/photographs.h"
 #include "cli/verbs.h"
+#include "cli/view_scores.h"
 
-#include "base/file.h"
 #include <pags/compose.h>
 #include <pags/eval.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 typedef struct eval_arguments {
   pags_session session;
@@ -81,7 +81,7 @@ typedef struct evaluation {
   const eval_arguments *arguments;
   pags_composition *composition;
   const pags_scene *scene;
-  pags_truth truth;
+  pags_photographs truth;
   pags_lpips *lpips;
   pags_frame *frame;
   pags_frame_options options;
@@ -90,8 +90,8 @@ typedef struct evaluation {
   pags_depth_errors depth_errors[2]; /* of training and held-out views */
   pags_depth_figures depth[2];
   pags_pose_errors poses;
-  pags_shift_scores shifts;
-  pags_owners owners;
+  pags_shifted_view_scores shifts;
+  pags_priority_truth owners;
 } evaluation;
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
@@ -112,7 +112,7 @@ static void copy_masked(pags_image *render, const pags_image *photo, const uint8
       memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
 }
 
-static pags_result measure_regions(const evaluation *self, const pags_image *render, const pags_truth_photo *photo,
+static pags_result measure_regions(const evaluation *self, const pags_image *render, const pags_photograph *photo,
                                    pags_view_score *score) {
   int width = render->width, height = render->height;
   uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
@@ -125,7 +125,7 @@ static pags_result measure_regions(const evaluation *self, const pags_image *ren
   return result;
 }
 
-static pags_result measure(const evaluation *self, pags_image *render, const pags_truth_photo *photo,
+static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
   PAGS_TRY(measure_regions(self, render, photo, score));
   if (self->arguments->images) {
@@ -140,8 +140,8 @@ static pags_result measure(const evaluation *self, pags_image *render, const pag
   return PAGS_OK;
 }
 
-static pags_result compare_picture(evaluation *self, const pags_truth_view *at, const pags_picture *picture,
-                                   const pags_truth_photo *photo) {
+static pags_result compare_picture(evaluation *self, const pags_photographs_view *at, const pags_picture *picture,
+                                   const pags_photograph *photo) {
   pags_view_score *score = &self->scores[self->count];
   pags_image render = {0};
   PAGS_TRY(pags_picture_to_image(picture, PAGS_F32, &render));
@@ -157,7 +157,7 @@ static pags_result compare_picture(evaluation *self, const pags_truth_view *at, 
 
 /* The photograph beside the picture as the scene's colours are, without the camera's exposure. */
 static pags_result compare_unexposed(evaluation *self, const pags_camera *camera, const pags_part *parts,
-                                     int part_count, const pags_truth_photo *photo, pags_view_score *score) {
+                                     int part_count, const pags_photograph *photo, pags_view_score *score) {
   pags_picture picture;
   pags_image render;
   PAGS_TRY(pags_frame_render(self->frame, parts, part_count, camera, &self->options, NULL, NULL, &picture));
@@ -168,18 +168,18 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
 }
 
 static pags_result compare_view(evaluation *self, int64_t i) {
-  const pags_truth_view *at = &self->truth.views[i];
+  const pags_photographs_view *at = &self->truth.views[i];
   const pags_view *view = pags_dataset_view(self->truth.dataset, at->index);
   const pags_camera *camera = &view->camera;
   pags_view_score *score = &self->scores[self->count];
-  pags_truth_photo photo;
+  pags_photograph photo;
   pags_picture picture;
   const pags_part *parts;
   int part_count;
   pags_frame_options exposed = self->options;
   *score = pags_view_score_make(view->name, at->test);
   pags_compose(self->composition, camera->time, &parts, &part_count);
-  PAGS_TRY(pags_truth_photograph(&self->truth, i, &photo));
+  PAGS_TRY(pags_photographs_read(&self->truth, i, &photo));
   pags_result result = PAGS_OK;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
@@ -187,7 +187,7 @@ static pags_result compare_view(evaluation *self, int64_t i) {
     result = pags_frame_render(self->frame, parts, part_count, camera, &exposed, NULL, NULL, &picture);
   if (result == PAGS_OK)
     result = compare_picture(self, at, &picture, &photo);
-  pags_truth_photo_destroy(&photo);
+  pags_photograph_destroy(&photo);
   return result;
 }
 
@@ -226,10 +226,10 @@ static pags_result compare_all(evaluation *self) {
 }
 
 static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
-  pags_mean_score mean = pags_scores_mean(self->scores, self->count, test);
+  pags_mean_score mean = pags_view_scores_mean(self->scores, self->count, test);
   pags_json_begin_object(writer, key);
   pags_json_put_integer(writer, "views", mean.views);
-  pags_scores_put_json(writer, &mean.mean);
+  pags_view_scores_put_json(writer, &mean.mean);
   pags_depth_figures_put_json(writer, &self->depth[test]);
   pags_json_begin_array(writer, "per_view");
   for (int64_t i = 0; i < self->count; ++i) {
@@ -237,7 +237,7 @@ static void put_split(pags_json_writer *writer, const evaluation *self, const ch
       continue;
     pags_json_begin_object(writer, NULL);
     pags_json_put_string(writer, "name", self->scores[i].name);
-    pags_scores_put_json(writer, &self->scores[i]);
+    pags_view_scores_put_json(writer, &self->scores[i]);
     pags_json_end_object(writer);
   }
   pags_json_end_array(writer);
@@ -251,7 +251,7 @@ static void put_shifts(pags_json_writer *writer, const evaluation *self) {
   }
   pags_json_begin_array(writer, "shift");
   for (int64_t i = 0; i < self->shifts.count; ++i) {
-    const pags_shift_score *score = &self->shifts.items[i];
+    const pags_shifted_view_score *score = &self->shifts.items[i];
     pags_json_begin_object(writer, NULL);
     pags_json_put_string(writer, "name", score->name);
     pags_json_put_integer(writer, "views", score->views);
@@ -271,7 +271,7 @@ static pags_result write_json(const evaluation *self) {
   put_split(&writer, self, "test", 1);
   put_shifts(&writer, self);
   pags_pose_errors_put_json(&writer, &self->poses);
-  pags_owners_put_json(&writer, &self->owners);
+  pags_priority_truth_put_json(&writer, &self->owners);
   pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
@@ -296,7 +296,7 @@ static double percent(int64_t part, int64_t whole) {
   return whole ? 100 * (double)part / (double)whole : 0;
 }
 
-static void print_owners(const pags_session *session, const pags_owners *o) {
+static void print_owners(const pags_session *session, const pags_priority_truth *o) {
   if (!o->seen)
     return;
   pags_say(session,
@@ -339,8 +339,8 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
                      scene_path);
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
-  PAGS_TRY(pags_truth_open(self->scene, dataset, &arguments->options, arguments->session.tasks, arguments->image_cache,
-                           &self->truth));
+  PAGS_TRY(pags_photographs_open(self->scene, dataset, &arguments->options, arguments->session.tasks,
+                                 arguments->image_cache, &self->truth));
   self->scores = calloc((size_t)self->truth.count, sizeof *self->scores);
   if (!self->scores)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);
@@ -363,11 +363,11 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
   const char *dataset = pags_dataset_path(self->truth.dataset);
   PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
-  PAGS_TRY(pags_owners_measure(self->composition, &self->truth, self->frame, &self->options, &self->owners));
+  PAGS_TRY(pags_priority_truth_measure(self->composition, &self->truth, self->frame, &self->options, &self->owners));
   if (arguments->shift)
-    PAGS_TRY(pags_shift_measure(dataset, self->truth.downscale, self->composition, self->frame, &self->options,
-                                &arguments->session, arguments->images, &self->shifts));
-  pags_scores_print(&arguments->session, self->scores, self->count);
+    PAGS_TRY(pags_shifted_views_measure(dataset, self->truth.downscale, self->composition, self->frame, &self->options,
+                                        &arguments->session, arguments->images, &self->shifts));
+  pags_view_scores_print(&arguments->session, self->scores, self->count);
   print_more(self);
   return write_json(self);
 }
@@ -375,11 +375,11 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
 static void destroy(evaluation *self) {
   if (self->frame)
     pags_frame_destroy(self->frame);
-  pags_truth_close(&self->truth);
+  pags_photographs_close(&self->truth);
   if (self->lpips)
     pags_lpips_destroy(self->lpips);
   pags_composition_destroy(self->composition);
-  pags_shift_scores_destroy(&self->shifts);
+  pags_shifted_view_scores_destroy(&self->shifts);
   for (int test = 0; test < 2; ++test)
     pags_depth_errors_destroy(&self->depth_errors[test]);
   free(self->scores);

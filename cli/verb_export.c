@@ -1,15 +1,15 @@
 /* pags export: proxy geometry and splat files. */
-#include "cli/object_edits.h"
 #include "cli/interrupt.h"
+#include "cli/object_edits.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <pags/export.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 
 typedef struct export_arguments {
   pags_session session;
@@ -132,13 +132,13 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
 
 /* One byte an object; NULL when all are meant. */
 static pags_result choose(const export_arguments *arguments, const pags_scene *scene, uint8_t **chosen) {
-  pags_edit_words words = {.without = arguments->only};
+  pags_object_edits words = {.without = arguments->only};
   pags_edit *edits = NULL;
   int64_t count = 0;
   *chosen = NULL;
   if (!arguments->only.count)
     return PAGS_OK;
-  PAGS_TRY(pags_edits_find(&words, scene, &edits, &count));
+  PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
   *chosen = calloc((size_t)scene->object_count + 1, 1);
   for (int64_t i = 0; *chosen && i < count; ++i)
     (*chosen)[edits[i].object] = 1;

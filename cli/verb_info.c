@@ -1,11 +1,10 @@
 /* pags info: what a file or folder is and what it holds. */
-#include "cli/report.h"
 #include "cli/overlay.h"
+#include "cli/report.h"
 #include "cli/scene_facts.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 
-#include "base/file.h"
 #include <errno.h>
 #include <math.h>
 #include <pags/dataset.h>
@@ -14,6 +13,7 @@
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/file.h"
 #include "train/checkpoint.h"
 
 typedef struct info_arguments {
@@ -52,13 +52,13 @@ static const pags_verb verb = {.name = "info",
                                .positionals = positionals,
                                .options = options};
 
-static pags_result describe_scene(pags_facts *facts, const info_arguments *arguments, const char *path,
+static pags_result describe_scene(pags_report *facts, const info_arguments *arguments, const char *path,
                                   const char *kind) {
   const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects};
   return pags_scene_facts(facts, path, kind, &chosen);
 }
 
-static pags_result describe_splat(pags_facts *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_splat(pags_report *facts, const info_arguments *arguments, const char *path) {
   pags_gaussians gaussians;
   const char *kind;
   int antialiased;
@@ -67,37 +67,37 @@ static pags_result describe_splat(pags_facts *facts, const info_arguments *argum
   return describe_scene(facts, arguments, path, kind);
 }
 
-static void put_categories(pags_facts *facts, const char *key, const pags_dataset *dataset, int moving) {
+static void put_categories(pags_report *facts, const char *key, const pags_dataset *dataset, int moving) {
   int64_t counts[4] = {0}, sum = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); ++i) {
     const pags_object *object = pags_dataset_object(dataset, i);
     counts[object->category] += (object->moving != 0) == moving;
     sum += (object->moving != 0) == moving;
   }
-  pags_facts_begin_group(facts, key);
-  pags_facts_count(facts, "all", sum);
+  pags_report_begin_group(facts, key);
+  pags_report_count(facts, "all", sum);
   for (int c = 0; c < 4; ++c)
     if (counts[c])
-      pags_facts_count(facts, pags_category_name((pags_category)c), counts[c]);
-  pags_facts_end_group(facts);
+      pags_report_count(facts, pags_category_name((pags_category)c), counts[c]);
+  pags_report_end_group(facts);
 }
 
 /* What a driving set has besides photographs. */
-static void put_driving(pags_facts *facts, const pags_dataset *dataset) {
+static void put_driving(pags_report *facts, const pags_dataset *dataset) {
   int64_t sweeps = pags_dataset_sweep_count(dataset);
   if (!(pags_dataset_fps(dataset) > 0))
     return;
-  pags_facts_number(facts, "fps", pags_dataset_fps(dataset));
+  pags_report_number(facts, "fps", pags_dataset_fps(dataset));
   put_categories(facts, "objects_moving", dataset, 1);
   put_categories(facts, "objects_parked", dataset, 0);
-  pags_facts_count(facts, "lidar_sweeps", sweeps);
-  pags_facts_begin_list(facts, "notes");
+  pags_report_count(facts, "lidar_sweeps", sweeps);
+  pags_report_begin_list(facts, "notes");
   for (int64_t i = 0; i < pags_dataset_note_count(dataset); ++i)
-    pags_facts_sentence(facts, pags_dataset_note(dataset, i));
-  pags_facts_end_list(facts);
+    pags_report_sentence(facts, pags_dataset_note(dataset, i));
+  pags_report_end_list(facts);
 }
 
-static pags_result describe_dataset(pags_facts *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_dataset(pags_report *facts, const info_arguments *arguments, const char *path) {
   pags_dataset *dataset;
   int64_t points, held_out = 0;
   const float *xyz;
@@ -109,20 +109,20 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   for (int64_t i = 0; i < count; ++i)
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
-  pags_facts_text(facts, "kind", "data set");
-  pags_facts_text(facts, "format", pags_dataset_kind(dataset));
-  pags_facts_count(facts, "views_train", count - held_out);
-  pags_facts_count(facts, "views_test", held_out);
-  pags_facts_count(facts, "views_missing", pags_dataset_missing(dataset));
+  pags_report_text(facts, "kind", "data set");
+  pags_report_text(facts, "format", pags_dataset_kind(dataset));
+  pags_report_count(facts, "views_train", count - held_out);
+  pags_report_count(facts, "views_test", held_out);
+  pags_report_count(facts, "views_missing", pags_dataset_missing(dataset));
   if (count) {
-    pags_facts_count(facts, "width", pags_dataset_view(dataset, 0)->camera.width);
-    pags_facts_count(facts, "height", pags_dataset_view(dataset, 0)->camera.height);
+    pags_report_count(facts, "width", pags_dataset_view(dataset, 0)->camera.width);
+    pags_report_count(facts, "height", pags_dataset_view(dataset, 0)->camera.height);
   }
-  pags_facts_count(facts, "points", points);
-  pags_facts_flag(facts, "points_random", random != 0);
-  pags_facts_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
-  pags_facts_vector(facts, "origin", pags_dataset_origin(dataset), 3);
-  pags_facts_place(facts, &place);
+  pags_report_count(facts, "points", points);
+  pags_report_flag(facts, "points_random", random != 0);
+  pags_report_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
+  pags_report_vector(facts, "origin", pags_dataset_origin(dataset), 3);
+  pags_report_place(facts, &place);
   put_driving(facts, dataset);
   pags_result result =
       arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, facts) : PAGS_OK;
@@ -130,55 +130,55 @@ static pags_result describe_dataset(pags_facts *facts, const info_arguments *arg
   return result;
 }
 
-static pags_result describe_cameras(pags_facts *facts, const char *path) {
-  pags_path cameras;
-  PAGS_TRY(pags_path_load(path, &cameras));
+static pags_result describe_cameras(pags_report *facts, const char *path) {
+  pags_camera_path cameras;
+  PAGS_TRY(pags_camera_path_load(path, &cameras));
   const pags_camera *first = &cameras.cameras[0];
   double position[3] = {first->world_from_camera[3], first->world_from_camera[7], first->world_from_camera[11]};
   double focal[4] = {first->fx, first->fy, first->cx, first->cy};
-  pags_facts_text(facts, "kind", cameras.fps > 0 ? "path" : "camera");
+  pags_report_text(facts, "kind", cameras.fps > 0 ? "path" : "camera");
   if (cameras.fps > 0)
-    pags_facts_number(facts, "fps", cameras.fps);
-  pags_facts_count(facts, "frames", cameras.count);
-  pags_facts_count(facts, "width", first->width);
-  pags_facts_count(facts, "height", first->height);
-  pags_facts_vector(facts, "fx_fy_cx_cy", focal, 4);
-  pags_facts_vector(facts, "position", position, 3);
-  pags_path_destroy(&cameras);
+    pags_report_number(facts, "fps", cameras.fps);
+  pags_report_count(facts, "frames", cameras.count);
+  pags_report_count(facts, "width", first->width);
+  pags_report_count(facts, "height", first->height);
+  pags_report_vector(facts, "fx_fy_cx_cy", focal, 4);
+  pags_report_vector(facts, "position", position, 3);
+  pags_camera_path_destroy(&cameras);
   return PAGS_OK;
 }
 
-static pags_result describe_image(pags_facts *facts, const char *path) {
+static pags_result describe_image(pags_report *facts, const char *path) {
   int width, height;
   uint64_t bytes;
   PAGS_TRY(pags_image_size(path, &width, &height));
   PAGS_TRY(pags_file_size(path, &bytes));
-  pags_facts_text(facts, "kind", "image");
-  pags_facts_count(facts, "width", width);
-  pags_facts_count(facts, "height", height);
-  pags_facts_bytes(facts, "bytes", (double)bytes);
+  pags_report_text(facts, "kind", "image");
+  pags_report_count(facts, "width", width);
+  pags_report_count(facts, "height", height);
+  pags_report_bytes(facts, "bytes", (double)bytes);
   return PAGS_OK;
 }
 
-static pags_result describe_checkpoint(pags_facts *facts, const char *path) {
+static pags_result describe_checkpoint(pags_report *facts, const char *path) {
   pags_checkpoint_facts checkpoint;
   uint64_t bytes;
   PAGS_TRY(pags_file_size(path, &bytes));
   PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
-  pags_facts_text(facts, "kind", "checkpoint");
-  pags_facts_count(facts, "gaussians", checkpoint.gaussians);
-  pags_facts_count(facts, "models", checkpoint.models);
-  pags_facts_bytes(facts, "bytes", (double)bytes);
-  pags_facts_count(facts, "sh_degree", checkpoint.sh_degree);
-  pags_facts_count(facts, "step", checkpoint.step);
-  pags_facts_count(facts, "last_step", checkpoint.stop);
-  pags_facts_count(facts, "views_train", checkpoint.views);
-  pags_facts_number(facts, "loss", checkpoint.loss);
+  pags_report_text(facts, "kind", "checkpoint");
+  pags_report_count(facts, "gaussians", checkpoint.gaussians);
+  pags_report_count(facts, "models", checkpoint.models);
+  pags_report_bytes(facts, "bytes", (double)bytes);
+  pags_report_count(facts, "sh_degree", checkpoint.sh_degree);
+  pags_report_count(facts, "step", checkpoint.step);
+  pags_report_count(facts, "last_step", checkpoint.stop);
+  pags_report_count(facts, "views_train", checkpoint.views);
+  pags_report_number(facts, "loss", checkpoint.loss);
   return PAGS_OK;
 }
 
 /* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
-static pags_result describe_json(pags_facts *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_json(pags_report *facts, const info_arguments *arguments, const char *path) {
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
@@ -212,7 +212,7 @@ static bool is_image(const unsigned char *head) {
   return false;
 }
 
-static pags_result describe(pags_facts *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe(pags_report *facts, const info_arguments *arguments, const char *path) {
   unsigned char head[16];
   if (pags_dir_exists(path))
     return pags_folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
@@ -234,15 +234,15 @@ static pags_result describe(pags_facts *facts, const info_arguments *arguments, 
 int pags_verb_info(int argc, char **argv) {
   info_arguments arguments = {.options = pags_dataset_options_default()};
   pags_parsed parsed;
-  pags_facts facts;
+  pags_report facts;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK) {
-    pags_facts_begin(&facts);
+    pags_report_begin(&facts);
     result = describe(&facts, &arguments, parsed.positionals[0]);
-    result = pags_facts_end(&facts, &arguments.session, result);
+    result = pags_report_end(&facts, &arguments.session, result);
   }
   return pags_session_end(&arguments.session, result);
 }

@@ -1,19 +1,19 @@
 /* pags render: draws a scene or a splat file into pictures. */
-#include "cli/deadline_report.h"
-#include "cli/object_edits.h"
-#include "cli/interrupt.h"
 #include "cli/camera_paths.h"
+#include "cli/deadline_report.h"
+#include "cli/interrupt.h"
+#include "cli/object_edits.h"
 #include "cli/picture_queue.h"
 #include "cli/session.h"
 #include "cli/verbs.h"
 #include "cli/viewpoints.h"
 
-#include "base/file.h"
 #include <math.h>
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include "base/file.h"
 
 typedef struct render_arguments {
   pags_session session;
@@ -22,7 +22,7 @@ typedef struct render_arguments {
   int64_t frames;
   int format, bits;
   double downscale, time, shift, fps;
-  pags_edit_words edits;
+  pags_object_edits edits;
   double background[3];
   float near_plane, low_pass;
   int exposure, antialiased, sh_degree, exp_degree; /* exp_degree: index in "3|5" */
@@ -130,18 +130,19 @@ typedef struct renderer {
   pags_frame_options options;
   pags_picture_writer writer;
   pags_picture_queue queue;
-  pags_frame_stats *stats;  /* per frame done */
-  pags_deadline deadline;   /* with --budget-ms */
-  pags_budget_facts *facts; /* per frame done, with --budget-ms */
+  pags_frame_stats *stats;       /* per frame done */
+  pags_deadline_report deadline; /* with --budget-ms */
+  pags_deadline_result *facts;   /* per frame done, with --budget-ms */
   int64_t done;
 } renderer;
 
-static pags_result find_ego(const render_arguments *arguments, bool counted, const pags_scene *scene, pags_path *path) {
+static pags_result find_ego(const render_arguments *arguments, bool counted, const pags_scene *scene,
+                            pags_camera_path *path) {
   if (pags_scene_is_drive(scene))
-    PAGS_TRY(pags_path_drive(scene, counted ? arguments->frames : 0, arguments->fps, path));
+    PAGS_TRY(pags_camera_path_drive(scene, counted ? arguments->frames : 0, arguments->fps, path));
   else
-    PAGS_TRY(pags_path_ego(scene, arguments->frames, path));
-  pags_path_shift(path, arguments->shift);
+    PAGS_TRY(pags_camera_path_ego(scene, arguments->frames, path));
+  pags_camera_path_shift(path, arguments->shift);
   return PAGS_OK;
 }
 
@@ -159,7 +160,7 @@ static pags_result set_time(double time, const pags_scene *scene, pags_viewpoint
 static void expose_drive(const pags_scene *scene, pags_viewpoints *viewpoints) {
   for (int64_t i = 0; i < viewpoints->count && pags_scene_is_drive(scene); ++i) {
     pags_viewpoint *v = &viewpoints->items[i];
-    pags_scene_exposure(scene, pags_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
+    pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
   }
 }
 
@@ -174,17 +175,17 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
   }
   if (pags_option_given(parsed, "split"))
     return pags_viewpoints_of_scene(scene, (pags_split)arguments->split, out);
-  pags_path path;
+  pags_camera_path path;
   if (arguments->camera)
-    PAGS_TRY(pags_path_load(arguments->camera, &path));
+    PAGS_TRY(pags_camera_path_load(arguments->camera, &path));
   else if (!strcmp(arguments->path, "orbit"))
-    PAGS_TRY(pags_path_orbit(scene, arguments->frames, &path));
+    PAGS_TRY(pags_camera_path_orbit(scene, arguments->frames, &path));
   else if (!strcmp(arguments->path, "ego"))
     PAGS_TRY(find_ego(arguments, pags_option_given(parsed, "frames"), scene, &path));
   else
-    PAGS_TRY(pags_path_load(arguments->path, &path));
+    PAGS_TRY(pags_camera_path_load(arguments->path, &path));
   pags_result result = pags_viewpoints_of_path(&path, out);
-  pags_path_destroy(&path);
+  pags_camera_path_destroy(&path);
   if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego"))
     expose_drive(scene, out);
   return result;
@@ -272,12 +273,12 @@ static pags_result write_json(const renderer *self) {
     pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
     put_stats(&writer, &self->stats[i]);
     if (self->facts)
-      pags_deadline_put_frame(&self->facts[i], &writer);
+      pags_deadline_report_put_frame(&self->facts[i], &writer);
     pags_json_end_object(&writer);
   }
   pags_json_end_array(&writer);
   if (self->facts)
-    pags_deadline_put(&self->deadline, &writer);
+    pags_deadline_report_put(&self->deadline, &writer);
   pags_json_begin_object(&writer, "mean");
   put_stats(&writer, &mean);
   pags_json_end_object(&writer);
@@ -294,8 +295,8 @@ static pags_result draw(renderer *self, int64_t index) {
   if (self->arguments->exposure)
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
   if (self->facts) {
-    PAGS_TRY(pags_deadline_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
-                                &self->facts[index]));
+    PAGS_TRY(pags_deadline_report_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
+                                       &self->facts[index]));
     self->stats[index] = self->facts[index].stats;
   } else {
     PAGS_TRY(
@@ -342,7 +343,7 @@ static void report(const renderer *self) {
       mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
   const int64_t count = pags_composition_gaussian_count(self->composition);
   if (self->facts)
-    pags_deadline_say(&self->deadline, &self->arguments->session);
+    pags_deadline_report_print(&self->deadline, &self->arguments->session);
   if (self->packed)
     pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
              (double)pags_composition_bytes(self->composition) * 1e-6,
@@ -355,7 +356,7 @@ static pags_result find_work(renderer *self, const pags_parsed *parsed, const pa
   PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
   if (pags_option_given(parsed, "time"))
     PAGS_TRY(set_time(arguments->time, scene, &self->viewpoints));
-  return pags_edits_find(&arguments->edits, scene, edits, edit_count);
+  return pags_object_edits_find(&arguments->edits, scene, edits, edit_count);
 }
 
 /* A packed file is not read but mapped; it has neither views nor objects. */
@@ -403,8 +404,8 @@ static pags_result begin_deadline(renderer *self) {
   self->facts = calloc((size_t)self->viewpoints.count + 1, sizeof *self->facts);
   if (!self->facts)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
-  return pags_deadline_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
-                              CHECK_EVERY, &self->deadline);
+  return pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
+                                     CHECK_EVERY, &self->deadline);
 }
 
 static pags_result render(renderer *self, const pags_parsed *parsed, unsigned channels) {
@@ -437,7 +438,7 @@ static void destroy(renderer *self) {
   pags_picture_writer_destroy(&self->writer);
   pags_viewpoints_destroy(&self->viewpoints);
   pags_composition_destroy(self->composition);
-  pags_deadline_destroy(&self->deadline);
+  pags_deadline_report_destroy(&self->deadline);
   free(self->facts);
   free(self->stats);
 }
@@ -466,7 +467,7 @@ static int check_usage(const render_arguments *arguments, const pags_parsed *par
     return pags_usage_error(&verb, "--shift and --fps need --path ego");
   if (arguments->fps > 0 && pags_option_given(parsed, "frames"))
     return pags_usage_error(&verb, "--fps and --frames exclude each other");
-  const char *misspelt = pags_edits_misspelt(&arguments->edits);
+  const char *misspelt = pags_object_edits_misspelt(&arguments->edits);
   if (misspelt)
     return pags_usage_error(&verb, "--move and --add: expected X,Y,Z,YAW, four numbers, got '%s'", misspelt);
   return PAGS_EXIT_OK;

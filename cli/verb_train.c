@@ -3,12 +3,12 @@
 #include "cli/session.h"
 #include "cli/verbs.h"
 
-#include "base/text.h"
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/train.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/text.h"
 
 typedef struct train_arguments {
   pags_session session;

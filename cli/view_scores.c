@@ -55,7 +55,7 @@ static double mean_of(const running_mean *m) {
   return m->count ? m->sum / (double)m->count : (double)NAN; /* which JSON writes as null */
 }
 
-pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, int test) {
+pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test) {
   pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
   running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
   for (int64_t i = 0; i < count; ++i) {
@@ -78,7 +78,7 @@ pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, i
   return out;
 }
 
-void pags_scores_put_json(pags_json_writer *writer, const pags_view_score *score) {
+void pags_view_scores_put_json(pags_json_writer *writer, const pags_view_score *score) {
   char key[32];
   pags_json_put_number(writer, "psnr", score->psnr[PAGS_REGION_WHOLE]);
   pags_json_put_number(writer, "ssim", score->ssim[PAGS_REGION_WHOLE]);
@@ -114,7 +114,7 @@ static void print_mean(const pags_session *session, const pags_mean_score *mean,
     pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", set, m->psnr_unexposed);
 }
 
-void pags_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {
+void pags_view_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {
   static const char *const sets[2] = {"train", "test"};
   pags_say(session, "%-32s %-5s %9s %8s %8s\n", "view", "set", "PSNR dB", "SSIM", "LPIPS");
   for (int test = 0; test < 2; ++test)
@@ -123,7 +123,7 @@ void pags_scores_print(const pags_session *session, const pags_view_score *score
         print_row(session, scores[i].name, sets[test], scores[i].psnr[PAGS_REGION_WHOLE],
                   scores[i].ssim[PAGS_REGION_WHOLE], scores[i].lpips);
   for (int test = 0; test < 2; ++test) {
-    pags_mean_score mean = pags_scores_mean(scores, count, test);
+    pags_mean_score mean = pags_view_scores_mean(scores, count, test);
     if (mean.views)
       print_mean(session, &mean, sets[test]);
   }

@@ -39,11 +39,11 @@ typedef struct pags_mean_score {
   pags_view_score mean; /* each over the views where there is something to measure */
 } pags_mean_score;
 
-pags_mean_score pags_scores_mean(const pags_view_score *scores, int64_t count, int test);
+pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test);
 
 /* Members psnr, ssim, ... of an open object. */
-void pags_scores_put_json(pags_json_writer *writer, const pags_view_score *score);
+void pags_view_scores_put_json(pags_json_writer *writer, const pags_view_score *score);
 /* A line per view and split; then, where a split has regions, a line for each. */
-void pags_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count);
+void pags_view_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count);
 
 #endif

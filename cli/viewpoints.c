@@ -97,7 +97,7 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
   return result;
 }
 
-pags_result pags_viewpoints_of_path(const pags_path *path, pags_viewpoints *out) {
+pags_result pags_viewpoints_of_path(const pags_camera_path *path, pags_viewpoints *out) {
   PAGS_TRY(create(path->count, out));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; result == PAGS_OK && i < path->count; ++i) {

@@ -23,7 +23,7 @@ pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, 
 /* The views of a data set. */
 pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split split, pags_viewpoints *out);
 /* Frames of a path, named 00000, 00001, ...; takes the cameras out of `path`. */
-pags_result pags_viewpoints_of_path(const pags_path *path, pags_viewpoints *out);
+pags_result pags_viewpoints_of_path(const pags_camera_path *path, pags_viewpoints *out);
 void pags_viewpoints_destroy(pags_viewpoints *viewpoints);
 
 #endif

@@ -7,12 +7,12 @@
 #include <string.h>
 #include <zlib.h>
 
-#include "base/bytes.h"
-#include "base/file.h"
-#include "base/json.h"
 #include <pags/camera.h>
 #include <pags/image.h>
 #include <pags/object.h>
+#include "base/bytes.h"
+#include "base/file.h"
+#include "base/json.h"
 
 #define PI 3.14159265358979323846
 

@@ -64,9 +64,9 @@ static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
   const pags_picture *p = f->picture;
   float grey = 0.299f * p->rgb[0][at] + 0.587f * p->rgb[1][at] + 0.114f * p->rgb[2][at];
   switch (f->layout->mode) {
-    case MODE_PRIORITY: pags_heat_color(f->scene->priority_of[id], rgb); return;
-    case MODE_DEPTH: pags_heat_color(1 - on_scale(p->depth[at], 1, 200), rgb); return;
-    case MODE_SIZE: pags_heat_color(on_scale(f->scene->size_of[id], 0.003f, 3), rgb); return;
+    case MODE_PRIORITY: pags_colormap_heat(f->scene->priority_of[id], rgb); return;
+    case MODE_DEPTH: pags_colormap_heat(1 - on_scale(p->depth[at], 1, 200), rgb); return;
+    case MODE_SIZE: pags_colormap_heat(on_scale(f->scene->size_of[id], 0.003f, 3), rgb); return;
     default: break;
   }
   bool critical = is_critical(f->scene, id);
@@ -109,7 +109,7 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   int32_t id = f->picture->id[at];
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
   if (id >= 0)
-    pags_heat_color(f->scene->priority_of[id], rgb);
+    pags_colormap_heat(f->scene->priority_of[id], rgb);
   for (int c = 0; c < 3; ++c)
     rgb[c] *= alpha;
   put_rgba(f, at, alpha, rgb, out);

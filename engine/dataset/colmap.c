@@ -119,7 +119,7 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
                      where, image->name, square);
   if (*pags_path_name(image->name) == '\0')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: image %lld: expected a name", where, (long long)image->id);
-  pags_draft_view *view = pags_draft_add(model->draft);
+  pags_parsed_view *view = pags_parsed_add(model->draft);
   if (!view)
     return pags_draft_memory(where);
   view->where = pags_text_copy(where);
@@ -146,7 +146,7 @@ bool pags_colmap_is_model(const char *folder) {
 }
 
 /* The first of the usual places that holds any of the pictures; `images` beside the model's root where none does. */
-static char *find_pictures(const char *root, const char *model, const pags_draft *draft) {
+static char *find_pictures(const char *root, const char *model, const pags_parsed_dataset *draft) {
   const char *const bases[] = {root, root, model, model, model};
   static const char *const places[] = {"images", ".", "images", "../images", "../../images"};
   for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
@@ -161,11 +161,11 @@ static char *find_pictures(const char *root, const char *model, const pags_draft
   return pags_path_join(root, "images");
 }
 
-static pags_result locate_pictures(const char *root, const char *model, pags_draft *draft) {
+static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *draft) {
   char *folder = find_pictures(root, model, draft);
   pags_result result = folder ? PAGS_OK : pags_draft_memory(root);
   for (int64_t i = 0; result == PAGS_OK && i < draft->count; i++) {
-    pags_draft_view *view = &draft->views[i];
+    pags_parsed_view *view = &draft->views[i];
     char *path = pags_path_join(folder, view->image_path);
     if (path) {
       free(view->image_path);
@@ -208,7 +208,7 @@ static pags_result read_model(const char *model, pags_colmap *into) {
   return read_part(model, "points3D", "txt", pags_colmap_points_txt, false, into);
 }
 
-pags_result pags_colmap_read(const char *root, const char *model, pags_draft *draft) {
+pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *draft) {
   memset(draft, 0, sizeof *draft);
   draft->kind = "colmap";
   draft->up = PAGS_UP_MINUS_Y;
@@ -218,9 +218,9 @@ pags_result pags_colmap_read(const char *root, const char *model, pags_draft *dr
   if (result == PAGS_OK)
     result = locate_pictures(root, model, draft);
   draft->points.tracked = true;
-  pags_draft_sort_points(&draft->points);
+  pags_parsed_sort_points(&draft->points);
   free(into.cameras);
   if (result != PAGS_OK)
-    pags_draft_destroy(draft);
+    pags_parsed_destroy(draft);
   return result;
 }

@@ -10,7 +10,7 @@ typedef struct pags_colmap_camera {
 } pags_colmap_camera;
 
 typedef struct pags_colmap {
-  pags_draft *draft;
+  pags_parsed_dataset *draft;
   int64_t camera_count, camera_capacity;
   pags_colmap_camera *cameras; /* sorted by id once read */
 } pags_colmap;

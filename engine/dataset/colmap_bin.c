@@ -98,7 +98,7 @@ pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *
   return PAGS_OK;
 }
 
-static pags_result take_point(cursor *c, pags_draft_points *points) {
+static pags_result take_point(cursor *c, pags_parsed_points *points) {
   uint64_t id = 0;
   double xyz[3], error;
   uint8_t rgb[3];
@@ -108,12 +108,12 @@ static pags_result take_point(cursor *c, pags_draft_points *points) {
   PAGS_TRY(take(c, rgb, sizeof rgb));
   PAGS_TRY(take(c, &error, sizeof error));
   PAGS_TRY(take_count(c, 8, "observers of a point", &observers));
-  PAGS_TRY(pags_draft_add_point(points, (int64_t)id, xyz, rgb, c->bytes->path));
+  PAGS_TRY(pags_parsed_add_point(points, (int64_t)id, xyz, rgb, c->bytes->path));
   for (int64_t i = 0; i < observers; i++) {
     int64_t view, observation;
     PAGS_TRY(take_u32(c, &view));
     PAGS_TRY(take_u32(c, &observation));
-    PAGS_TRY(pags_draft_observe(points, view, c->bytes->path));
+    PAGS_TRY(pags_parsed_observe(points, view, c->bytes->path));
   }
   return PAGS_OK;
 }

@@ -142,7 +142,7 @@ pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *
   return PAGS_OK;
 }
 
-static pags_result take_point(lines *l, pags_draft_points *points) {
+static pags_result take_point(lines *l, pags_parsed_points *points) {
   int64_t id = 0, colour = 0, view = 0, observation;
   double xyz[3], error;
   uint8_t rgb[3];
@@ -154,11 +154,11 @@ static pags_result take_point(lines *l, pags_draft_points *points) {
     rgb[i] = (uint8_t)colour;
   }
   PAGS_TRY(take_number(l, "the point's error", &error));
-  PAGS_TRY(pags_draft_add_point(points, id, xyz, rgb, l->bytes->path));
+  PAGS_TRY(pags_parsed_add_point(points, id, xyz, rgb, l->bytes->path));
   while (*l->field) {
     PAGS_TRY(take_integer(l, "the number of an image", 0, LARGEST_ID, &view));
     PAGS_TRY(take_integer(l, "the number of an observation", 0, LARGEST_ID, &observation));
-    PAGS_TRY(pags_draft_observe(points, view, l->bytes->path));
+    PAGS_TRY(pags_parsed_observe(points, view, l->bytes->path));
   }
   return PAGS_OK;
 }

@@ -36,7 +36,7 @@ static pags_result check_options(const pags_dataset_options *options) {
 
 static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
 
-static pags_result read_default_model(const char *root, pags_draft *draft) {
+static pags_result read_default_model(const char *root, pags_parsed_dataset *draft) {
   for (size_t i = 0; i < sizeof model_folders / sizeof *model_folders; i++) {
     char *model = i == 0 ? pags_text_copy(root) : pags_path_join(root, model_folders[i]);
     if (!model)
@@ -54,7 +54,7 @@ static pags_result read_default_model(const char *root, pags_draft *draft) {
       root);
 }
 
-static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_draft *draft) {
+static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
   char *transforms = pags_path_join(root, "transforms.json");
   if (!transforms)
     return pags_draft_memory(root);
@@ -72,7 +72,7 @@ static pags_result read_folder(const char *root, const pags_dataset_options *opt
 }
 
 /* A model that was asked for; its path may be relative to the data set. */
-static pags_result read_named_model(const char *path, const char *model, pags_draft *draft) {
+static pags_result read_named_model(const char *path, const char *model, pags_parsed_dataset *draft) {
   char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
   char *inside = root ? pags_path_join(root, model) : NULL;
   pags_result result;
@@ -90,7 +90,7 @@ static pags_result read_named_model(const char *path, const char *model, pags_dr
   return result;
 }
 
-static pags_result read_draft(const char *path, const pags_dataset_options *options, pags_draft *draft) {
+static pags_result read_draft(const char *path, const pags_dataset_options *options, pags_parsed_dataset *draft) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
   if (options->colmap)
@@ -111,19 +111,19 @@ static pags_result read_draft(const char *path, const pags_dataset_options *opti
 /* Views: order, presence, sizes. */
 
 static int by_name(const void *a, const void *b) {
-  const pags_draft_view *left = a, *right = b;
+  const pags_parsed_view *left = a, *right = b;
   int order = strcmp(pags_path_name(left->image_path), pags_path_name(right->image_path));
   return order ? order : strcmp(left->image_path, right->image_path);
 }
 
-static pags_result sort_views(pags_draft *draft) {
+static pags_result sort_views(pags_parsed_dataset *draft) {
   if (draft->count == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", draft->source);
   if (draft->driving) /* by frame, then by camera, as its reader has left them */
     return PAGS_OK;
   pags_sort(draft->views, draft->count, sizeof *draft->views, by_name);
   for (int64_t i = 1; i < draft->count; i++) {
-    const pags_draft_view *a = &draft->views[i - 1], *b = &draft->views[i];
+    const pags_parsed_view *a = &draft->views[i - 1], *b = &draft->views[i];
     const char *name = pags_path_name(a->image_path);
     if (strcmp(name, pags_path_name(b->image_path)) == 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the image name %s occurs twice (also at %s); expected unique names",
@@ -132,9 +132,9 @@ static pags_result sort_views(pags_draft *draft) {
   return PAGS_OK;
 }
 
-static pags_result check_sizes(const pags_draft *draft) {
+static pags_result check_sizes(const pags_parsed_dataset *draft) {
   for (int64_t i = 0; i < draft->count; i++) {
-    const pags_draft_view *view = &draft->views[i];
+    const pags_parsed_view *view = &draft->views[i];
     int width, height;
     if (view->missing || view->sized)
       continue;
@@ -146,8 +146,8 @@ static pags_result check_sizes(const pags_draft *draft) {
   return PAGS_OK;
 }
 
-static void swap_views(pags_draft_view *a, pags_draft_view *b) {
-  pags_draft_view keep = *a;
+static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
+  pags_parsed_view keep = *a;
   *a = *b;
   *b = keep;
 }
@@ -155,10 +155,10 @@ static void swap_views(pags_draft_view *a, pags_draft_view *b) {
 /* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the
  * others. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
-  pags_draft *draft = &dataset->draft;
+  pags_parsed_dataset *draft = &dataset->draft;
   const char *first = NULL, *where = NULL;
   for (int64_t i = 0; i < draft->count; i++) {
-    pags_draft_view *view = &draft->views[i];
+    pags_parsed_view *view = &draft->views[i];
     if (!view->missing)
       swap_views(view, &draft->views[dataset->count++]);
     else if (!first)
@@ -189,7 +189,7 @@ static bool same_lens(const pags_lens *a, const pags_lens *b) {
 
 /* Finding the pinhole of a lens costs milliseconds: one that was seen before is taken over. */
 static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
-  pags_draft_view *views = dataset->draft.views;
+  pags_parsed_view *views = dataset->draft.views;
   for (int64_t i = 0; i < index; i++)
     if (same_lens(&views[i].lens, &views[index].lens)) {
       views[index].lens = views[i].lens;
@@ -203,7 +203,7 @@ static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
 /* Held out: driving sets by time step or camera, static ones by their order. */
 static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
   const pags_driving *driving = dataset->draft.driving;
-  const pags_draft_view *from = &dataset->draft.views[index];
+  const pags_parsed_view *from = &dataset->draft.views[index];
   view->sensor = driving ? from->sensor : -1;
   view->frame = driving ? from->frame : -1;
   view->shutter_time = driving ? from->shutter_time : (double)NAN;
@@ -213,7 +213,7 @@ static void choose_part(const pags_dataset *dataset, int64_t index, int every, p
 }
 
 static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_dataset_options *options) {
-  const pags_draft_view *from = &dataset->draft.views[index];
+  const pags_parsed_view *from = &dataset->draft.views[index];
   pags_view *view = &dataset->views[index];
   view->name = pags_path_name(from->image_path);
   view->image_path = from->image_path;
@@ -302,7 +302,7 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
 void pags_dataset_close(pags_dataset *dataset) {
   if (!dataset)
     return;
-  pags_draft_destroy(&dataset->draft);
+  pags_parsed_destroy(&dataset->draft);
   free(dataset->path);
   free(dataset->views);
   free(dataset->pinholes);

@@ -75,7 +75,7 @@ static double find_middle(const pags_camera *const *cameras, int64_t count, doub
 }
 
 /* The median depth of the point nearest to all axes. */
-pags_result pags_subject_distance(const pags_camera *const *cameras, int64_t count, double *out) {
+pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count, double *out) {
   double middle[3], subject[3], spread = find_middle(cameras, count, middle);
   *out = spread > 1e-9 ? 4 * spread : 1;
   if (!find_subject(cameras, count, middle, subject))
@@ -108,7 +108,7 @@ bool pags_camera_sees(const pags_camera *camera, const double point[3], double n
 
 /* In a room with an object in its middle (the model of data/fox), 98 % of all observations lie above 0.45; most lie
  * below 1.6, but outdoors what is behind the subject begins there. */
-double pags_subject_depth(double distance, double draw) {
+double pags_focus_depth(double distance, double draw) {
   const double low = 0.45, high = 4;
   return distance * low * pow(high / low, draw);
 }

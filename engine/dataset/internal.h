@@ -8,7 +8,7 @@
 
 struct pags_dataset {
   char *path;
-  pags_draft draft; /* owns the strings; its views are in the order of `views` */
+  pags_parsed_dataset draft; /* owns the strings; its views are in the order of `views` */
   pags_view *views;
   pags_camera *pinholes; /* of each view: undistorted, not downscaled; intrinsics only */
   int64_t count;

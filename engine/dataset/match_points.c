@@ -367,7 +367,7 @@ static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
   for (int64_t i = begin; i < end; i++) {
     const ray *r = &m->rays[i], *from = r->sure ? r : nearest_sure(m, r);
     double draw = pags_rng_uniform(m->seed, STREAM + TRIES, (uint64_t)i);
-    emit(m, r, from ? from->inverse : 1 / pags_subject_depth(m->distance, draw), m->xyz + 3 * i, m->rgb + 3 * i);
+    emit(m, r, from ? from->inverse : 1 / pags_focus_depth(m->distance, draw), m->xyz + 3 * i, m->rgb + 3 * i);
   }
 }
 
@@ -414,7 +414,7 @@ static pags_result prepare(matcher *m) {
   const pags_camera *cameras[MOST_PICTURES];
   for (int i = 0; i < m->count; i++)
     cameras[i] = &m->dataset->views[m->views[i]].camera;
-  return pags_subject_distance(cameras, m->count, &m->distance);
+  return pags_focus_distance(cameras, m->count, &m->distance);
 }
 
 static void destroy(matcher *m) {

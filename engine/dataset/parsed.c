@@ -10,7 +10,7 @@
 
 #include "base/sort.h"
 
-void pags_draft_destroy(pags_draft *draft) {
+void pags_parsed_destroy(pags_parsed_dataset *draft) {
   for (int64_t i = 0; i < draft->count; i++) {
     free(draft->views[i].image_path);
     free(draft->views[i].mask_path);
@@ -41,32 +41,32 @@ static bool grow(void **items, int64_t count, int64_t *capacity, size_t size) {
   return true;
 }
 
-pags_draft_view *pags_draft_add(pags_draft *draft) {
+pags_parsed_view *pags_parsed_add(pags_parsed_dataset *draft) {
   void *views = draft->views;
   if (!grow(&views, draft->count, &draft->capacity, sizeof *draft->views))
     return NULL;
   draft->views = views;
-  pags_draft_view *view = &draft->views[draft->count++];
+  pags_parsed_view *view = &draft->views[draft->count++];
   memset(view, 0, sizeof *view);
   return view;
 }
 
-pags_result pags_draft_add_point(pags_draft_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
-                                 const char *where) {
+pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
+                                  const char *where) {
   if (!isfinite(xyz[0]) || !isfinite(xyz[1]) || !isfinite(xyz[2]))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: point %lld: expected finite coordinates", where, (long long)id);
   void *items = points->items;
   if (!grow(&items, points->count, &points->capacity, sizeof *points->items))
     return pags_draft_memory(where);
   points->items = items;
-  pags_draft_point *point = &points->items[points->count++];
-  *point = (pags_draft_point){.id = id, .track_begin = points->track_count};
+  pags_parsed_point *point = &points->items[points->count++];
+  *point = (pags_parsed_point){.id = id, .track_begin = points->track_count};
   memcpy(point->xyz, xyz, sizeof point->xyz);
   memcpy(point->rgb, rgb, sizeof point->rgb);
   return PAGS_OK;
 }
 
-pags_result pags_draft_observe(pags_draft_points *points, int64_t view, const char *where) {
+pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where) {
   assert(points->count > 0);
   void *track = points->track;
   if (!grow(&track, points->track_count, &points->track_capacity, sizeof *points->track))
@@ -78,11 +78,11 @@ pags_result pags_draft_observe(pags_draft_points *points, int64_t view, const ch
 }
 
 static int by_id(const void *a, const void *b) {
-  int64_t left = ((const pags_draft_point *)a)->id, right = ((const pags_draft_point *)b)->id;
+  int64_t left = ((const pags_parsed_point *)a)->id, right = ((const pags_parsed_point *)b)->id;
   return left < right ? -1 : left > right;
 }
 
-void pags_draft_sort_points(pags_draft_points *points) {
+void pags_parsed_sort_points(pags_parsed_points *points) {
   if (points->count > 0)
     pags_sort(points->items, points->count, sizeof *points->items, by_id);
 }

@@ -8,7 +8,7 @@
 
 #include "dataset/lens.h"
 
-typedef struct pags_draft_view {
+typedef struct pags_parsed_view {
   char *image_path;             /* as it would be opened */
   char *mask_path;              /* NULL: none */
   char *where;                  /* "transforms.json:12": begins messages about this view */
@@ -22,42 +22,42 @@ typedef struct pags_draft_view {
   double time, shutter_time;                     /* seconds; shutter_time NaN where unknown */
   char *sky_path, *semantic_path, *dynamic_path; /* NULL: none */
   char *part_path;                               /* the dynamic mask of what is critical alone; NULL: none */
-} pags_draft_view;
+} pags_parsed_view;
 
-typedef struct pags_draft_point {
+typedef struct pags_parsed_point {
   int64_t id;    /* points are sorted by it, so that both forms of a COLMAP model give the same order */
   double xyz[3]; /* absolute */
   uint8_t rgb[3];
   int64_t track_begin, track_count; /* in `track` */
-} pags_draft_point;
+} pags_parsed_point;
 
-typedef struct pags_draft_points {
+typedef struct pags_parsed_points {
   int64_t count, capacity;
-  pags_draft_point *items;
+  pags_parsed_point *items;
   bool tracked; /* it is known which views see a point */
   int64_t track_count, track_capacity;
   int64_t *track; /* ids of views */
-} pags_draft_points;
+} pags_parsed_points;
 
-typedef struct pags_draft {
+typedef struct pags_parsed_dataset {
   const char *kind; /* static */
   char *source;     /* the file or folder it was read from, for messages */
   pags_up up;
   int64_t count, capacity;
-  pags_draft_view *views;
-  pags_draft_points points;     /* count 0: the data set has none */
+  pags_parsed_view *views;
+  pags_parsed_points points;    /* count 0: the data set has none */
   struct pags_driving *driving; /* NULL: a static set */
-} pags_draft;
+} pags_parsed_dataset;
 
-void pags_draft_destroy(pags_draft *draft);
+void pags_parsed_destroy(pags_parsed_dataset *draft);
 /* A zeroed view at the end; NULL when memory is out. */
-pags_draft_view *pags_draft_add(pags_draft *draft);
+pags_parsed_view *pags_parsed_add(pags_parsed_dataset *draft);
 /* A point at the end, without observers yet; fails where a coordinate is not finite. */
-pags_result pags_draft_add_point(pags_draft_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
-                                 const char *where);
+pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
+                                  const char *where);
 /* One more observer of the last point. */
-pags_result pags_draft_observe(pags_draft_points *points, int64_t view, const char *where);
-void pags_draft_sort_points(pags_draft_points *points);
+pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where);
+void pags_parsed_sort_points(pags_parsed_points *points);
 
 /* "path: no memory ..." */
 pags_result pags_draft_memory(const char *where);
@@ -66,13 +66,13 @@ pags_result pags_draft_memory(const char *where);
 char *pags_draft_text(const char *format, ...) PAGS_PRINTF(1, 2);
 
 /* A file of nerfstudio's or instant-ngp's. Both readers leave an empty draft on failure. */
-pags_result pags_transforms_read(const char *path, pags_draft *draft);
+pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft);
 /* `model` holds cameras/images/points3D (.bin or .txt); pictures are looked for around `root` and `model`. */
-pags_result pags_colmap_read(const char *root, const char *model, pags_draft *draft);
+pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *draft);
 bool pags_colmap_is_model(const char *folder);
 
 /* Vertices of a PLY file with x y z and, where it has them, red green blue. */
-pags_result pags_ply_points_read(const char *path, pags_draft_points *points);
+pags_result pags_ply_points_read(const char *path, pags_parsed_points *points);
 
 /* Random points in what the cameras see together; xyz is relative to `origin`. See random_points.c. */
 pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera_count, const double origin[3],

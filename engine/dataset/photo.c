@@ -40,7 +40,7 @@ static pags_result load(const pags_dataset *dataset, int64_t index, pictures *ou
     PAGS_TRY(pags_image_load(view->mask_path, PAGS_U8, 1, &out->mask));
     PAGS_TRY(check_size(&out->mask, view->mask_path, lens));
   }
-  return pags_labels_load(dataset, index, &out->labels, &out->mask);
+  return pags_label_plane_load(dataset, index, &out->labels, &out->mask);
 }
 
 static pags_result undistort(const pags_lens *lens, const pags_camera *pinhole, pictures *p) {
@@ -141,7 +141,7 @@ static pags_result add_labels(const pags_dataset *dataset, int64_t index, const 
   if (!out->has_labels)
     return PAGS_OK;
   uint8_t *plane = out->planes + (out->has_mask ? 4 : 3) * plane_bytes(out->width, out->height);
-  pags_result result = pags_labels_add(dataset, index, target, out->stride, plane);
+  pags_result result = pags_label_plane_add(dataset, index, target, out->stride, plane);
   if (result == PAGS_OK)
     return PAGS_OK;
   free(out->planes);
@@ -162,7 +162,7 @@ pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int fa
   if (result == PAGS_OK)
     result = shrink(pinhole, &target, &p);
   if (result == PAGS_OK)
-    result = split(&p, pags_labels_exist(dataset, index), out);
+    result = split(&p, pags_label_planes_exist(dataset, index), out);
   destroy(&p);
   return result == PAGS_OK ? add_labels(dataset, index, &target, out) : result;
 }
@@ -174,7 +174,7 @@ void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, ui
   bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);
   /* The file's pixels, the undistorted ones, the shrunk ones, the planes: at any moment the input and the output of one
    * step. Labels come from files that are held one at a time. */
-  uint64_t labels = pags_labels_exist(dataset, index) ? 1 : 0;
+  uint64_t labels = pags_label_planes_exist(dataset, index) ? 1 : 0;
   uint64_t source = (4 + 2 * labels) * (uint64_t)lens->width * (uint64_t)lens->height;
   uint64_t upright = straight ? 0 : (4 + labels) * (uint64_t)pinhole->width * (uint64_t)pinhole->height;
   uint64_t shrunk = same ? 0 : (4 + labels) * (uint64_t)target.width * (uint64_t)target.height;

@@ -164,7 +164,7 @@ static uint8_t colour_of(double value, scalar type) {
   return (uint8_t)(unit > 0 ? (unit < 255 ? unit + 0.5 : 255) : 0);
 }
 
-static pags_result read_points(ply *p, pags_draft_points *points) {
+static pags_result read_points(ply *p, pags_parsed_points *points) {
   for (int64_t i = 0; i < p->count; i++) {
     double values[MAX_PROPERTIES], xyz[3];
     uint8_t rgb[3];
@@ -174,12 +174,12 @@ static pags_result read_points(ply *p, pags_draft_points *points) {
       xyz[c] = values[p->wanted[c]];
       rgb[c] = colour < 0 ? 128 : colour_of(values[colour], p->types[colour]);
     }
-    PAGS_TRY(pags_draft_add_point(points, i, xyz, rgb, p->path));
+    PAGS_TRY(pags_parsed_add_point(points, i, xyz, rgb, p->path));
   }
   return PAGS_OK;
 }
 
-pags_result pags_ply_points_read(const char *path, pags_draft_points *points) {
+pags_result pags_ply_points_read(const char *path, pags_parsed_points *points) {
   uint8_t *bytes;
   size_t size;
   PAGS_TRY(pags_file_read(path, &bytes, &size));

@@ -38,7 +38,8 @@ static id_use *list_uses(const pags_dataset *dataset) {
 }
 
 /* Two training views must see a point: with fewer it stands where a held-out view has put it. */
-static int is_used(const pags_draft_points *points, const pags_draft_point *point, const id_use *uses, int64_t views) {
+static int is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
+                   int64_t views) {
   int seen = 0;
   if (!points->tracked)
     return 1;
@@ -56,14 +57,14 @@ static pags_result allocate(pags_dataset *dataset, int64_t count) {
 }
 
 static pags_result take_model_points(pags_dataset *dataset) {
-  const pags_draft_points *points = &dataset->draft.points;
+  const pags_parsed_points *points = &dataset->draft.points;
   PAGS_TRY(allocate(dataset, points->count));
   id_use *uses = list_uses(dataset);
   if (!uses)
     return pags_draft_memory(dataset->path);
   int64_t kept = 0;
   for (int64_t i = 0; i < points->count; i++) {
-    const pags_draft_point *point = &points->items[i];
+    const pags_parsed_point *point = &points->items[i];
     if (!is_used(points, point, uses, dataset->count))
       continue;
     for (int c = 0; c < 3; c++)
@@ -98,7 +99,7 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
 
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
   if (dataset->draft.driving && options->sfm)
-    PAGS_TRY(pags_sfm_read(options->sfm, &dataset->draft));
+    PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->draft));
   if (dataset->draft.points.count > 0)
     PAGS_TRY(take_model_points(dataset));
   if (dataset->point_count > 0)

@@ -29,7 +29,7 @@ static void draw_point(const pags_camera *const *cameras, int64_t count, double 
   const double *m = camera->world_from_camera;
   double pixel[2];
   pags_rng_uniform2(seed, STREAM + DRAW_PIXEL, draw, pixel);
-  double z = pags_subject_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
+  double z = pags_focus_depth(distance, pags_rng_uniform(seed, STREAM + DRAW_DEPTH, draw));
   double x = (pixel[0] * camera->width - camera->cx) / camera->fx * z;
   double y = (pixel[1] * camera->height - camera->cy) / camera->fy * z;
   for (int i = 0; i < 3; i++)
@@ -40,7 +40,7 @@ pags_result pags_random_points(const pags_camera *const *cameras, int64_t camera
                                uint64_t seed, int64_t count, float *xyz, uint8_t *rgb) {
   assert(camera_count > 0 && count > 0);
   double distance;
-  PAGS_TRY(pags_subject_distance(cameras, camera_count, &distance));
+  PAGS_TRY(pags_focus_distance(cameras, camera_count, &distance));
   /* Three views place a point; sets of fewer can't ask for more than they have. After enough misses any point will do:
    * views that overlap with nothing still need something to start from. */
   int64_t enough = camera_count < 3 ? camera_count : 3, misses = 0;

@@ -19,7 +19,7 @@ typedef struct reader {
   pags_json *json;
   const pags_json_value *root;
   char *folder; /* file_path is relative to it */
-  pags_draft *draft;
+  pags_parsed_dataset *draft;
 } reader;
 
 /* The frame's own value, else the shared one; *given says whether there is either. */
@@ -96,7 +96,7 @@ static pags_result find_focal(const reader *r, const pags_json_value *frame, pag
   return PAGS_OK;
 }
 
-static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   static const char *const radial[] = {"k1", "k2", "k3", "k4"}, *const tangential[] = {"p1", "p2"};
   pags_lens *lens = &view->lens;
   PAGS_TRY(find_kind(r, frame, &lens->kind));
@@ -132,7 +132,7 @@ static pags_result find_pose(const reader *r, const pags_json_value *frame, doub
 }
 
 /* instant-ngp and the synthetic NeRF scenes leave the extension out. */
-static pags_result find_image(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+static pags_result find_image(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   static const char *const extensions[] = {".png", ".jpg", ".jpeg", ".JPG", ".JPEG", ".PNG", ".exr"};
   const char *file;
   PAGS_TRY(pags_json_string(r->json, frame, "file_path", &file));
@@ -157,7 +157,7 @@ static pags_result find_image(const reader *r, const pags_json_value *frame, pag
   return PAGS_OK;
 }
 
-static pags_result find_mask(const reader *r, const pags_json_value *frame, pags_draft_view *view) {
+static pags_result find_mask(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
   const char *file;
   PAGS_TRY(pags_json_string_or(r->json, frame, "mask_path", NULL, &file));
   if (!file || view->missing)
@@ -172,7 +172,7 @@ static pags_result find_mask(const reader *r, const pags_json_value *frame, pags
 
 static pags_result read_frame(const reader *r, const pags_json_value *frame) {
   PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
-  pags_draft_view *view = pags_draft_add(r->draft);
+  pags_parsed_view *view = pags_parsed_add(r->draft);
   if (!view)
     return pags_draft_memory(pags_json_path(r->json));
   view->where = pags_draft_text("%s:%d", pags_json_path(r->json), frame->line);
@@ -214,13 +214,13 @@ static pags_result read_all(reader *r, const char *path) {
   return read_points(r);
 }
 
-pags_result pags_transforms_read(const char *path, pags_draft *draft) {
+pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft) {
   memset(draft, 0, sizeof *draft);
   reader r = {.draft = draft};
   pags_result result = read_all(&r, path);
   pags_json_destroy(r.json);
   free(r.folder);
   if (result != PAGS_OK)
-    pags_draft_destroy(draft);
+    pags_parsed_destroy(draft);
   return result;
 }

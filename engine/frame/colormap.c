@@ -1,7 +1,7 @@
 /* Priorities as colours. */
 #include <pags/compose.h>
 
-void pags_heat_color(float value, float rgb[3]) {
+void pags_colormap_heat(float value, float rgb[3]) {
   static const float stops[5][3] = {{0.05f, 0.03f, 0.20f},
                                     {0.42f, 0.06f, 0.43f},
                                     {0.83f, 0.21f, 0.30f},

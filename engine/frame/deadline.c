@@ -9,40 +9,40 @@
 
 /* Ordered by what they cost on trained streets. */
 #define GREY (1.0f / 255.0f)
-static const pags_budget_step steps[PAGS_BUDGET_STEPS] = {
+static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
     {0.0f, 0, 0.0f, 0}, {GREY, 0, 0.0f, 0},     {GREY, 3, 0.25f, 0},    {GREY, 3, 1.0f, 0},
     {GREY, 3, 0.0f, 1}, {2 * GREY, 3, 1.0f, 1}, {4 * GREY, 3, 4.0f, 1}, {4 * GREY, 3, 16.0f, 1}};
 
 /* Guesses to begin with; what is measured replaces them. */
-static const double first_shares[PAGS_BUDGET_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65, 0.6, 0.55, 0.5};
+static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65, 0.6, 0.55, 0.5};
 
 #define MARGIN 1.12 /* frames of one path differ by so much from one to the next */
 
-const pags_budget_step *pags_budget_steps(void) {
+const pags_deadline_step *pags_deadline_steps(void) {
   return steps;
 }
 
-pags_budget_controller pags_budget_controller_begin(double target_ms) {
-  pags_budget_controller out = {.target = target_ms, .last_step = -1};
+pags_deadline_controller pags_deadline_controller_begin(double target_ms) {
+  pags_deadline_controller out = {.target = target_ms, .last_step = -1};
   memcpy(out.share, first_shares, sizeof out.share);
   return out;
 }
 
 /* Two frames one after the other at different steps tell the steps' ratio, the view having hardly changed. */
-static void learn(pags_budget_controller *c, double ms) {
+static void learn(pags_deadline_controller *c, double ms) {
   const int k = c->step;
   if (c->last_step < 0 || c->last_step == k || !(c->last_ms > 0.0))
     return;
   const double told = c->share[c->last_step] * ms / c->last_ms;
   if (k == 0) { /* the measure of all others: they are corrected */
     const double by = fmin(fmax(c->share[c->last_step] / told, 0.5), 2.0);
-    for (int j = 1; j < PAGS_BUDGET_STEPS; j++)
+    for (int j = 1; j < PAGS_DEADLINE_STEPS; j++)
       c->share[j] *= sqrt(by);
   } else {
     c->share[k] = 0.5 * (c->share[k] + told);
   }
   c->share[k] = k == 0 ? 1.0 : c->share[k];
-  for (int j = 1; j < PAGS_BUDGET_STEPS; j++) { /* a later step never costs more */
+  for (int j = 1; j < PAGS_DEADLINE_STEPS; j++) { /* a later step never costs more */
     c->share[j] = fmin(fmax(c->share[j], 0.01), 1.0);
     if (j < k)
       c->share[j] = fmax(c->share[j], c->share[k]);
@@ -51,51 +51,51 @@ static void learn(pags_budget_controller *c, double ms) {
   }
 }
 
-void pags_budget_controller_tell(pags_budget_controller *c, double ms) {
+void pags_deadline_controller_tell(pags_deadline_controller *c, double ms) {
   if (!(ms > 0.0) || !isfinite(ms))
     return;
   learn(c, ms);
   const double now = ms / c->share[c->step];
   c->full = now > c->full ? now : 0.7 * c->full + 0.3 * now; /* up at once, down slowly */
   int next = 0;
-  while (next + 1 < PAGS_BUDGET_STEPS && c->full * c->share[next] * MARGIN > c->target)
+  while (next + 1 < PAGS_DEADLINE_STEPS && c->full * c->share[next] * MARGIN > c->target)
     next++;
   c->last_step = c->step;
   c->last_ms = ms;
   c->step = next < c->step - 1 ? c->step - 1 : next;
 }
 
-struct pags_budget {
-  pags_budget_controller controller;
+struct pags_deadline {
+  pags_deadline_controller controller;
   pags_frame *frame;
   uint8_t *critical; /* per id */
   int64_t count;
 };
 
-pags_result pags_budget_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
-                               pags_budget **out) {
+pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const float *priority, int64_t count,
+                                 pags_deadline **out) {
   assert(target_ms > 0.0 && count >= 0);
   *out = NULL;
-  pags_budget *const b = calloc(1, sizeof *b);
+  pags_deadline *const b = calloc(1, sizeof *b);
   uint8_t *const critical = calloc((size_t)count + 1, 1);
   if (!b || !critical) {
     free(b);
     free(critical);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the priorities of %lld Gaussians", (long long)count);
   }
-  *b = (pags_budget){.controller = pags_budget_controller_begin(target_ms), .critical = critical, .count = count};
+  *b = (pags_deadline){.controller = pags_deadline_controller_begin(target_ms), .critical = critical, .count = count};
   for (int64_t i = 0; i < count && priority; i++)
     critical[i] = priority[i] > 0.5f;
   const pags_result result = pags_frame_create(tasks, &b->frame);
   if (result != PAGS_OK) {
-    pags_budget_destroy(b);
+    pags_deadline_destroy(b);
     return result;
   }
   *out = b;
   return PAGS_OK;
 }
 
-void pags_budget_destroy(pags_budget *budget) {
+void pags_deadline_destroy(pags_deadline *budget) {
   if (!budget)
     return;
   pags_frame_destroy(budget->frame);
@@ -103,13 +103,13 @@ void pags_budget_destroy(pags_budget *budget) {
   free(budget);
 }
 
-pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *parts, int part_count,
-                                    const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
-                                    pags_budget_facts *facts) {
-  assert(step >= 0 && step < PAGS_BUDGET_STEPS && options->early_z != PAGS_EARLY_Z_PAPER &&
+pags_result pags_deadline_render_step(pags_deadline *b, int step, const pags_part *parts, int part_count,
+                                      const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
+                                      pags_deadline_result *facts) {
+  assert(step >= 0 && step < PAGS_DEADLINE_STEPS && options->early_z != PAGS_EARLY_Z_PAPER &&
          options->order == PAGS_ORDER_DEPTH);
   const double begun = pags_clock_ms();
-  const pags_budget_step *const s = steps + step;
+  const pags_deadline_step *const s = steps + step;
   frame_apart apart = {.critical = b->critical, .count = b->count, .full_tiles = 1.0};
   pags_frame_options reduced = *options;
   if (s->eps > 0.0f) {
@@ -123,20 +123,21 @@ pags_result pags_budget_render_step(pags_budget *b, int step, const pags_part *p
   const pags_result result = pags_frame_render(b->frame, parts, part_count, camera, &reduced, NULL, NULL, out);
   b->frame->apart = NULL;
   PAGS_TRY(result);
-  *facts = (pags_budget_facts){.step = step, .full_tiles = apart.full_tiles, .stats = *pags_frame_stats_get(b->frame)};
+  *facts =
+      (pags_deadline_result){.step = step, .full_tiles = apart.full_tiles, .stats = *pags_frame_stats_get(b->frame)};
   facts->ms = pags_clock_ms() - begun;
   facts->met = facts->ms <= b->controller.target;
   return PAGS_OK;
 }
 
-pags_result pags_budget_render(pags_budget *b, const pags_part *parts, int part_count, const pags_camera *camera,
-                               const pags_frame_options *options, pags_picture *out, pags_budget_facts *facts) {
+pags_result pags_deadline_render(pags_deadline *b, const pags_part *parts, int part_count, const pags_camera *camera,
+                                 const pags_frame_options *options, pags_picture *out, pags_deadline_result *facts) {
   const bool first = b->controller.last_step < 0;
-  PAGS_TRY(pags_budget_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
-  pags_budget_controller_tell(&b->controller, facts->ms);
+  PAGS_TRY(pags_deadline_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
+  pags_deadline_controller_tell(&b->controller, facts->ms);
   if (!first || facts->met)
     return PAGS_OK;
-  PAGS_TRY(pags_budget_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
-  pags_budget_controller_tell(&b->controller, facts->ms);
+  PAGS_TRY(pags_deadline_render_step(b, b->controller.step, parts, part_count, camera, options, out, facts));
+  pags_deadline_controller_tell(&b->controller, facts->ms);
   return PAGS_OK;
 }

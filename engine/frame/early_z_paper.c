@@ -202,7 +202,7 @@ static void count_clusters(const paper *p) {
   }
 }
 
-pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
   paper p = {.frame = frame, .touch = touch, .user = user};
   const double t0 = pags_clock_ms();
   PAGS_TRY(allocate(&p));

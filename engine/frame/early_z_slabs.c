@@ -86,7 +86,7 @@ static pags_result order_clusters(slabs *s) {
 
 static pags_result begin(slabs *s) {
   pags_frame *const f = s->frame;
-  PAGS_TRY(pags_frame_fullness_begin(f));
+  PAGS_TRY(pags_frame_saturation_begin(f));
   PAGS_TRY(order_clusters(s));
   const int64_t words = f->cluster_count / 64 + 1;
   s->taken = pags_frame_alloc(f, words, sizeof *s->taken, "cluster flags");
@@ -277,7 +277,7 @@ static pags_result draw_slab(slabs *s, int64_t budget) {
   PAGS_TRY(pags_stage_raster(f));
   const double t4 = pags_clock_ms();
   if (!f->last_slab)
-    pags_frame_fullness_update(f);
+    pags_frame_saturation_update(f);
   stats->ms_bin += t2 - t1, stats->ms_sort += t3 - t2, stats->ms_raster += t4 - t3;
   stats->ms_occlude += pags_clock_ms() - t4;
   stats->slabs++;
@@ -302,7 +302,7 @@ static double hidden_share(const pags_frame_stats *stats) {
   return ((double)stats->hidden + unread) / (passed + unread);
 }
 
-pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
+pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user) {
   slabs s = {.frame = frame, .touch = touch, .user = user};
   const pags_frame_stats *const stats = &frame->stats;
   const double t0 = pags_clock_ms();

@@ -171,7 +171,7 @@ pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user)
   const double t4 = pags_clock_ms();
   PAGS_TRY(pags_stage_sort(frame));
   const double t5 = pags_clock_ms();
-  PAGS_TRY(frame->apart ? pags_stage_apart(frame) : pags_stage_raster(frame));
+  PAGS_TRY(frame->apart ? pags_stage_variable_rate(frame) : pags_stage_raster(frame));
   const double t6 = pags_clock_ms();
   pags_frame_stats *const s = &frame->stats;
   s->ms_cull += t1 - t0, s->ms_project = t2 - t1, s->ms_shade = t3 - t2, s->ms_bin = t4 - t3;
@@ -224,9 +224,9 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   frame->stats.ms_cull = pags_clock_ms() - t0;
   frame->stats.tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   if (paper)
-    PAGS_TRY(pags_frame_draw_paper(frame, touch, user));
+    PAGS_TRY(pags_frame_early_z_paper(frame, touch, user));
   else if (slabs)
-    PAGS_TRY(pags_frame_draw_slabs(frame, touch, user));
+    PAGS_TRY(pags_frame_early_z_slabs(frame, touch, user));
   else
     PAGS_TRY(pags_frame_draw(frame, touch, user));
   if (!slabs && !paper && !frame->apart && frame->options.early_z != PAGS_EARLY_Z_OFF)

@@ -1,6 +1,6 @@
 /* A cluster's rows as planes: where they lie, or unpacked into the caller's scratch. */
-#include "scene/packed_rows.h"
 #include "frame/stages.h"
+#include "scene/packed_rows.h"
 
 const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,
                                  int64_t *stride) {

@@ -31,7 +31,7 @@ static void spread(const pags_frame *frame) {
     }
 }
 
-pags_result pags_frame_fullness_begin(pags_frame *frame) {
+pags_result pags_frame_saturation_begin(pags_frame *frame) {
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
   fullness *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "full tiles");
   if (!f)
@@ -54,6 +54,6 @@ pags_result pags_frame_fullness_begin(pags_frame *frame) {
   return PAGS_OK;
 }
 
-void pags_frame_fullness_update(pags_frame *frame) {
+void pags_frame_saturation_update(pags_frame *frame) {
   spread(frame);
 }

@@ -2,10 +2,10 @@
 #ifndef PAGS_FRAME_STAGES_H
 #define PAGS_FRAME_STAGES_H
 
-#include "simd/kernels.h"
 #include <pags/frame.h>
 #include <pags/packed.h>
 #include <stdbool.h>
+#include "simd/kernels.h"
 
 #include "base/clock.h"
 #include "scene/packed_rows.h"
@@ -132,17 +132,17 @@ pags_result pags_stage_bin(pags_frame *frame);     /* -> tile lists, in the orde
 pags_result pags_stage_sort(pags_frame *frame);    /* -> tile lists, front to back */
 pags_result pags_stage_raster(pags_frame *frame);  /* -> planes */
 pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); /* -> samples, of all tiles */
-pags_result pags_stage_apart(pags_frame *frame); /* -> planes, in place of raster, as `apart` says */
+pags_result pags_stage_variable_rate(pags_frame *frame); /* -> planes, in place of raster, as `apart` says */
 
 /* Nothing is full; what the last raster stage left. */
-pags_result pags_frame_fullness_begin(pags_frame *frame);
-void pags_frame_fullness_update(pags_frame *frame);
+pags_result pags_frame_saturation_begin(pags_frame *frame);
+void pags_frame_saturation_update(pags_frame *frame);
 /* Everything after culling, at once. */
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* The paper's two passes, after culling. */
-pags_result pags_frame_draw_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
+pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user);
 /* Everything after culling, slab of depth by slab. */
-pags_result pags_frame_draw_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
+pags_result pags_frame_early_z_slabs(pags_frame *frame, pags_touch_fn *touch, void *user);
 
 /* Whether the row counts as critical: S_sem > 0.5. */
 static inline bool frame_is_critical(const pags_part *part, int64_t row) {

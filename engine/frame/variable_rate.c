@@ -140,7 +140,7 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
       enlarge_tile(e->frame, e->samples, tile);
 }
 
-pags_result pags_stage_apart(pags_frame *frame) {
+pags_result pags_stage_variable_rate(pags_frame *frame) {
   frame_samples samples;
   PAGS_TRY(make_samples(frame, &samples));
   PAGS_TRY(pags_stage_sample(frame, &samples));

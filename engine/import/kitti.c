@@ -13,10 +13,10 @@
 
 #include "base/file.h"
 #include "base/text.h"
+#include "dataset/driving/writer.h"
 #include "import/kitti_files.h"
 #include "import/kitti_tracks.h"
 #include "import/kitti_tree.h"
-#include "dataset/driving/writer.h"
 
 enum { CAMERAS = 2 };
 

@@ -2,8 +2,8 @@
 #ifndef PAGS_IMPORT_KITTI_TRACKS_H
 #define PAGS_IMPORT_KITTI_TRACKS_H
 
-#include "import/kitti_files.h"
 #include "dataset/driving/writer.h"
+#include "import/kitti_files.h"
 
 typedef struct pags_kitti_tracks {
   int64_t count;

@@ -25,12 +25,12 @@ typedef struct owner_pose {
 typedef struct painter {
   const pags_dataset *dataset;
   pags_tasks *tasks;
-  pags_candidates *points;
+  pags_lidar_points *points;
   int64_t measured;
   double time_begin;
   owner_pose *poses; /* 1 + objects; the background's first */
   pags_seen_point *seen;
-  pags_occlusion occlusion;
+  pags_z_buffer occlusion;
   pags_photo photo;
   pags_camera camera;
 } painter;
@@ -63,7 +63,7 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
   const pags_camera *c = &p->camera;
   const float fx = (float)c->fx, fy = (float)c->fy, cx = (float)c->cx, cy = (float)c->cy;
   for (int64_t i = begin; i < end; i++) {
-    const pags_candidate *row = &p->points->rows[i];
+    const pags_lidar_point *row = &p->points->rows[i];
     const owner_pose *pose = &p->poses[1 + row->owner];
     const float *m = pose->m, *q = row->p;
     p->seen[i].z = 0;
@@ -80,7 +80,7 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
 }
 
 /* Does a pixel of these labels show something else? Boxes of several kinds may overlap there: then nobody knows. */
-static int is_doubtful(const painter *p, const pags_candidate *row, int labels) {
+static int is_doubtful(const painter *p, const pags_lidar_point *row, int labels) {
   static const int bits[] = {[PAGS_CATEGORY_VEHICLE] = PAGS_LABEL_VEHICLE,
                              [PAGS_CATEGORY_PEDESTRIAN] = PAGS_LABEL_PEDESTRIAN,
                              [PAGS_CATEGORY_CYCLIST] = PAGS_LABEL_CYCLIST};
@@ -92,8 +92,8 @@ static int is_doubtful(const painter *p, const pags_candidate *row, int labels) 
 }
 
 /* 0: the pixel can't be used. */
-static float weight_of(const painter *p, const pags_candidate *row, const pags_seen_point *at, int64_t pixel) {
-  int visible = pags_occlusion_visible(&p->occlusion, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
+static float weight_of(const painter *p, const pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
+  int visible = pags_z_buffer_visible(&p->occlusion, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
   if (p->photo.mask && !p->photo.mask[pixel])
     return 0;
   if (!visible && row->kind != PAGS_CANDIDATE_GRID)
@@ -108,8 +108,8 @@ static float weight_of(const painter *p, const pags_candidate *row, const pags_s
 }
 
 /* The share of the views that show a point in which something critical is there: S_sem to begin with. */
-static void count_view(const painter *p, pags_candidate *row, const pags_seen_point *at, int64_t pixel) {
-  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_occlusion_visible(&p->occlusion, at))
+static void count_view(const painter *p, pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
+  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_z_buffer_visible(&p->occlusion, at))
     return;
   row->views[0] += 1;
   row->views[1] += (p->photo.labels[pixel] & PAGS_LABEL_CRITICAL) != 0;
@@ -121,7 +121,7 @@ static void paint_block(void *context, int64_t begin, int64_t end, int worker) {
   int64_t plane = (int64_t)p->photo.height * p->photo.stride;
   for (int64_t i = begin; i < end; i++) {
     const pags_seen_point *at = &p->seen[i];
-    pags_candidate *row = &p->points->rows[i];
+    pags_lidar_point *row = &p->points->rows[i];
     if (!(at->z > 0))
       continue;
     int64_t pixel = (int64_t)at->v * p->photo.stride + (int64_t)at->u;
@@ -138,10 +138,10 @@ static pags_result paint_view(painter *p, pags_photo_cache *photos, int64_t view
   PAGS_TRY(pags_photo_cache_get(photos, view, shrink, &p->photo));
   p->camera = shrink == 1 ? v->camera : pags_camera_downscale(&v->camera, shrink);
   set_poses(p, v->camera.time);
-  PAGS_TRY(pags_occlusion_reset(&p->occlusion, p->photo.width, p->photo.height, p->camera.fx));
+  PAGS_TRY(pags_z_buffer_reset(&p->occlusion, p->photo.width, p->photo.height, p->camera.fx));
   if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, project_block, p))
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");
-  pags_occlusion_add(&p->occlusion, p->seen, p->measured);
+  pags_z_buffer_add(&p->occlusion, p->seen, p->measured);
   if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, paint_block, p))
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");
   return PAGS_OK;
@@ -180,8 +180,8 @@ static pags_result allocate(painter *p, int64_t **views, pags_far_points *far) {
              : pags_fail(PAGS_ERROR_MEMORY, "no memory to colour %lld points", (long long)p->points->count);
 }
 
-pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks, pags_candidates *points,
-                                  int64_t measured, pags_far_points *far) {
+pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
+                                       int64_t measured, pags_far_points *far) {
   painter p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
   pags_photo_cache *photos = NULL;
   int64_t *views = NULL, count = 0;
@@ -197,7 +197,7 @@ pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks
     result = paint_all(&p, photos, views, count, far);
   if (photos)
     pags_photo_cache_destroy(photos);
-  pags_occlusion_destroy(&p.occlusion);
+  pags_z_buffer_destroy(&p.occlusion);
   free(p.poses);
   free(p.seen);
   free(views);

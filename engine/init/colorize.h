@@ -18,12 +18,12 @@ typedef struct pags_far_points {
 /* Adds to the points' sums the colours of the training photographs that see them, weighted by nearness in space and
  * time; the first `measured` rows hide what is behind them. Photographs of objects' points are those of steps at which
  * the object is there. Draws far->wanted points, fewer where the photographs have no place for them. */
-pags_result pags_candidates_paint(const pags_dataset *dataset, pags_tasks *tasks, pags_candidates *points,
-                                  int64_t measured, pags_far_points *far);
+pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
+                                       int64_t measured, pags_far_points *far);
 
 /* Draws on one photograph. `photo` and `camera` are the picture's, `from` the view's number; adds to `far`, which has
  * room. */
-void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion,
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *occlusion,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far);
 
 #endif

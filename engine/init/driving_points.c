@@ -62,7 +62,7 @@ static void put(pags_start_points *to, const float *xyz, const uint8_t *rgb, int
   to->count++;
 }
 
-static void colour_of(const pags_candidate *row, uint8_t rgb[3]) {
+static void colour_of(const pags_lidar_point *row, uint8_t rgb[3]) {
   for (int c = 0; c < 3; c++)
     rgb[c] = (uint8_t)fminf(255.0f, row->sum[c] / row->sum[3] + 0.5f);
 }
@@ -87,8 +87,8 @@ static pags_result list_eyes(const pags_dataset *dataset, float **eyes, int64_t 
 /* Objects. */
 
 /* What has a colour; a mirror image takes its source's. */
-static int seen_colour(const pags_candidates *points, int64_t i, uint8_t rgb[3]) {
-  const pags_candidate *row = &points->rows[i];
+static int seen_colour(const pags_lidar_points *points, int64_t i, uint8_t rgb[3]) {
+  const pags_lidar_point *row = &points->rows[i];
   if (row->kind == PAGS_CANDIDATE_MIRRORED && !(row->sum[3] > 0))
     row = &points->rows[row->source];
   if (!(row->sum[3] > 0))
@@ -97,7 +97,8 @@ static int seen_colour(const pags_candidates *points, int64_t i, uint8_t rgb[3])
   return 1;
 }
 
-static int64_t take_kind(const pags_candidates *points, int32_t owner, int kind, int64_t from, pags_start_points *to) {
+static int64_t take_kind(const pags_lidar_points *points, int32_t owner, int kind, int64_t from,
+                         pags_start_points *to) {
   for (int64_t i = from; i < points->count; i++) {
     uint8_t rgb[3];
     if (points->rows[i].owner == owner && points->rows[i].kind == kind && seen_colour(points, i, rgb))
@@ -106,7 +107,8 @@ static int64_t take_kind(const pags_candidates *points, int32_t owner, int kind,
   return to->count;
 }
 
-static pags_result take_object(const pags_candidates *points, int32_t owner, int64_t measured, pags_start_points *to) {
+static pags_result take_object(const pags_lidar_points *points, int32_t owner, int64_t measured,
+                               pags_start_points *to) {
   int64_t all = 0;
   for (int64_t i = 0; i < points->count; i++)
     all += points->rows[i].owner == owner;
@@ -121,7 +123,7 @@ static pags_result take_object(const pags_candidates *points, int32_t owner, int
   return PAGS_OK;
 }
 
-static pags_result take_objects(const pags_dataset *dataset, const pags_candidates *points, int64_t measured,
+static pags_result take_objects(const pags_dataset *dataset, const pags_lidar_points *points, int64_t measured,
                                 pags_start *out) {
   for (int64_t i = 0; i < out->object_count; i++)
     if (pags_dataset_object(dataset, i)->moving)
@@ -131,7 +133,7 @@ static pags_result take_objects(const pags_dataset *dataset, const pags_candidat
 
 /* Background. */
 
-static void keep_seen_background(pags_candidates *points) {
+static void keep_seen_background(pags_lidar_points *points) {
   int64_t kept = 0;
   for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].owner < 0 && points->rows[i].sum[3] > 0)
@@ -139,7 +141,7 @@ static void keep_seen_background(pags_candidates *points) {
   points->count = kept;
 }
 
-static int64_t background_count(const pags_candidates *points) {
+static int64_t background_count(const pags_lidar_points *points) {
   int64_t count = 0;
   for (int64_t i = 0; i < points->count; i++)
     count += points->rows[i].owner < 0;
@@ -147,12 +149,12 @@ static int64_t background_count(const pags_candidates *points) {
 }
 
 /* Voxels as fine as `most` points allow, from `side` on; `side` is what it has come to. */
-static pags_result thin_background(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+static pags_result thin_background(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                    int64_t most, double *side) {
-  PAGS_TRY(pags_candidates_merge(points, tasks, eyes, eye_count, *side));
+  PAGS_TRY(pags_lidar_points_merge(points, tasks, eyes, eye_count, *side));
   while (background_count(points) > most) {
     *side *= voxel_step;
-    PAGS_TRY(pags_candidates_merge(points, tasks, eyes, eye_count, *side));
+    PAGS_TRY(pags_lidar_points_merge(points, tasks, eyes, eye_count, *side));
   }
   return PAGS_OK;
 }
@@ -174,7 +176,7 @@ static void mean_eye(const float *eyes, int64_t count, double middle[3]) {
 
 /* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all.
  */
-static pags_result scene_radius(const pags_candidates *points, const double middle[3], double *radius,
+static pags_result scene_radius(const pags_lidar_points *points, const double middle[3], double *radius,
                                 double *largest) {
   double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
   int64_t count = 0;
@@ -241,13 +243,14 @@ static pags_result find_extra(const pags_dataset *dataset, const pags_train_conf
   return PAGS_OK;
 }
 
-static pags_result put_background(const pags_dataset *dataset, const pags_candidates *points, const extra_points *extra,
-                                  const double middle[3], double largest, const pags_far_points *far, pags_start *out) {
+static pags_result put_background(const pags_dataset *dataset, const pags_lidar_points *points,
+                                  const extra_points *extra, const double middle[3], double largest,
+                                  const pags_far_points *far, pags_start *out) {
   pags_start_points *to = &out->background;
   PAGS_TRY(reserve(to, points->count + extra->count + far->count, 1));
   for (int64_t i = 0; i < points->count; i++) {
     uint8_t rgb[3];
-    const pags_candidate *row = &points->rows[i];
+    const pags_lidar_point *row = &points->rows[i];
     colour_of(row, rgb);
     to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
     put(to, row->p, rgb, row->parked);
@@ -262,7 +265,7 @@ static pags_result put_background(const pags_dataset *dataset, const pags_candid
 }
 
 typedef struct work {
-  pags_candidates points;
+  pags_lidar_points points;
   pags_far_points far;
   extra_points extra;
   float *eyes;
@@ -274,19 +277,19 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
                               double *largest, pags_start *out) {
   double radius = 0, side = finest_voxel;
   if (lidar)
-    PAGS_TRY(pags_candidates_gather(dataset, tasks, MOST_READ, &w->points));
-  PAGS_TRY(pags_candidates_remove_rig(&w->points, tasks, w->eyes, w->eye_count));
+    PAGS_TRY(pags_lidar_points_gather(dataset, tasks, MOST_READ, &w->points));
+  PAGS_TRY(pags_lidar_points_remove_rig(&w->points, tasks, w->eyes, w->eye_count));
   PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_PAINTED, &side));
   PAGS_TRY(scene_radius(&w->points, middle, &radius, largest));
-  PAGS_TRY(pags_candidates_complete(dataset, MOST_OBJECT, FEW_OBJECT, &w->points));
+  PAGS_TRY(pags_lidar_points_complete(dataset, MOST_OBJECT, FEW_OBJECT, &w->points));
   int64_t measured = 0;
   while (measured < w->points.count && w->points.rows[measured].kind == PAGS_CANDIDATE_MEASURED)
     measured++;
   w->far.farthest = farthest_times * radius;
-  PAGS_TRY(pags_candidates_paint(dataset, tasks, &w->points, measured, &w->far));
+  PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, &w->far));
   PAGS_TRY(take_objects(dataset, &w->points, measured, out));
   keep_seen_background(&w->points);
-  PAGS_TRY(pags_candidates_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
+  PAGS_TRY(pags_lidar_points_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
   PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_BACKGROUND, &side));
   pags_log(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
            pags_dataset_path(dataset), (long long)w->points.count, side);
@@ -312,7 +315,7 @@ pags_result pags_start_create(const pags_dataset *dataset, const pags_train_conf
   work w = {.far = {.wanted = FAR_POINTS, .seed = config->seed}};
   *out = (pags_start){0};
   pags_result result = make(dataset, config, lidar, tasks, &w, out);
-  pags_candidates_destroy(&w.points);
+  pags_lidar_points_destroy(&w.points);
   free(w.far.xyz);
   free(w.far.rgb);
   free(w.extra.matched_xyz);

@@ -18,7 +18,7 @@ enum { CLEAR = 2, TRIES = 24 };
 
 static const double nearest = 4.0; /* metres, where nothing is known at all */
 
-static int is_clear(const pags_occlusion *o, int x, int y) {
+static int is_clear(const pags_z_buffer *o, int x, int y) {
   for (int j = y - CLEAR; j <= y + CLEAR; j++)
     for (int i = x - CLEAR; i <= x + CLEAR; i++)
       if (i >= 0 && j >= 0 && i < o->columns && j < o->rows && isfinite(o->depth[(int64_t)j * o->columns + i]))
@@ -27,7 +27,7 @@ static int is_clear(const pags_occlusion *o, int x, int y) {
 }
 
 /* Of the first point below; 0: there is none. */
-static double depth_below(const pags_occlusion *o, int x, int y) {
+static double depth_below(const pags_z_buffer *o, int x, int y) {
   for (; y < o->rows; y++)
     if (isfinite(o->depth[(int64_t)y * o->columns + x]))
       return (double)o->depth[(int64_t)y * o->columns + x];
@@ -63,7 +63,7 @@ static void emit(const pags_photo *photo, const pags_camera *camera, const doubl
   far->count++;
 }
 
-void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_occlusion *occlusion,
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *occlusion,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far) {
   for (int64_t i = 0; i < count; i++) {
     uint64_t b = from << 32 | (uint64_t)i;

@@ -43,7 +43,7 @@ static uint64_t hash_of(uint64_t key) {
   return key ^ key >> 32;
 }
 
-static const pags_facet *find(const pags_facets *self, uint64_t key) {
+static const pags_lidar_plane *find(const pags_lidar_planes *self, uint64_t key) {
   for (uint64_t at = hash_of(key) & self->mask; self->table[at] >= 0; at = (at + 1) & self->mask)
     if (self->list[self->table[at]].key == key)
       return &self->list[self->table[at]];
@@ -93,7 +93,8 @@ static void diagonalise(double a[3][3], double v[3][3]) {
       }
 }
 
-static void moments_of(const pags_candidates *points, const keyed *run, int64_t count, double mean[3], double a[3][3]) {
+static void moments_of(const pags_lidar_points *points, const keyed *run, int64_t count, double mean[3],
+                       double a[3][3]) {
   memset(a, 0, 9 * sizeof(double));
   for (int k = 0; k < 3; k++) {
     mean[k] = 0;
@@ -106,9 +107,9 @@ static void moments_of(const pags_candidates *points, const keyed *run, int64_t 
                          ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
 }
 
-static pags_facet fit(const pags_candidates *points, const keyed *run, int64_t count, double side) {
+static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
   double mean[3], a[3][3], v[3][3];
-  pags_facet facet = {.key = run->key};
+  pags_lidar_plane facet = {.key = run->key};
   moments_of(points, run, count, mean, a);
   diagonalise(a, v);
   int least = 0, most = 0;
@@ -126,7 +127,7 @@ static pags_facet fit(const pags_candidates *points, const keyed *run, int64_t c
 }
 
 /* All cells of one level; `keys` has room for all points. */
-static void fit_level(const pags_candidates *points, int level, keyed *keys, pags_facets *out) {
+static void fit_level(const pags_lidar_points *points, int level, keyed *keys, pags_lidar_planes *out) {
   double side = ldexp(finest, level);
   int64_t n = 0;
   for (int64_t i = 0; i < points->count; i++) {
@@ -145,7 +146,7 @@ static void fit_level(const pags_candidates *points, int level, keyed *keys, pag
   }
 }
 
-static pags_result make_table(pags_facets *self) {
+static pags_result make_table(pags_lidar_planes *self) {
   uint64_t size = 16;
   while (size < 2 * (uint64_t)self->count)
     size *= 2;
@@ -163,14 +164,14 @@ static pags_result make_table(pags_facets *self) {
   return PAGS_OK;
 }
 
-pags_result pags_facets_fit(const pags_candidates *points, pags_facets *out) {
-  *out = (pags_facets){0};
+pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out) {
+  *out = (pags_lidar_planes){0};
   size_t room = (size_t)(points->count > 0 ? points->count : 1);
   keyed *keys = malloc(room * sizeof *keys);
   out->list = malloc((room / LEAST_POINTS + 1) * LEVELS * sizeof *out->list);
   if (!keys || !out->list) {
     free(keys);
-    pags_facets_destroy(out);
+    pags_lidar_planes_destroy(out);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory to fit planes to %lld points", (long long)points->count);
   }
   for (int level = 0; level < LEVELS; level++)
@@ -178,35 +179,35 @@ pags_result pags_facets_fit(const pags_candidates *points, pags_facets *out) {
   free(keys);
   pags_result result = make_table(out);
   if (result != PAGS_OK)
-    pags_facets_destroy(out);
+    pags_lidar_planes_destroy(out);
   return result;
 }
 
-pags_result pags_facets_create(const pags_dataset *dataset, pags_tasks *tasks, pags_facets *out) {
-  pags_candidates points = {0};
-  *out = (pags_facets){0};
-  pags_result result = pags_candidates_gather(dataset, tasks, MOST_POINTS, &points);
+pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out) {
+  pags_lidar_points points = {0};
+  *out = (pags_lidar_planes){0};
+  pags_result result = pags_lidar_points_gather(dataset, tasks, MOST_POINTS, &points);
   if (result == PAGS_OK && points.count > 0)
-    result = pags_facets_fit(&points, out);
-  pags_candidates_destroy(&points);
+    result = pags_lidar_planes_fit(&points, out);
+  pags_lidar_points_destroy(&points);
   return result;
 }
 
-void pags_facets_destroy(pags_facets *self) {
+void pags_lidar_planes_destroy(pags_lidar_planes *self) {
   free(self->list);
   free(self->table);
-  *self = (pags_facets){0};
+  *self = (pags_lidar_planes){0};
 }
 
 /* Drawing. */
 
 typedef struct drawing {
-  const pags_facets *facets;
+  const pags_lidar_planes *facets;
   pags_gaussians *g;
   float share;
 } drawing;
 
-static int reaches(const pags_facet *facet, const float p[3], float side, float *across) {
+static int reaches(const pags_lidar_plane *facet, const float p[3], float side, float *across) {
   float d[3], along2 = 0;
   *across = 0;
   for (int k = 0; k < 3; k++) {
@@ -220,16 +221,16 @@ static int reaches(const pags_facet *facet, const float p[3], float side, float 
 
 /* The facet whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
  */
-static const pags_facet *nearest_facet(const pags_facets *self, const float p[3], float *across) {
+static const pags_lidar_plane *nearest_facet(const pags_lidar_planes *self, const float p[3], float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   for (int level = 0; level < LEVELS; level++) {
     double side = ldexp(finest, level);
-    const pags_facet *best = NULL;
+    const pags_lidar_plane *best = NULL;
     int64_t cell[3];
     cell_of(p, side, cell);
     for (int i = 0; i < 7; i++) {
       int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
-      const pags_facet *facet = find(self, key_of(beside, level));
+      const pags_lidar_plane *facet = find(self, key_of(beside, level));
       float d;
       if (!facet)
         continue;
@@ -256,14 +257,14 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
       continue;
     for (int k = 0; k < 3; k++)
       p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
-    const pags_facet *facet = nearest_facet(d->facets, p, &across);
+    const pags_lidar_plane *facet = nearest_facet(d->facets, p, &across);
     float excess = fabsf(across) - (float)nearest;
     for (int k = 0; facet && excess > 0.0f && k < 3; k++)
       pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * facet->normal[k];
   }
 }
 
-int pags_facets_draw(const pags_facets *self, pags_gaussians *g, double share, pags_tasks *tasks) {
+int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks) {
   drawing d = {self, g, (float)share};
   return self->count == 0 || pags_parallel_for(tasks, g->count, GRAIN, draw_block, &d);
 }

@@ -12,29 +12,29 @@
 
 #include "init/lidar_points.h"
 
-typedef struct pags_facet {
+typedef struct pags_lidar_plane {
   uint64_t key;    /* of its cell and level */
   float centre[3]; /* mean of its points, metres, relative to the data set's origin */
   float normal[3]; /* of length 1; 0: there are points, but they don't lie in a plane */
-} pags_facet;
+} pags_lidar_plane;
 
-typedef struct pags_facets {
+typedef struct pags_lidar_planes {
   int64_t count;
-  pags_facet *list;
+  pags_lidar_plane *list;
   uint64_t mask;  /* slots - 1 */
   int32_t *table; /* open addressing: indices of the list, -1: free */
-} pags_facets;
+} pags_lidar_planes;
 
 /* From the sweeps of training time steps; empty where there are none. The same for any number of threads. */
-pags_result pags_facets_create(const pags_dataset *dataset, pags_tasks *tasks, pags_facets *out);
+pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out);
 /* From the background's among such points but those of parked things, whose panels and windows are no planes; those
  * that share a cell of 0.4, 0.8 or 1.6 m and fit a plane become a facet. */
-pags_result pags_facets_fit(const pags_candidates *points, pags_facets *out);
-void pags_facets_destroy(pags_facets *self); /* a zeroed struct is allowed */
+pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out);
+void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is allowed */
 
 /* Moves means that lie within 0.3 m of a facet, in front or behind, towards its plane by `share` (0..1) of what their
  * distance exceeds 3 cm by, but not those of parked things. Bounds of clusters no longer fit. Returns 0 when cancelled.
  */
-int pags_facets_draw(const pags_facets *self, pags_gaussians *g, double share, pags_tasks *tasks);
+int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);
 
 #endif

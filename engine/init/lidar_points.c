@@ -10,11 +10,11 @@ static const double slack = 0.1;
 /* The lowest layer of a box is road. */
 static const double ground = 0.08;
 
-pags_result pags_candidates_reserve(pags_candidates *self, int64_t room) {
+pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room) {
   if (room <= self->room)
     return PAGS_OK;
   int64_t grown = self->room + self->room / 2 > room ? self->room + self->room / 2 : room;
-  pags_candidate *rows = realloc(self->rows, (size_t)grown * sizeof *rows);
+  pags_lidar_point *rows = realloc(self->rows, (size_t)grown * sizeof *rows);
   if (!rows)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)grown);
   self->rows = rows;
@@ -22,9 +22,9 @@ pags_result pags_candidates_reserve(pags_candidates *self, int64_t room) {
   return PAGS_OK;
 }
 
-void pags_candidates_destroy(pags_candidates *self) {
+void pags_lidar_points_destroy(pags_lidar_points *self) {
   free(self->rows);
-  *self = (pags_candidates){0};
+  *self = (pags_lidar_points){0};
 }
 
 /* A box as it stands at a sweep. */
@@ -84,7 +84,7 @@ typedef struct gathering {
   int box_count;
   int64_t keep, of; /* of the background: the share keep / of, spread evenly */
   float time;
-  pags_candidate *rows; /* one a point; kind -1: left out */
+  pags_lidar_point *rows; /* one a point; kind -1: left out */
 } gathering;
 
 static int chosen(int64_t i, int64_t keep, int64_t of) {
@@ -98,7 +98,7 @@ static void classify_block(void *context, int64_t begin, int64_t end, int worker
   for (int64_t i = begin; i < end; i++) {
     double p[3] = {(double)g->xyz[3 * i], (double)g->xyz[3 * i + 1], (double)g->xyz[3 * i + 2]}, local[3];
     const box *b = find_box(g->boxes, g->box_count, p, local);
-    pags_candidate row = {.time = g->time, .owner = -1, .parked = -1, .source = -1, .merged = 1};
+    pags_lidar_point row = {.time = g->time, .owner = -1, .parked = -1, .source = -1, .merged = 1};
     if (b && b->moving)
       row.owner = b->object;
     else if (b)
@@ -114,7 +114,7 @@ static void classify_block(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-static pags_result gather_sweep(gathering *g, pags_tasks *tasks, box *boxes, int64_t index, pags_candidates *out) {
+static pags_result gather_sweep(gathering *g, pags_tasks *tasks, box *boxes, int64_t index, pags_lidar_points *out) {
   int64_t count;
   float *xyz;
   g->sweep = pags_dataset_sweep(g->dataset, index);
@@ -126,7 +126,7 @@ static pags_result gather_sweep(gathering *g, pags_tasks *tasks, box *boxes, int
   g->of = count > 0 ? count : 1;
   int64_t share = g->keep;
   g->keep = share < g->of ? share : g->of;
-  pags_result result = pags_candidates_reserve(out, out->count + count);
+  pags_result result = pags_lidar_points_reserve(out, out->count + count);
   if (result == PAGS_OK) {
     g->rows = out->rows + out->count;
     if (!pags_parallel_for(tasks, count, 4096, classify_block, g))
@@ -140,7 +140,8 @@ static pags_result gather_sweep(gathering *g, pags_tasks *tasks, box *boxes, int
   return result;
 }
 
-pags_result pags_candidates_gather(const pags_dataset *dataset, pags_tasks *tasks, int64_t most, pags_candidates *out) {
+pags_result pags_lidar_points_gather(const pags_dataset *dataset, pags_tasks *tasks, int64_t most,
+                                     pags_lidar_points *out) {
   int64_t sweeps = 0, objects = pags_dataset_object_count(dataset);
   for (int64_t i = 0; i < pags_dataset_sweep_count(dataset); i++)
     sweeps += !pags_dataset_sweep(dataset, i)->test;

@@ -11,7 +11,7 @@ enum {
   PAGS_CANDIDATE_GRID      /* in a box, whether anything is there or not */
 };
 
-typedef struct pags_candidate {
+typedef struct pags_lidar_point {
   float p[3];     /* metres: background: relative to the data set's origin; else in the owner's frame */
   float time;     /* seconds since the first sweep */
   int32_t owner;  /* moving object that it moves with; -1: background */
@@ -21,40 +21,42 @@ typedef struct pags_candidate {
   float merged;   /* how many measured points it is the mean of */
   float sum[4];   /* of weighted colours (0..255) and of their weights */
   float views[2]; /* how many show it, and how many of these something critical there */
-} pags_candidate;
+} pags_lidar_point;
 
-typedef struct pags_candidates {
+typedef struct pags_lidar_points {
   int64_t count, room;
-  pags_candidate *rows;
-} pags_candidates;
+  pags_lidar_point *rows;
+} pags_lidar_points;
 
-pags_result pags_candidates_reserve(pags_candidates *self, int64_t room);
-void pags_candidates_destroy(pags_candidates *self); /* a zeroed struct is allowed */
+pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room);
+void pags_lidar_points_destroy(pags_lidar_points *self); /* a zeroed struct is allowed */
 
 /* Reads the sweeps of training time steps and shares their points out among the boxes as they stand at that time: all
  * of those in moving objects' boxes (enlarged by 0.1 m, less the ground they stand on), of the rest an even choice of
  * at most `most`. */
-pags_result pags_candidates_gather(const pags_dataset *dataset, pags_tasks *tasks, int64_t most, pags_candidates *out);
+pags_result pags_lidar_points_gather(const pags_dataset *dataset, pags_tasks *tasks, int64_t most,
+                                     pags_lidar_points *out);
 
 /* For each moving object, of its measured points at most `most`, evenly; with fewer than `few`, and if it is a vehicle,
  * their mirror images; with fewer than `few`, a grid of points in its box, too. */
-pags_result pags_candidates_complete(const pags_dataset *dataset, int64_t most, int64_t few, pags_candidates *points);
+pags_result pags_lidar_points_complete(const pags_dataset *dataset, int64_t most, int64_t few,
+                                       pags_lidar_points *points);
 
 /* Merges points of the background that share a voxel into their mean (position, colour, time), keeping the order of
  * first appearance. A voxel's side is `side` up to 10 m from the nearest of the eyes (xyz relative to the origin),
  * twice that from 10 to 20 m, and so on: about the same number of pixels everywhere. Points of objects stay as they
  * are. */
-pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
-                                  double side);
+pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                                    double side);
 
 /* Removes points of the background that lie where the cameras have been: nothing that stands there, but the recording
  * car itself. */
-pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes,
-                                       int64_t eye_count);
+pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
+                                         int64_t eye_count);
 
 /* Removes points of the background whose three nearest neighbours are more than four times as far away as is usual at
  * their distance from the eyes. */
-pags_result pags_candidates_remove_outliers(pags_candidates *points, pags_tasks *tasks, const float *eyes,
-                                            int64_t eye_count);
+pags_result pags_lidar_points_remove_outliers(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
+                                              int64_t eye_count);
 
 #endif

@@ -7,7 +7,7 @@
 enum { GRID = 8 }; /* points along each side of a box */
 
 /* Thins the measured points of object `owner` to an even choice; returns how many it has then. */
-static int64_t thin(pags_candidates *points, int32_t owner, int64_t most) {
+static int64_t thin(pags_lidar_points *points, int32_t owner, int64_t most) {
   int64_t all = 0, seen = 0, kept = 0;
   for (int64_t i = 0; i < points->count; i++)
     all += points->rows[i].owner == owner;
@@ -25,13 +25,13 @@ static int64_t thin(pags_candidates *points, int32_t owner, int64_t most) {
   return most;
 }
 
-static pags_result mirror(pags_candidates *points, int32_t owner) {
+static pags_result mirror(pags_lidar_points *points, int32_t owner) {
   int64_t count = points->count;
   for (int64_t i = 0; i < count; i++) {
     if (points->rows[i].owner != owner)
       continue;
-    PAGS_TRY(pags_candidates_reserve(points, points->count + 1));
-    pags_candidate row = points->rows[i];
+    PAGS_TRY(pags_lidar_points_reserve(points, points->count + 1));
+    pags_lidar_point row = points->rows[i];
     row.p[1] = -row.p[1];
     row.kind = PAGS_CANDIDATE_MIRRORED;
     row.source = (int32_t)i;
@@ -45,8 +45,8 @@ static int outside_body(const double at[3], pags_category category) {
   return category != PAGS_CATEGORY_VEHICLE && at[0] * at[0] + at[1] * at[1] > 0.7 * 0.7;
 }
 
-static pags_result add_grid(pags_candidates *points, const pags_object *object, int32_t owner) {
-  PAGS_TRY(pags_candidates_reserve(points, points->count + (int64_t)GRID * GRID * GRID));
+static pags_result add_grid(pags_lidar_points *points, const pags_object *object, int32_t owner) {
+  PAGS_TRY(pags_lidar_points_reserve(points, points->count + (int64_t)GRID * GRID * GRID));
   for (int n = 0; n < GRID * GRID * GRID; n++) {
     int step[3] = {n % GRID, n / GRID % GRID, n / (GRID * GRID)};
     double at[3];
@@ -54,7 +54,7 @@ static pags_result add_grid(pags_candidates *points, const pags_object *object, 
       at[k] = 0.9 * (2.0 * step[k] + 1 - GRID) / (GRID - 1); /* -0.9 .. 0.9 of half the size */
     if (outside_body(at, object->category))
       continue;
-    pags_candidate row = {.owner = owner, .parked = -1, .source = -1, .kind = PAGS_CANDIDATE_GRID};
+    pags_lidar_point row = {.owner = owner, .parked = -1, .source = -1, .kind = PAGS_CANDIDATE_GRID};
     for (int k = 0; k < 3; k++)
       row.p[k] = (float)(0.5 * at[k] * object->size[k]);
     row.time = NAN; /* at no time in particular */
@@ -63,7 +63,8 @@ static pags_result add_grid(pags_candidates *points, const pags_object *object, 
   return PAGS_OK;
 }
 
-pags_result pags_candidates_complete(const pags_dataset *dataset, int64_t most, int64_t few, pags_candidates *points) {
+pags_result pags_lidar_points_complete(const pags_dataset *dataset, int64_t most, int64_t few,
+                                       pags_lidar_points *points) {
   /* All thinning first: a mirror image knows its source by row. */
   int64_t objects = pags_dataset_object_count(dataset);
   int64_t *measured = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *measured);

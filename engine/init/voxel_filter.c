@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "base/sort.h"
-#include "init/lidar_points.h"
 #include "init/knn.h"
+#include "init/lidar_points.h"
 
 enum { LEVELS = 12, BLOCK = 2048 };
 
@@ -13,7 +13,7 @@ static const double finest_until = 10.0; /* metres */
 
 /* How often the distance to the nearest eye doubles beyond finest_until. */
 typedef struct levels {
-  const pags_candidate *rows;
+  const pags_lidar_point *rows;
   const float *eyes;
   int64_t eye_count;
   uint8_t *level;
@@ -40,7 +40,7 @@ static void level_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static pags_result find_levels(const pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+static pags_result find_levels(const pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                uint8_t **out) {
   *out = malloc((size_t)(points->count > 0 ? points->count : 1));
   if (!*out)
@@ -59,7 +59,7 @@ typedef struct key {
   int32_t level;
 } key;
 
-static key key_of(const pags_candidate *row, int level, double side) {
+static key key_of(const pags_lidar_point *row, int level, double side) {
   key k = {.parked = row->parked, .level = level};
   double size = ldexp(side, level);
   for (int i = 0; i < 3; i++)
@@ -78,7 +78,7 @@ static uint64_t hash_of(const key *k) {
 }
 
 /* Mean weighted by what each has been merged of; colours by their own weights. */
-static void merge_into(pags_candidate *to, const pags_candidate *from) {
+static void merge_into(pags_lidar_point *to, const pags_lidar_point *from) {
   float share = from->merged / (to->merged + from->merged);
   for (int k = 0; k < 3; k++)
     to->p[k] += share * (from->p[k] - to->p[k]);
@@ -98,11 +98,11 @@ static int64_t find_slot(const int32_t *table, uint64_t mask, const key *keys, c
   return (int64_t)at;
 }
 
-static void merge_rows(pags_candidates *points, const uint8_t *level, double side, int32_t *table, uint64_t mask,
+static void merge_rows(pags_lidar_points *points, const uint8_t *level, double side, int32_t *table, uint64_t mask,
                        key *keys) {
   int64_t kept = 0;
   for (int64_t i = 0; i < points->count; i++) {
-    pags_candidate row = points->rows[i];
+    pags_lidar_point row = points->rows[i];
     if (row.owner < 0) {
       key k = key_of(&row, level[i], side);
       int64_t slot = find_slot(table, mask, keys, &k);
@@ -118,8 +118,8 @@ static void merge_rows(pags_candidates *points, const uint8_t *level, double sid
   points->count = kept;
 }
 
-pags_result pags_candidates_merge(pags_candidates *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
-                                  double side) {
+pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
+                                    double side) {
   uint8_t *level;
   uint64_t size = 16;
   if (points->count > INT32_MAX / 4)
@@ -160,8 +160,8 @@ static void rig_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-pags_result pags_candidates_remove_rig(pags_candidates *points, pags_tasks *tasks, const float *eyes,
-                                       int64_t eye_count) {
+pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
+                                         int64_t eye_count) {
   int64_t kept = 0;
   uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
   if (!inside)
@@ -193,8 +193,8 @@ static void find_limits(const uint8_t *level, const float *square, int64_t count
 }
 
 /* `index` lists the rows of the background, `floats` has room for 5 a row: positions, squares, scratch. */
-static pags_result mark_outliers(pags_candidates *points, pags_tasks *tasks, const uint8_t *level, const int64_t *index,
-                                 int64_t count, float *floats, uint8_t *own) {
+static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, const uint8_t *level,
+                                 const int64_t *index, int64_t count, float *floats, uint8_t *own) {
   float *square = floats + 3 * count, limits[LEVELS];
   for (int64_t i = 0; i < count; i++) {
     memcpy(floats + 3 * i, points->rows[index[i]].p, 3 * sizeof *floats);
@@ -208,8 +208,8 @@ static pags_result mark_outliers(pags_candidates *points, pags_tasks *tasks, con
   return PAGS_OK;
 }
 
-pags_result pags_candidates_remove_outliers(pags_candidates *points, pags_tasks *tasks, const float *eyes,
-                                            int64_t eye_count) {
+pags_result pags_lidar_points_remove_outliers(pags_lidar_points *points, pags_tasks *tasks, const float *eyes,
+                                              int64_t eye_count) {
   uint8_t *level;
   int64_t count = 0, kept = 0;
   PAGS_TRY(find_levels(points, tasks, eyes, eye_count, &level));

@@ -15,7 +15,7 @@ static const double most_pixels = 16.0;
 /* Nearer by less than this is taken for the same surface seen at a slant: metres and share of the depth. */
 static const float same_metres = 0.3f, same_share = 0.08f;
 
-pags_result pags_occlusion_reset(pags_occlusion *self, int width, int height, double focal) {
+pags_result pags_z_buffer_reset(pags_z_buffer *self, int width, int height, double focal) {
   self->width = width;
   self->height = height;
   self->focal = focal;
@@ -34,9 +34,9 @@ pags_result pags_occlusion_reset(pags_occlusion *self, int width, int height, do
   return PAGS_OK;
 }
 
-void pags_occlusion_destroy(pags_occlusion *self) {
+void pags_z_buffer_destroy(pags_z_buffer *self) {
   free(self->depth);
-  *self = (pags_occlusion){0};
+  *self = (pags_z_buffer){0};
 }
 
 static int clamp_cell(double pixel, int cells) {
@@ -44,7 +44,7 @@ static int clamp_cell(double pixel, int cells) {
   return pixel < 0 ? 0 : cell < cells ? cell : cells - 1;
 }
 
-static void cover(pags_occlusion *self, const pags_seen_point *p, double spacing) {
+static void cover(pags_z_buffer *self, const pags_seen_point *p, double spacing) {
   double u = (double)p->u, v = (double)p->v, scale = self->focal / (double)p->z;
   double half = fmin(fmax(spacing, least_half * scale), fmin(most_half * scale, most_pixels));
   int left = clamp_cell(u - half, self->columns), right = clamp_cell(u + half, self->columns);
@@ -56,7 +56,7 @@ static void cover(pags_occlusion *self, const pags_seen_point *p, double spacing
   }
 }
 
-void pags_occlusion_add(pags_occlusion *self, const pags_seen_point *points, int64_t count) {
+void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64_t count) {
   int64_t seen = 0;
   for (int64_t i = 0; i < count; i++)
     seen += points[i].z > 0;
@@ -68,7 +68,7 @@ void pags_occlusion_add(pags_occlusion *self, const pags_seen_point *points, int
       cover(self, &points[i], spacing);
 }
 
-int pags_occlusion_visible(const pags_occlusion *self, const pags_seen_point *point) {
+int pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point) {
   int x = clamp_cell((double)point->u, self->columns), y = clamp_cell((double)point->v, self->rows);
   float nearest = self->depth[(int64_t)y * self->columns + x];
   return point->z <= nearest * (1 + same_share) + same_metres;

@@ -66,7 +66,7 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
     pags_json_put_number(writer, "time", camera->time);
 }
 
-static pags_result read_frames(const pags_json *json, const pags_json_value *root, pags_path *path) {
+static pags_result read_frames(const pags_json *json, const pags_json_value *root, pags_camera_path *path) {
   const pags_json_value *frames;
   PAGS_TRY(pags_json_array(json, root, "frames", &frames));
   PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
@@ -82,7 +82,7 @@ static pags_result read_frames(const pags_json *json, const pags_json_value *roo
   return PAGS_OK;
 }
 
-static pags_result read_path(const pags_json *json, pags_path *path) {
+static pags_result read_path(const pags_json *json, pags_camera_path *path) {
   const pags_json_value *root = pags_json_root(json);
   PAGS_TRY(pags_json_as_object(json, root, "a camera or a path"));
   if (pags_json_member(root, "frames"))
@@ -94,18 +94,18 @@ static pags_result read_path(const pags_json *json, pags_path *path) {
   return pags_camera_from_json(json, root, path->cameras);
 }
 
-pags_result pags_path_load(const char *path, pags_path *out) {
+pags_result pags_camera_path_load(const char *path, pags_camera_path *out) {
   pags_json *json;
-  *out = (pags_path){0};
+  *out = (pags_camera_path){0};
   PAGS_TRY(pags_json_parse_file(path, &json));
   pags_result result = read_path(json, out);
   if (result != PAGS_OK)
-    pags_path_destroy(out);
+    pags_camera_path_destroy(out);
   pags_json_destroy(json);
   return result;
 }
 
-pags_result pags_path_save(const char *path, const pags_path *cameras) {
+pags_result pags_camera_path_save(const char *path, const pags_camera_path *cameras) {
   assert(cameras->fps > 0 || cameras->count == 1);
   pags_json_writer writer;
   pags_json_writer_init(&writer, 1);
@@ -129,7 +129,7 @@ pags_result pags_path_save(const char *path, const pags_path *cameras) {
   return result;
 }
 
-void pags_path_destroy(pags_path *path) {
+void pags_camera_path_destroy(pags_camera_path *path) {
   free(path->cameras);
-  *path = (pags_path){0};
+  *path = (pags_camera_path){0};
 }

@@ -335,7 +335,7 @@ static pags_result write_mounts(const writer *w) {
 
 static pags_result write_shift_path(const writer *w, const struct shift *shift) {
   const pags_street_options *o = w->street->options;
-  pags_path cameras = {.fps = o->fps / SHIFT_EVERY};
+  pags_camera_path cameras = {.fps = o->fps / SHIFT_EVERY};
   char relative[48], *path = NULL;
   cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
   if (!cameras.cameras)
@@ -346,9 +346,9 @@ static pags_result write_shift_path(const writer *w, const struct shift *shift) 
   snprintf(relative, sizeof relative, "truth/shift/%s/path.json", shift->name);
   pags_result result = join(w, relative, &path);
   if (result == PAGS_OK)
-    result = pags_path_save(path, &cameras);
+    result = pags_camera_path_save(path, &cameras);
   free(path);
-  pags_path_destroy(&cameras);
+  pags_camera_path_destroy(&cameras);
   return result;
 }
 

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-int pags_moments_step(pags_moments *m, const double gradient[6], const pags_train_config *c, double step[6]) {
+int pags_adam6_step(pags_adam6 *m, const double gradient[6], const pags_train_config *c, double step[6]) {
   for (int i = 0; i < 6; i++)
     if (!(fabs(gradient[i]) < 1e150)) /* its square is finite, too; false for NaN */
       return 0;

@@ -4,13 +4,13 @@
 
 #include <pags/train.h>
 
-typedef struct pags_moments {
+typedef struct pags_adam6 {
   double first[6], second[6];
   int64_t count; /* gradients so far, which is what the moments' bias is corrected by */
-} pags_moments;
+} pags_adam6;
 
 /* Takes in a gradient and gives the direction to be subtracted, times a rate (Kingma and Ba). 0, and `step` unset,
  * where a number of the gradient is not finite: then nothing may move. */
-int pags_moments_step(pags_moments *moments, const double gradient[6], const pags_train_config *config, double step[6]);
+int pags_adam6_step(pags_adam6 *moments, const double gradient[6], const pags_train_config *config, double step[6]);
 
 #endif

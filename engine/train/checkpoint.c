@@ -95,7 +95,7 @@ static pags_result put_pair(section_writer *w, const char tag[4], const void *a,
   return close_section(w);
 }
 
-static int64_t knots_of(const pags_tracks *tracks) {
+static int64_t knots_of(const pags_track_poses *tracks) {
   int64_t knots = 0;
   for (int64_t i = 0; i < tracks->count; i++)
     knots += tracks->objects[i].knot_count;
@@ -134,7 +134,7 @@ static pags_result put_model(section_writer *w, const pags_train_model *m) {
 /* One knot as it lies in TRAK. */
 typedef struct knot_record {
   double increment[6]; /* rotation, translation */
-  pags_moments moments;
+  pags_adam6 moments;
 } knot_record;
 
 /* BADR. */
@@ -147,7 +147,7 @@ static size_t exposure_bytes(const pags_exposures *exposures) {
   return (size_t)(exposures->count + exposures->sensors) * sizeof(pags_exposure);
 }
 
-static pags_result put_tracks(section_writer *w, const pags_tracks *tracks) {
+static pags_result put_tracks(section_writer *w, const pags_track_poses *tracks) {
   PAGS_TRY(open_section(w, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record)));
   for (int64_t i = 0; i < tracks->count; i++)
     for (int64_t k = 0; k < tracks->objects[i].knot_count; k++) {
@@ -267,7 +267,7 @@ static pags_result out_of_range(const section_reader *r, const char *tag) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s: section %s: a number is out of range", r->path, tag);
 }
 
-static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_tracks *tracks) {
+static int is_sound_run(const run_record *r, const pags_dataset *dataset, const pags_track_poses *tracks) {
   int64_t views = dataset ? pags_dataset_view_count(dataset) : 0;
   int in_order =
       r->step >= 0 && r->stop >= r->step && r->stop <= PAGS_CONFIG_STEPS && r->resets >= 0 && r->resets <= r->step;
@@ -384,7 +384,7 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   return get_model_rest(r, &record, s, &s->models[s->model_count - 1]);
 }
 
-static pags_result get_tracks(section_reader *r, pags_tracks *tracks) {
+static pags_result get_tracks(section_reader *r, pags_track_poses *tracks) {
   const uint8_t *at = NULL;
   PAGS_TRY(next_sized(r, "TRAK", (uint64_t)knots_of(tracks) * sizeof(knot_record), &at));
   for (int64_t i = 0; i < tracks->count; i++)
@@ -457,12 +457,12 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   PAGS_TRY(next_sized(r, "RUN0", sizeof record, &payload));
   memcpy(&record, payload, sizeof record);
   if (dataset && pags_dataset_fps(dataset) > 0.0)
-    PAGS_TRY(pags_tracks_create(&s->tracks, dataset));
+    PAGS_TRY(pags_track_poses_create(&s->tracks, dataset));
   if (!is_sound_run(&record, dataset, &s->tracks))
     return out_of_range(r, "RUN0");
-  pags_tracks tracks = s->tracks;
+  pags_track_poses tracks = s->tracks;
   pags_schedule schedule = pags_schedule_make(&config, record.extent, record.views);
-  s->tracks = (pags_tracks){0};
+  s->tracks = (pags_track_poses){0};
   pags_result result = pags_state_create(s, &schedule, record.stop, record.models);
   s->tracks = tracks;
   PAGS_TRY(result);

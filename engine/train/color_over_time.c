@@ -139,7 +139,7 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
   return PAGS_OK;
 }
 
-pags_result pags_fourier_decide(pags_trainer *t) {
+pags_result pags_color_over_time_decide(pags_trainer *t) {
   size_t models = (size_t)t->state.model_count;
   object_error *errors = calloc(models, sizeof *errors);
   object_fit *fits = calloc(models, sizeof *fits);

@@ -10,6 +10,6 @@ struct pags_trainer;
  * over the track as five Fourier terms would take away: the mean error of its pixels at each time step, fitted by least
  * squares. Objects for which that promises at least fourier_gain dB get the terms, at zero. Everything must be settled.
  */
-pags_result pags_fourier_decide(struct pags_trainer *trainer);
+pags_result pags_color_over_time_decide(struct pags_trainer *trainer);
 
 #endif

@@ -78,14 +78,14 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
   return PAGS_OK;
 }
 
-pags_result pags_term_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
-                          float *transmittance_gradient, double *value) {
+pags_result pags_driving_loss_sky(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
+                                  double weight, float *transmittance_gradient, double *value) {
   term t = {.picture = picture, .photo = photo, .row = {.chosen = PAGS_LABEL_SKY, .gradient = transmittance_gradient}};
   return sum_term(tasks, &t, weight, value);
 }
 
-pags_result pags_term_objects(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo, double weight,
-                              float *transmittance_gradient, double *value) {
+pags_result pags_driving_loss_objects(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
+                                      double weight, float *transmittance_gradient, double *value) {
   term t = {.picture = picture,
             .photo = photo,
             .row = {.chosen = IN_MOVING_BOX, .unsure = true, .gradient = transmittance_gradient}};
@@ -100,7 +100,7 @@ typedef struct depth_hit {
 } depth_hit;
 
 /* Samples in counted pixels that are not empty, in their order. Returns how many. */
-static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
+static int64_t find_hits(const pags_picture *picture, const pags_photo *photo, const pags_lidar_depth_sample *samples,
                          int64_t count, int shrink, depth_hit *hits) {
   const float scale = 1.0f / (float)shrink; /* exact: a power of two */
   int64_t found = 0;
@@ -145,9 +145,9 @@ static uint32_t select_key(const depth_hit *hits, int64_t count, int64_t kept, i
   return prefix;
 }
 
-pags_result pags_term_depth(const pags_picture *picture, const pags_photo *photo, const pags_depth_sample *samples,
-                            int64_t count, int shrink, double weight, double share, float *depth_gradient,
-                            float *transmittance_gradient, double *value) {
+pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_photo *photo,
+                                    const pags_lidar_depth_sample *samples, int64_t count, int shrink, double weight,
+                                    double share, float *depth_gradient, float *transmittance_gradient, double *value) {
   assert(picture->depth_sum && shrink >= 1 && share >= 0.0 && share <= 1.0);
   *value = 0.0;
   PAGS_TRY(check_sizes(picture, photo));

@@ -76,7 +76,7 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
  * Gaussians: half of it. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
-  int at_end = pags_scores_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;
+  int at_end = pags_score_pass_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;
   return (0.5 * (double)s->prunes + (double)at_end) * (double)t->view_count;
 }
 

@@ -56,7 +56,7 @@ static void hold_means(pags_exposures *exposures, const pags_dataset *dataset) {
 
 static int move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
   double direction[6];
-  if (!pags_moments_step(&e->moments, gradient, config, direction))
+  if (!pags_adam6_step(&e->moments, gradient, config, direction))
     return 0;
   for (int k = 0; k < 6; k++)
     e->value[k] -= rate * direction[k];

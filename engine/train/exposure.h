@@ -15,7 +15,7 @@
 
 typedef struct pags_exposure {
   double value[6]; /* gains, then offsets */
-  pags_moments moments;
+  pags_adam6 moments;
 } pags_exposure;
 
 typedef struct pags_exposures {

@@ -31,20 +31,20 @@ static void project(const pags_camera *camera, const double camera_from_sweep[12
 
 /* Moves what the camera sees to the front; returns how many. */
 static pags_result keep_visible(const pags_camera *camera, pags_seen_point *points, int64_t *count) {
-  pags_occlusion occlusion = {0};
+  pags_z_buffer occlusion = {0};
   int64_t kept = 0;
-  PAGS_TRY(pags_occlusion_reset(&occlusion, camera->width, camera->height, camera->fx));
-  pags_occlusion_add(&occlusion, points, *count);
+  PAGS_TRY(pags_z_buffer_reset(&occlusion, camera->width, camera->height, camera->fx));
+  pags_z_buffer_add(&occlusion, points, *count);
   for (int64_t i = 0; i < *count; i++)
-    if (points[i].z > 0 && pags_occlusion_visible(&occlusion, &points[i]))
+    if (points[i].z > 0 && pags_z_buffer_visible(&occlusion, &points[i]))
       points[kept++] = points[i];
   *count = kept;
-  pags_occlusion_destroy(&occlusion);
+  pags_z_buffer_destroy(&occlusion);
   return PAGS_OK;
 }
 
 static pags_result choose(const pags_seen_point *points, int64_t visible, int64_t most, int64_t *count,
-                          pags_depth_sample **samples) {
+                          pags_lidar_depth_sample **samples) {
   int64_t taken = visible < most ? visible : most;
   if (taken <= 0)
     return PAGS_OK;
@@ -53,14 +53,14 @@ static pags_result choose(const pags_seen_point *points, int64_t visible, int64_
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld depths", (long long)taken);
   for (int64_t i = 0; i < taken; i++) {
     const pags_seen_point *p = &points[(int64_t)((double)i * (double)visible / (double)taken)];
-    (*samples)[i] = (pags_depth_sample){p->u, p->v, p->z};
+    (*samples)[i] = (pags_lidar_depth_sample){p->u, p->v, p->z};
   }
   *count = taken;
   return PAGS_OK;
 }
 
-pags_result pags_depth_samples(const pags_dataset *dataset, int64_t view, int64_t most, int64_t *count,
-                               pags_depth_sample **samples) {
+pags_result pags_lidar_depth_samples(const pags_dataset *dataset, int64_t view, int64_t most, int64_t *count,
+                                     pags_lidar_depth_sample **samples) {
   const pags_view *v = pags_dataset_view(dataset, view);
   int64_t sweep = find_sweep(dataset, v->frame), points = 0;
   float *xyz = NULL;

@@ -67,7 +67,7 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_end_object(w);
 }
 
-pags_result pags_notes_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
+pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *s, char **text) {
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);

@@ -7,6 +7,6 @@
 #include "train/state.h"
 
 /* `text` is freed by the caller. */
-pags_result pags_notes_write(const pags_dataset *dataset, const pags_train_state *state, char **text);
+pags_result pags_model_report_write(const pags_dataset *dataset, const pags_train_state *state, char **text);
 
 #endif

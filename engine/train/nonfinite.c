@@ -5,8 +5,8 @@
 
 #include <pags/gaussians.h>
 
-void pags_guard_init(pags_guard *guard) {
-  *guard = (pags_guard){.count = 0};
+void pags_nonfinite_init(pags_nonfinite *guard) {
+  *guard = (pags_nonfinite){.count = 0};
   atomic_flag_clear(&guard->busy);
 }
 
@@ -29,7 +29,7 @@ static int comes_before(const pags_offender *a, const pags_offender *b) {
 
 /* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't
  * either. */
-void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *first) {
+void pags_nonfinite_note(pags_nonfinite *guard, int64_t count, const pags_offender *first) {
   while (atomic_flag_test_and_set_explicit(&guard->busy, memory_order_acquire)) {
   }
   if (guard->count == 0 || comes_before(first, &guard->first))
@@ -52,7 +52,7 @@ static void name_plane(int plane, char text[48]) {
              channels[(plane - PAGS_MAX_PLANES) % 3]);
 }
 
-void pags_guard_describe(const pags_guard *guard, const char *name, char text[PAGS_GUARD_TEXT]) {
+void pags_nonfinite_describe(const pags_nonfinite *guard, const char *name, char text[PAGS_GUARD_TEXT]) {
   const pags_offender *o = &guard->first;
   char plane[48] = "", model[96] = "the background";
   if (o->object >= 0)

@@ -22,19 +22,19 @@ typedef struct pags_offender {
   int32_t kind;   /* pags_offence */
 } pags_offender;
 
-typedef struct pags_guard {
+typedef struct pags_nonfinite {
   int64_t count; /* over the whole run: updates left out, a row or what stands for one each */
   pags_offender first;
   atomic_flag busy;
-} pags_guard;
+} pags_nonfinite;
 
 /* An empty one. */
-void pags_guard_init(pags_guard *guard);
+void pags_nonfinite_init(pags_nonfinite *guard);
 /* `count` offences of one step, of which `first` comes first by (object, kind of thing, row). Safe from several
  * threads. */
-void pags_guard_note(pags_guard *guard, int64_t count, const pags_offender *first);
+void pags_nonfinite_note(pags_nonfinite *guard, int64_t count, const pags_offender *first);
 /* One line about the first offender: what, where, when. `name`: of the object; not looked at for the background. */
 enum { PAGS_GUARD_TEXT = 256 };
-void pags_guard_describe(const pags_guard *guard, const char *name, char text[PAGS_GUARD_TEXT]);
+void pags_nonfinite_describe(const pags_nonfinite *guard, const char *name, char text[PAGS_GUARD_TEXT]);
 
 #endif

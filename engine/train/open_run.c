@@ -5,12 +5,12 @@
 
 #include "base/log.h"
 #include "base/sort.h"
-#include "train/size_limit.h"
+#include "init/driving_points.h"
+#include "init/from_points.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
-#include "init/from_points.h"
-#include "init/driving_points.h"
 #include "train/score_pass.h"
+#include "train/size_limit.h"
 #include "train/trainer.h"
 
 static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
@@ -221,7 +221,7 @@ static pags_result add_models(pags_trainer *t, const pags_train_config *config, 
 static pags_result start_driving(pags_trainer *t, const pags_train_config *config, double extent) {
   pags_train_state *s = &t->state;
   pags_start start;
-  PAGS_TRY(pags_tracks_create(&s->tracks, t->dataset));
+  PAGS_TRY(pags_track_poses_create(&s->tracks, t->dataset));
   if (config->tracks)
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
   PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
@@ -242,7 +242,7 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
 
 /* Rows have a priority exactly where the data set says what is critical. */
 static pags_result set_priorities(const pags_trainer *t, pags_gaussians *g) {
-  if (pags_scores_has_labels(t->dataset))
+  if (pags_score_pass_has_labels(t->dataset))
     return pags_gaussians_add_s_sem(g);
   free(g->s_sem);
   g->s_sem = NULL;
@@ -260,7 +260,7 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
   for (int64_t i = 0; i < t->state.model_count; i++)
     PAGS_TRY(set_priorities(t, &t->state.models[i].gaussians));
-  return pags_budget_start(t->dataset, &t->state, t->tasks);
+  return pags_size_limit_start(t->dataset, &t->state, t->tasks);
 }
 
 /* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */

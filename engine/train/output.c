@@ -14,8 +14,8 @@
 #include "base/json.h"
 #include "base/log.h"
 #include "base/text.h"
-#include "simd/kernels.h"
 #include "scene/scene_json.h"
+#include "simd/kernels.h"
 #include "train/config.h"
 #include "train/model_report.h"
 
@@ -434,7 +434,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   PAGS_TRY(list_views(dataset, state, scene));
   PAGS_TRY(list_objects(dataset, state, scene));
   PAGS_TRY(list_models(state, d));
-  return scene->fps > 0.0 ? pags_notes_write(dataset, state, &scene->notes) : PAGS_OK;
+  return scene->fps > 0.0 ? pags_model_report_write(dataset, state, &scene->notes) : PAGS_OK;
 }
 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {

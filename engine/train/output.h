@@ -7,8 +7,8 @@
 #include <pags/train.h>
 
 #include "base/file.h"
-#include "train/step.h"
 #include "train/state.h"
+#include "train/step.h"
 
 typedef struct pags_output {
   char *folder;

@@ -73,7 +73,7 @@ static void run_blocks(void *context, int64_t begin, int64_t end, int worker) {
     run_block(context, block, worker);
 }
 
-static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, pags_loss *out) {
+static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
   double by_exposure[6] = {0.0}, l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
   for (int64_t b = 0; b < blocks; b++) {
@@ -87,7 +87,7 @@ static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, 
     for (int k = 0; k < 2; k++)
       by_exposure[3 * k + b % 3] += job->sums[b].by_exposure[k];
   }
-  *out = (pags_loss){.counted = counted};
+  *out = (pags_photometric_loss){.counted = counted};
   memcpy(out->by_exposure, by_exposure, sizeof by_exposure);
   if (counted) {
     const double values = 3.0 * (double)counted;
@@ -100,7 +100,7 @@ static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, 
   return PAGS_OK;
 }
 
-static pags_result evaluate(loss_job *job, pags_loss *out) {
+static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   const double ssim_weight = job->how->ssim_weight;
   const int64_t blocks = 3 * (((int64_t)job->photo->height + BAND - 1) / BAND),
                 counted = pags_photo_counted(job->photo);
@@ -118,8 +118,9 @@ static pags_result evaluate(loss_job *job, pags_loss *out) {
   return add_up(job, blocks, counted, out);
 }
 
-pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
-                               const pags_comparison *how, float *const gradient[3], pags_loss *out) {
+pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
+                                           const pags_comparison *how, float *const gradient[3],
+                                           pags_photometric_loss *out) {
   assert(how->times >= 1.0 && how->ssim_weight >= 0.0 && how->ssim_weight <= 1.0);
   if (picture->width != photo->width || picture->height != photo->height || picture->stride != photo->stride)
     return pags_fail(PAGS_ERROR_ARGUMENT, "expected a photograph of the picture's %dx%d pixels, got %dx%d",

@@ -22,20 +22,21 @@ typedef struct pags_comparison {
   double times;  /* >= 1; 1 where emphasis is NULL */
 } pags_comparison;
 
-typedef struct pags_loss {
+typedef struct pags_photometric_loss {
   double loss;
   double l1;             /* mean |x - y|, every pixel once; so are those below */
   double mse;            /* mean square of clamped x - y: PSNR = -10 log10(mse) */
   double ssim;           /* mean */
   int64_t counted;       /* pixels; where 0, everything else is 0, too */
   double by_exposure[6]; /* the gradient by gains and offsets */
-} pags_loss;
+} pags_photometric_loss;
 
 /* `photo` has the picture's size. gradient[c], by the picture as it is unexposed, receives planes of its stride and
  * height; padding is set to zero. The same bits for any number of threads. PAGS_ERROR_ARGUMENT on different sizes,
  * PAGS_ERROR_MEMORY, PAGS_CANCELLED, PAGS_ERROR_UNSUPPORTED when PAGS_CPU asks for kernels that can't run here. */
-pags_result pags_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
-                               const pags_comparison *how, float *const gradient[3], pags_loss *out);
+pags_result pags_photometric_loss_evaluate(pags_tasks *tasks, const pags_picture *picture, const pags_photo *photo,
+                                           const pags_comparison *how, float *const gradient[3],
+                                           pags_photometric_loss *out);
 
 /* Pixels that the photograph's mask lets count. */
 int64_t pags_photo_counted(const pags_photo *photo);

@@ -14,8 +14,8 @@
 #include "base/log.h"
 #include "base/rng.h"
 #include "base/sort.h"
-#include "train/size_limit.h"
 #include "train/score_pass.h"
+#include "train/size_limit.h"
 
 /* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
 static const int64_t least_survivors = 16;
@@ -167,7 +167,7 @@ double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad
 }
 
 /* S_hybrid of all rows. */
-static pags_result score_rows(const pags_train_state *s, const pags_scores *scores, row_lists *l) {
+static pags_result score_rows(const pags_train_state *s, const pags_score_pass *scores, row_lists *l) {
   const pags_train_config *c = &s->schedule.config;
   int64_t at = 0;
   for (int64_t i = 0; i < s->model_count; i++)
@@ -213,16 +213,17 @@ static pags_result target_of(const pags_trainer *t, int index, int64_t count, in
   *target = pags_prune_target(&s->schedule, index, count);
   if (index < s->schedule.prunes - 1 || s->schedule.config.target_size <= 0.0)
     return PAGS_OK;
-  PAGS_TRY(pags_budget_rows(t->dataset, s, &bytes));
+  PAGS_TRY(pags_size_limit_rows(t->dataset, s, &bytes));
   for (int64_t i = 0; i < s->model_count; i++)
-    most = pags_budget_row(s, i) > most ? pags_budget_row(s, i) : most;
+    most = pags_size_limit_row(s, i) > most ? pags_size_limit_row(s, i) : most;
   int64_t fit = bytes > 0 ? bytes / most : 0;
   *target = fit < *target ? fit : *target;
   *target = *target > least_survivors ? *target : least_survivors;
   return PAGS_OK;
 }
 
-static pags_result prune_rows(pags_trainer *t, int index, const pags_scores *scores, row_lists *l, int64_t *dropped) {
+static pags_result prune_rows(pags_trainer *t, int index, const pags_score_pass *scores, row_lists *l,
+                              int64_t *dropped) {
   pags_train_state *s = &t->state;
   pags_prune_request request = {.count = scores->count,
                                 .score = l->score,
@@ -244,17 +245,17 @@ static pags_result prune_rows(pags_trainer *t, int index, const pags_scores *sco
 }
 
 pags_result pags_prune(pags_trainer *t, int index) {
-  pags_scores scores;
+  pags_score_pass scores;
   row_lists lists;
   int64_t dropped = 0;
-  PAGS_TRY(pags_scores_measure(t, 1, &scores));
-  pags_scores_write_s_sem(&t->state, &scores);
+  PAGS_TRY(pags_score_pass_measure(t, 1, &scores));
+  pags_score_pass_write_s_sem(&t->state, &scores);
   pags_result result = create_lists(&lists, scores.count);
   if (result == PAGS_OK)
     result = prune_rows(t, index, &scores, &lists, &dropped);
   destroy_lists(&lists);
   int64_t before = scores.count;
-  pags_scores_destroy(&scores);
+  pags_score_pass_destroy(&scores);
   PAGS_TRY(result);
   pags_log(PAGS_LOG_INFO, "step %lld: %lld of %lld Gaussians pruned by score", (long long)t->state.step,
            (long long)dropped, (long long)before);

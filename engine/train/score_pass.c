@@ -6,7 +6,7 @@
 
 typedef struct score_pass {
   pags_trainer *trainer;
-  pags_scores *scores;
+  pags_score_pass *scores;
   int64_t *first; /* per model: its first row in `scores` */
   float *counted, *critical;
   int64_t plane_floats;
@@ -22,8 +22,8 @@ static int64_t *list_first_rows(const pags_train_state *s) {
   return first;
 }
 
-static pags_result create(pags_scores *scores, int64_t count) {
-  *scores = (pags_scores){.count = count};
+static pags_result create(pags_score_pass *scores, int64_t count) {
+  *scores = (pags_score_pass){.count = count};
   scores->seen = calloc(4 * (size_t)(count > 0 ? count : 1), sizeof *scores->seen);
   if (!scores->seen)
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld Gaussians", (long long)count);
@@ -33,12 +33,12 @@ static pags_result create(pags_scores *scores, int64_t count) {
   return PAGS_OK;
 }
 
-void pags_scores_destroy(pags_scores *scores) {
+void pags_score_pass_destroy(pags_score_pass *scores) {
   free(scores->seen);
-  *scores = (pags_scores){0};
+  *scores = (pags_score_pass){0};
 }
 
-int pags_scores_has_labels(const pags_dataset *dataset) {
+int pags_score_pass_has_labels(const pags_dataset *dataset) {
   return (pags_dataset_provides(dataset) &
           (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_SEMANTIC | PAGS_PROVIDES_DYNAMIC_MASKS)) != 0;
 }
@@ -115,9 +115,9 @@ static pags_result add_views(score_pass *p, int rough) {
   return PAGS_OK;
 }
 
-pags_result pags_scores_measure(pags_trainer *t, int rough, pags_scores *out) {
+pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass *out) {
   score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
-  *out = (pags_scores){0};
+  *out = (pags_score_pass){0};
   pags_result result = p.first ? create(out, pags_state_gaussian_count(&t->state))
                                : pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld models",
                                            (long long)t->state.model_count);
@@ -126,11 +126,11 @@ pags_result pags_scores_measure(pags_trainer *t, int rough, pags_scores *out) {
   free(p.first);
   free(p.counted);
   if (result != PAGS_OK)
-    pags_scores_destroy(out);
+    pags_score_pass_destroy(out);
   return result;
 }
 
-void pags_scores_write_s_sem(pags_train_state *s, const pags_scores *scores) {
+void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *scores) {
   int64_t at = 0;
   for (int64_t m = 0; m < s->model_count; m++) {
     pags_gaussians *g = &s->models[m].gaussians;
@@ -142,13 +142,13 @@ void pags_scores_write_s_sem(pags_train_state *s, const pags_scores *scores) {
   }
 }
 
-pags_result pags_scores_finish(pags_trainer *t) {
-  pags_scores scores;
-  if (!pags_scores_has_labels(t->dataset) || t->state.schedule.config.s_sem == PAGS_S_SEM_INIT)
+pags_result pags_score_pass_finish(pags_trainer *t) {
+  pags_score_pass scores;
+  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.s_sem == PAGS_S_SEM_INIT)
     return PAGS_OK;
-  PAGS_TRY(pags_scores_measure(t, 0, &scores));
-  pags_scores_write_s_sem(&t->state, &scores);
-  pags_scores_destroy(&scores);
+  PAGS_TRY(pags_score_pass_measure(t, 0, &scores));
+  pags_score_pass_write_s_sem(&t->state, &scores);
+  pags_score_pass_destroy(&scores);
   return PAGS_OK;
 }
 
@@ -160,8 +160,8 @@ static void add_squares(void *user, const pags_cluster_score *c, int worker) {
     m->density.squared[c->first + i] += (float)c->squared[i];
 }
 
-pags_result pags_scores_add_training(pags_trainer *t, const pags_picture_gradient *gradient, const float *ones,
-                                     const float *zeros) {
+pags_result pags_score_pass_add_training(pags_trainer *t, const pags_picture_gradient *gradient, const float *ones,
+                                         const float *zeros) {
   pags_score_planes planes = {.counted = ones, .critical = zeros};
   for (int c = 0; c < 3; c++)
     planes.rgb[c] = gradient->rgb[c];

@@ -8,30 +8,30 @@
 
 #include "train/trainer.h"
 
-typedef struct pags_scores {
+typedef struct pags_score_pass {
   int64_t count;                     /* rows of all models, model after model */
   double *seen, *critical, *squared; /* sums over the training views; see pags_cluster_score. `seen` and `critical` only
                                         where the view has labels; `drawn` everywhere */
   double *drawn;
-} pags_scores;
+} pags_score_pass;
 
 /* Renders every training view at its size and SH degree of the step done; `rough`: at half that size (nothing smaller
  * than training's smallest), which ranks Gaussians nearly as well for a third of the time. The run must be settled;
  * changes nothing. The same bits for any number of threads. */
-pags_result pags_scores_measure(pags_trainer *trainer, int rough, pags_scores *out);
-void pags_scores_destroy(pags_scores *scores); /* a zeroed struct is allowed */
+pags_result pags_score_pass_measure(pags_trainer *trainer, int rough, pags_score_pass *out);
+void pags_score_pass_destroy(pags_score_pass *scores); /* a zeroed struct is allowed */
 
 /* Does the data set say anywhere what is critical? */
-int pags_scores_has_labels(const pags_dataset *dataset);
+int pags_score_pass_has_labels(const pags_dataset *dataset);
 
 /* S_sem of all models' rows that were seen; nothing where the data set says nothing or S_sem is to stay as it began. */
-void pags_scores_write_s_sem(pags_train_state *state, const pags_scores *scores);
+void pags_score_pass_write_s_sem(pags_train_state *state, const pags_score_pass *scores);
 /* S_sem of the scene as its schedule ends, measured once more. All rows must be current. */
-pags_result pags_scores_finish(pags_trainer *trainer);
+pags_result pags_score_pass_finish(pags_trainer *trainer);
 
 /* Adds to density.squared what the step's own gradient says, after the frame's backward pass. `ones`, `zeros`: planes
  * of these. */
-pags_result pags_scores_add_training(pags_trainer *trainer, const pags_picture_gradient *gradient, const float *ones,
-                                     const float *zeros);
+pags_result pags_score_pass_add_training(pags_trainer *trainer, const pags_picture_gradient *gradient,
+                                         const float *ones, const float *zeros);
 
 #endif

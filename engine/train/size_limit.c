@@ -19,7 +19,7 @@ enum {
 static const int64_t least_background = 16;
 
 /* Colour over time may still be decided for objects. */
-int pags_budget_row(const pags_train_state *s, int64_t model) {
+int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   const pags_train_model *m = &s->models[model];
   int undecided = m->object >= 0 && s->schedule.config.fourier && isnan(m->fourier_gain) && !m->gaussians.fourier;
   return pags_ply_row_bytes(&m->gaussians) + (undecided ? FOURIER_BYTES : 0);
@@ -35,7 +35,7 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   return bytes;
 }
 
-pags_result pags_budget_rows(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
+pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
   uint64_t rest = 0;
   PAGS_TRY(pags_output_bytes(dataset, s, &rest));
   *bytes = (int64_t)(s->schedule.config.target_size * 1e6) - (int64_t)rest - HEADER_BYTES * s->model_count -
@@ -54,20 +54,20 @@ static int64_t bytes_used(const pags_train_state *s, int *most) {
   int64_t used = 0;
   *most = 1;
   for (int64_t i = 0; i < s->model_count; i++) {
-    int row = pags_budget_row(s, i);
+    int row = pags_size_limit_row(s, i);
     used += row * s->models[i].gaussians.count;
     *most = row > *most ? row : *most;
   }
   return used;
 }
 
-pags_result pags_budget_room(const pags_dataset *dataset, const pags_train_state *s, int64_t *gaussians) {
+pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_state *s, int64_t *gaussians) {
   int64_t bytes = 0;
   int most;
   *gaussians = INT32_MAX;
   if (s->schedule.config.target_size <= 0.0 || is_later(s))
     return PAGS_OK;
-  PAGS_TRY(pags_budget_rows(dataset, s, &bytes));
+  PAGS_TRY(pags_size_limit_rows(dataset, s, &bytes));
   bytes -= bytes_used(s, &most);
   *gaussians = bytes > 0 ? bytes / most : 0;
   return PAGS_OK;
@@ -85,12 +85,12 @@ static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *ta
   return result == PAGS_OK ? pags_model_sort(m, tasks) : result;
 }
 
-pags_result pags_budget_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
+pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
   int64_t bytes = 0;
-  int most, row = pags_budget_row(s, 0);
+  int most, row = pags_size_limit_row(s, 0);
   if (s->schedule.config.target_size <= 0.0)
     return PAGS_OK;
-  PAGS_TRY(pags_budget_rows(dataset, s, &bytes));
+  PAGS_TRY(pags_size_limit_rows(dataset, s, &bytes));
   int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].gaussians.count;
   int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
   const int64_t least = count < least_background ? count : least_background;

@@ -6,7 +6,7 @@
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models) {
   *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians};
-  pags_guard_init(&state->guard);
+  pags_nonfinite_init(&state->guard);
   state->models = calloc((size_t)(models > 0 ? models : 1), sizeof *state->models);
   return state->models ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)models);
 }
@@ -15,7 +15,7 @@ void pags_state_destroy(pags_train_state *state) {
   for (int64_t i = 0; i < state->model_count; i++)
     pags_model_destroy(&state->models[i]);
   free(state->models);
-  pags_tracks_destroy(&state->tracks);
+  pags_track_poses_destroy(&state->tracks);
   pags_sky_fit_destroy(&state->sky);
   pags_exposures_destroy(&state->exposures);
   *state = (pags_train_state){0};

@@ -3,8 +3,8 @@
 #define PAGS_TRAIN_STATE_H
 
 #include "train/exposure.h"
-#include "train/nonfinite.h"
 #include "train/model.h"
+#include "train/nonfinite.h"
 #include "train/sky_fit.h"
 #include "train/track_poses.h"
 
@@ -18,12 +18,12 @@ typedef struct pags_train_state {
   double loss, mse; /* running means; 0 steps: 0 */
   int64_t model_count;
   pags_train_model *models; /* the background first; then objects in the data set's order */
-  pags_tracks tracks;       /* of all labelled boxes */
+  pags_track_poses tracks;  /* of all labelled boxes */
   pags_sky_fit sky;         /* size 0: none */
   double sky_share;         /* of the training photographs' pixels */
   int64_t lidar_points;     /* that the background started from */
   pags_exposures exposures; /* count 0: none */
-  pags_guard guard;         /* what wasn't finite so far */
+  pags_nonfinite guard;     /* what wasn't finite so far */
 } pags_train_state;
 
 /* An empty run of `stop` steps with room for `models` models. */

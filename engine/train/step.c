@@ -10,10 +10,10 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/score_pass.h"
-#include "train/driving_losses.h"
 #include "train/trainer.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
@@ -188,7 +188,7 @@ void pags_pass_compose(pags_trainer *t, int64_t view) {
           pose[4 * k + 3] -= origin[k];
         double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
         pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->pass.basis[i]);
-        add_part(t, i, first_id, pags_tracks_knot(object, v->frame), pose);
+        add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
       }
     }
     first_id += (int32_t)m->gaussians.count;
@@ -302,9 +302,9 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
     return;
   for (int i = 0; any_bad(g) && i < g->count; i++)
     if (g->bad[i])
-      pags_guard_note(&c->trainer->state.guard, 1,
-                      &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1,
-                                       PAGS_OFFENCE_GRADIENT});
+      pags_nonfinite_note(&c->trainer->state.guard, 1,
+                          &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1,
+                                           PAGS_OFFENCE_GRADIENT});
   memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
          (size_t)g->planes * (size_t)g->stride * sizeof(float));
   p->held_step[model][g->cluster] = (int32_t)c->step;
@@ -362,7 +362,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
       pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
   first.object = m->object;
   if (left_out)
-    pags_guard_note(&c->trainer->state.guard, left_out, &first);
+    pags_nonfinite_note(&c->trainer->state.guard, left_out, &first);
 }
 
 /* Loss terms. */
@@ -371,7 +371,8 @@ static pags_result load_depth(pags_trainer *t, int64_t view) {
   if (t->pass.depth[view].loaded)
     return PAGS_OK;
   t->pass.depth[view].loaded = 1;
-  return pags_depth_samples(t->dataset, view, MOST_SAMPLES, &t->pass.depth[view].count, &t->pass.depth[view].samples);
+  return pags_lidar_depth_samples(t->dataset, view, MOST_SAMPLES, &t->pass.depth[view].count,
+                                  &t->pass.depth[view].samples);
 }
 
 /* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one;
@@ -389,8 +390,8 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
                              &picture));
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
-  PAGS_TRY(pags_term_objects(t->tasks, &picture, &v->photo, OBJECTS_EVERY * t->state.schedule.config.object_weight,
-                             by_t, &v->terms.objects));
+  PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
+                                     OBJECTS_EVERY * t->state.schedule.config.object_weight, by_t, &v->terms.objects));
   v->terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
@@ -415,7 +416,7 @@ static pags_result photometric(pags_trainer *t, pags_step_view *v) {
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
   emphasise(t, &v->photo, &how);
-  return pags_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->pass.plane + GRADIENT, &v->loss);
+  return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->pass.plane + GRADIENT, &v->loss);
 }
 
 /* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */
@@ -435,13 +436,14 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
     gradient->transmittance = p->plane[GRADIENT_T];
   }
   if (sky)
-    PAGS_TRY(pags_term_sky(t->tasks, &v->picture, &v->photo, c->sky_weight, p->plane[GRADIENT_T], &v->terms.sky));
+    PAGS_TRY(
+        pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->sky_weight, p->plane[GRADIENT_T], &v->terms.sky));
   if (depth) {
     memset(p->plane[GRADIENT_DEPTH], 0, bytes);
     gradient->depth_sum = p->plane[GRADIENT_DEPTH];
-    PAGS_TRY(pags_term_depth(&v->picture, &v->photo, p->depth[v->view].samples, p->depth[v->view].count, v->level,
-                             c->depth_weight, c->depth_share, p->plane[GRADIENT_DEPTH], p->plane[GRADIENT_T],
-                             &v->terms.depth));
+    PAGS_TRY(pags_driving_loss_depth(&v->picture, &v->photo, p->depth[v->view].samples, p->depth[v->view].count,
+                                     v->level, c->depth_weight, c->depth_share, p->plane[GRADIENT_DEPTH],
+                                     p->plane[GRADIENT_T], &v->terms.depth));
   }
   if (t->state.sky.sky.size > 0 && !t->measuring)
     PAGS_TRY(pags_sky_fit_receive(&t->state.sky, &t->state.schedule, step, gradient));
@@ -469,9 +471,9 @@ static void update_tracks(pags_trainer *t, int64_t step) {
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
         sum[k] += t->pass.pose[model][c][k];
-    if (!pags_tracks_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step))
-      pags_guard_note(&t->state.guard, 1,
-                      &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
+    if (!pags_track_poses_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step))
+      pags_nonfinite_note(&t->state.guard, 1,
+                          &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
   }
 }
 
@@ -499,12 +501,12 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    PAGS_TRY(pags_scores_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
+    PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);
     if (t->state.exposures.count > 0 &&
         !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
-      pags_guard_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
+      pags_nonfinite_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
   }
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;

@@ -28,7 +28,7 @@ typedef struct pags_pass {
   int64_t plane_floats; /* room in each */
   struct {
     int64_t count;
-    pags_depth_sample *samples;
+    pags_lidar_depth_sample *samples;
     int loaded;
   } *depth; /* per view of the data set */
 } pags_pass;

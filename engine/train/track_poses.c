@@ -12,7 +12,7 @@
 static const double final_share = 0.1;
 static const double reference_visits = 100.0; /* of each photograph in a run: about 30 000 steps over 300 */
 
-static pags_result copy_object(const pags_object *from, pags_object *to, pags_moments **moments) {
+static pags_result copy_object(const pags_object *from, pags_object *to, pags_adam6 **moments) {
   *to = *from;
   size_t knots = (size_t)(from->knot_count > 0 ? from->knot_count : 1);
   to->id = pags_text_copy(from->id);
@@ -25,37 +25,37 @@ static pags_result copy_object(const pags_object *from, pags_object *to, pags_mo
   return PAGS_OK;
 }
 
-pags_result pags_tracks_create(pags_tracks *tracks, const pags_dataset *dataset) {
+pags_result pags_track_poses_create(pags_track_poses *tracks, const pags_dataset *dataset) {
   int64_t count = pags_dataset_object_count(dataset);
   size_t room = (size_t)(count > 0 ? count : 1);
-  *tracks =
-      (pags_tracks){.objects = calloc(room, sizeof *tracks->objects), .moments = calloc(room, sizeof *tracks->moments)};
+  *tracks = (pags_track_poses){.objects = calloc(room, sizeof *tracks->objects),
+                               .moments = calloc(room, sizeof *tracks->moments)};
   if (!tracks->objects || !tracks->moments) {
-    pags_tracks_destroy(tracks);
+    pags_track_poses_destroy(tracks);
     return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld tracks", (long long)count);
   }
   for (int64_t i = 0; i < count; i++) {
     tracks->count = i + 1;
     pags_result result = copy_object(pags_dataset_object(dataset, i), &tracks->objects[i], &tracks->moments[i]);
     if (result != PAGS_OK) {
-      pags_tracks_destroy(tracks);
+      pags_track_poses_destroy(tracks);
       return result;
     }
   }
   return PAGS_OK;
 }
 
-void pags_tracks_destroy(pags_tracks *tracks) {
+void pags_track_poses_destroy(pags_track_poses *tracks) {
   for (int64_t i = 0; i < tracks->count; i++) {
     pags_object_destroy(&tracks->objects[i]);
     free(tracks->moments[i]);
   }
   free(tracks->objects);
   free(tracks->moments);
-  *tracks = (pags_tracks){0};
+  *tracks = (pags_track_poses){0};
 }
 
-int64_t pags_tracks_knot(const pags_object *object, int frame) {
+int64_t pags_track_poses_knot(const pags_object *object, int frame) {
   for (int64_t k = 0; k < object->knot_count; k++)
     if (object->knots[k].frame == frame)
       return k;
@@ -72,8 +72,8 @@ static double hurry(const pags_schedule *schedule) {
 /* Where in its box a thing lies no photograph shows: moving all poses and the Gaussians against them changes no
  * picture. The labels' mean knows, so that what one knot has gone is taken back from all that photographs have moved.
  */
-static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6]) {
-  const pags_moments *m = tracks->moments[object];
+static void hold_mean(pags_track_poses *tracks, int64_t object, const double gone[6]) {
+  const pags_adam6 *m = tracks->moments[object];
   pags_object *o = &tracks->objects[object];
   double moved = 0.0;
   for (int64_t k = 0; k < o->knot_count; k++)
@@ -85,8 +85,8 @@ static void hold_mean(pags_tracks *tracks, int64_t object, const double gone[6])
     }
 }
 
-int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const double gradient[6],
-                       const pags_schedule *schedule, int64_t step) {
+int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t knot, const double gradient[6],
+                            const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
   pags_knot *k = &tracks->objects[object].knots[knot];
   double turn[12], zero[3] = {0.0, 0.0, 0.0}, g[6], direction[6];
@@ -95,7 +95,7 @@ int pags_tracks_update(pags_tracks *tracks, int64_t object, int64_t knot, const 
   for (int i = 0; i < 3; i++)
     g[3 + i] = turn[4 * i] * gradient[3] + turn[4 * i + 1] * gradient[4] + turn[4 * i + 2] * gradient[5];
   double t = fmin((double)step / (double)schedule->length, 1.0), fall = pow(final_share, t) * hurry(schedule);
-  if (!pags_moments_step(&tracks->moments[object][knot], g, c, direction))
+  if (!pags_adam6_step(&tracks->moments[object][knot], g, c, direction))
     return 0;
   for (int i = 0; i < 3; i++) {
     direction[i] *= fall * c->track_rotation_rate;

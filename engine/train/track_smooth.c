@@ -228,7 +228,7 @@ static void list_runs(run_list *list, pags_object *o) {
   list->used += count;
 }
 
-static pags_result list_all(run_list *list, pags_tracks *tracks) {
+static pags_result list_all(run_list *list, pags_track_poses *tracks) {
   size_t knots = 1;
   for (int64_t i = 0; i < tracks->count; i++)
     knots += (size_t)tracks->objects[i].knot_count;
@@ -260,7 +260,7 @@ static void smooth_all(run_list *list) {
              sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
 }
 
-pags_result pags_tracks_smooth(pags_tracks *tracks) {
+pags_result pags_tracks_smooth(pags_track_poses *tracks) {
   run_list list;
   pags_result result = list_all(&list, tracks);
   if (result == PAGS_OK)

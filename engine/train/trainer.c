@@ -13,15 +13,15 @@
 
 #include "base/clock.h"
 #include "base/log.h"
-#include "train/size_limit.h"
 #include "train/checkpoint.h"
+#include "train/color_over_time.h"
 #include "train/config.h"
 #include "train/densify.h"
-#include "train/color_over_time.h"
 #include "train/mcmc.h"
 #include "train/prune.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
+#include "train/size_limit.h"
 
 enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
 
@@ -70,7 +70,7 @@ pags_result pags_trainer_photo(pags_trainer *t, int64_t index, int *level, pags_
 
 typedef struct unseen_job {
   pags_train_model *model;
-  pags_guard *guard;
+  pags_nonfinite *guard;
 } unseen_job;
 
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -91,7 +91,7 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
     int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &offender);
     offender.object = m->object;
     if (left_out)
-      pags_guard_note(job->guard, left_out, &offender);
+      pags_nonfinite_note(job->guard, left_out, &offender);
   }
 }
 
@@ -120,7 +120,7 @@ static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_ch
 static pags_result share_cap(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int64_t total = pags_state_gaussian_count(s), room;
-  PAGS_TRY(pags_budget_room(t->dataset, s, &room));
+  PAGS_TRY(pags_size_limit_room(t->dataset, s, &room));
   int bounded = s->cap > 0 || room < INT32_MAX;
   if (s->cap > 0)
     room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
@@ -148,7 +148,7 @@ static pags_result refine(pags_trainer *t) {
 /* The background onto the planes that the laser measured; its clusters' bounds anew. */
 static pags_result draw_to_facets(pags_trainer *t) {
   pags_train_model *m = &t->state.models[0];
-  if (!pags_facets_draw(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
+  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   return PAGS_OK;
@@ -169,7 +169,7 @@ static pags_result control_density(pags_trainer *t) {
   if (due)
     PAGS_TRY(refine(t));
   if (fourier)
-    PAGS_TRY(pags_fourier_decide(t));
+    PAGS_TRY(pags_color_over_time_decide(t));
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
   if (draws)
@@ -183,7 +183,7 @@ static pags_result control_density(pags_trainer *t) {
 }
 
 /* Exponential means over about one pass. */
-static void update_running(pags_trainer *t, const pags_loss *loss) {
+static void update_running(pags_trainer *t, const pags_photometric_loss *loss) {
   pags_train_state *s = &t->state;
   double weight = 1.0 / (double)(s->step < t->view_count ? s->step : t->view_count);
   s->loss += weight * (loss->loss - s->loss);
@@ -205,7 +205,7 @@ static pags_result check_guard(const pags_trainer *t) {
   char text[PAGS_GUARD_TEXT];
   if (t->state.guard.count <= t->options->bad_rows_most)
     return PAGS_OK;
-  pags_guard_describe(&t->state.guard, offender_name(t), text);
+  pags_nonfinite_describe(&t->state.guard, offender_name(t), text);
   return pags_fail(
       PAGS_ERROR_LIMIT,
       "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
@@ -381,7 +381,7 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->psnr = psnr_of(s->mse);
   r->bad_rows = s->guard.count;
   if (s->guard.count > 0)
-    pags_guard_describe(&s->guard, offender_name(t), r->first_bad_row);
+    pags_nonfinite_describe(&s->guard, offender_name(t), r->first_bad_row);
   r->heap_calls_steady = pags_frame_heap_calls(t->pass.frame) - clock->tail_heap_calls;
   r->ms_wait = t->ms.wait * per_step;
   r->ms_forward = t->ms.forward * per_step;
@@ -411,7 +411,7 @@ static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_cl
   PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
   pags_state_flush(s, t->tasks);
   if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
-    PAGS_TRY(pags_scores_finish(t));
+    PAGS_TRY(pags_score_pass_finish(t));
   PAGS_TRY(pags_sh_trim(t));
   PAGS_TRY(drop_spoiled(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
@@ -462,7 +462,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_pass_create(t));
   if (config.lidar_pull > 0.0)
-    PAGS_TRY(pags_facets_create(t->dataset, t->tasks, &t->facets));
+    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->facets));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
@@ -472,7 +472,7 @@ static void close_run(pags_trainer *t, int failed) {
   pags_photo_cache_destroy(t->cache);
   pags_pass_destroy(t);
   pags_state_destroy(&t->state);
-  pags_facets_destroy(&t->facets);
+  pags_lidar_planes_destroy(&t->facets);
   free(t->views);
   free(t->order);
   free(t);

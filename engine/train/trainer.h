@@ -3,10 +3,10 @@
 #define PAGS_TRAIN_TRAINER_H
 
 #include "init/lidar_planes.h"
-#include "train/photometric_loss.h"
 #include "train/output.h"
-#include "train/step.h"
+#include "train/photometric_loss.h"
 #include "train/state.h"
+#include "train/step.h"
 
 /* Views announced to the photo cache ahead of use. */
 enum { PAGS_TRAIN_AHEAD = 32 };
@@ -24,8 +24,8 @@ typedef struct pags_trainer {
   int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
   pags_pass pass;
-  pags_facets facets; /* of the data set; none without lidar_pull */
-  int measuring;      /* 1: gradients are thrown away */
+  pags_lidar_planes facets; /* of the data set; none without lidar_pull */
+  int measuring;            /* 1: gradients are thrown away */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;
@@ -38,7 +38,7 @@ typedef struct pags_step_view {
   pags_camera camera; /* shrunk */
   pags_photo photo;
   pags_picture picture;
-  pags_loss loss;
+  pags_photometric_loss loss;
   pags_terms terms;
 } pags_step_view;
 

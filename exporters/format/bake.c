@@ -12,7 +12,7 @@
 
 static const double sh_c0 = 0.28209479177387814;
 
-static void bake_row(const pags_part *part, const pags_sh_turn *turn, const double turn_q[4], int64_t i,
+static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const double turn_q[4], int64_t i,
                      pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
   const double *m = part->world_from_model;
@@ -40,7 +40,7 @@ static void bake_row(const pags_part *part, const pags_sh_turn *turn, const doub
     for (int k = 0; k < count; ++k)
       rest[k] = (double)pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[i];
     if (turn)
-      pags_sh_turn_apply(turn, degree, rest);
+      pags_sh_rotation_apply(turn, degree, rest);
     for (int k = 0; k < count; ++k)
       pags_plane(out, PAGS_SH + 3 * (k + 1) + c)[at] = (float)rest[k];
   }
@@ -58,10 +58,10 @@ static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first)
   const double *m = part->world_from_model;
   const double r[9] = {m[0], m[1], m[2], m[4], m[5], m[6], m[8], m[9], m[10]};
   double q[4];
-  pags_sh_turn turn;
+  pags_sh_rotation turn;
   int turned = is_turned(m);
   pags_quaternion_from_rotation(r, q);
-  pags_sh_turn_make(r, &turn);
+  pags_sh_rotation_make(r, &turn);
   for (int64_t i = 0; i < part->gaussians->count; ++i) {
     bake_row(part, turned ? &turn : NULL, q, i, out, first + i);
     if (out->s_sem)

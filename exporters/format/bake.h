@@ -11,12 +11,12 @@ extern "C" {
 
 /* Turns spherical harmonics with a rotation (row-major 3x3): `to` shows in direction R d what `from` shows in direction
  * d. */
-typedef struct pags_sh_turn {
+typedef struct pags_sh_rotation {
   double m1[3][3], m2[5][5], m3[7][7];
-} pags_sh_turn;
-void pags_sh_turn_make(const double rotation[9], pags_sh_turn *out);
+} pags_sh_rotation;
+void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out);
 /* Coefficients 1.. of one channel, in place; the constant one doesn't turn. */
-void pags_sh_turn_apply(const pags_sh_turn *turn, int degree, double *rest);
+void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *rest);
 
 /* All parts as one set in the world's frame, of `sh_degree` (higher terms are cut, missing ones zero). Their s_sem and
  * object_id are kept where all have them. */

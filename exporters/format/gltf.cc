@@ -253,7 +253,7 @@ int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided) {
   });
 }
 
-int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags) {
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, int material, int flags) {
   return guarded(gltf, [&] {
     size_t vertices = static_cast<size_t>(surface->vertex_count),
            indices = 3 * static_cast<size_t>(surface->triangle_count);
@@ -264,7 +264,7 @@ int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface,
         put_floats(gltf, surface->positions, vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, true);
     if (flags & PAGS_GLTF_NORMALS) {
       std::vector<float> normals(3 * vertices);
-      pags_shell_normals(surface, normals.data());
+      pags_proxy_mesh_normals(surface, normals.data());
       primitive.attributes["NORMAL"] =
           put_floats(gltf, normals.data(), vertices, 3, TINYGLTF_TARGET_ARRAY_BUFFER, false);
     }

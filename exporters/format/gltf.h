@@ -20,7 +20,7 @@ int pags_gltf_material(pags_gltf *gltf, const char *name, int double_sided);
 enum { PAGS_GLTF_NORMALS = 1, PAGS_GLTF_MANIFOLD = 2 };
 /* Positions, COLOR_0 (linear, 16 bits), smooth normals by flag (else readers shade flat), EXT_mesh_manifold by flag
  * (the surface must be closed). */
-int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_shell *surface, int material, int flags);
+int pags_gltf_mesh(pags_gltf *gltf, const char *name, const pags_proxy_mesh *surface, int material, int flags);
 /* parent -1: a root of the scene; -2: in no scene (levels of detail). */
 int pags_gltf_node(pags_gltf *gltf, int parent, const char *name);
 int pags_gltf_camera(pags_gltf *gltf, const char *name, const pags_camera *camera);

@@ -6,13 +6,13 @@
 
 #include <pags/export.h>
 
-#include "exporters/proxy/background.h"
 #include "base/json.h"
 #include "base/text.h"
-#include "exporters/format/gltf_cameras.h"
-#include "exporters/proxy/proxy_error.h"
 #include "exporters/format/gltf.h"
+#include "exporters/format/gltf_cameras.h"
+#include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
+#include "exporters/proxy/proxy_error.h"
 #include "exporters/proxy/proxy_report.h"
 #include "scene/place_json.h"
 
@@ -326,7 +326,7 @@ static int tell_background(void *user, double fraction, const char *what) {
 }
 
 /* All chunks as one mesh, and whose its triangles are. */
-static pags_result join_chunks(const pags_backdrop *b, pags_shell *all, int32_t **group_of) {
+static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, int32_t **group_of) {
   int64_t triangles = 0;
   for (int64_t i = 0; i < b->chunk_count; ++i)
     triangles += b->chunks[i].shell.triangle_count;
@@ -334,20 +334,20 @@ static pags_result join_chunks(const pags_backdrop *b, pags_shell *all, int32_t 
   if (!*group_of)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)triangles);
   for (int64_t i = 0; i < b->chunk_count; ++i) {
-    const pags_shell *s = &b->chunks[i].shell;
+    const pags_proxy_mesh *s = &b->chunks[i].shell;
     uint32_t first = (uint32_t)all->vertex_count;
     for (int64_t v = 0; v < s->vertex_count; ++v)
-      pags_shell_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
+      pags_proxy_mesh_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
     for (int64_t t = 0; t < s->triangle_count; ++t) {
       (*group_of)[all->triangle_count] = (int32_t)i;
-      pags_shell_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1],
-                          first + s->triangles[3 * t + 2]);
+      pags_proxy_mesh_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1],
+                               first + s->triangles[3 * t + 2]);
     }
   }
-  return pags_shell_check(all);
+  return pags_proxy_mesh_check(all);
 }
 
-static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t index, pags_proxy_facts *facts) {
+static pags_result add_chunk(exporter *self, const pags_background *b, int64_t index, pags_proxy_facts *facts) {
   const pags_chunk *chunk = &b->chunks[index];
   char name[NAME_SIZE];
   if (!strcmp(chunk->class_name, "ground"))
@@ -362,7 +362,7 @@ static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t ind
   facts->s_sem = b->s_sem;
   facts->vertices = chunk->shell.vertex_count;
   facts->triangles = chunk->shell.triangle_count;
-  facts->observed = pags_shell_observed(&chunk->shell);
+  facts->observed = pags_proxy_mesh_observed(&chunk->shell);
   if (self->background < 0)
     self->background = pags_gltf_node(self->gltf, self->root, "background");
   int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
@@ -375,21 +375,21 @@ static pags_result add_chunk(exporter *self, const pags_backdrop *b, int64_t ind
   return pags_proxy_report_add(self->report, facts);
 }
 
-static pags_result measure_chunks(exporter *self, const pags_backdrop *b, pags_proxy_facts *facts) {
-  pags_shell all = {0};
+static pags_result measure_chunks(exporter *self, const pags_background *b, pags_proxy_facts *facts) {
+  pags_proxy_mesh all = {0};
   int32_t *group_of = NULL;
   pags_result result = join_chunks(b, &all, &group_of);
   if (result == PAGS_OK)
     result = pags_proxies_compare(&all, group_of, b->chunk_count, &b->sights, self->workshop.options->range,
                                   self->workshop.tasks, facts);
   free(group_of);
-  pags_shell_destroy(&all);
+  pags_proxy_mesh_destroy(&all);
   return result;
 }
 
 static pags_result add_background(exporter *self) {
-  pags_backdrop b;
-  PAGS_TRY(pags_backdrop_make(&self->workshop, tell_background, self, &b));
+  pags_background b;
+  PAGS_TRY(pags_background_make(&self->workshop, tell_background, self, &b));
   pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
   pags_result result =
       facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
@@ -400,7 +400,7 @@ static pags_result add_background(exporter *self) {
   for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; ++i)
     result = add_chunk(self, &b, i, &facts[i]);
   free(facts);
-  pags_backdrop_destroy(&b);
+  pags_background_destroy(&b);
   return result;
 }
 

@@ -16,8 +16,8 @@ static void parked_pose(const pags_scene *scene, const pags_object *record, doub
     out[4 * k + 3] -= scene->origin[k];
 }
 
-pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
-                                 pags_gaussians *out) {
+pags_result pags_object_gaussians(pags_composition *composition, int64_t object, double time, int sh_degree,
+                                  pags_gaussians *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   const pags_part *parts;
@@ -38,7 +38,7 @@ pags_result pags_owned_gaussians(pags_composition *composition, int64_t object, 
   return pags_splats_bake(parts, count, sh_degree, out);
 }
 
-pags_result pags_owned_degree(pags_composition *composition, int most, int *out) {
+pags_result pags_object_gaussians_degree(pags_composition *composition, int most, int *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   int degree = 0;
   *out = 0;
@@ -54,16 +54,16 @@ pags_result pags_owned_degree(pags_composition *composition, int most, int *out)
   return PAGS_OK;
 }
 
-pags_result pags_owned_track_make(const pags_composition *composition, int64_t object, double time_zero,
-                                  pags_owned_track *out) {
+pags_result pags_object_gaussians_track_make(const pags_composition *composition, int64_t object, double time_zero,
+                                             pags_object_gaussians_track *out) {
   const pags_scene *scene = pags_composition_scene(composition);
   const pags_object *record = &scene->objects[object].record;
   int64_t count = record->moving ? record->knot_count : 1;
-  *out = (pags_owned_track){.count = count,
-                            .times = malloc((size_t)count * sizeof *out->times),
-                            .poses = malloc((size_t)count * sizeof *out->poses)};
+  *out = (pags_object_gaussians_track){.count = count,
+                                       .times = malloc((size_t)count * sizeof *out->times),
+                                       .poses = malloc((size_t)count * sizeof *out->poses)};
   if (!out->times || !out->poses) {
-    pags_owned_track_destroy(out);
+    pags_object_gaussians_track_destroy(out);
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
   }
   for (int64_t i = 0; i < count; ++i) {
@@ -81,8 +81,8 @@ pags_result pags_owned_track_make(const pags_composition *composition, int64_t o
   return PAGS_OK;
 }
 
-void pags_owned_track_destroy(pags_owned_track *track) {
+void pags_object_gaussians_track_destroy(pags_object_gaussians_track *track) {
   free(track->times);
   free(track->poses);
-  *track = (pags_owned_track){0};
+  *track = (pags_object_gaussians_track){0};
 }

@@ -68,7 +68,7 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
   solve(n, normal, out);
 }
 
-void pags_sh_turn_make(const double rotation[9], pags_sh_turn *out) {
+void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out) {
   double m[7][7];
   turn_degree(rotation, 1, m);
   for (int a = 0; a < 3; ++a)
@@ -80,7 +80,7 @@ void pags_sh_turn_make(const double rotation[9], pags_sh_turn *out) {
   memcpy(out->m3, m, sizeof out->m3);
 }
 
-void pags_sh_turn_apply(const pags_sh_turn *turn, int degree, double *rest) {
+void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *rest) {
   const double *const rows[3] = {turn->m1[0], turn->m2[0], turn->m3[0]};
   for (int l = 1; l <= degree; ++l) {
     int n = 2 * l + 1;

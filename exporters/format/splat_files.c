@@ -9,9 +9,9 @@
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "exporters/format/bake.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
-#include "exporters/format/bake.h"
 
 pags_splat_options pags_splat_options_default(void) {
   return (pags_splat_options){.time = (double)NAN, .sh_degree = 3, .spz_version = 3};
@@ -122,21 +122,21 @@ static pags_result save_glb(const char *path, pags_up up, const pags_gaussians *
 static pags_result add_owned(pags_gltf *gltf, int root, pags_composition *composition, int64_t object, double time_zero,
                              const pags_splat_options *options, int degree, int64_t *count) {
   pags_gaussians g;
-  pags_owned_track track = {0};
+  pags_object_gaussians_track track = {0};
   char name[96];
   const pags_scene *scene = pags_composition_scene(composition);
-  PAGS_TRY(pags_owned_gaussians(composition, object, options->time, degree, &g));
+  PAGS_TRY(pags_object_gaussians(composition, object, options->time, degree, &g));
   pags_result result = PAGS_OK;
   if (g.count) {
     snprintf(name, sizeof name, "%.80s", object < 0 ? "background" : scene->objects[object].record.id);
     int node = pags_gltf_node(gltf, root, name);
     if (object >= 0)
-      result = pags_owned_track_make(composition, object, time_zero, &track);
+      result = pags_object_gaussians_track_make(composition, object, time_zero, &track);
     if (result == PAGS_OK && track.count)
       pags_gltf_node_pose(gltf, node, track.poses[0]);
     if (result == PAGS_OK && track.count > 1)
       pags_gltf_node_track(gltf, node, track.count, track.times, (const double(*)[12])track.poses);
-    pags_owned_track_destroy(&track);
+    pags_object_gaussians_track_destroy(&track);
     if (result == PAGS_OK)
       result = add_points(gltf, node, name, &g);
     *count += g.count;
@@ -153,7 +153,7 @@ static pags_result save_tracks(const char *path, pags_composition *composition, 
   int degree;
   double time_zero = scene->time_begin;
   pags_gltf *gltf;
-  PAGS_TRY(pags_owned_degree(composition, options->sh_degree, &degree));
+  PAGS_TRY(pags_object_gaussians_degree(composition, options->sh_degree, &degree));
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);

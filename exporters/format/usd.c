@@ -11,11 +11,11 @@
 
 #include <pags/export.h>
 
+#include "exporters/format/bake.h"
+#include "exporters/format/object_gaussians.h"
+#include "exporters/format/usd_text.h"
 #include "exporters/proxy/background.h"
 #include "exporters/proxy/objects.h"
-#include "exporters/format/object_gaussians.h"
-#include "exporters/format/bake.h"
-#include "exporters/format/usd_text.h"
 
 enum { NAME_SIZE = 96, PADDED_DEGREE = 3 };
 
@@ -27,7 +27,7 @@ typedef struct usd_export {
   void *user;
   int64_t object_count;
   pags_made_object *objects;
-  pags_backdrop backdrop;
+  pags_background backdrop;
   pags_composition *composition;
   pags_usd usd;
   double time_zero, rate; /* time code = (time - time_zero) rate */
@@ -57,7 +57,7 @@ static pags_result make_proxies(usd_export *self, const pags_scene *scene) {
   PAGS_TRY(pags_workshop_open(scene, self->proxies, self->tasks, &workshop));
   pags_result result = pags_objects_make(&workshop, 0, tell_objects, self, &self->objects);
   if (result == PAGS_OK && self->proxies->background)
-    result = pags_backdrop_make(&workshop, tell_background, self, &self->backdrop);
+    result = pags_background_make(&workshop, tell_background, self, &self->backdrop);
   pags_workshop_close(&workshop);
   return result;
 }
@@ -78,7 +78,7 @@ static void put_extent(pags_usd *usd, const float *positions, int64_t count, con
   pags_usd_floats(usd, "float3[] extent", bounds, 2, 3, NULL);
 }
 
-static void put_mesh(usd_export *self, const char *name, const char *label, const pags_shell *shell,
+static void put_mesh(usd_export *self, const char *name, const char *label, const pags_proxy_mesh *shell,
                      const char *approximation) {
   pags_usd *usd = &self->usd;
   float *colors = malloc(((size_t)shell->vertex_count * 3 + 1) * sizeof *colors);
@@ -151,7 +151,7 @@ static pags_result put_splats(usd_export *self, int64_t object) {
   pags_usd *usd = &self->usd;
   pags_gaussians g;
   columns c = {0};
-  PAGS_TRY(pags_owned_gaussians(self->composition, object, self->splats->time, self->degree, &g));
+  PAGS_TRY(pags_object_gaussians(self->composition, object, self->splats->time, self->degree, &g));
   pags_result result = g.count ? fill_columns(&g, self->degree, &c) : PAGS_OK;
   if (result == PAGS_OK && g.count) {
     pags_usd_open(usd, "def ParticleField3DGaussianSplat \"splats\"");
@@ -173,7 +173,7 @@ static pags_result put_splats(usd_export *self, int64_t object) {
 
 /* ---- The stage. ---- */
 
-static void put_samples(usd_export *self, const pags_owned_track *track, int turns) {
+static void put_samples(usd_export *self, const pags_object_gaussians_track *track, int turns) {
   pags_usd *usd = &self->usd;
   double before[4] = {0};
   pags_usd_line(usd, "%s = {", turns ? "quatf xformOp:orient.timeSamples" : "double3 xformOp:translate.timeSamples");
@@ -196,7 +196,7 @@ static void put_samples(usd_export *self, const pags_owned_track *track, int tur
 }
 
 /* One sample is a place, not a motion. */
-static void put_pose(usd_export *self, const pags_owned_track *track) {
+static void put_pose(usd_export *self, const pags_object_gaussians_track *track) {
   pags_usd *usd = &self->usd;
   const double *p = track->poses[0];
   const double r[9] = {p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]};
@@ -232,13 +232,13 @@ static pags_result put_object(usd_export *self, int64_t object) {
   static const char *const approximations[PAGS_PROXY_LEVELS] = {"none", "none", "convexHull", "boundingCube"};
   const pags_scene_object *o = &pags_composition_scene(self->composition)->objects[object];
   pags_usd *usd = &self->usd;
-  pags_owned_track track;
+  pags_object_gaussians_track track;
   char label[NAME_SIZE], name[NAME_SIZE];
   pags_usd_name(o->record.class_name, label, sizeof label - 16);
   for (char *c = label; *c; ++c)
     *c = *c >= 'A' && *c <= 'Z' ? (char)(*c - 'A' + 'a') : *c;
   snprintf(name, sizeof name, "%.60s_%04lld", label, (long long)object);
-  PAGS_TRY(pags_owned_track_make(self->composition, object, self->time_zero, &track));
+  PAGS_TRY(pags_object_gaussians_track_make(self->composition, object, self->time_zero, &track));
   pags_usd_line(usd, "def Xform \"%s\" (", name);
   put_custom(self, o, object);
   pags_usd_line(usd, "    prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"SemanticsLabelsAPI:class\"]");
@@ -248,7 +248,7 @@ static pags_result put_object(usd_export *self, int64_t object) {
   pags_usd_line(usd, "bool physics:kinematicEnabled = 1");
   pags_usd_line(usd, "token[] semantics:labels:class = [\"%s\"]", label);
   put_pose(self, &track);
-  pags_owned_track_destroy(&track);
+  pags_object_gaussians_track_destroy(&track);
   pags_result result = put_splats(self, object);
   const pags_made_level *made = &self->objects[object].levels[0];
   put_mesh(self, "proxy", label, &made->shell, approximations[made->facts.level]);
@@ -324,7 +324,7 @@ static pags_result write_stage(usd_export *self, const char *path) {
   for (int64_t i = 0; i < scene->object_count; ++i)
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
   self->rate = scene->fps > 0 ? scene->fps : 24;
-  PAGS_TRY(pags_owned_degree(self->composition, self->splats->sh_degree, &self->degree));
+  PAGS_TRY(pags_object_gaussians_degree(self->composition, self->splats->sh_degree, &self->degree));
   self->degree = self->degree > 0 ? PADDED_DEGREE : 0;
   pags_usd_begin(&self->usd, path);
   pags_result result = put_stage(self);
@@ -345,7 +345,7 @@ pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_prox
   if (count)
     *count = self.gaussians;
   pags_objects_destroy(self.objects, self.object_count);
-  pags_backdrop_destroy(&self.backdrop);
+  pags_background_destroy(&self.backdrop);
   pags_composition_destroy(self.composition);
   return result;
 }

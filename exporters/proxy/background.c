@@ -25,10 +25,10 @@ static const double ground_reach =
 static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
 static const double least_area = 0.4;  /* square metres of a part: less floats */
 
-void pags_backdrop_destroy(pags_backdrop *backdrop) {
-  pags_sights_destroy(&backdrop->sights);
+void pags_background_destroy(pags_background *backdrop) {
+  pags_depth_views_destroy(&backdrop->sights);
   for (int64_t i = 0; i < backdrop->chunk_count; ++i)
-    pags_shell_destroy(&backdrop->chunks[i].shell);
+    pags_proxy_mesh_destroy(&backdrop->chunks[i].shell);
   free(backdrop->chunks);
   memset(backdrop, 0, sizeof *backdrop);
 }
@@ -69,7 +69,7 @@ static pags_result gather_background(const pags_workshop *w, pags_gaussians *out
 }
 
 /* The data set's semantic picture of a view, brought to the sight's size; nothing where there is none. */
-static void load_labels(const pags_workshop *w, const pags_scene_view *view, pags_sight *sight) {
+static void load_labels(const pags_workshop *w, const pags_scene_view *view, pags_depth_view *sight) {
 #ifdef PAGS_WITH_IMAGES
   char path[1024];
   pags_image image;
@@ -101,7 +101,7 @@ static int shows_training(const pags_scene_view *view) {
 }
 
 static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user,
-                        pags_backdrop *out) {
+                        pags_background *out) {
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; ++v)
     count += shows_training(&w->scene->views[v]);
@@ -114,8 +114,8 @@ static pags_result look(const pags_workshop *w, const pags_part *part, pags_prog
       return pags_fail(PAGS_CANCELLED, "interrupted");
     const pags_camera *camera = &w->whole.views[v].camera;
     pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
-    PAGS_TRY(pags_sights_add(&out->sights, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
-    pags_sight_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
+    PAGS_TRY(pags_depth_views_add(&out->sights, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
+    pags_depth_view_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
     load_labels(w, view, &out->sights.list[out->sights.count - 1]);
     out->labelled = out->labelled || out->sights.list[out->sights.count - 1].labels != NULL;
   }
@@ -123,7 +123,7 @@ static pags_result look(const pags_workshop *w, const pags_part *part, pags_prog
 }
 
 static pags_result draw_views(const pags_workshop *w, const pags_gaussians *g, pags_progress_fn *tell, void *user,
-                              pags_backdrop *out) {
+                              pags_background *out) {
   pags_clusters clusters;
   pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));
@@ -134,12 +134,12 @@ static pags_result draw_views(const pags_workshop *w, const pags_gaussians *g, p
 }
 
 /* Takes the shell over. */
-static pags_result add_chunk(pags_backdrop *b, const char *class_name, pags_shell *shell) {
+static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *shell) {
   if (b->chunk_count == b->chunk_capacity) {
     int64_t capacity = 2 * b->chunk_capacity + 64;
     pags_chunk *grown = realloc(b->chunks, (size_t)capacity * sizeof *grown);
     if (!grown) {
-      pags_shell_destroy(shell);
+      pags_proxy_mesh_destroy(shell);
       return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)capacity);
     }
     b->chunks = grown;
@@ -149,7 +149,7 @@ static pags_result add_chunk(pags_backdrop *b, const char *class_name, pags_shel
   for (int64_t i = 0; i < b->chunk_count; ++i)
     number += !strcmp(b->chunks[i].class_name, class_name);
   b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .shell = *shell};
-  *shell = (pags_shell){0};
+  *shell = (pags_proxy_mesh){0};
   return PAGS_OK;
 }
 
@@ -162,7 +162,7 @@ static double *path_of(const pags_scene *scene) {
   return path;
 }
 
-static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_ground *ground) {
+static pags_result add_ground(const pags_workshop *w, pags_background *out, pags_ground *ground) {
   double *path = path_of(w->scene);
   pags_result result =
       path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
@@ -171,18 +171,18 @@ static pags_result add_ground(const pags_workshop *w, pags_backdrop *out, pags_g
   PAGS_TRY(result);
   if (!ground->nx)
     return PAGS_OK;
-  pags_shell shell;
-  PAGS_TRY(pags_ground_shell(ground, w->options->ground_triangles, &shell));
-  if (!pags_shell_paint(&shell, &out->sights, 0.3, w->tasks)) {
-    pags_shell_destroy(&shell);
+  pags_proxy_mesh shell;
+  PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &shell));
+  if (!pags_proxy_mesh_paint(&shell, &out->sights, 0.3, w->tasks)) {
+    pags_proxy_mesh_destroy(&shell);
     return pags_fail(PAGS_CANCELLED, "interrupted");
   }
   return add_chunk(out, "ground", &shell);
 }
 
 typedef struct naming {
-  const pags_shell *shell;
-  const pags_sights *sights;
+  const pags_proxy_mesh *shell;
+  const pags_depth_views *sights;
   const pags_ground *ground;
   double tolerance;
   uint8_t *class_of; /* one a vertex */
@@ -192,8 +192,8 @@ static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count,
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
   for (int64_t s = 0; s < seen_count; ++s) {
-    const pags_sight *sight = &self->sights->list[seen[s]];
-    if (!sight->labels || !pags_sight_project(sight, point, &x, &y, &z))
+    const pags_depth_view *sight = &self->sights->list[seen[s]];
+    if (!sight->labels || !pags_depth_view_project(sight, point, &x, &y, &z))
       continue;
     int64_t pixel = (int64_t)y * sight->camera.width + x;
     if (fabs((double)sight->depth[pixel] - z) < self->tolerance && sight->labels[pixel] < CLASSES)
@@ -218,7 +218,7 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
   (void)worker;
   if (!seen)
     return; /* of class 0 */
-  seen_count = pags_sights_of_run(self->sights, self->shell, begin, end, seen);
+  seen_count = pags_depth_views_of_run(self->sights, self->shell, begin, end, seen);
   for (int64_t i = begin; i < end; ++i) {
     const float *p = self->shell->positions + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
@@ -227,7 +227,7 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
   free(seen);
 }
 
-static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, const pags_shell *shell,
+static pags_result find_classes(const pags_workshop *w, const pags_background *b, const pags_proxy_mesh *shell,
                                 uint8_t *class_of) {
   naming self = {.shell = shell, .sights = &b->sights, .tolerance = 3 * w->options->voxel, .class_of = class_of};
   if (b->labelled)
@@ -237,7 +237,7 @@ static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, 
   float *normals = malloc(((size_t)shell->vertex_count + 1) * 3 * sizeof *normals);
   if (!normals)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)shell->vertex_count);
-  pags_shell_normals(shell, normals);
+  pags_proxy_mesh_normals(shell, normals);
   for (int64_t i = 0; i < shell->vertex_count; ++i)
     class_of[i] = guess(normals + 3 * i, shell->colors + 3 * i);
   free(normals);
@@ -245,7 +245,7 @@ static pags_result find_classes(const pags_workshop *w, const pags_backdrop *b, 
 }
 
 /* Leaves out triangles that are the ground, or below it. */
-static void drop_ground(pags_shell *shell, const pags_ground *ground) {
+static void drop_ground(pags_proxy_mesh *shell, const pags_ground *ground) {
   int64_t kept = 0;
   for (int64_t i = 0; i < shell->triangle_count; ++i) {
     double p[3] = {0}, z;
@@ -263,14 +263,14 @@ static void drop_ground(pags_shell *shell, const pags_ground *ground) {
 typedef struct tile {
   double lo[3], hi[3];
   int64_t first, last; /* of the points sorted by tile */
-  pags_shell parts[CLASSES];
+  pags_proxy_mesh parts[CLASSES];
   pags_result result;
   char message[256]; /* of a failure: messages belong to threads */
 } tile;
 
-static pags_result take_class(const pags_shell *whole, const uint8_t *class_of, int class, pags_shell *part) {
-  pags_shell view = *whole; /* borrows the vertices */
-  *part = (pags_shell){0};
+static pags_result take_class(const pags_proxy_mesh *whole, const uint8_t *class_of, int class, pags_proxy_mesh *part) {
+  pags_proxy_mesh view = *whole; /* borrows the vertices */
+  *part = (pags_proxy_mesh){0};
   view.triangles = malloc(((size_t)whole->triangle_count + 1) * 3 * sizeof *view.triangles);
   if (!view.triangles)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)whole->triangle_count);
@@ -282,21 +282,21 @@ static pags_result take_class(const pags_shell *whole, const uint8_t *class_of, 
     if (own == class)
       memcpy(view.triangles + 3 * view.triangle_count++, t, 3 * sizeof(uint32_t));
   }
-  pags_result result = view.triangle_count ? pags_shell_copy(&view, part) : PAGS_OK;
+  pags_result result = view.triangle_count ? pags_proxy_mesh_copy(&view, part) : PAGS_OK;
   free(view.triangles);
   if (result == PAGS_OK)
-    result = pags_shell_compact(part);
-  return result == PAGS_OK ? pags_shell_drop_small(part, least_area) : result;
+    result = pags_proxy_mesh_compact(part);
+  return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, least_area) : result;
 }
 
-static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, const pags_ground *ground,
-                                pags_shell *whole, tile *out) {
+static pags_result cut_by_class(const pags_workshop *w, const pags_background *b, const pags_ground *ground,
+                                pags_proxy_mesh *whole, tile *out) {
   drop_ground(whole, ground);
-  PAGS_TRY(pags_shell_compact(whole));
-  PAGS_TRY(pags_shell_drop_small(whole, least_area));
+  PAGS_TRY(pags_proxy_mesh_compact(whole));
+  PAGS_TRY(pags_proxy_mesh_drop_floaters(whole, least_area));
   if (!whole->triangle_count)
     return PAGS_OK;
-  if (!pags_shell_paint(whole, &b->sights, 3 * w->options->voxel, w->tasks))
+  if (!pags_proxy_mesh_paint(whole, &b->sights, 3 * w->options->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   uint8_t *class_of = calloc((size_t)whole->vertex_count, 1);
   if (!class_of)
@@ -311,7 +311,7 @@ static pags_result cut_by_class(const pags_workshop *w, const pags_backdrop *b, 
 /* Depths as points, those of a tile together; a point near a border belongs to all tiles that it is near to. */
 typedef struct tiling {
   const pags_workshop *workshop;
-  const pags_backdrop *backdrop;
+  const pags_background *backdrop;
   const pags_ground *ground;
   pags_progress_fn *tell;
   void *user;
@@ -330,15 +330,15 @@ static int64_t tile_of(const tiling *t, double x, int axis) {
 
 /* Twice over all depths: first counting into `last`, then putting. */
 static void visit_depths(tiling *t) {
-  const pags_sights *sights = &t->backdrop->sights;
+  const pags_depth_views *sights = &t->backdrop->sights;
   for (int64_t i = 0; i < sights->count; ++i) {
-    const pags_sight *s = &sights->list[i];
+    const pags_depth_view *s = &sights->list[i];
     for (int y = 0; y < s->camera.height; y += 2)
       for (int x = 0; x < s->camera.width; x += 2) {
         double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
         if (!(depth > 0 && depth < t->workshop->options->range))
           continue;
-        pags_sight_point(s, x, y, depth, p);
+        pags_depth_view_point(s, x, y, depth, p);
         for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); ++v)
           for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); ++u) {
             tile *own = &t->tiles[v * t->count[0] + u];
@@ -367,25 +367,25 @@ static pags_result sort_depths(tiling *t) {
 
 static pags_result make_tile(const tiling *t, tile *own) {
   const pags_workshop *w = t->workshop;
-  pags_grid grid;
-  pags_shell whole = {0};
+  pags_tsdf grid;
+  pags_proxy_mesh whole = {0};
   if (own->first == own->last)
     return PAGS_OK;
-  PAGS_TRY(pags_grid_create(&grid, own->lo, own->hi, t->step, 1));
+  PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, 1));
   for (int64_t i = own->first; i < own->last; ++i) {
     const float *p = t->points + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
-    pags_grid_touch(&grid, point, t->reach);
+    pags_tsdf_touch(&grid, point, t->reach);
   }
   pags_result result = PAGS_OK;
-  if (!pags_grid_fuse(&grid, &t->backdrop->sights, 3 * t->step, w->options->range, 1, w->tasks))
+  if (!pags_tsdf_fuse(&grid, &t->backdrop->sights, 3 * t->step, w->options->range, 1, w->tasks))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   if (result == PAGS_OK)
-    result = pags_grid_surface(&grid, 1, &whole);
-  pags_grid_destroy(&grid);
+    result = pags_tsdf_surface(&grid, 1, &whole);
+  pags_tsdf_destroy(&grid);
   if (result == PAGS_OK)
     result = cut_by_class(w, t->backdrop, t->ground, &whole, own);
-  pags_shell_destroy(&whole);
+  pags_proxy_mesh_destroy(&whole);
   return result;
 }
 
@@ -406,7 +406,7 @@ static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* Where depths within range are: the box that holds all but stray ones (a thousandth at either end of each axis). */
-static pags_result find_extent(const pags_workshop *w, const pags_sights *sights, double lo[3], double hi[3]) {
+static pags_result find_extent(const pags_workshop *w, const pags_depth_views *sights, double lo[3], double hi[3]) {
   enum { BINS = 4096 };
   int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
@@ -419,13 +419,13 @@ static pags_result find_extent(const pags_workshop *w, const pags_sights *sights
       to[k] = fmax(to[k], c + w->options->range * 1.5);
     }
   for (int64_t i = 0; i < sights->count; ++i) {
-    const pags_sight *s = &sights->list[i];
+    const pags_depth_view *s = &sights->list[i];
     for (int y = 0; y < s->camera.height; y += 4)
       for (int x = 0; x < s->camera.width; x += 4) {
         double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
         if (!(depth > 0 && depth < w->options->range))
           continue;
-        pags_sight_point(s, x, y, depth, p);
+        pags_depth_view_point(s, x, y, depth, p);
         ++count;
         for (int k = 0; k < 3; ++k) {
           double bin = floor((p[k] - from[k]) / (to[k] - from[k]) * BINS);
@@ -447,7 +447,7 @@ static pags_result find_extent(const pags_workshop *w, const pags_sights *sights
   return PAGS_OK;
 }
 
-static pags_result take_tiles(tiling *t, pags_backdrop *b) {
+static pags_result take_tiles(tiling *t, pags_background *b) {
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; ++i) {
     if (t->tiles[i].result != PAGS_OK)
@@ -461,7 +461,7 @@ static pags_result take_tiles(tiling *t, pags_backdrop *b) {
 
 /* Tiles are independent: each worker takes the next one. */
 static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
-                             pags_backdrop *b) {
+                             pags_background *b) {
   double lo[3], hi[3];
   tiling t = {.workshop = w, .backdrop = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
   PAGS_TRY(find_extent(w, &b->sights, lo, hi));
@@ -491,7 +491,7 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
     result = take_tiles(&t, b);
   for (int64_t i = 0; i < count; ++i)
     for (int class = 0; class < CLASSES; ++class)
-      pags_shell_destroy(&t.tiles[i].parts[class]);
+      pags_proxy_mesh_destroy(&t.tiles[i].parts[class]);
   free(t.tiles);
   free(t.points);
   return result;
@@ -499,7 +499,7 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
 
 typedef struct decimation {
   const pags_workshop *workshop;
-  pags_backdrop *backdrop;
+  pags_background *backdrop;
   int64_t total;        /* triangles of all chunks but the ground */
   pags_result *results; /* one a chunk */
 } decimation;
@@ -508,19 +508,19 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
   const decimation *d = context;
   (void)worker;
   for (int64_t i = begin; i < end; ++i) {
-    pags_shell *shell = &d->backdrop->chunks[i].shell, simple = {0};
+    pags_proxy_mesh *shell = &d->backdrop->chunks[i].shell, simple = {0};
     if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
       continue;
     int64_t budget =
         (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
-    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_shell_simplify(shell, budget, &simple);
-    pags_shell_destroy(shell);
+    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(shell, budget, &simple);
+    pags_proxy_mesh_destroy(shell);
     *shell = simple;
   }
 }
 
 /* Each chunk gets its share of the budget by triangles; what would have fewer than a few is left out. */
-static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
+static pags_result decimate(const pags_workshop *w, pags_background *b) {
   int64_t kept = 0;
   decimation d = {.workshop = w, .backdrop = b};
   for (int64_t i = 0; i < b->chunk_count; ++i)
@@ -541,7 +541,7 @@ static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
       result = pags_fail(d.results[i], "a chunk of the background can't be decimated");
     b->chunks[kept] = *chunk;
     if (kept++ != i)
-      chunk->shell = (pags_shell){0};
+      chunk->shell = (pags_proxy_mesh){0};
   }
   free(d.results);
   if (result == PAGS_OK)
@@ -549,7 +549,7 @@ static pags_result decimate(const pags_workshop *w, pags_backdrop *b) {
   return result;
 }
 
-static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_backdrop *out,
+static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_background *out,
                         pags_gaussians *g, pags_ground *ground) {
   PAGS_TRY(gather_background(w, g));
   out->gaussians = g->count;
@@ -568,16 +568,17 @@ static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *us
   return decimate(w, out);
 }
 
-pags_result pags_backdrop_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user, pags_backdrop *out) {
+pags_result pags_background_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user,
+                                 pags_background *out) {
   pags_gaussians g = {0};
   pags_ground ground = {0};
-  *out = (pags_backdrop){.s_sem = (double)NAN};
+  *out = (pags_background){.s_sem = (double)NAN};
   if (!workshop->scene->model_count)
     return PAGS_OK;
   pags_result result = make(workshop, tell, user, out, &g, &ground);
   pags_gaussians_destroy(&g);
   pags_ground_destroy(&ground);
   if (result != PAGS_OK)
-    pags_backdrop_destroy(out);
+    pags_background_destroy(out);
   return result;
 }

@@ -13,21 +13,22 @@ typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* of its class */
   int64_t gaussians;      /* of the background within its tile */
-  pags_shell shell;       /* relative to the scene's origin */
+  pags_proxy_mesh shell;  /* relative to the scene's origin */
 } pags_chunk;
 
-typedef struct pags_backdrop {
-  pags_sights sights; /* in the scene's frame */
+typedef struct pags_background {
+  pags_depth_views sights; /* in the scene's frame */
   int64_t gaussians;
   double s_sem;
   int64_t chunk_count, chunk_capacity;
   pags_chunk *chunks; /* the ground first, where there is one */
   int labelled;       /* 1: classes are from the data set's semantic pictures; 0: guessed from shape and colour */
-} pags_backdrop;
+} pags_background;
 
 /* `tell` is called with 0..1. */
-pags_result pags_backdrop_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user, pags_backdrop *out);
-void pags_backdrop_destroy(pags_backdrop *backdrop);
+pags_result pags_background_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user,
+                                 pags_background *out);
+void pags_background_destroy(pags_background *backdrop);
 
 #ifdef __cplusplus
 }

@@ -141,8 +141,8 @@ static void solve(equations *e) {
 }
 
 typedef struct fit {
-  const pags_shell *shell;
-  const pags_solid *solid;
+  const pags_proxy_mesh *shell;
+  const pags_mesh_query *solid;
   cage *cage;
   pags_stencils stencils;
   float *limit; /* samples of the limit surface */
@@ -189,15 +189,15 @@ static void add_smoothness(fit *f, double price) {
 
 static pags_result round_of(fit *f, int round) {
   int n = f->equations.n;
-  pags_solid *cloud;
+  pags_mesh_query *cloud;
   evaluate(f);
-  PAGS_TRY(pags_solid_of_points(f->limit, f->stencils.count, &cloud));
+  PAGS_TRY(pags_mesh_query_of_points(f->limit, f->stencils.count, &cloud));
   memset(f->equations.matrix, 0, (size_t)n * (size_t)n * sizeof(double));
   memset(f->equations.right, 0, 3 * (size_t)n * sizeof(double));
   for (int64_t i = 0; i < f->stencils.count; ++i) {
     const double p[3] = {(double)f->limit[3 * i], (double)f->limit[3 * i + 1], (double)f->limit[3 * i + 2]};
     double target[3];
-    pags_solid_nearest(f->solid, p, target);
+    pags_mesh_query_nearest(f->solid, p, target);
     pull(f, i, target, 1);
   }
   int64_t step = f->shell->vertex_count / MOST_PULLS + 1;
@@ -206,7 +206,7 @@ static pags_result round_of(fit *f, int round) {
     const float *v = f->shell->positions + 3 * i;
     const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
     uint32_t sample;
-    pags_solid_distance(cloud, target, &sample);
+    pags_mesh_query_distance(cloud, target, &sample);
     pull(f, sample, target, vertex_price * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
@@ -216,7 +216,7 @@ static pags_result round_of(fit *f, int round) {
     for (int k = 0; k < 3; ++k)
       f->equations.right[k * n + i] += 1e-4 * samples_each * (double)f->cage->positions[3 * i + k];
   }
-  pags_solid_destroy(cloud);
+  pags_mesh_query_destroy(cloud);
   solve(&f->equations);
   for (int i = 0; i < n; ++i)
     for (int k = 0; k < 3; ++k)
@@ -224,7 +224,7 @@ static pags_result round_of(fit *f, int round) {
   return PAGS_OK;
 }
 
-static pags_result fit_cage(const pags_shell *shell, const pags_solid *solid, cage *c) {
+static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query *solid, cage *c) {
   fit f = {.shell = shell, .solid = solid, .cage = c, .equations = {.n = c->vertex_count}};
   size_t n = (size_t)c->vertex_count;
   PAGS_TRY(pags_subdiv_stencils(c->vertex_count, c->quad_count, c->quads, SIDE, &f.stencils));
@@ -244,25 +244,25 @@ static pags_result fit_cage(const pags_shell *shell, const pags_solid *solid, ca
 }
 
 /* Quads as triangles, colours and flags from the nearest place of the shell. */
-static pags_result write_out(const pags_shell *shell, const pags_solid *solid, int vertex_count, const float *positions,
-                             int quad_count, const int *quads, pags_shell *out) {
+static pags_result write_out(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int vertex_count,
+                             const float *positions, int quad_count, const int *quads, pags_proxy_mesh *out) {
   for (int i = 0; i < vertex_count; ++i) {
     const double p[3] = {(double)positions[3 * i], (double)positions[3 * i + 1], (double)positions[3 * i + 2]};
     uint32_t triangle;
-    pags_solid_distance(solid, p, &triangle);
+    pags_mesh_query_distance(solid, p, &triangle);
     int64_t nearest = shell->triangles[3 * (size_t)triangle];
-    pags_shell_vertex(out, positions + 3 * i, shell->colors + 3 * nearest, shell->observed[nearest]);
+    pags_proxy_mesh_vertex(out, positions + 3 * i, shell->colors + 3 * nearest, shell->observed[nearest]);
   }
   for (int i = 0; i < quad_count; ++i) {
     const int *q = quads + 4 * i;
-    pags_shell_triangle(out, (uint32_t)q[0], (uint32_t)q[1], (uint32_t)q[2]);
-    pags_shell_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
+    pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[1], (uint32_t)q[2]);
+    pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
   }
-  return pags_shell_check(out);
+  return pags_proxy_mesh_check(out);
 }
 
-static pags_result make_cage(const pags_shell *shell, const pags_solid *solid, int level, int64_t budget, cage *c,
-                             pags_shell *out) {
+static pags_result make_cage(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int level, int64_t budget,
+                             cage *c, pags_proxy_mesh *out) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * shell->vertex_count; ++i) {
     lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
@@ -282,18 +282,18 @@ static pags_result make_cage(const pags_shell *shell, const pags_solid *solid, i
   return result;
 }
 
-pags_result pags_shell_cage(const pags_shell *shell, int level, int64_t budget, pags_shell *out) {
+pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *shell, int level, int64_t budget, pags_proxy_mesh *out) {
   cage c = {0};
-  pags_solid *solid = NULL;
-  *out = (pags_shell){0};
-  pags_result result = pags_solid_of_shell(shell, &solid);
+  pags_mesh_query *solid = NULL;
+  *out = (pags_proxy_mesh){0};
+  pags_result result = pags_mesh_query_of_mesh(shell, &solid);
   if (result == PAGS_OK)
     result = make_cage(shell, solid, level, budget, &c, out);
-  pags_solid_destroy(solid);
+  pags_mesh_query_destroy(solid);
   free(c.lattice);
   free(c.positions);
   free(c.quads);
   if (result != PAGS_OK)
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   return result;
 }

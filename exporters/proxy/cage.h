@@ -10,7 +10,7 @@ extern "C" {
 
 /* `level` 0: the cage itself; 1..3: subdivided so often, vertices on the limit surface. Quads are written as two
  * triangles, at most `budget` of them (but no fewer than 12). */
-pags_result pags_shell_cage(const pags_shell *shell, int level, int64_t budget, pags_shell *out);
+pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *shell, int level, int64_t budget, pags_proxy_mesh *out);
 
 #ifdef __cplusplus
 }

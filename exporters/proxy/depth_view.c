@@ -16,7 +16,7 @@ static const float jump = 0.05f;
 
 static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
 
-void pags_sights_destroy(pags_sights *sights) {
+void pags_depth_views_destroy(pags_depth_views *sights) {
   for (int64_t i = 0; i < sights->count; ++i) {
     free(sights->list[i].depth);
     free(sights->list[i].plane);
@@ -33,7 +33,7 @@ static uint8_t byte_of(float value) {
   return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
 }
 
-static void read_pixels(const pags_picture *picture, pags_sight *sight) {
+static void read_pixels(const pags_picture *picture, pags_depth_view *sight) {
   for (int y = 0; y < picture->height; ++y)
     for (int x = 0; x < picture->width; ++x) {
       int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
@@ -83,7 +83,7 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
 
 /* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in
  * front of the plane that they are in. */
-static void find_planes(const pags_picture *picture, const pags_part *part, pags_sight *sight) {
+static void find_planes(const pags_picture *picture, const pags_part *part, pags_depth_view *sight) {
   const double *m = sight->camera.world_from_camera;
   for (int y = 0; y < picture->height; ++y)
     for (int x = 0; x < picture->width; ++x) {
@@ -92,7 +92,7 @@ static void find_planes(const pags_picture *picture, const pags_part *part, pags
       sight->plane[to] = 0;
       if (!(sight->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
         continue;
-      pags_sight_point(sight, x, y, 1, along);
+      pags_depth_view_point(sight, x, y, 1, along);
       for (int k = 0; k < 3; ++k) {
         along[k] -= m[4 * k + 3];
         above += normal[k] * (middle[k] - m[4 * k + 3]);
@@ -111,7 +111,7 @@ static int jumps(const float *depth, int64_t at, int64_t other) {
 }
 
 /* A pixel whose neighbour jumps is at an edge: the mean of two surfaces, or beside one. */
-static void drop_edges(pags_sight *sight, float *scratch) {
+static void drop_edges(pags_depth_view *sight, float *scratch) {
   int w = sight->camera.width, h = sight->camera.height;
   memcpy(scratch, sight->depth, (size_t)w * (size_t)h * sizeof *scratch);
   for (int y = 0; y < h; ++y)
@@ -123,7 +123,7 @@ static void drop_edges(pags_sight *sight, float *scratch) {
     }
 }
 
-static pags_result make_cells(pags_sight *sight) {
+static pags_result make_cells(pags_depth_view *sight) {
   int w = sight->camera.width, h = sight->camera.height;
   sight->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
   sight->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
@@ -132,11 +132,11 @@ static pags_result make_cells(pags_sight *sight) {
   if (!sight->lo)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", w, h);
   sight->hi = sight->lo + count;
-  pags_sight_bound(sight);
+  pags_depth_view_bound(sight);
   return PAGS_OK;
 }
 
-void pags_sight_bound(pags_sight *sight) {
+void pags_depth_view_bound(pags_depth_view *sight) {
   int w = sight->camera.width, h = sight->camera.height;
   int64_t count = (int64_t)sight->cells_x * sight->cells_y;
   for (int64_t i = 0; i < count; ++i) {
@@ -153,11 +153,11 @@ void pags_sight_bound(pags_sight *sight) {
     }
 }
 
-static pags_result reserve(pags_sights *sights) {
+static pags_result reserve(pags_depth_views *sights) {
   if (sights->count < sights->capacity)
     return PAGS_OK;
   int64_t capacity = 2 * sights->capacity + 16;
-  pags_sight *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
+  pags_depth_view *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
   if (!grown)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)capacity);
   sights->list = grown;
@@ -165,20 +165,21 @@ static pags_result reserve(pags_sights *sights) {
   return PAGS_OK;
 }
 
-pags_result pags_sights_add(pags_sights *sights, pags_frame *frame, const pags_part *parts, int part_count,
-                            const pags_camera *camera, const pags_frame_options *options, int64_t view, int planes) {
+pags_result pags_depth_views_add(pags_depth_views *sights, pags_frame *frame, const pags_part *parts, int part_count,
+                                 const pags_camera *camera, const pags_frame_options *options, int64_t view,
+                                 int planes) {
   pags_picture picture;
   size_t pixels = (size_t)camera->width * (size_t)camera->height;
   PAGS_TRY(reserve(sights));
   PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
-  pags_sight *sight = &sights->list[sights->count++];
-  *sight = (pags_sight){.camera = *camera,
-                        .blur = sqrt((double)options->low_pass),
-                        .view = view,
-                        .depth = malloc(pixels * sizeof(float)),
-                        .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
-                        .cover = malloc(pixels),
-                        .rgb = malloc(3 * pixels)};
+  pags_depth_view *sight = &sights->list[sights->count++];
+  *sight = (pags_depth_view){.camera = *camera,
+                             .blur = sqrt((double)options->low_pass),
+                             .view = view,
+                             .depth = malloc(pixels * sizeof(float)),
+                             .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
+                             .cover = malloc(pixels),
+                             .rgb = malloc(3 * pixels)};
   float *scratch = malloc(pixels * sizeof *scratch);
   if (!sight->depth || !sight->cover || (planes && !sight->plane) || !sight->rgb || !scratch) {
     free(scratch);
@@ -232,7 +233,7 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   return 1;
 }
 
-int pags_sight_may_see(const pags_sight *sight, const double middle[3], double radius, double range) {
+int pags_depth_view_may_see(const pags_depth_view *sight, const double middle[3], double radius, double range) {
   const pags_camera *c = &sight->camera;
   double p[3];
   pags_rigid_point(sight->camera_from_model, middle, p);
@@ -249,8 +250,8 @@ int pags_sight_may_see(const pags_sight *sight, const double middle[3], double r
   return 1;
 }
 
-pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle[3], double radius, double margin,
-                                    double *z) {
+pags_depth_view_verdict pags_depth_view_judge(const pags_depth_view *sight, const double middle[3], double radius,
+                                              double margin, double *z) {
   const pags_camera *c = &sight->camera;
   double p[3];
   pags_rigid_point(sight->camera_from_model, middle, p);
@@ -274,7 +275,7 @@ pags_sight_verdict pags_sight_judge(const pags_sight *sight, const double middle
   return lo >= p[2] + radius + margin ? PAGS_SIGHT_CLEAR : hi < near - margin ? PAGS_SIGHT_HIDDEN : PAGS_SIGHT_MIXED;
 }
 
-int pags_sight_project(const pags_sight *sight, const double point[3], int *x, int *y, double *z) {
+int pags_depth_view_project(const pags_depth_view *sight, const double point[3], int *x, int *y, double *z) {
   double p[3];
   const pags_camera *camera = &sight->camera;
   pags_rigid_point(sight->camera_from_model, point, p);
@@ -289,7 +290,7 @@ int pags_sight_project(const pags_sight *sight, const double point[3], int *x, i
   return 1;
 }
 
-void pags_sight_point(const pags_sight *sight, int x, int y, double z, double point[3]) {
+void pags_depth_view_point(const pags_depth_view *sight, int x, int y, double z, double point[3]) {
   const pags_camera *camera = &sight->camera;
   const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
   pags_rigid_point(camera->world_from_camera, p, point);

@@ -40,8 +40,8 @@ typedef struct heights {
 
 /* What gives heights. */
 typedef struct source {
-  const pags_sights *sights; /* NULL: the laser */
-  const pags_laser *laser;
+  const pags_depth_views *sights; /* NULL: the laser */
+  const pags_lidar *laser;
   double reach; /* of pixels, metres */
 } source;
 
@@ -57,15 +57,15 @@ static int64_t cell_of(const pags_ground *g, double x, double y) {
 }
 
 /* The point of a pixel where it and its neighbours make a level plane. */
-static int level_point(const pags_sight *s, int x, int y, double reach, double p[3]) {
+static int level_point(const pags_depth_view *s, int x, int y, double reach, double p[3]) {
   int w = s->camera.width;
   double right[3], below[3], n[3];
   int64_t at = (int64_t)y * w + x;
   if (!(s->depth[at] > 0 && s->depth[at + 1] > 0 && s->depth[at + w] > 0) || (double)s->depth[at] > reach)
     return 0;
-  pags_sight_point(s, x, y, (double)s->depth[at], p);
-  pags_sight_point(s, x + 1, y, (double)s->depth[at + 1], right);
-  pags_sight_point(s, x, y + 1, (double)s->depth[at + w], below);
+  pags_depth_view_point(s, x, y, (double)s->depth[at], p);
+  pags_depth_view_point(s, x + 1, y, (double)s->depth[at + 1], right);
+  pags_depth_view_point(s, x, y + 1, (double)s->depth[at + w], below);
   for (int k = 0; k < 3; ++k) {
     right[k] -= p[k];
     below[k] -= p[k];
@@ -73,14 +73,14 @@ static int level_point(const pags_sight *s, int x, int y, double reach, double p
   for (int k = 0; k < 3; ++k)
     n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
   if (s->plane && s->plane[at] > 0)
-    pags_sight_point(s, x, y, (double)s->plane[at], p);
+    pags_depth_view_point(s, x, y, (double)s->plane[at], p);
   return fabs(n[2]) > 0.85 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
 /* Twice over all pixels: first counting, then putting. */
 static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
   for (int64_t i = 0; i < from->sights->count; ++i) {
-    const pags_sight *s = &from->sights->list[i];
+    const pags_depth_view *s = &from->sights->list[i];
     double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
     for (int y = 0; y + 1 < s->camera.height; ++y)
       for (int x = 0; x + 1 < s->camera.width; ++x) {
@@ -94,7 +94,7 @@ static void visit_pixels(const pags_ground *g, const source *from, int64_t *coun
   }
 }
 
-static void visit_points(const pags_ground *g, const pags_laser *laser, int64_t *count, float *values) {
+static void visit_points(const pags_ground *g, const pags_lidar *laser, int64_t *count, float *values) {
   for (int64_t i = 0; i < laser->count; ++i) {
     const float *p = laser->points + 3 * i;
     int64_t at = cell_of(g, (double)p[0], (double)p[1]);
@@ -271,7 +271,7 @@ static pags_result weigh(const pags_ground *g, const heights *laser, const heigh
   return PAGS_OK;
 }
 
-static pags_result find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
+static pags_result find(const pags_depth_views *sights, const pags_lidar *laser, const double *path, int64_t path_count,
                         double reach, heights sources[3], pags_ground *g) {
   const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
@@ -301,8 +301,8 @@ static pags_result find(const pags_sights *sights, const pags_laser *laser, cons
   return result;
 }
 
-pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
-                             double reach, pags_ground *out) {
+pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *laser, const double *path,
+                             int64_t path_count, double reach, pags_ground *out) {
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   *out = (pags_ground){.step = cell};
   for (int64_t i = 0; i < path_count; ++i)
@@ -350,11 +350,11 @@ int pags_ground_height(const pags_ground *ground, double x, double y, double *z)
 }
 
 /* Every `stride`th point of the lattice; two triangles where all four corners are ground. */
-static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *out) {
+static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   int nx = (g->nx - 1) / stride + 1, ny = (g->ny - 1) / stride + 1;
   uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   if (!place)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
   for (int j = 0; j < ny; ++j)
@@ -362,7 +362,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *ou
       int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;
       const float p[3] = {(float)(g->x0 + i * stride * g->step), (float)(g->y0 + j * stride * g->step), g->z[at]};
       place[(size_t)j * (size_t)nx + (size_t)i] =
-          g->known[at] ? pags_shell_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
+          g->known[at] ? pags_proxy_mesh_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
     }
   for (int j = 0; j + 1 < ny; ++j)
     for (int i = 0; i + 1 < nx; ++i) {
@@ -370,16 +370,16 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_shell *ou
       uint32_t a = row[0], b = row[1], c = row[nx + 1], d = row[nx];
       if (a == UINT32_MAX || b == UINT32_MAX || c == UINT32_MAX || d == UINT32_MAX)
         continue;
-      pags_shell_triangle(out, a, b, c);
-      pags_shell_triangle(out, a, c, d);
+      pags_proxy_mesh_triangle(out, a, b, c);
+      pags_proxy_mesh_triangle(out, a, c, d);
     }
   free(place);
-  PAGS_TRY(pags_shell_check(out));
-  return pags_shell_compact(out);
+  PAGS_TRY(pags_proxy_mesh_check(out));
+  return pags_proxy_mesh_compact(out);
 }
 
 /* Whether seen from above every triangle turns the same way: then no point of the plane has two heights. */
-static int single_valued(const pags_shell *s) {
+static int single_valued(const pags_proxy_mesh *s) {
   for (int64_t i = 0; i < s->triangle_count; ++i) {
     const uint32_t *t = s->triangles + 3 * i;
     const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
@@ -394,7 +394,7 @@ static int single_valued(const pags_shell *s) {
 
 /* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
  * over unnoticed. */
-static void jitter(pags_shell *s) {
+static void jitter(pags_proxy_mesh *s) {
   uint32_t state = 1;
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
     state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
@@ -403,20 +403,20 @@ static void jitter(pags_shell *s) {
   }
 }
 
-pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out) {
-  pags_shell full;
+pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out) {
+  pags_proxy_mesh full;
   PAGS_TRY(mesh_lattice(ground, 1, &full));
   jitter(&full);
-  pags_result result = pags_shell_simplify(&full, budget, out);
-  pags_shell_destroy(&full);
+  pags_result result = pags_proxy_mesh_simplify(&full, budget, out);
+  pags_proxy_mesh_destroy(&full);
   if (result == PAGS_OK && single_valued(out))
     return PAGS_OK;
   if (result == PAGS_OK)
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   for (int stride = 2;; ++stride) { /* collapses have folded it: every second point, every third, ... */
     PAGS_TRY(mesh_lattice(ground, stride, out));
     if (out->triangle_count <= budget)
       return PAGS_OK;
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   }
 }

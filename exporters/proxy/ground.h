@@ -3,9 +3,9 @@
 #ifndef PAGS_PROXY_GROUND_H
 #define PAGS_PROXY_GROUND_H
 
+#include "exporters/proxy/depth_view.h"
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/mesh.h"
-#include "exporters/proxy/depth_view.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -20,8 +20,8 @@ typedef struct pags_ground {
 
 /* From what the views (in the scene's frame) see and the laser measured; `path` are 3 doubles a camera. nx is 0 where
  * no ground was found. */
-pags_result pags_ground_find(const pags_sights *sights, const pags_laser *laser, const double *path, int64_t path_count,
-                             double reach, pags_ground *out);
+pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *laser, const double *path,
+                             int64_t path_count, double reach, pags_ground *out);
 /* Ground everywhere within `reach` of the path, what is there smoothed; cells that are known count by their weights. */
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,
                              double reach);
@@ -31,7 +31,7 @@ void pags_ground_destroy(pags_ground *ground);
 int pags_ground_height(const pags_ground *ground, double x, double y, double *z);
 
 /* At most `budget` triangles, none of them turned over. */
-pags_result pags_ground_shell(const pags_ground *ground, int64_t budget, pags_shell *out);
+pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out);
 
 #ifdef __cplusplus
 }

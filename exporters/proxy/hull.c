@@ -9,7 +9,7 @@
 
 /* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their
  * hull has at most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
-static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
+static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
     lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
@@ -43,7 +43,8 @@ static int64_t farthest(const pags_shell *s, int64_t count, int64_t *chosen) {
 }
 
 /* The facets, which `Qt` made triangles, over those points. */
-static void read_facets(qhT *qh, const pags_shell *from, const int64_t *chosen, uint32_t *place, pags_shell *out) {
+static void read_facets(qhT *qh, const pags_proxy_mesh *from, const int64_t *chosen, uint32_t *place,
+                        pags_proxy_mesh *out) {
   facetT *facet;
   vertexT *vertex, **vertexp;
   FORALLfacets {
@@ -53,18 +54,18 @@ static void read_facets(qhT *qh, const pags_shell *from, const int64_t *chosen, 
     FOREACHvertex_(vertices) {
       int point = qh_pointid(qh, vertex->point);
       if (place[point] == UINT32_MAX)
-        place[point] = pags_shell_vertex(out, from->positions + 3 * chosen[point], from->colors + 3 * chosen[point],
-                                         from->observed[chosen[point]]);
+        place[point] = pags_proxy_mesh_vertex(out, from->positions + 3 * chosen[point],
+                                              from->colors + 3 * chosen[point], from->observed[chosen[point]]);
       if (n < 3)
         corners[n++] = place[point];
     }
     qh_settempfree(qh, &vertices);
-    pags_shell_triangle(out, corners[0], corners[2], corners[1]);
+    pags_proxy_mesh_triangle(out, corners[0], corners[2], corners[1]);
   }
 }
 
-static pags_result run_qhull(const pags_shell *from, const int64_t *chosen, int64_t count, double *points,
-                             uint32_t *place, pags_shell *out) {
+static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen, int64_t count, double *points,
+                             uint32_t *place, pags_proxy_mesh *out) {
   char options[] = "qhull Qt", *said = NULL;
   size_t said_size = 0;
   FILE *errors = open_memstream(&said, &said_size);
@@ -84,12 +85,12 @@ static pags_result run_qhull(const pags_shell *from, const int64_t *chosen, int6
     result = pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points: %.*s", (long long)count,
                        (int)strcspn(said, "\n"), said);
   free(said);
-  return result == PAGS_OK ? pags_shell_check(out) : result;
+  return result == PAGS_OK ? pags_proxy_mesh_check(out) : result;
 }
 
-pags_result pags_shell_hull(const pags_shell *from, int64_t budget, pags_shell *out) {
+pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pags_proxy_mesh *out) {
   int64_t most = budget / 2 + 2, count = 0;
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   if (from->vertex_count < 4)
     return pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)from->vertex_count);
   int64_t *chosen = malloc((size_t)most * sizeof *chosen);
@@ -112,6 +113,6 @@ pags_result pags_shell_hull(const pags_shell *from, int64_t budget, pags_shell *
   free(points);
   free(place);
   if (result != PAGS_OK)
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   return result;
 }

@@ -16,8 +16,8 @@ static const int one_first[4][4] = {{0, 1, 2, 3}, {1, 0, 3, 2}, {2, 0, 1, 3}, {3
 static const int two_first[6][4] = {{0, 1, 2, 3}, {0, 2, 3, 1}, {0, 3, 1, 2}, {1, 2, 0, 3}, {1, 3, 2, 0}, {2, 3, 0, 1}};
 
 typedef struct marcher {
-  const pags_grid *grid;
-  pags_shell *out;
+  const pags_tsdf *grid;
+  pags_proxy_mesh *out;
   uint32_t *edges; /* vertex + 1 on each of the 7 edges that begin at a point, of two layers of points; 0: none yet */
   int64_t layer;   /* points in a layer */
 } marcher;
@@ -30,7 +30,7 @@ typedef struct corner {
 /* The vertex where the distance between two corners is zero. The edge belongs to the corner whose bits the other's
  * include. */
 static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) {
-  const pags_grid *g = self->grid;
+  const pags_tsdf *g = self->grid;
   if (a.bits > b.bits) {
     corner c = a;
     a = b;
@@ -46,7 +46,7 @@ static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) 
   double t = fmin(fmax((double)da / ((double)da - (double)db), 0.02), 0.98); /* no two vertices in one place */
   for (int k = 0; k < 3; ++k)
     position[k] = (float)(g->origin[k] + g->step * (begin[k] + t * ((a.bits ^ b.bits) >> k & 1)));
-  uint32_t vertex = pags_shell_vertex(self->out, position, grey, g->weight[a.point] > 0 && g->weight[b.point] > 0);
+  uint32_t vertex = pags_proxy_mesh_vertex(self->out, position, grey, g->weight[a.point] > 0 && g->weight[b.point] > 0);
   self->edges[slot] = vertex + 1;
   return vertex;
 }
@@ -60,8 +60,8 @@ static void march(marcher *self, const int cell[3], const corner c[4], int insid
         o = two_first[i];
     uint32_t v[4] = {vertex_on(self, cell, c[o[0]], c[o[2]]), vertex_on(self, cell, c[o[0]], c[o[3]]),
                      vertex_on(self, cell, c[o[1]], c[o[3]]), vertex_on(self, cell, c[o[1]], c[o[2]])};
-    pags_shell_triangle(self->out, v[0], v[1], v[2]);
-    pags_shell_triangle(self->out, v[0], v[2], v[3]);
+    pags_proxy_mesh_triangle(self->out, v[0], v[1], v[2]);
+    pags_proxy_mesh_triangle(self->out, v[0], v[2], v[3]);
     return;
   }
   int alone = count == 1 ? inside : 15 - inside, first = 0;
@@ -71,11 +71,11 @@ static void march(marcher *self, const int cell[3], const corner c[4], int insid
   uint32_t v[3];
   for (int i = 0; i < 3; ++i)
     v[i] = vertex_on(self, cell, c[first], c[o[i + 1]]);
-  pags_shell_triangle(self->out, v[0], v[count == 1 ? 1 : 2], v[count == 1 ? 2 : 1]);
+  pags_proxy_mesh_triangle(self->out, v[0], v[count == 1 ? 1 : 2], v[count == 1 ? 2 : 1]);
 }
 
 static void march_cell(marcher *self, const int cell[3], int known_only) {
-  const pags_grid *g = self->grid;
+  const pags_tsdf *g = self->grid;
   corner corners[8];
   int inside = 0;
   for (int i = 0; i < 8; ++i) {
@@ -100,15 +100,15 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
 }
 
 /* In a block that wasn't fused. */
-static int is_idle(const pags_grid *g, const int cell[3]) {
+static int is_idle(const pags_tsdf *g, const int cell[3]) {
   int64_t block = ((int64_t)(cell[2] / PAGS_GRID_BLOCK) * g->blocks[1] + cell[1] / PAGS_GRID_BLOCK) * g->blocks[0] +
                   cell[0] / PAGS_GRID_BLOCK;
   return g->active && !g->active[block];
 }
 
-pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell *out) {
+pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_mesh *out) {
   marcher self = {grid, out, NULL, (int64_t)grid->n[0] * grid->n[1]};
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   size_t layer_bytes = (size_t)self.layer * 7 * sizeof *self.edges;
   self.edges = calloc(2, layer_bytes);
   if (!self.edges)
@@ -125,8 +125,8 @@ pags_result pags_grid_surface(const pags_grid *grid, int known_only, pags_shell 
     memset((char *)self.edges + (size_t)(cell[2] % 2) * layer_bytes, 0, layer_bytes); /* becomes the layer after next */
   }
   free(self.edges);
-  pags_result result = pags_shell_check(out);
+  pags_result result = pags_proxy_mesh_check(out);
   if (result != PAGS_OK)
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   return result;
 }

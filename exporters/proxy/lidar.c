@@ -7,9 +7,9 @@
 
 #include "base/log.h"
 
-void pags_laser_destroy(pags_laser *laser) {
+void pags_lidar_destroy(pags_lidar *laser) {
   for (int64_t i = 0; laser->objects && i < laser->object_count; ++i)
-    pags_cloud_destroy(&laser->objects[i]);
+    pags_lidar_fit_destroy(&laser->objects[i]);
   free(laser->objects);
   free(laser->points);
   memset(laser, 0, sizeof *laser);
@@ -47,7 +47,7 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
 }
 
 /* Gives a point to the object in whose box it is. `taken`: it is in a box, or beside one. */
-static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_laser *out, int *taken) {
+static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_lidar *out, int *taken) {
   *taken = 0;
   for (int64_t i = 0; i < count; ++i) {
     const box *b = &boxes[i];
@@ -61,7 +61,7 @@ static pags_result sort_point(const box *boxes, int64_t count, const double p[3]
       continue;
     *taken = 1;
     if (beyond < own_margin && q[2] > stand - b->half[2])
-      return pags_cloud_add(&out->objects[b->object], q);
+      return pags_lidar_fit_add(&out->objects[b->object], q);
   }
   return PAGS_OK;
 }
@@ -75,7 +75,7 @@ static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
 }
 
 static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int64_t index, int held_out, box *boxes,
-                             pags_laser *out) {
+                             pags_lidar *out) {
   const pags_sweep *sweep = pags_dataset_sweep(dataset, index);
   const double *m = sweep->world_from_sweep;
   float *xyz = NULL;
@@ -107,7 +107,7 @@ static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int
   return result;
 }
 
-static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, int held_out, pags_laser *out) {
+static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, int held_out, pags_lidar *out) {
   box *boxes = malloc(((size_t)scene->object_count + 1) * sizeof *boxes);
   out->object_count = scene->object_count;
   out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
@@ -120,10 +120,10 @@ static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, i
   return result;
 }
 
-pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out) {
+pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out) {
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset = NULL;
-  *out = (pags_laser){0};
+  *out = (pags_lidar){0};
   if (!scene->dataset)
     return PAGS_OK;
   pags_result result = pags_dataset_open(scene->dataset, &options, &dataset);
@@ -133,7 +133,7 @@ pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *o
     pags_dataset_close(dataset);
   if (result == PAGS_OK)
     return PAGS_OK;
-  pags_laser_destroy(out);
+  pags_lidar_destroy(out);
   if (result == PAGS_ERROR_MEMORY)
     return result;
   pags_log(PAGS_LOG_INFO, "proxies do without the laser: %s", pags_error_message());
@@ -142,10 +142,10 @@ pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *o
 
 #else
 
-pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out) {
+pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out) {
   (void)scene;
   (void)held_out;
-  *out = (pags_laser){0};
+  *out = (pags_lidar){0};
   return PAGS_OK;
 }
 

@@ -10,17 +10,17 @@
 extern "C" {
 #endif
 
-typedef struct pags_laser {
+typedef struct pags_lidar {
   int64_t count;
   float *points; /* outside of labelled boxes: 3 each, metres, relative to the scene's origin */
   int64_t object_count;
-  pags_cloud *objects; /* in the box of each of the scene's objects; NULL: there is no laser */
-} pags_laser;
+  pags_lidar_fit *objects; /* in the box of each of the scene's objects; NULL: there is no laser */
+} pags_lidar;
 
 /* The points of the sweeps of time steps that are trained on, or with `held_out` of those that aren't. None where there
  * is no data set, or no laser, or where it can't be read (a line in the log). */
-pags_result pags_laser_read(const pags_scene *scene, int held_out, pags_laser *out);
-void pags_laser_destroy(pags_laser *laser); /* frees and zeroes */
+pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out);
+void pags_lidar_destroy(pags_lidar *laser); /* frees and zeroes */
 
 #ifdef __cplusplus
 }

@@ -11,12 +11,12 @@
 static const double radii[] = {0.4, 0.2, 0.1};
 static const double doubt = 0.16;
 
-void pags_cloud_destroy(pags_cloud *cloud) {
+void pags_lidar_fit_destroy(pags_lidar_fit *cloud) {
   free(cloud->points);
   memset(cloud, 0, sizeof *cloud);
 }
 
-pags_result pags_cloud_add(pags_cloud *cloud, const double point[3]) {
+pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
   if (cloud->count == cloud->capacity) {
     int64_t capacity = 2 * cloud->capacity + 256;
     float *grown = realloc(cloud->points, (size_t)capacity * 3 * sizeof *grown);
@@ -32,7 +32,7 @@ pags_result pags_cloud_add(pags_cloud *cloud, const double point[3]) {
 }
 
 /* The distance at a point, between the grid's points; 0 outside of the grid. */
-static int sample(const pags_grid *g, const float p[3], double *out) {
+static int sample(const pags_tsdf *g, const float p[3], double *out) {
   int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
   double part[3];
   for (int k = 0; k < 3; ++k) {
@@ -52,7 +52,7 @@ static int sample(const pags_grid *g, const float p[3], double *out) {
 }
 
 /* Adds a residual to the neighbourhood of a point. */
-static void spread(const pags_grid *g, const float p[3], double radius, double residual, float *sum, float *weight) {
+static void spread(const pags_tsdf *g, const float p[3], double radius, double residual, float *sum, float *weight) {
   int from[3], to[3];
   for (int k = 0; k < 3; ++k) {
     from[k] = (int)fmax(0, ceil(((double)p[k] - radius - g->origin[k]) / g->step));
@@ -72,7 +72,7 @@ static void spread(const pags_grid *g, const float p[3], double radius, double r
       }
 }
 
-pags_result pags_cloud_hold(const pags_cloud *cloud, pags_grid *grid, double reach) {
+pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   if (!cloud->count)
     return PAGS_OK;

@@ -8,18 +8,18 @@
 extern "C" {
 #endif
 
-typedef struct pags_cloud {
+typedef struct pags_lidar_fit {
   int64_t count, capacity;
   float *points; /* 3 each, metres, the object's frame */
-} pags_cloud;
+} pags_lidar_fit;
 
-pags_result pags_cloud_add(pags_cloud *cloud, const double point[3]);
-void pags_cloud_destroy(pags_cloud *cloud); /* frees and zeroes */
+pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]);
+void pags_lidar_fit_destroy(pags_lidar_fit *cloud); /* frees and zeroes */
 
 /* Draws the surface where the grid is zero to the points, passing over those farther than `reach` metres from it: what
  * the grid says at them is spread over coarse, then finer neighbourhoods and taken off (multilevel approximation of
  * scattered data, Lee, Wolberg and Shin 1997). */
-pags_result pags_cloud_hold(const pags_cloud *cloud, pags_grid *grid, double reach);
+pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
 
 #ifdef __cplusplus
 }

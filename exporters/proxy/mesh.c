@@ -8,7 +8,7 @@
 #include "base/sort.h"
 #include "exporters/proxy/mesh_query.h"
 
-void pags_shell_destroy(pags_shell *surface) {
+void pags_proxy_mesh_destroy(pags_proxy_mesh *surface) {
   free(surface->positions);
   free(surface->colors);
   free(surface->observed);
@@ -16,7 +16,7 @@ void pags_shell_destroy(pags_shell *surface) {
   memset(surface, 0, sizeof *surface);
 }
 
-pags_result pags_shell_check(const pags_shell *surface) {
+pags_result pags_proxy_mesh_check(const pags_proxy_mesh *surface) {
   return surface->failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh of %lld triangles",
                                      (long long)surface->triangle_count)
                          : PAGS_OK;
@@ -30,7 +30,7 @@ static bool grow(void **array, int64_t count, size_t size) {
   return grown != NULL;
 }
 
-uint32_t pags_shell_vertex(pags_shell *surface, const float position[3], const float color[3], int observed) {
+uint32_t pags_proxy_mesh_vertex(pags_proxy_mesh *surface, const float position[3], const float color[3], int observed) {
   if (surface->failed)
     return 0;
   if (surface->vertex_count == surface->vertex_capacity) {
@@ -50,7 +50,7 @@ uint32_t pags_shell_vertex(pags_shell *surface, const float position[3], const f
   return (uint32_t)i;
 }
 
-void pags_shell_triangle(pags_shell *surface, uint32_t a, uint32_t b, uint32_t c) {
+void pags_proxy_mesh_triangle(pags_proxy_mesh *surface, uint32_t a, uint32_t b, uint32_t c) {
   if (surface->failed || a == b || b == c || c == a)
     return;
   if (surface->triangle_count == surface->triangle_capacity) {
@@ -67,22 +67,22 @@ void pags_shell_triangle(pags_shell *surface, uint32_t a, uint32_t b, uint32_t c
   t[2] = c;
 }
 
-pags_result pags_shell_copy(const pags_shell *from, pags_shell *to) {
-  *to = (pags_shell){0};
+pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *to) {
+  *to = (pags_proxy_mesh){0};
   for (int64_t i = 0; i < from->vertex_count; ++i)
-    pags_shell_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
+    pags_proxy_mesh_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
   for (int64_t i = 0; i < from->triangle_count; ++i) {
     const uint32_t *t = from->triangles + 3 * i;
-    pags_shell_triangle(to, t[0], t[1], t[2]);
+    pags_proxy_mesh_triangle(to, t[0], t[1], t[2]);
   }
-  pags_result result = pags_shell_check(to);
+  pags_result result = pags_proxy_mesh_check(to);
   if (result != PAGS_OK)
-    pags_shell_destroy(to);
+    pags_proxy_mesh_destroy(to);
   return result;
 }
 
-pags_result pags_shell_compact(pags_shell *surface) {
-  pags_shell out = {0};
+pags_result pags_proxy_mesh_compact(pags_proxy_mesh *surface) {
+  pags_proxy_mesh out = {0};
   uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
   if (!place)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
@@ -90,48 +90,48 @@ pags_result pags_shell_compact(pags_shell *surface) {
   for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
     uint32_t v = surface->triangles[i];
     if (place[v] == UINT32_MAX)
-      place[v] = pags_shell_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
-                                   surface->observed[v]);
+      place[v] = pags_proxy_mesh_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
+                                        surface->observed[v]);
     surface->triangles[i] = place[v];
   }
   free(place);
   if (out.failed) {
-    pags_shell_destroy(&out);
+    pags_proxy_mesh_destroy(&out);
     surface->failed = true;
-    return pags_shell_check(surface);
+    return pags_proxy_mesh_check(surface);
   }
   out.triangles = surface->triangles;
   out.triangle_count = surface->triangle_count;
   out.triangle_capacity = surface->triangle_capacity;
   surface->triangles = NULL;
-  pags_shell_destroy(surface);
+  pags_proxy_mesh_destroy(surface);
   *surface = out;
   return PAGS_OK;
 }
 
-pags_result pags_shell_box(const double size[3], const float color[3], pags_shell *out) {
+pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags_proxy_mesh *out) {
   /* Corner i lies at + along axis k where bit k is set. Outward, counter-clockwise. */
   static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
                                        {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
-  *out = (pags_shell){0};
+  *out = (pags_proxy_mesh){0};
   for (int i = 0; i < 8; ++i) {
     float p[3];
     for (int k = 0; k < 3; ++k)
       p[k] = (float)(i >> k & 1 ? 0.5 * size[k] : -0.5 * size[k]);
-    pags_shell_vertex(out, p, color, 1);
+    pags_proxy_mesh_vertex(out, p, color, 1);
   }
   for (int f = 0; f < 6; ++f) {
-    pags_shell_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
-    pags_shell_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
+    pags_proxy_mesh_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
+    pags_proxy_mesh_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
   }
-  pags_result result = pags_shell_check(out);
+  pags_result result = pags_proxy_mesh_check(out);
   if (result != PAGS_OK)
-    pags_shell_destroy(out);
+    pags_proxy_mesh_destroy(out);
   return result;
 }
 
 /* Twice the area as a vector, in double. */
-static void cross_of(const pags_shell *s, int64_t triangle, double n[3]) {
+static void cross_of(const pags_proxy_mesh *s, int64_t triangle, double n[3]) {
   const uint32_t *t = s->triangles + 3 * triangle;
   const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
               *c = s->positions + 3 * (int64_t)t[2];
@@ -148,7 +148,7 @@ static double length_of(const double n[3]) {
   return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-double pags_shell_area(const pags_shell *surface) {
+double pags_proxy_mesh_area(const pags_proxy_mesh *surface) {
   double sum = 0, n[3];
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     cross_of(surface, i, n);
@@ -157,7 +157,7 @@ double pags_shell_area(const pags_shell *surface) {
   return sum;
 }
 
-void pags_shell_normals(const pags_shell *surface, float *normals) {
+void pags_proxy_mesh_normals(const pags_proxy_mesh *surface, float *normals) {
   memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     double n[3];
@@ -186,7 +186,7 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
 }
 
 /* Each vertex's part, named by a vertex of it. */
-static void find_parts(const pags_shell *s, uint32_t *parent) {
+static void find_parts(const pags_proxy_mesh *s, uint32_t *parent) {
   for (int64_t i = 0; i < s->vertex_count; ++i)
     parent[i] = (uint32_t)i;
   for (int64_t i = 0; i < s->triangle_count; ++i)
@@ -207,7 +207,7 @@ static void forget_parts(parts *p) {
   free(p->area);
 }
 
-static pags_result measure_parts(const pags_shell *s, parts *out) {
+static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
   size_t room = (size_t)s->vertex_count + 1;
   *out = (parts){.parent = malloc(room * sizeof *out->parent), .area = calloc(room, sizeof *out->area)};
   if (!out->parent || !out->area) {
@@ -226,9 +226,9 @@ static pags_result measure_parts(const pags_shell *s, parts *out) {
 }
 
 /* Small parts count for large ones that they come close to. */
-static pags_result annex_parts(const pags_shell *s, parts *p, double large, double reach, const double size[3]) {
-  pags_shell main = *s;
-  pags_solid *solid = NULL;
+static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large, double reach, const double size[3]) {
+  pags_proxy_mesh main = *s;
+  pags_mesh_query *solid = NULL;
   main.triangle_count = 0;
   main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
   if (!main.triangles)
@@ -236,30 +236,30 @@ static pags_result annex_parts(const pags_shell *s, parts *p, double large, doub
   for (int64_t i = 0; i < s->triangle_count; ++i)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
-  pags_result result = pags_solid_of_shell(&main, &solid);
+  pags_result result = pags_mesh_query_of_mesh(&main, &solid);
   for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; ++i) {
     const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1],
                           (double)s->positions[3 * i + 2]};
     double *area = &p->area[root_of(p->parent, (uint32_t)i)];
     int within = fabs(at[0]) <= 0.5 * size[0] && fabs(at[1]) <= 0.5 * size[1] && fabs(at[2]) <= 0.5 * size[2];
-    if (within && *area < large && *area >= crumb * p->largest && pags_solid_distance(solid, at, NULL) < reach)
+    if (within && *area < large && *area >= crumb * p->largest && pags_mesh_query_distance(solid, at, NULL) < reach)
       *area = large;
   }
-  pags_solid_destroy(solid);
+  pags_mesh_query_destroy(solid);
   free(main.triangles);
   return result;
 }
 
-static pags_result drop_parts(pags_shell *s, parts *p, double least) {
+static pags_result drop_parts(pags_proxy_mesh *s, parts *p, double least) {
   int64_t kept = 0;
   for (int64_t i = 0; i < s->triangle_count; ++i)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= least)
       memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
   s->triangle_count = kept;
-  return pags_shell_compact(s);
+  return pags_proxy_mesh_compact(s);
 }
 
-pags_result pags_shell_keep_parts(pags_shell *shell, double share, double reach, const double *size) {
+pags_result pags_proxy_mesh_keep_parts(pags_proxy_mesh *shell, double share, double reach, const double *size) {
   parts p;
   PAGS_TRY(measure_parts(shell, &p));
   double large = share * p.largest;
@@ -270,7 +270,7 @@ pags_result pags_shell_keep_parts(pags_shell *shell, double share, double reach,
   return result;
 }
 
-pags_result pags_shell_drop_small(pags_shell *surface, double area) {
+pags_result pags_proxy_mesh_drop_floaters(pags_proxy_mesh *surface, double area) {
   parts p;
   PAGS_TRY(measure_parts(surface, &p));
   pags_result result = drop_parts(surface, &p, area);
@@ -284,7 +284,7 @@ static int compare_edges(const void *left, const void *right) {
 }
 
 /* Edges as smaller corner, larger corner, and which way the face runs: 31 + 31 + 1 bits, sorted. */
-static uint64_t *sorted_edges(const pags_shell *s) {
+static uint64_t *sorted_edges(const pags_proxy_mesh *s) {
   int64_t count = 3 * s->triangle_count;
   uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);
   for (int64_t i = 0; edges && i < count; ++i) {
@@ -296,10 +296,10 @@ static uint64_t *sorted_edges(const pags_shell *s) {
   return edges;
 }
 
-pags_result pags_shell_inspect(const pags_shell *surface, pags_shell_topology *out) {
+pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *surface, pags_proxy_mesh_topology *out) {
   int64_t count = 3 * surface->triangle_count;
   uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
-  *out = (pags_shell_topology){0};
+  *out = (pags_proxy_mesh_topology){0};
   if (!edges)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
   for (int64_t i = 0, end; i < count; i = end) {

@@ -11,7 +11,7 @@
 #include <embree3/rtcore.h>
 #endif
 
-struct pags_solid {
+struct pags_mesh_query {
   RTCDevice device;
   RTCScene scene;
   const float *points;       /* vertices, or the points themselves */
@@ -19,7 +19,7 @@ struct pags_solid {
 };
 
 typedef struct query {
-  const pags_solid *solid;
+  const pags_mesh_query *solid;
   double point[3];
   double best;    /* squared */
   double foot[3]; /* the nearest point, relative to `point` */
@@ -90,7 +90,7 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   return true;
 }
 
-static pags_result failed(const pags_solid *solid) {
+static pags_result failed(const pags_mesh_query *solid) {
   enum RTCError code = rtcGetDeviceError(solid->device);
   if (code == RTC_ERROR_OUT_OF_MEMORY)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
@@ -98,13 +98,13 @@ static pags_result failed(const pags_solid *solid) {
 }
 
 static void point_bounds(const struct RTCBoundsFunctionArguments *arguments) {
-  const pags_solid *solid = arguments->geometryUserPtr;
+  const pags_mesh_query *solid = arguments->geometryUserPtr;
   const float *p = solid->points + 3 * (size_t)arguments->primID;
   *arguments->bounds_o = (struct RTCBounds){
       .lower_x = p[0], .lower_y = p[1], .lower_z = p[2], .upper_x = p[0], .upper_y = p[1], .upper_z = p[2]};
 }
 
-static pags_result attach(pags_solid *solid, RTCGeometry geometry) {
+static pags_result attach(pags_mesh_query *solid, RTCGeometry geometry) {
   rtcCommitGeometry(geometry);
   rtcAttachGeometry(solid->scene, geometry);
   rtcReleaseGeometry(geometry);
@@ -113,7 +113,7 @@ static pags_result attach(pags_solid *solid, RTCGeometry geometry) {
   return rtcGetDeviceError(solid->device) == RTC_ERROR_NONE ? PAGS_OK : failed(solid);
 }
 
-static pags_result open_scene(pags_solid *solid) {
+static pags_result open_scene(pags_mesh_query *solid) {
   solid->device = rtcNewDevice("threads=1"); /* the same tree, hence the same of two equally near, every time */
   if (!solid->device)
     return failed(solid);
@@ -121,7 +121,7 @@ static pags_result open_scene(pags_solid *solid) {
   return solid->scene ? PAGS_OK : failed(solid);
 }
 
-static pags_result add_triangles(pags_solid *solid, const pags_shell *surface) {
+static pags_result add_triangles(pags_mesh_query *solid, const pags_proxy_mesh *surface) {
   PAGS_TRY(open_scene(solid));
   RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   /* Embree reads 16 bytes at a vertex, so that a shared array needs padding behind the last: it gets its own. */
@@ -140,7 +140,7 @@ static pags_result add_triangles(pags_solid *solid, const pags_shell *surface) {
   return attach(solid, geometry);
 }
 
-static pags_result add_points(pags_solid *solid, int64_t count) {
+static pags_result add_points(pags_mesh_query *solid, int64_t count) {
   PAGS_TRY(open_scene(solid));
   RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
@@ -149,9 +149,9 @@ static pags_result add_points(pags_solid *solid, int64_t count) {
   return attach(solid, geometry);
 }
 
-pags_result pags_solid_of_shell(const pags_shell *surface, pags_solid **out) {
+pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
   *out = NULL;
-  pags_solid *solid = calloc(1, sizeof *solid);
+  pags_mesh_query *solid = calloc(1, sizeof *solid);
   if (!solid)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh");
   solid->points = surface->positions;
@@ -160,13 +160,13 @@ pags_result pags_solid_of_shell(const pags_shell *surface, pags_solid **out) {
   if (result == PAGS_OK)
     *out = solid;
   else
-    pags_solid_destroy(solid);
+    pags_mesh_query_destroy(solid);
   return result;
 }
 
-pags_result pags_solid_of_points(const float *points, int64_t count, pags_solid **out) {
+pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out) {
   *out = NULL;
-  pags_solid *solid = calloc(1, sizeof *solid);
+  pags_mesh_query *solid = calloc(1, sizeof *solid);
   if (!solid)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for points");
   solid->points = points;
@@ -174,11 +174,11 @@ pags_result pags_solid_of_points(const float *points, int64_t count, pags_solid 
   if (result == PAGS_OK)
     *out = solid;
   else
-    pags_solid_destroy(solid);
+    pags_mesh_query_destroy(solid);
   return result;
 }
 
-void pags_solid_destroy(pags_solid *solid) {
+void pags_mesh_query_destroy(pags_mesh_query *solid) {
   if (!solid)
     return;
   if (solid->scene)
@@ -188,7 +188,7 @@ void pags_solid_destroy(pags_solid *solid) {
   free(solid);
 }
 
-static query ask(const pags_solid *solid, const double point[3]) {
+static query ask(const pags_mesh_query *solid, const double point[3]) {
   query q = {.solid = solid, .point = {point[0], point[1], point[2]}, .best = HUGE_VAL, .primitive = UINT32_MAX};
   struct RTCPointQuery sphere = {
       .x = (float)point[0], .y = (float)point[1], .z = (float)point[2], .time = 0, .radius = INFINITY};
@@ -198,21 +198,22 @@ static query ask(const pags_solid *solid, const double point[3]) {
   return q;
 }
 
-double pags_solid_distance(const pags_solid *solid, const double point[3], uint32_t *primitive) {
+double pags_mesh_query_distance(const pags_mesh_query *solid, const double point[3], uint32_t *primitive) {
   query q = ask(solid, point);
   if (primitive)
     *primitive = q.primitive;
   return sqrt(q.best);
 }
 
-double pags_solid_nearest(const pags_solid *solid, const double point[3], double nearest[3]) {
+double pags_mesh_query_nearest(const pags_mesh_query *solid, const double point[3], double nearest[3]) {
   query q = ask(solid, point);
   for (int k = 0; k < 3; ++k)
     nearest[k] = point[k] + q.foot[k];
   return sqrt(q.best);
 }
 
-double pags_solid_ray(const pags_solid *solid, const double origin[3], const double direction[3], uint32_t *primitive) {
+double pags_mesh_query_ray(const pags_mesh_query *solid, const double origin[3], const double direction[3],
+                           uint32_t *primitive) {
   struct RTCRayHit ray = {.ray = {.org_x = (float)origin[0],
                                   .org_y = (float)origin[1],
                                   .org_z = (float)origin[2],

@@ -24,9 +24,9 @@ pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options
   }
   pags_result result = pags_frame_create(tasks, &out->frame);
   if (result == PAGS_OK)
-    result = pags_whole_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
+    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
   if (result == PAGS_OK)
-    result = pags_laser_read(scene, 0, &out->laser);
+    result = pags_lidar_read(scene, 0, &out->laser);
   if (result != PAGS_OK)
     pags_workshop_close(out);
   return result;
@@ -36,8 +36,8 @@ void pags_workshop_close(pags_workshop *workshop) {
   if (workshop->frame)
     pags_frame_destroy(workshop->frame);
   workshop->frame = NULL;
-  pags_whole_destroy(&workshop->whole);
-  pags_laser_destroy(&workshop->laser);
+  pags_scene_depth_destroy(&workshop->whole);
+  pags_lidar_destroy(&workshop->laser);
 }
 
 static void mean_color(const pags_object_shape *shape, float out[3]) {
@@ -51,18 +51,20 @@ static void mean_color(const pags_object_shape *shape, float out[3]) {
 }
 
 static pags_result make_level(const pags_workshop *w, const pags_object_shape *shape, pags_proxy_level level,
-                              pags_shell *out) {
+                              pags_proxy_mesh *out) {
   switch (level) {
-    case PAGS_PROXY_MESH: return pags_shell_simplify(&shape->surface, w->options->triangles, out);
-    case PAGS_PROXY_CAGE: return pags_shell_cage(&shape->surface, w->options->cage_level, w->options->triangles, out);
-    default: return pags_shell_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
+    case PAGS_PROXY_MESH: return pags_proxy_mesh_simplify(&shape->surface, w->options->triangles, out);
+    case PAGS_PROXY_CAGE:
+      return pags_proxy_mesh_cage(&shape->surface, w->options->cage_level, w->options->triangles, out);
+    default:
+      return pags_proxy_mesh_hull(&shape->surface, w->options->triangles < 252 ? w->options->triangles : 252, out);
   }
 }
 
 pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level,
+                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
                                    const char **note) {
-  pags_shell_topology topology;
+  pags_proxy_mesh_topology topology;
   float color[3];
   *note = wanted == PAGS_PROXY_BOX ? NULL : shape->note;
   *level = wanted;
@@ -73,10 +75,10 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
     if (result == PAGS_OK) {
-      PAGS_TRY(pags_shell_inspect(out, &topology));
+      PAGS_TRY(pags_proxy_mesh_inspect(out, &topology));
       if (topology.closed)
         return PAGS_OK;
-      pags_shell_destroy(out);
+      pags_proxy_mesh_destroy(out);
       pags_fail(PAGS_ERROR_FORMAT, "%lld open edges, %lld crossed, volume %g", (long long)topology.open_edges,
                 (long long)topology.crossed_edges, topology.volume);
     }
@@ -87,5 +89,5 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
   }
   *level = PAGS_PROXY_BOX;
   mean_color(shape, color);
-  return pags_shell_box(workshop->scene->objects[object].record.size, color, out);
+  return pags_proxy_mesh_box(workshop->scene->objects[object].record.size, color, out);
 }

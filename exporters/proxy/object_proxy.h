@@ -4,9 +4,9 @@
 
 #include <pags/export.h>
 
-#include "exporters/proxy/shape_prior.h"
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/scene_depth.h"
+#include "exporters/proxy/shape_prior.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -20,10 +20,10 @@ typedef struct pags_workshop {
   const pags_proxy_options *options;
   pags_tasks *tasks;
   pags_frame *frame;
-  pags_frame_options drawing; /* of the frame, origin zero */
-  pags_whole whole;           /* what hides what */
-  pags_laser laser;           /* what it measured, where there is one */
-  const pags_form *forms;     /* of vehicles that are well seen, for what no camera sees of others */
+  pags_frame_options drawing;    /* of the frame, origin zero */
+  pags_scene_depth whole;        /* what hides what */
+  pags_lidar laser;              /* what it measured, where there is one */
+  const pags_shape_prior *forms; /* of vehicles that are well seen, for what no camera sees of others */
   int64_t form_count;
 } pags_workshop;
 
@@ -35,9 +35,9 @@ void pags_workshop_close(pags_workshop *workshop);
 typedef struct pags_object_shape {
   pags_gaussians gaussians; /* relative to `world_from_model`'s frame: the object's or the scene's */
   double s_sem;             /* mean; NaN */
-  pags_sights sights;       /* in the object's frame */
+  pags_depth_views sights;  /* in the object's frame */
   int64_t surface_pixels;   /* of all sights that have a depth within the box */
-  pags_shell surface;       /* closed, at full resolution; empty where too little is seen */
+  pags_proxy_mesh surface;  /* closed, at full resolution; empty where too little is seen */
   double voxel;
   const char *note; /* static: what was too little to see, and what stands for it; NULL: enough */
 } pags_object_shape;
@@ -45,7 +45,7 @@ typedef struct pags_object_shape {
 /* `shape->surface` stays empty when there is not enough to make one of; that is no error. */
 pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape);
 /* A rough form of it alone. Its distance stays NULL when nothing is seen. */
-pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_form *out);
+pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_shape_prior *out);
 /* How much of the training views it may fill. */
 double pags_object_pixels(const pags_workshop *workshop, int64_t object);
 /* Sets `taken` (one byte a Gaussian of the background) where it is this parked object's. */
@@ -54,7 +54,7 @@ void pags_object_shape_destroy(pags_object_shape *shape);
 
 /* The level asked for; where it can't be, the box, `note` (static) saying why. `level` receives what was made. */
 pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
-                                   pags_proxy_level wanted, pags_shell *out, pags_proxy_level *level,
+                                   pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
                                    const char **note);
 
 #ifdef __cplusplus

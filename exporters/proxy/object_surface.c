@@ -23,8 +23,8 @@ static const double margin = 0.15, lift = 0.08;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
   pags_gaussians_destroy(&shape->gaussians);
-  pags_sights_destroy(&shape->sights);
-  pags_shell_destroy(&shape->surface);
+  pags_depth_views_destroy(&shape->sights);
+  pags_proxy_mesh_destroy(&shape->surface);
   memset(shape, 0, sizeof *shape);
 }
 
@@ -135,11 +135,11 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
     if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
       ++taken;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
-      PAGS_TRY(pags_sights_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
-      pags_sight *sight = &shape->sights.list[shape->sights.count - 1];
-      pags_sight_hide(sight, &w->whole.views[v]);
+      PAGS_TRY(pags_depth_views_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
+      pags_depth_view *sight = &shape->sights.list[shape->sights.count - 1];
+      pags_depth_view_hide(sight, &w->whole.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)
-        PAGS_TRY(pags_sight_clear_shadow(sight, record->size));
+        PAGS_TRY(pags_depth_view_filter_shadow(sight, record->size));
     }
     ++seen;
   }
@@ -158,7 +158,7 @@ static pags_result draw_views(const pags_workshop *w, int64_t object, const doub
   return result;
 }
 
-static int64_t count_pixels(const pags_sights *sights) {
+static int64_t count_pixels(const pags_depth_views *sights) {
   int64_t count = 0;
   for (int64_t i = 0; i < sights->count; ++i)
     for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; ++p)
@@ -167,7 +167,7 @@ static int64_t count_pixels(const pags_sights *sights) {
 }
 
 static pags_result fuse(const pags_workshop *w, const pags_object *record, const double reach[3],
-                        pags_object_shape *shape, pags_grid *grid) {
+                        pags_object_shape *shape, pags_tsdf *grid) {
   double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
   shape->voxel = fmax(0.02, longest / STEPS);
   for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
@@ -175,14 +175,14 @@ static pags_result fuse(const pags_workshop *w, const pags_object *record, const
     lo[k] = -half;
     hi[k] = half - 0.5 * shape->voxel;
   }
-  PAGS_TRY(pags_grid_create(grid, lo, hi, shape->voxel, 0));
-  return pags_grid_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
+  PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
+  return pags_tsdf_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
              ? PAGS_OK
              : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
-static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
+static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_scene_object *o = &w->scene->objects[object];
   double pose[12], model_pose[12], reach[3];
@@ -202,16 +202,16 @@ static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_ob
   return fuse(w, &o->record, reach, shape, grid);
 }
 
-static const pags_cloud *cloud_of(const pags_workshop *w, int64_t object) {
+static const pags_lidar_fit *cloud_of(const pags_workshop *w, int64_t object) {
   return w->laser.objects ? &w->laser.objects[object] : NULL;
 }
 
-static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_grid *grid) {
+static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   const pags_object *record = &w->scene->objects[object].record;
   int vehicle = record->category == PAGS_CATEGORY_VEHICLE;
-  pags_form form = {0};
+  pags_shape_prior form = {0};
   if (vehicle)
-    PAGS_TRY(pags_form_blend(w->forms, w->form_count, record->size, object, cloud_of(w, object), &form));
+    PAGS_TRY(pags_shape_prior_blend(w->forms, w->form_count, record->size, object, cloud_of(w, object), &form));
   int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || form.distance;
   int few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
   if (!enough && possible)
@@ -219,35 +219,36 @@ static pags_result make_surface(const pags_workshop *w, int64_t object, pags_obj
                       : "hardly seen by the training cameras: the form of vehicles of its size";
   else if (!enough)
     shape->note = few ? "too few Gaussians: the labelled box" : "hardly seen by the training cameras: the labelled box";
-  pags_result result = possible ? pags_form_complete(grid, record->size, vehicle, &form, cloud_of(w, object)) : PAGS_OK;
-  pags_form_destroy(&form);
+  pags_result result =
+      possible ? pags_shape_prior_complete(grid, record->size, vehicle, &form, cloud_of(w, object)) : PAGS_OK;
+  pags_shape_prior_destroy(&form);
   if (!possible || result != PAGS_OK)
     return result;
-  PAGS_TRY(pags_grid_surface(grid, 0, &shape->surface));
-  PAGS_TRY(pags_shell_keep_parts(&shape->surface, 0.1, 0.1, record->size));
-  if (!pags_shell_paint(&shape->surface, &shape->sights, 4 * shape->voxel, w->tasks))
+  PAGS_TRY(pags_tsdf_surface(grid, 0, &shape->surface));
+  PAGS_TRY(pags_proxy_mesh_keep_parts(&shape->surface, 0.1, 0.1, record->size));
+  if (!pags_proxy_mesh_paint(&shape->surface, &shape->sights, 4 * shape->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   return PAGS_OK;
 }
 
 pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape) {
-  pags_grid grid = {0};
+  pags_tsdf grid = {0};
   *shape = (pags_object_shape){0};
   pags_result result = look_and_fuse(workshop, object, shape, &grid);
   if (result == PAGS_OK)
     result = make_surface(workshop, object, shape, &grid);
-  pags_grid_destroy(&grid);
+  pags_tsdf_destroy(&grid);
   return result;
 }
 
-pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_form *out) {
-  pags_grid grid = {0};
+pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_shape_prior *out) {
+  pags_tsdf grid = {0};
   pags_object_shape shape = {0};
-  *out = (pags_form){0};
+  *out = (pags_shape_prior){0};
   pags_result result = look_and_fuse(workshop, object, &shape, &grid);
   if (result == PAGS_OK && shape.surface_pixels >= LEAST_PIXELS)
-    result = pags_form_take(&grid, workshop->scene->objects[object].record.size, object, out);
-  pags_grid_destroy(&grid);
+    result = pags_shape_prior_take(&grid, workshop->scene->objects[object].record.size, object, out);
+  pags_tsdf_destroy(&grid);
   pags_object_shape_destroy(&shape);
   return result;
 }

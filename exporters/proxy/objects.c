@@ -24,14 +24,14 @@ static pags_result make_level(const pags_workshop *w, int64_t object, const pags
                               pags_proxy_level level, int measure, pags_made_level *out) {
   const pags_scene_object *o = &w->scene->objects[object];
   pags_proxy_facts *facts = &out->facts;
-  pags_shell_topology topology;
+  pags_proxy_mesh_topology topology;
   *facts = (pags_proxy_facts){.object = object,
                               .critical = o->critical,
                               .moving = o->record.moving,
                               .gaussians = shape->gaussians.count,
                               .s_sem = shape->s_sem};
   PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->shell, &facts->level, &facts->note));
-  PAGS_TRY(pags_shell_inspect(&out->shell, &topology));
+  PAGS_TRY(pags_proxy_mesh_inspect(&out->shell, &topology));
   facts->vertices = out->shell.vertex_count;
   facts->triangles = out->shell.triangle_count;
   facts->closed = topology.closed;
@@ -80,7 +80,7 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
 
 typedef struct forming {
   const pags_workshop *workshop;
-  pags_form forms[MOST_FORMS]; /* `object` says whose are to be made */
+  pags_shape_prior forms[MOST_FORMS]; /* `object` says whose are to be made */
   pags_result results[MOST_FORMS];
   int64_t count;
   pags_frame **frames;
@@ -159,7 +159,7 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
       pags_frame_destroy(self.frames[i]);
   free(self.frames);
   for (int64_t i = 0; i < rough.count; ++i)
-    pags_form_destroy(&rough.forms[i]);
+    pags_shape_prior_destroy(&rough.forms[i]);
   if (result == PAGS_OK)
     *out = self.objects;
   else
@@ -170,6 +170,6 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
 void pags_objects_destroy(pags_made_object *objects, int64_t count) {
   for (int64_t i = 0; objects && i < count; ++i)
     for (int l = 0; l < PAGS_PROXY_LEVELS; ++l)
-      pags_shell_destroy(&objects[i].levels[l].shell);
+      pags_proxy_mesh_destroy(&objects[i].levels[l].shell);
   free(objects);
 }

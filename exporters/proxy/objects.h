@@ -9,7 +9,7 @@ extern "C" {
 #endif
 
 typedef struct pags_made_level {
-  pags_shell shell;       /* in the object's frame */
+  pags_proxy_mesh shell;  /* in the object's frame */
   pags_proxy_facts facts; /* name and class are not set */
 } pags_made_level;
 

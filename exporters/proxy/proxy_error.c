@@ -36,8 +36,8 @@ typedef struct sample {
 } sample;
 
 typedef struct comparison {
-  const pags_sights *sights;
-  const pags_solid *solid, *cloud;
+  const pags_depth_views *sights;
+  const pags_mesh_query *solid, *cloud;
   sample *samples; /* SIDE * SIDE a view */
 
   const int32_t *group_of; /* of the proxy's triangles; NULL: one group */
@@ -46,16 +46,16 @@ typedef struct comparison {
   double *to, *from; /* one a sample; negative: none */
 } comparison;
 
-static void take_sample(const comparison *self, const pags_sight *sight, int x, int y, sample *out) {
+static void take_sample(const comparison *self, const pags_depth_view *sight, int x, int y, sample *out) {
   int64_t pixel = (int64_t)y * sight->camera.width + x;
   const double *m = sight->camera.world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
   double direction[3], point[3], depth = (double)sight->depth[pixel];
   *out = (sample){0};
-  pags_sight_point(sight, x, y, 1, direction);
+  pags_depth_view_point(sight, x, y, 1, direction);
   for (int k = 0; k < 3; ++k)
     direction[k] -= origin[k];
-  double t = pags_solid_ray(self->solid, origin, direction, &out->triangle_met);
+  double t = pags_mesh_query_ray(self->solid, origin, direction, &out->triangle_met);
   /* Hidden by the rest of the scene, either of them: nothing is known. */
   if (depth < 0 && (sight->cover[pixel] >= 128 || t > -depth))
     return;
@@ -65,7 +65,7 @@ static void take_sample(const comparison *self, const pags_sight *sight, int x, 
   for (int k = 0; k < 3 && t > 0; ++k)
     out->met[k] = (float)(origin[k] + t * direction[k]);
   if (depth > 0) {
-    pags_sight_point(sight, x, y, depth, point);
+    pags_depth_view_point(sight, x, y, depth, point);
     for (int k = 0; k < 3; ++k)
       out->seen[k] = (float)point[k];
   }
@@ -75,7 +75,7 @@ static void sample_views(void *context, int64_t begin, int64_t end, int worker) 
   comparison *self = context;
   (void)worker;
   for (int64_t i = begin; i < end; ++i) {
-    const pags_sight *sight = &self->sights->list[i];
+    const pags_depth_view *sight = &self->sights->list[i];
     int w = sight->camera.width, h = sight->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
     sample *out = self->samples + i * SIDE * SIDE;
     memset(out, 0, SIDE * SIDE * sizeof *out);
@@ -93,11 +93,11 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
     self->to[i] = self->from[i] = -1;
     if (s->has_seen) {
       const double p[3] = {(double)s->seen[0], (double)s->seen[1], (double)s->seen[2]};
-      self->from[i] = pags_solid_distance(self->solid, p, &s->triangle_near);
+      self->from[i] = pags_mesh_query_distance(self->solid, p, &s->triangle_near);
     }
     if (s->has_met && s->has_seen) {
       const double p[3] = {(double)s->met[0], (double)s->met[1], (double)s->met[2]};
-      self->to[i] = pags_solid_distance(self->cloud, p, NULL);
+      self->to[i] = pags_mesh_query_distance(self->cloud, p, NULL);
     }
   }
 }
@@ -127,7 +127,7 @@ static void overlap(const sample *samples, int64_t count, pags_proxy_facts *fact
 static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
   float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
   double *kept = malloc(((size_t)count + 1) * sizeof *kept);
-  pags_solid *cloud = NULL;
+  pags_mesh_query *cloud = NULL;
   int64_t found = 0;
   if (!points || !kept) {
     free(points);
@@ -137,7 +137,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
   for (int64_t i = 0; i < count; ++i)
     if (self->samples[i].has_seen)
       memcpy(points + 3 * found++, self->samples[i].seen, 3 * sizeof *points);
-  pags_result result = found ? pags_solid_of_points(points, found, &cloud) : PAGS_OK;
+  pags_result result = found ? pags_mesh_query_of_points(points, found, &cloud) : PAGS_OK;
   if (result == PAGS_OK && found) {
     self->cloud = cloud;
     if (!pags_parallel_for(tasks, count, 1024, measure_samples, self))
@@ -149,7 +149,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
       }
     }
   }
-  pags_solid_destroy(cloud);
+  pags_mesh_query_destroy(cloud);
   free(points);
   free(kept);
   return result;
@@ -164,7 +164,7 @@ static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, p
 }
 
 /* By area, over the corners' flags. */
-double pags_shell_observed(const pags_shell *surface) {
+double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
   double seen = 0, all = 0;
   for (int64_t i = 0; i < surface->triangle_count; ++i) {
     const uint32_t *t = surface->triangles + 3 * i;
@@ -185,9 +185,9 @@ double pags_shell_observed(const pags_shell *surface) {
   return all > 0 ? seen / all : 0;
 }
 
-static pags_result run(const pags_shell *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
+static pags_result run(const pags_proxy_mesh *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
   int64_t count = self->sights->count * SIDE * SIDE;
-  pags_solid *solid = NULL;
+  pags_mesh_query *solid = NULL;
   for (int64_t g = 0; g < self->group_count; ++g) {
     const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
     facts[g].to_gaussians = facts[g].from_gaussians = nothing;
@@ -196,7 +196,7 @@ static pags_result run(const pags_shell *proxy, comparison *self, pags_tasks *ta
   }
   if (!self->sights->count || !proxy->triangle_count)
     return PAGS_OK;
-  PAGS_TRY(pags_solid_of_shell(proxy, &solid));
+  PAGS_TRY(pags_mesh_query_of_mesh(proxy, &solid));
   self->solid = solid;
   self->samples = malloc((size_t)count * sizeof *self->samples);
   self->to = malloc((size_t)count * sizeof *self->to);
@@ -207,19 +207,20 @@ static pags_result run(const pags_shell *proxy, comparison *self, pags_tasks *ta
   free(self->samples);
   free(self->to);
   free(self->from);
-  pags_solid_destroy(solid);
+  pags_mesh_query_destroy(solid);
   return result;
 }
 
-pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
+pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *sights, pags_tasks *tasks,
                                pags_proxy_facts *facts) {
   comparison self = {.sights = sights, .range = HUGE_VAL, .group_count = 1};
-  facts->observed = pags_shell_observed(proxy);
+  facts->observed = pags_proxy_mesh_observed(proxy);
   return run(proxy, &self, tasks, facts);
 }
 
-pags_result pags_proxies_compare(const pags_shell *proxies, const int32_t *group_of, int64_t group_count,
-                                 const pags_sights *sights, double range, pags_tasks *tasks, pags_proxy_facts *facts) {
+pags_result pags_proxies_compare(const pags_proxy_mesh *proxies, const int32_t *group_of, int64_t group_count,
+                                 const pags_depth_views *sights, double range, pags_tasks *tasks,
+                                 pags_proxy_facts *facts) {
   comparison self = {.sights = sights, .range = range, .group_of = group_of, .group_count = group_count};
   return run(proxies, &self, tasks, facts);
 }

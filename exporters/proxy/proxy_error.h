@@ -4,8 +4,8 @@
 
 #include <pags/export.h>
 
-#include "exporters/proxy/mesh.h"
 #include "exporters/proxy/depth_view.h"
+#include "exporters/proxy/mesh.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -17,16 +17,17 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count);
 /* Fills distances both ways, the share observed and the silhouette's overlap. Only points of the proxy that a view sees
  * count, since the rest has nothing to be compared with: a ray of the view meets it first, and the view has a depth
  * there. */
-pags_result pags_proxy_compare(const pags_shell *proxy, const pags_sights *sights, pags_tasks *tasks,
+pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *sights, pags_tasks *tasks,
                                pags_proxy_facts *facts);
 
 /* Share of the area whose corners are observed. */
-double pags_shell_observed(const pags_shell *shell);
+double pags_proxy_mesh_observed(const pags_proxy_mesh *shell);
 
 /* The same of several proxies in one mesh, `group_of` its triangles (`group_count` facts), depths beyond `range` left
  * out; a distance belongs to the group of the triangle met or nearest. Silhouettes are not measured. */
-pags_result pags_proxies_compare(const pags_shell *proxies, const int32_t *group_of, int64_t group_count,
-                                 const pags_sights *sights, double range, pags_tasks *tasks, pags_proxy_facts *facts);
+pags_result pags_proxies_compare(const pags_proxy_mesh *proxies, const int32_t *group_of, int64_t group_count,
+                                 const pags_depth_views *sights, double range, pags_tasks *tasks,
+                                 pags_proxy_facts *facts);
 
 #ifdef __cplusplus
 }

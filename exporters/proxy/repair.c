@@ -58,7 +58,7 @@ static void swap_if(face_key *key, int a, int b) {
 }
 
 /* Takes out faces in pairs that cover each other with opposite sides. */
-static pags_result drop_flaps(pags_shell *s) {
+static pags_result drop_flaps(pags_proxy_mesh *s) {
   face_key *keys = malloc(((size_t)s->triangle_count + 1) * sizeof *keys);
   if (!keys)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
@@ -98,7 +98,7 @@ static void cross(const double a[3], const double b[3], double out[3]) {
 }
 
 /* About the axis low -> high, of the face's third corner, against a direction that depends on the axis alone. */
-static double angle_of(const pags_shell *s, const half *h) {
+static double angle_of(const pags_proxy_mesh *s, const half *h) {
   uint32_t third = s->triangles[next_corner(next_corner(h->id))];
   const float *low = s->positions + 3 * (int64_t)h->low;
   double axis[3], arm[3], first[3] = {0}, second[3];
@@ -150,8 +150,8 @@ static void join_edge(half *halves, int64_t count, int64_t *parent) {
   }
 }
 
-static pags_result renumber(pags_shell *s, int64_t *parent) {
-  pags_shell out = {0};
+static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
+  pags_proxy_mesh out = {0};
   int64_t corners = 3 * s->triangle_count;
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
@@ -159,17 +159,17 @@ static pags_result renumber(pags_shell *s, int64_t *parent) {
   for (int64_t i = 0; i < corners; ++i) { /* a root is the smallest of its class and comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
     place[i] =
-        root == i ? pags_shell_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
+        root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
   }
   for (int64_t i = 0; i < s->triangle_count; ++i)
-    pags_shell_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
+    pags_proxy_mesh_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
   free(place);
-  pags_shell_destroy(s);
+  pags_proxy_mesh_destroy(s);
   *s = out;
-  return pags_shell_check(s);
+  return pags_proxy_mesh_check(s);
 }
 
-static pags_result cut_edges(pags_shell *s) {
+static pags_result cut_edges(pags_proxy_mesh *s) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
@@ -197,16 +197,16 @@ static pags_result cut_edges(pags_shell *s) {
 
 /* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half
  * becomes a new triangle. */
-static void split_face(pags_shell *s, int64_t id, uint32_t middle) {
+static void split_face(pags_proxy_mesh *s, int64_t id, uint32_t middle) {
   const uint32_t corners[3] = {s->triangles[id], s->triangles[next_corner(id)],
                                s->triangles[next_corner(next_corner(id))]};
   s->triangles[next_corner(id)] = middle;
-  pags_shell_triangle(s, middle, corners[1], corners[2]);
+  pags_proxy_mesh_triangle(s, middle, corners[1], corners[2]);
 }
 
 /* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next
  * pass. */
-static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split) {
+static void part_edge(pags_proxy_mesh *s, half *halves, int64_t count, uint8_t *split) {
   for (int64_t i = 0; i < count; ++i) {
     if (halves[i].backward || split[halves[i].id / 3])
       continue;
@@ -220,7 +220,7 @@ static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split
             0.5f * (s->positions[3 * (int64_t)halves[i].low + k] + s->positions[3 * (int64_t)halves[i].high + k]);
         color[k] = s->colors[3 * (int64_t)halves[i].low + k];
       }
-      uint32_t middle = pags_shell_vertex(s, position, color, s->observed[halves[i].low]);
+      uint32_t middle = pags_proxy_mesh_vertex(s, position, color, s->observed[halves[i].low]);
       split[halves[i].id / 3] = split[other->id / 3] = 1;
       split_face(s, halves[i].id, middle);
       split_face(s, other->id, middle);
@@ -230,7 +230,7 @@ static void part_edge(pags_shell *s, half *halves, int64_t count, uint8_t *split
 }
 
 /* How many edges still have more than two faces, or two that run the same way; these are parted in their middle. */
-static pags_result part_edges(pags_shell *s, int64_t *found) {
+static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   uint8_t *split = calloc((size_t)s->triangle_count + 1, 1);
@@ -256,10 +256,10 @@ static pags_result part_edges(pags_shell *s, int64_t *found) {
   }
   free(halves);
   free(split);
-  return pags_shell_check(s);
+  return pags_proxy_mesh_check(s);
 }
 
-pags_result pags_shell_repair(pags_shell *surface) {
+pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
   enum { PASSES = 4 };
   int64_t left = 1;
   PAGS_TRY(drop_flaps(surface));

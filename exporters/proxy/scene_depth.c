@@ -12,7 +12,7 @@ enum { CLUSTER = 64 };
 static const float solid = 0.5f;          /* alpha from which a pixel's depth is one */
 static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
 
-void pags_whole_destroy(pags_whole *whole) {
+void pags_scene_depth_destroy(pags_scene_depth *whole) {
   for (int64_t i = 0; i < whole->count; ++i)
     free(whole->views[i].depth);
   free(whole->views);
@@ -84,7 +84,8 @@ static int place(const pags_scene *scene, const layout *l, double time) {
 }
 
 static pags_result draw_view(const pags_scene *scene, const layout *l, pags_frame *frame,
-                             const pags_frame_options *drawing, const pags_camera *trained, pags_whole_view *view) {
+                             const pags_frame_options *drawing, const pags_camera *trained,
+                             pags_scene_depth_view *view) {
   pags_picture picture;
   const pags_camera *camera = &view->camera;
   pags_frame_options options = pags_drawing_at(drawing, trained, camera);
@@ -102,10 +103,10 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
   return PAGS_OK;
 }
 
-pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing, int widest,
-                            pags_whole *out) {
+pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
+                                  int widest, pags_scene_depth *out) {
   layout l = {0};
-  *out = (pags_whole){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
+  *out = (pags_scene_depth){.views = calloc((size_t)scene->view_count + 1, sizeof *out->views)};
   if (!out->views)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
   out->count = scene->view_count;
@@ -121,12 +122,12 @@ pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pa
   }
   clear_away(scene, &l);
   if (result != PAGS_OK)
-    pags_whole_destroy(out);
+    pags_scene_depth_destroy(out);
   return result;
 }
 
 /* The nearest and the farthest of the four pixels about a ray's place; 0: the ray is outside. */
-static int bounds_at(const pags_whole_view *view, double u, double v, double *nearest, double *farthest) {
+static int bounds_at(const pags_scene_depth_view *view, double u, double v, double *nearest, double *farthest) {
   const pags_camera *c = &view->camera;
   double px = u * c->fx + c->cx - 0.5, py = v * c->fy + c->cy - 0.5;
   *nearest = HUGE_VAL;
@@ -144,7 +145,7 @@ static int bounds_at(const pags_whole_view *view, double u, double v, double *ne
   return *farthest > 0;
 }
 
-void pags_sight_hide(pags_sight *sight, const pags_whole_view *view) {
+void pags_depth_view_hide(pags_depth_view *sight, const pags_scene_depth_view *view) {
   const pags_camera *c = &sight->camera;
   if (!view->depth)
     return;
@@ -159,5 +160,5 @@ void pags_sight_hide(pags_sight *sight, const pags_whole_view *view) {
       if ((hidden || *depth < 0) && nearest < (double)-PAGS_SIGHT_FREE)
         *depth = (float)-nearest;
     }
-  pags_sight_bound(sight);
+  pags_depth_view_bound(sight);
 }

@@ -11,20 +11,20 @@
 extern "C" {
 #endif
 
-typedef struct pags_whole_view {
+typedef struct pags_scene_depth_view {
   pags_camera camera; /* pose in the scene's frame, relative to its origin */
   uint16_t *depth;    /* camera z in metres as binary16: 0 unknown, infinite where nothing is */
-} pags_whole_view;
+} pags_scene_depth_view;
 
-typedef struct pags_whole {
+typedef struct pags_scene_depth {
   int64_t count;
-  pags_whole_view *views; /* one a view of the scene; depth NULL: held out, or not drawn */
-} pags_whole;
+  pags_scene_depth_view *views; /* one a view of the scene; depth NULL: held out, or not drawn */
+} pags_scene_depth;
 
 /* Draws every training view, no wider than `widest` pixels. `low_pass` as trained. */
-pags_result pags_whole_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing, int widest,
-                            pags_whole *out);
-void pags_whole_destroy(pags_whole *whole); /* frees and zeroes */
+pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, const pags_frame_options *drawing,
+                                  int widest, pags_scene_depth *out);
+void pags_scene_depth_destroy(pags_scene_depth *whole); /* frees and zeroes */
 
 /* The drawing of a view by a camera of another size: the low-pass, a pixel's when trained, shrinks with the picture. */
 pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
@@ -32,7 +32,7 @@ pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags
 
 /* Takes back what `sight`, drawn of a part of the scene by the same view, says of what the rest hides: there its rays
  * are free as far as the whole scene lets them through, and nothing is known beyond. */
-void pags_sight_hide(pags_sight *sight, const pags_whole_view *view);
+void pags_depth_view_hide(pags_depth_view *sight, const pags_scene_depth_view *view);
 
 #ifdef __cplusplus
 }

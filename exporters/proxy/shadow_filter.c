@@ -19,13 +19,13 @@ static int is_dark(const uint8_t *rgb) {
 }
 
 /* By a neighbour to the side and one above or below; -1 where one of them shows no surface. */
-static int is_level(const pags_sight *s, int x, int y, const double p[3]) {
+static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
   int w = s->camera.width, side = x + 1 < w ? x + 1 : x - 1, next = y + 1 < s->camera.height ? y + 1 : y - 1;
   double a = (double)s->depth[(int64_t)y * w + side], b = (double)s->depth[(int64_t)next * w + x], q[3], r[3], n[3];
   if (!(a > 0 && b > 0))
     return -1;
-  pags_sight_point(s, side, y, a, q);
-  pags_sight_point(s, x, next, b, r);
+  pags_depth_view_point(s, side, y, a, q);
+  pags_depth_view_point(s, x, next, b, r);
   for (int k = 0; k < 3; ++k) {
     q[k] -= p[k];
     r[k] -= p[k];
@@ -35,10 +35,10 @@ static int is_level(const pags_sight *s, int x, int y, const double p[3]) {
   return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
 
-static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
+static int is_shadow(const pags_depth_view *s, int x, int y, const double size[3]) {
   int64_t at = (int64_t)y * s->camera.width + x;
   double p[3], limit = shadow;
-  pags_sight_point(s, x, y, (double)s->depth[at], p);
+  pags_depth_view_point(s, x, y, (double)s->depth[at], p);
   double height = p[2] + 0.5 * size[2], along = fabs(p[0]) / size[0], inwards = 0.5 * size[1] - fabs(p[1]);
   if (is_dark(s->rgb + 3 * at)) {
     if (height < wall_height && inwards > wheels)
@@ -55,7 +55,7 @@ static int is_shadow(const pags_sight *s, int x, int y, const double size[3]) {
   return level < 0 ? height < 0.5 * limit : level;
 }
 
-pags_result pags_sight_clear_shadow(pags_sight *s, const double size[3]) {
+pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[3]) {
   int64_t count = (int64_t)s->camera.width * s->camera.height;
   uint8_t *marked = calloc((size_t)count, 1);
   if (!marked)
@@ -68,6 +68,6 @@ pags_result pags_sight_clear_shadow(pags_sight *s, const double size[3]) {
       s->cover[i] = 0;
     }
   free(marked);
-  pags_sight_bound(s);
+  pags_depth_view_bound(s);
   return PAGS_OK;
 }

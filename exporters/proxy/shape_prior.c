@@ -46,20 +46,20 @@ enum { SEEN_DEPTH = 4 };
 
 static const float meet = 0.02f; /* half a step of the lattice; metres */
 
-void pags_form_destroy(pags_form *form) {
+void pags_shape_prior_destroy(pags_shape_prior *form) {
   free(form->distance);
   free(form->known);
   memset(form, 0, sizeof *form);
 }
 
-static pags_result make_room(const double size[3], int64_t object, pags_form *out) {
-  *out = (pags_form){.object = object,
-                     .size = {size[0], size[1], size[2]},
-                     .distance = calloc(POINTS, sizeof(float)),
-                     .known = calloc(POINTS, sizeof(float))};
+static pags_result make_room(const double size[3], int64_t object, pags_shape_prior *out) {
+  *out = (pags_shape_prior){.object = object,
+                            .size = {size[0], size[1], size[2]},
+                            .distance = calloc(POINTS, sizeof(float)),
+                            .known = calloc(POINTS, sizeof(float))};
   if (out->distance && out->known)
     return PAGS_OK;
-  pags_form_destroy(out);
+  pags_shape_prior_destroy(out);
   return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the form of an object");
 }
 
@@ -92,7 +92,7 @@ static double between(const int n[3], const float *values, const float *known, c
   return share >= 0.5 ? weight : 0;
 }
 
-static double look_up(const pags_grid *g, const double p[3], double *distance) {
+static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
   double u[3];
   for (int k = 0; k < 3; ++k)
     u[k] = (p[k] - g->origin[k]) / g->step;
@@ -102,7 +102,7 @@ static double look_up(const pags_grid *g, const double p[3], double *distance) {
 /* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The
  * free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that know
  * better. */
-static void meet_unknown(pags_form *form) {
+static void meet_unknown(pags_shape_prior *form) {
   for (int i = NX * NY; i < POINTS; ++i) {
     int below = i - NX * NY;
     double p[3];
@@ -117,7 +117,7 @@ static void meet_unknown(pags_form *form) {
   }
 }
 
-pags_result pags_form_take(const pags_grid *grid, const double size[3], int64_t object, pags_form *out) {
+pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], int64_t object, pags_shape_prior *out) {
   PAGS_TRY(make_room(size, object, out));
   for (int i = 0; i < POINTS; ++i) {
     double p[3];
@@ -144,7 +144,7 @@ static double likeness(const double a[3], const double b[3]) {
   return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
-static double sample(const pags_form *form, const double p[3], double *distance) {
+static double sample(const pags_shape_prior *form, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
   double u[3];
   for (int k = 0; k < 3; ++k)
@@ -157,7 +157,7 @@ typedef struct fit {
   double known, square;
 } fit;
 
-static fit fit_point(const pags_form *form, const double size[3], const float *point) {
+static fit fit_point(const pags_shape_prior *form, const double size[3], const float *point) {
   double p[3], d = 0;
   for (int k = 0; k < 3; ++k)
     p[k] = (double)point[k] * form->size[k] / size[k];
@@ -184,8 +184,8 @@ static void add_misfits(const fit *fits, int64_t count, const float *trust, floa
 /* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates.
  * Who counts follows from who fits: first all do that are alike, then by what came of that. `weights` has room for
  * twice `count`. */
-static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const double size[3], const float *like,
-                                  const pags_cloud *cloud, float *weights) {
+static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, const double size[3], const float *like,
+                                  const pags_lidar_fit *cloud, float *weights) {
   double points = fmin((double)cloud->count, most_points);
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
@@ -214,7 +214,8 @@ static pags_result weigh_by_cloud(const pags_form *forms, int64_t count, const d
 
 /* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits.
  */
-static void add_forms(const pags_form *forms, int64_t count, const float *like, const float *weights, pags_form *out) {
+static void add_forms(const pags_shape_prior *forms, int64_t count, const float *like, const float *weights,
+                      pags_shape_prior *out) {
   for (int i = 0; i < POINTS; ++i) {
     float sum = 0, total = 0, known = 0;
     for (int64_t f = 0; f < count; ++f)
@@ -228,10 +229,10 @@ static void add_forms(const pags_form *forms, int64_t count, const float *like, 
   }
 }
 
-pags_result pags_form_blend(const pags_form *forms, int64_t count, const double size[3], int64_t object,
-                            const pags_cloud *cloud, pags_form *out) {
+pags_result pags_shape_prior_blend(const pags_shape_prior *forms, int64_t count, const double size[3], int64_t object,
+                                   const pags_lidar_fit *cloud, pags_shape_prior *out) {
   float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
-  *out = (pags_form){0};
+  *out = (pags_shape_prior){0};
   if (!like)
     return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
   for (int64_t f = 0; f < count; ++f) {
@@ -263,7 +264,7 @@ static double box_distance(const double size[3], int vehicle, const double p[3])
 }
 
 /* One pass of 1 2 1 along each axis takes the steps out of what was seen at a pixel or less a voxel. */
-static pags_result smooth(pags_grid *grid) {
+static pags_result smooth(pags_tsdf *grid) {
   int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
   float *from = malloc((size_t)count * sizeof *from);
   if (!from)
@@ -280,8 +281,8 @@ static pags_result smooth(pags_grid *grid) {
   return PAGS_OK;
 }
 
-static void fill_point(pags_grid *grid, const float *own, const double size[3], int vehicle, const pags_form *form,
-                       const int at[3]) {
+static void fill_point(pags_tsdf *grid, const float *own, const double size[3], int vehicle,
+                       const pags_shape_prior *form, const int at[3]) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
   int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
   double p[3], d = 0, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
@@ -303,7 +304,7 @@ static void fill_point(pags_grid *grid, const float *own, const double size[3], 
 
 /* Vehicles have no pits: between a left and a right side there is body, unless that was seen to be free. Cameras at the
  * height of a roof don't see it, and forms of cars with a tail say that there is none. */
-static void fill_across(pags_grid *grid, const double size[3]) {
+static void fill_across(pags_tsdf *grid, const double size[3]) {
   int outer = (int)ceil(fmax(0, (-0.5 * size[1] + mirrors - grid->origin[1]) / grid->step));
   for (int z = 0; z < grid->n[2]; ++z) {
     if (grid->origin[2] + z * grid->step < body - 0.5 * size[2])
@@ -325,7 +326,7 @@ static void fill_across(pags_grid *grid, const double size[3]) {
 
 /* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the
  * row's end. */
-static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
+static int next_change(const pags_tsdf *g, int64_t row, int x, double *place) {
   for (; x + 1 < g->n[0]; ++x) {
     double a = (double)g->distance[row + x], b = (double)g->distance[row + x + 1];
     if ((a < 0) != (b < 0)) {
@@ -338,7 +339,7 @@ static int next_change(const pags_grid *g, int64_t row, int x, double *place) {
 
 /* What is solid from `left` to `right` in a row of layer `top` goes on down to `lowest` by the circle through there,
  * and inwards as far as wheels are wide. */
-static void stand_wheel(pags_grid *g, int y, int top, double lowest, double left, double right) {
+static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left, double right) {
   double height = g->origin[2] + top * g->step - lowest, half = 0.5 * (right - left), middle = 0.5 * (left + right);
   double radius = (half * half + height * height) / (2 * height);
   int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y,
@@ -356,7 +357,7 @@ static void stand_wheel(pags_grid *g, int y, int top, double lowest, double left
 
 /* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where
  * wheels end. */
-static void stand_wheels(pags_grid *g, const double size[3]) {
+static void stand_wheels(pags_tsdf *g, const double size[3]) {
   double ground = -0.5 * size[2], left, right;
   int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
   for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; ++y) {
@@ -371,7 +372,7 @@ static void stand_wheels(pags_grid *g, const double size[3]) {
     g->distance[i] = fmaxf(g->distance[i], (float)(ground - g->origin[2] - (double)(i / g->n[0] / g->n[1]) * g->step));
 }
 
-static void close_border(pags_grid *grid) {
+static void close_border(pags_tsdf *grid) {
   for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; ++i) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
     if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
@@ -379,8 +380,8 @@ static void close_border(pags_grid *grid) {
   }
 }
 
-pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicle, const pags_form *form,
-                               const pags_cloud *cloud) {
+pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int vehicle, const pags_shape_prior *form,
+                                      const pags_lidar_fit *cloud) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   float *own = malloc(count * sizeof *own);
   int at[3];
@@ -399,7 +400,7 @@ pags_result pags_form_complete(pags_grid *grid, const double size[3], int vehicl
   if (vehicle)
     stand_wheels(grid, size);
   if (cloud)
-    PAGS_TRY(pags_cloud_hold(cloud, grid, laser_reach));
+    PAGS_TRY(pags_lidar_fit_hold(cloud, grid, laser_reach));
   close_border(grid);
   return PAGS_OK;
 }

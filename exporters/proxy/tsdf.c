@@ -7,9 +7,9 @@
 
 static const int64_t most_points = (int64_t)1 << 28;
 
-pags_result pags_grid_create(pags_grid *grid, const double lo[3], const double hi[3], double step, int sparse) {
+pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse) {
   int64_t points = 1, blocks = 1;
-  *grid = (pags_grid){.step = step};
+  *grid = (pags_tsdf){.step = step};
   for (int k = 0; k < 3; ++k) {
     double n = ceil((hi[k] - lo[k]) / step) + 1;
     if (!(n >= 2 && n < 1 << 20) || (points *= (int64_t)n) > most_points)
@@ -26,18 +26,18 @@ pags_result pags_grid_create(pags_grid *grid, const double lo[3], const double h
     grid->active = calloc((size_t)blocks, 1);
   if (grid->distance && grid->weight && (!sparse || grid->active))
     return PAGS_OK;
-  pags_grid_destroy(grid);
+  pags_tsdf_destroy(grid);
   return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid of %lld points", (long long)points);
 }
 
-void pags_grid_destroy(pags_grid *grid) {
+void pags_tsdf_destroy(pags_tsdf *grid) {
   free(grid->distance);
   free(grid->weight);
   free(grid->active);
   memset(grid, 0, sizeof *grid);
 }
 
-void pags_grid_touch(pags_grid *grid, const double point[3], double reach) {
+void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
   int from[3], to[3];
   double side = PAGS_GRID_BLOCK * grid->step;
   for (int k = 0; k < 3; ++k) {
@@ -55,23 +55,23 @@ void pags_grid_touch(pags_grid *grid, const double point[3], double reach) {
 }
 
 typedef struct fusion {
-  pags_grid *grid;
-  const pags_sights *sights;
+  pags_tsdf *grid;
+  const pags_depth_views *sights;
   double truncation, range;
   int carve;
 } fusion;
 
 /* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
-static double weigh(const pags_sight *sight, double step, double z) {
+static double weigh(const pags_depth_view *sight, double step, double z) {
   double pixels = sight->camera.fx * step / z;
   return fmin(1, pixels * pixels) + 1e-3;
 }
 
 /* What one view says of one point: returns its weight, 0 for nothing. */
-static double ask(const fusion *self, const pags_sight *sight, const double point[3], double *distance) {
+static double ask(const fusion *self, const pags_depth_view *sight, const double point[3], double *distance) {
   int x, y;
   double z;
-  if (!pags_sight_project(sight, point, &x, &y, &z) || z > self->range)
+  if (!pags_depth_view_project(sight, point, &x, &y, &z) || z > self->range)
     return 0;
   double depth = (double)sight->depth[(int64_t)y * sight->camera.width + x];
   if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
@@ -109,11 +109,11 @@ static int64_t choose_views(const fusion *self, const double middle[3], double r
   int64_t count = 0;
   *sure = (known){0};
   for (int64_t i = 0; i < self->sights->count; ++i) {
-    const pags_sight *sight = &self->sights->list[i];
+    const pags_depth_view *sight = &self->sights->list[i];
     double z;
-    if (!pags_sight_may_see(sight, middle, radius, self->range))
+    if (!pags_depth_view_may_see(sight, middle, radius, self->range))
       continue;
-    pags_sight_verdict verdict = pags_sight_judge(sight, middle, radius, self->truncation, &z);
+    pags_depth_view_verdict verdict = pags_depth_view_judge(sight, middle, radius, self->truncation, &z);
     if (verdict == PAGS_SIGHT_CLEAR && self->carve && z + radius <= self->range) {
       double w = weigh(sight, self->grid->step, z);
       sure->sum += w * self->truncation;
@@ -126,7 +126,7 @@ static int64_t choose_views(const fusion *self, const double middle[3], double r
 }
 
 static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
-  const pags_grid *grid = self->grid;
+  const pags_tsdf *grid = self->grid;
   int first[3] = {(int)(block % grid->blocks[0]) * PAGS_GRID_BLOCK,
                   (int)(block / grid->blocks[0] % grid->blocks[1]) * PAGS_GRID_BLOCK,
                   (int)(block / grid->blocks[0] / grid->blocks[1]) * PAGS_GRID_BLOCK};
@@ -157,15 +157,15 @@ static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
   free(seen);
 }
 
-bool pags_grid_fuse(pags_grid *grid, const pags_sights *sights, double truncation, double range, int carve,
+bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *sights, double truncation, double range, int carve,
                     pags_tasks *tasks) {
   fusion self = {grid, sights, truncation, range, carve};
   int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
   return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
 }
 
-int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, int64_t begin, int64_t end,
-                           int64_t *seen) {
+int64_t pags_depth_views_of_run(const pags_depth_views *sights, const pags_proxy_mesh *shell, int64_t begin,
+                                int64_t end, int64_t *seen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
   int64_t count = 0;
   for (int64_t i = 3 * begin; i < 3 * end; ++i) {
@@ -177,14 +177,14 @@ int64_t pags_sights_of_run(const pags_sights *sights, const pags_shell *shell, i
     radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
   }
   for (int64_t s = 0; s < sights->count; ++s)
-    if (pags_sight_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
+    if (pags_depth_view_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
       seen[count++] = s;
   return count;
 }
 
 typedef struct painting {
-  pags_shell *surface;
-  const pags_sights *sights;
+  pags_proxy_mesh *surface;
+  const pags_depth_views *sights;
   double tolerance;
 } painting;
 
@@ -194,15 +194,15 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   (void)worker;
   if (!seen)
     return; /* grey */
-  seen_count = pags_sights_of_run(self->sights, self->surface, begin, end, seen);
+  seen_count = pags_depth_views_of_run(self->sights, self->surface, begin, end, seen);
   for (int64_t i = begin; i < end; ++i) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
     const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
     double sum[3] = {0}, weight = 0, z;
     int x, y;
     for (int64_t s = 0; s < seen_count; ++s) {
-      const pags_sight *sight = &self->sights->list[seen[s]];
-      if (!pags_sight_project(sight, point, &x, &y, &z))
+      const pags_depth_view *sight = &self->sights->list[seen[s]];
+      if (!pags_depth_view_project(sight, point, &x, &y, &z))
         continue;
       int64_t pixel = (int64_t)y * sight->camera.width + x;
       double depth = (double)sight->depth[pixel];
@@ -219,7 +219,8 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   free(seen);
 }
 
-bool pags_shell_paint(pags_shell *surface, const pags_sights *sights, double tolerance, pags_tasks *tasks) {
+bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *sights, double tolerance,
+                           pags_tasks *tasks) {
   painting self = {surface, sights, tolerance};
   double mean[3] = {0}, count = 0;
   if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))

@@ -27,8 +27,8 @@
 
 #include "base/file.h"
 #include "exporters/proxy/cage.h"
-#include "exporters/proxy/tsdf.h"
 #include "exporters/proxy/mesh.h"
+#include "exporters/proxy/tsdf.h"
 #include "memory_guard.h"
 #include "scratch_folder.h"
 #include "small_scene.h"
@@ -81,9 +81,9 @@ static pags_result load_scene(const char *path) {
 }
 
 static pags_result load_path(const char *path) {
-  pags_path cameras;
-  PAGS_TRY(pags_path_load(path, &cameras));
-  pags_path_destroy(&cameras);
+  pags_camera_path cameras;
+  PAGS_TRY(pags_camera_path_load(path, &cameras));
+  pags_camera_path_destroy(&cameras);
   return PAGS_OK;
 }
 
@@ -249,35 +249,35 @@ static pags_result export_usd(const char *path) {
 /* What becomes of a solid: ball and ring, meshed, simplified, mended, hulled, caged. */
 static pags_result shape(const char *path) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2}, step = 0.25;
-  pags_grid grid;
-  pags_shell shell, simple, hull, cage;
+  pags_tsdf grid;
+  pags_proxy_mesh shell, simple, hull, cage;
   (void)path;
-  PAGS_TRY(pags_grid_create(&grid, lo, hi, step, 0));
+  PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
   for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; ++i) {
     const double x = lo[0] + step * (double)(i % grid.n[0]), y = lo[1] + step * (double)(i / grid.n[0] % grid.n[1]),
                  z = lo[2] + step * (double)(i / grid.n[0] / grid.n[1]);
     const double r = sqrt(x * x + y * y) - 1.2;
     grid.distance[i] = (float)fmin(sqrt(x * x + y * y + z * z) - 0.6, sqrt(r * r + z * z) - 0.4);
   }
-  pags_result result = pags_grid_surface(&grid, 0, &shell);
-  pags_grid_destroy(&grid);
+  pags_result result = pags_tsdf_surface(&grid, 0, &shell);
+  pags_tsdf_destroy(&grid);
   PAGS_TRY(result);
-  result = pags_shell_simplify(&shell, 300, &simple);
+  result = pags_proxy_mesh_simplify(&shell, 300, &simple);
   if (result == PAGS_OK) {
-    result = pags_shell_repair(&simple);
+    result = pags_proxy_mesh_repair(&simple);
     note(simple.positions, 12 * (size_t)simple.vertex_count);
-    pags_shell_destroy(&simple);
+    pags_proxy_mesh_destroy(&simple);
   }
-  if (result == PAGS_OK && (result = pags_shell_hull(&shell, 60, &hull)) == PAGS_OK) {
+  if (result == PAGS_OK && (result = pags_proxy_mesh_hull(&shell, 60, &hull)) == PAGS_OK) {
     note(hull.positions, 12 * (size_t)hull.vertex_count);
-    pags_shell_destroy(&hull);
+    pags_proxy_mesh_destroy(&hull);
   }
-  if (result == PAGS_OK && (result = pags_shell_keep_parts(&shell, 0.9, 0.1, hi)) == PAGS_OK &&
-      (result = pags_shell_cage(&shell, 1, 200, &cage)) == PAGS_OK) {
+  if (result == PAGS_OK && (result = pags_proxy_mesh_keep_parts(&shell, 0.9, 0.1, hi)) == PAGS_OK &&
+      (result = pags_proxy_mesh_cage(&shell, 1, 200, &cage)) == PAGS_OK) {
     note(cage.positions, 12 * (size_t)cage.vertex_count);
-    pags_shell_destroy(&cage);
+    pags_proxy_mesh_destroy(&cage);
   }
-  pags_shell_destroy(&shell);
+  pags_proxy_mesh_destroy(&shell);
   return result;
 }
 
@@ -422,8 +422,8 @@ static int make_data(void) {
   make_splat_files();
   small_scene_make(&scene);
   must(pags_scene_save(scratch("scene"), &scene));
-  pags_path path = {.fps = 10, .count = 1, .cameras = &scene.views[0].camera};
-  must(pags_path_save(scratch("path.json"), &path));
+  pags_camera_path path = {.fps = 10, .count = 1, .cameras = &scene.views[0].camera};
+  must(pags_camera_path_save(scratch("path.json"), &path));
   pags_scene_destroy(&scene);
   make_dataset();
   return 0;

@@ -9,11 +9,11 @@
 #include "dataset/colmap.h"
 #include "dataset/driving/reader.h"
 
-static void check_draft(const pags_draft *draft) {
+static void check_draft(const pags_parsed_dataset *draft) {
   for (int64_t i = 0; i < draft->count; ++i)
     FUZZ_CHECK(draft->views[i].image_path && draft->views[i].where);
   for (int64_t i = 0; i < draft->points.count; ++i) {
-    const pags_draft_point *const p = &draft->points.items[i];
+    const pags_parsed_point *const p = &draft->points.items[i];
     FUZZ_CHECK(isfinite(p->xyz[0]) && isfinite(p->xyz[1]) && isfinite(p->xyz[2]));
     FUZZ_CHECK(p->track_begin >= 0 && p->track_count >= 0 &&
                p->track_begin + p->track_count <= draft->points.track_count);
@@ -36,7 +36,7 @@ static void open_dataset(const char *folder) {
 /* ---- transforms.json ---- */
 
 static int run_transforms(const uint8_t *data, size_t size) {
-  pags_draft draft;
+  pags_parsed_dataset draft;
   const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), &draft);
   if (result != PAGS_OK) {
     FUZZ_CHECK(!draft.views && !draft.points.items);
@@ -44,7 +44,7 @@ static int run_transforms(const uint8_t *data, size_t size) {
     return 0;
   }
   check_draft(&draft);
-  pags_draft_destroy(&draft);
+  pags_parsed_destroy(&draft);
   char folder[1024];
   snprintf(folder, sizeof folder, "%.900s/set", fuzz_folder());
   open_dataset(folder);
@@ -102,7 +102,7 @@ static const fuzz_target transforms = {.name = "transforms",
 static int run_model(const uint8_t *data, size_t size, const char *extension) {
   static const char *const names[] = {"cameras", "images", "points3D"};
   fuzz_part parts[3];
-  pags_draft draft;
+  pags_parsed_dataset draft;
   char model[1024], name[64];
   fuzz_parts(data, size, 3, parts);
   snprintf(model, sizeof model, "%.900s/%s", fuzz_folder(), extension);
@@ -118,7 +118,7 @@ static int run_model(const uint8_t *data, size_t size, const char *extension) {
     return 0;
   }
   check_draft(&draft);
-  pags_draft_destroy(&draft);
+  pags_parsed_destroy(&draft);
   open_dataset(model);
   return 1;
 }
@@ -213,17 +213,17 @@ static pags_result take_name(void *context, int number, const char *name) {
   return PAGS_OK;
 }
 
-static pags_result read_drive(pags_draft *draft, pags_driving *driving) {
+static pags_result read_drive(pags_parsed_dataset *draft, pags_driving *driving) {
   PAGS_TRY(pags_rules_read(driving->root, NULL, false, &driving->rules, take_name, NULL));
   PAGS_TRY(pags_times_read(driving, draft));
   PAGS_TRY(pags_tracks_read(driving));
   double pose[12];
   char path[1024];
   snprintf(path, sizeof path, "%.900s/ego_pose/000.txt", driving->root);
-  PAGS_TRY(pags_pose_read(path, pose));
+  PAGS_TRY(pags_text_pose_read(path, pose));
   double numbers[9];
   int count;
-  return pags_numbers_read(path, 9, numbers, &count) == PAGS_OK ? PAGS_OK : PAGS_OK;
+  return pags_text_matrix_read(path, 9, numbers, &count) == PAGS_OK ? PAGS_OK : PAGS_OK;
 }
 
 static void check_drive(const pags_driving *driving) {
@@ -249,7 +249,7 @@ static int run_driving(const uint8_t *data, size_t size) {
     fuzz_file(driving_files[i], parts[i].bytes, parts[i].size);
   fuzz_parts_free(DRIVING_FILES, parts);
   snprintf(root, sizeof root, "%.900s/drive", fuzz_folder());
-  pags_draft draft = {0};
+  pags_parsed_dataset draft = {0};
   draft.driving = calloc(1, sizeof *draft.driving);
   pags_driving *const driving = draft.driving;
   if (!driving)
@@ -261,14 +261,14 @@ static int run_driving(const uint8_t *data, size_t size) {
   driving->steps = calloc(STEPS, sizeof *driving->steps);
   for (int i = 0; i < STEPS; ++i) {
     driving->steps[i].frame = i;
-    pags_draft_add(&draft);
+    pags_parsed_add(&draft);
   }
   const pags_result result = read_drive(&draft, driving);
   if (result == PAGS_OK)
     check_drive(driving);
   else
     fuzz_refused(result, "drive");
-  pags_draft_destroy(&draft);
+  pags_parsed_destroy(&draft);
   return result == PAGS_OK;
 }
 
@@ -337,13 +337,13 @@ static const fuzz_target driving = {.name = "instances",
 /* ---- Point clouds ---- */
 
 static int run_points(const uint8_t *data, size_t size) {
-  pags_draft draft = {0};
+  pags_parsed_dataset draft = {0};
   const pags_result result = pags_ply_points_read(fuzz_file("points.ply", data, size), &draft.points);
   if (result == PAGS_OK)
     check_draft(&draft);
   else
     fuzz_refused(result, "points.ply");
-  pags_draft_destroy(&draft);
+  pags_parsed_destroy(&draft);
   return result == PAGS_OK;
 }
 

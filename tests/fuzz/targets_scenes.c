@@ -83,8 +83,8 @@ static const fuzz_target scene = {
 /* ---- Camera and path files ---- */
 
 static int run_path(const uint8_t *data, size_t size) {
-  pags_path path;
-  const pags_result result = pags_path_load(fuzz_file("path.json", data, size), &path);
+  pags_camera_path path;
+  const pags_result result = pags_camera_path_load(fuzz_file("path.json", data, size), &path);
   if (result != PAGS_OK) {
     FUZZ_CHECK(!path.cameras);
     fuzz_refused(result, "path.json");
@@ -97,7 +97,7 @@ static int run_path(const uint8_t *data, size_t size) {
     const pags_camera half = pags_camera_downscale(c, 2);
     FUZZ_CHECK(half.width >= 1 && isfinite(half.fx));
   }
-  pags_path_destroy(&path);
+  pags_camera_path_destroy(&path);
   return 1;
 }
 

@@ -77,7 +77,7 @@ static void seed_checkpoint(void) {
     const pags_schedule schedule = pags_schedule_make(&config, 2.5, VIEWS);
     FUZZ_CHECK(pags_state_create(&state, &schedule, 100, 3) == PAGS_OK);
     add_model(&state, -1, full ? 5 : 1, 0);
-    FUZZ_CHECK(pags_tracks_create(&state.tracks, &set) == PAGS_OK);
+    FUZZ_CHECK(pags_track_poses_create(&state.tracks, &set) == PAGS_OK);
     if (full) {
       add_model(&state, 0, 2, 1);
       FUZZ_CHECK(pags_sky_fit_prepare(&state.sky, 2) == PAGS_OK &&

@@ -12,7 +12,7 @@
 /* ---- The controller ---- */
 
 typedef struct clock_model {
-  double share[PAGS_BUDGET_STEPS]; /* what steps really cost */
+  double share[PAGS_DEADLINE_STEPS]; /* what steps really cost */
   double noise;
   unsigned state;
 } clock_model;
@@ -26,14 +26,15 @@ static const clock_model steep = {{1, 0.95, 0.85, 0.7, 0.5, 0.35, 0.2, 0.1}, 0.0
 
 /* Frames whose full cost runs between `low` and `high` within 60 frames. Returns the share that met the target; adds up
  * steps. */
-static double drive(pags_budget_controller *c, clock_model m, double low, double high, int frames, double *mean_step) {
+static double drive(pags_deadline_controller *c, clock_model m, double low, double high, int frames,
+                    double *mean_step) {
   int met = 0, sum = 0;
   for (int i = 0; i < frames; i++) {
     const double full = low + (high - low) * 0.5 * (1 + sin(i * 6.28318 / 60)),
                  ms = full * m.share[c->step] * noise_of(&m);
     met += ms <= c->target;
     sum += c->step;
-    pags_budget_controller_tell(c, ms);
+    pags_deadline_controller_tell(c, ms);
   }
   *mean_step = (double)sum / frames;
   return (double)met / frames;
@@ -42,7 +43,7 @@ static double drive(pags_budget_controller *c, clock_model m, double low, double
 static void test_nothing_is_given_up_for_nothing(void **state) {
   (void)state;
   double step;
-  pags_budget_controller c = pags_budget_controller_begin(50);
+  pags_deadline_controller c = pags_deadline_controller_begin(50);
   assert_true(drive(&c, steep, 20, 40, 200, &step) == 1);
   assert_true(step == 0);
 }
@@ -52,7 +53,7 @@ static void test_the_time_is_kept(void **state) {
   const double costs[][2] = {{50, 60}, {60, 120}, {80, 250}, {200, 300}, {30, 90}};
   for (int i = 0; i < 5; i++) {
     double first, step, later;
-    pags_budget_controller c = pags_budget_controller_begin(50);
+    pags_deadline_controller c = pags_deadline_controller_begin(50);
     drive(&c, steep, costs[i][0], costs[i][1], 30, &first); /* learns */
     assert_true(drive(&c, steep, costs[i][0], costs[i][1], 400, &step) >= 0.95);
     /* no more than needed: the mean step of who knows all costs, and one and a half */
@@ -60,7 +61,7 @@ static void test_the_time_is_kept(void **state) {
     for (int k = 0; k < 400; k++) {
       const double full = costs[i][0] + (costs[i][1] - costs[i][0]) * 0.5 * (1 + sin(k * 6.28318 / 60));
       int j = 0;
-      while (j + 1 < PAGS_BUDGET_STEPS && full * steep.share[j] > 50)
+      while (j + 1 < PAGS_DEADLINE_STEPS && full * steep.share[j] > 50)
         j++;
       wanted += j / 400.0;
     }
@@ -73,13 +74,13 @@ static void test_the_time_is_kept(void **state) {
 static void test_the_impossible(void **state) {
   (void)state;
   double step;
-  pags_budget_controller c = pags_budget_controller_begin(5);
+  pags_deadline_controller c = pags_deadline_controller_begin(5);
   assert_true(drive(&c, steep, 100, 200, 100, &step) == 0);
-  assert_int_equal(c.step, PAGS_BUDGET_STEPS - 1);
-  pags_budget_controller_tell(&c, NAN);
-  pags_budget_controller_tell(&c, 0);
-  pags_budget_controller_tell(&c, INFINITY);
-  assert_int_equal(c.step, PAGS_BUDGET_STEPS - 1);
+  assert_int_equal(c.step, PAGS_DEADLINE_STEPS - 1);
+  pags_deadline_controller_tell(&c, NAN);
+  pags_deadline_controller_tell(&c, 0);
+  pags_deadline_controller_tell(&c, INFINITY);
+  assert_int_equal(c.step, PAGS_DEADLINE_STEPS - 1);
 }
 
 /* ---- Frames ---- */
@@ -229,7 +230,7 @@ static void test_rest_is_cut(void **state) {
 
 /* A frame of the step but for the samples. */
 static pags_picture draw_step(scene *s, int step) {
-  const pags_budget_step *const k = pags_budget_steps() + step;
+  const pags_deadline_step *const k = pags_deadline_steps() + step;
   pags_frame_options options = s->options;
   if (k->eps > 0) {
     options.early_z = PAGS_EARLY_Z_BOUNDED;
@@ -256,19 +257,19 @@ static void mark_critical(const pags_picture *whole, uint8_t *tiles) {
 static void test_steps(void **state) {
   (void)state;
   scene s, other;
-  pags_budget *budget;
+  pags_deadline *budget;
   create(&s);
   create(&other);
-  assert_int_equal(pags_budget_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
   const pags_picture whole = draw(&s, &s.options);
   uint8_t tiles[1024], all_tiles[1024];
   memset(all_tiles, 1, sizeof all_tiles);
   mark_critical(&whole, tiles);
-  for (int step = 0; step < PAGS_BUDGET_STEPS; step++) {
-    const int sampled = pags_budget_steps()[step].sampled;
+  for (int step = 0; step < PAGS_DEADLINE_STEPS; step++) {
+    const int sampled = pags_deadline_steps()[step].sampled;
     pags_picture out;
-    pags_budget_facts facts;
-    assert_int_equal(pags_budget_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+    pags_deadline_result facts;
+    assert_int_equal(pags_deadline_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
     const pags_picture full = draw_step(&other, step);
     /* the critical object and its surroundings have the bits of a frame without samples, as has all else where there
      * are none */
@@ -283,7 +284,7 @@ static void test_steps(void **state) {
       assert_true(i % out.stride >= WIDTH ||
                   (isfinite(out.rgb[0][i]) && out.transmittance[i] >= 0 && out.transmittance[i] <= 1));
   }
-  pags_budget_destroy(budget);
+  pags_deadline_destroy(budget);
   destroy(&s);
   destroy(&other);
 }
@@ -292,7 +293,7 @@ static void test_steps(void **state) {
 static void test_neighbours_are_full(void **state) {
   (void)state;
   scene s, other;
-  pags_budget *budget;
+  pags_deadline *budget;
   create(&s);
   create(&other);
   scene *const both[] = {&s, &other};
@@ -305,18 +306,18 @@ static void test_neighbours_are_full(void **state) {
     pags_plane(&both[k]->gaussians, PAGS_SCALE + 1)[0] = logf(0.6f);
     pags_clusters_update(&both[k]->clusters, &both[k]->gaussians, 0, both[k]->clusters.count);
   }
-  assert_int_equal(pags_budget_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
   uint8_t tiles[1024] = {0};
   tiles[2 * ((WIDTH + 15) / 16) + 3] = 1;
-  for (int step = 4; step < PAGS_BUDGET_STEPS; step++) {
+  for (int step = 4; step < PAGS_DEADLINE_STEPS; step++) {
     pags_picture out;
-    pags_budget_facts facts;
-    assert_int_equal(pags_budget_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+    pags_deadline_result facts;
+    assert_int_equal(pags_deadline_render_step(budget, step, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
     const pags_picture full = draw_step(&other, step);
     assert_int_equal(differing(&full, &out, tiles), 0);
     assert_true(facts.full_tiles < 0.4);
   }
-  pags_budget_destroy(budget);
+  pags_deadline_destroy(budget);
   destroy(&s);
   destroy(&other);
 }
@@ -325,7 +326,7 @@ static void test_neighbours_are_full(void **state) {
 static void test_samples_are_interpolated(void **state) {
   (void)state;
   scene s;
-  pags_budget *budget;
+  pags_deadline *budget;
   float texels[6 * 3 * 4];
   create(&s);
   for (int64_t i = 0; i < COUNT; i++)
@@ -340,11 +341,11 @@ static void test_samples_are_interpolated(void **state) {
   s.options.exposed = 1;
   for (int k = 0; k < 3; k++)
     s.options.gain[k] = 1.2f, s.options.offset[k] = 0.05f;
-  assert_int_equal(pags_budget_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
+  assert_int_equal(pags_deadline_create(s.tasks, 50, s.priority, COUNT, &budget), PAGS_OK);
   pags_picture out;
-  pags_budget_facts facts;
+  pags_deadline_result facts;
   const pags_picture full = draw_step(&s, 4);
-  assert_int_equal(pags_budget_render_step(budget, 4, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
+  assert_int_equal(pags_deadline_render_step(budget, 4, &s.part, 1, &s.camera, &s.options, &out, &facts), PAGS_OK);
   assert_true(facts.full_tiles == 0);
   for (int y = 2; y < HEIGHT - 2; y++)
     for (int x = 2; x < WIDTH - 2; x++)
@@ -359,7 +360,7 @@ static void test_samples_are_interpolated(void **state) {
       others += full.id[(int64_t)y * full.stride + x] != out.id[(int64_t)y * full.stride + x];
   assert_true(full.id[0] == CRITICAL && full.id[(int64_t)(HEIGHT - 1) * full.stride] == CRITICAL + 1 &&
               others <= 2 * WIDTH);
-  pags_budget_destroy(budget);
+  pags_deadline_destroy(budget);
   destroy(&s);
 }
 

@@ -133,26 +133,26 @@ static void paths_survive_files(void **state) {
   (void)state;
   pags_camera cameras[2] = {sample(7), sample(8)};
   cameras[1].time = 0.25;
-  const pags_path two = {24, 2, cameras}, one = {0, 1, cameras};
-  pags_path back;
-  assert_int_equal(pags_path_save(scratch("path.json"), &two), PAGS_OK);
-  assert_int_equal(pags_path_load(scratch("path.json"), &back), PAGS_OK);
+  const pags_camera_path two = {24, 2, cameras}, one = {0, 1, cameras};
+  pags_camera_path back;
+  assert_int_equal(pags_camera_path_save(scratch("path.json"), &two), PAGS_OK);
+  assert_int_equal(pags_camera_path_load(scratch("path.json"), &back), PAGS_OK);
   assert_true(back.fps == 24 && back.count == 2);
   assert_true(isnan(back.cameras[0].time) && back.cameras[1].time == 0.25);
   for (int i = 0; i < 2; ++i) {
     assert_true(difference(back.cameras[i].world_from_camera, cameras[i].world_from_camera, 12) < 1e-14);
     assert_true(back.cameras[i].cx == cameras[i].cx && back.cameras[i].fy == cameras[i].fy);
   }
-  pags_path_destroy(&back);
-  assert_int_equal(pags_path_save(scratch("camera.json"), &one), PAGS_OK);
-  assert_int_equal(pags_path_load(scratch("camera.json"), &back), PAGS_OK);
+  pags_camera_path_destroy(&back);
+  assert_int_equal(pags_camera_path_save(scratch("camera.json"), &one), PAGS_OK);
+  assert_int_equal(pags_camera_path_load(scratch("camera.json"), &back), PAGS_OK);
   assert_true(back.fps == 0 && back.count == 1);
-  pags_path_destroy(&back);
+  pags_camera_path_destroy(&back);
 }
 
 static void assert_load_fails(const char *text, const char *message) {
-  pags_path path;
-  assert_int_equal(pags_path_load(scratch_file("bad.json", text, strlen(text)), &path), PAGS_ERROR_FORMAT);
+  pags_camera_path path;
+  assert_int_equal(pags_camera_path_load(scratch_file("bad.json", text, strlen(text)), &path), PAGS_ERROR_FORMAT);
   assert_null(path.cameras);
   if (!strstr(pags_error_message(), message))
     fail_msg("expected '%s' in '%s'", message, pags_error_message());
@@ -176,13 +176,13 @@ static void the_fox_camera_reads(void **state) {
   char path[1024];
   if (!pags_shared_data("splats/fox_31k_view.json", path, sizeof path))
     skip();
-  pags_path fox;
-  assert_int_equal(pags_path_load(path, &fox), PAGS_OK);
+  pags_camera_path fox;
+  assert_int_equal(pags_camera_path_load(path, &fox), PAGS_OK);
   assert_int_equal(fox.cameras[0].width, 534);
   double inverse[12];
   pags_rigid_inverse(fox.cameras[0].world_from_camera, inverse);
   assert_true(fabs(inverse[11] - 4.741534361611549) < 1e-12);
-  pags_path_destroy(&fox);
+  pags_camera_path_destroy(&fox);
 }
 
 int main(void) {

@@ -81,16 +81,16 @@ static void heat_grows_lighter(void **state) {
   (void)state;
   float before = -1, rgb[3];
   for (int i = 0; i <= 100; ++i) {
-    pags_heat_color((float)i / 100, rgb);
+    pags_colormap_heat((float)i / 100, rgb);
     float light = 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];
     assert_true(light > before);
     before = light;
   }
   float ends[2][3];
-  pags_heat_color(-3, ends[0]);
-  pags_heat_color(NAN, ends[1]);
+  pags_colormap_heat(-3, ends[0]);
+  pags_colormap_heat(NAN, ends[1]);
   assert_memory_equal(ends[0], ends[1], sizeof ends[0]);
-  pags_heat_color(7, ends[0]);
+  pags_colormap_heat(7, ends[0]);
   assert_memory_equal(ends[0], rgb, sizeof rgb);
 }
 

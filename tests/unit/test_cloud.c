@@ -7,10 +7,10 @@
 static const double step = 0.05;
 
 /* A level surface at z = 0, cut off at four steps. */
-static pags_grid level_grid(void) {
+static pags_tsdf level_grid(void) {
   static const double lo[3] = {-1, -1, -0.5}, hi[3] = {1, 1, 0.5};
-  pags_grid grid;
-  scratch_ok(pags_grid_create(&grid, lo, hi, step, 0));
+  pags_tsdf grid;
+  scratch_ok(pags_tsdf_create(&grid, lo, hi, step, 0));
   for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; ++i) {
     double z = grid.origin[2] + (double)(i / grid.n[0] / grid.n[1]) * step;
     grid.distance[i] = (float)fmin(fmax(z, -4 * step), 4 * step);
@@ -19,7 +19,7 @@ static pags_grid level_grid(void) {
 }
 
 /* Height of the surface over the lattice's point next to x, y. */
-static double height(const pags_grid *g, double x, double y) {
+static double height(const pags_tsdf *g, double x, double y) {
   int64_t layer = (int64_t)g->n[0] * g->n[1];
   int64_t at =
       (int64_t)floor((y - g->origin[1]) / step + 0.5) * g->n[0] + (int64_t)floor((x - g->origin[0]) / step + 0.5);
@@ -32,12 +32,12 @@ static double height(const pags_grid *g, double x, double y) {
 }
 
 /* Points every 0.1 m over x, y of -0.3..0.3. */
-static pags_cloud patch_at(double z) {
-  pags_cloud cloud = {0};
+static pags_lidar_fit patch_at(double z) {
+  pags_lidar_fit cloud = {0};
   for (int i = -3; i <= 3; ++i)
     for (int j = -3; j <= 3; ++j) {
       const double p[3] = {0.1 * i, 0.1 * j, z};
-      scratch_ok(pags_cloud_add(&cloud, p));
+      scratch_ok(pags_lidar_fit_add(&cloud, p));
     }
   assert_int_equal(cloud.count, 49);
   return cloud;
@@ -45,42 +45,42 @@ static pags_cloud patch_at(double z) {
 
 static void a_surface_comes_to_its_points(void **state) {
   (void)state;
-  pags_grid grid = level_grid();
-  pags_cloud cloud = patch_at(0.06);
-  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  pags_tsdf grid = level_grid();
+  pags_lidar_fit cloud = patch_at(0.06);
+  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0) - 0.06) <
               0.002); /* what doubt leaves: a twentieth at first, then less of that */
   assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
   assert_true(height(&grid, 0.5, 0) > 0 && height(&grid, 0.5, 0) < 0.06);
   assert_true(fabs(height(&grid, -0.9, 0.9)) < 1e-6); /* 0.85 m from the nearest */
-  pags_cloud_destroy(&cloud);
-  pags_grid_destroy(&grid);
+  pags_lidar_fit_destroy(&cloud);
+  pags_tsdf_destroy(&grid);
 }
 
 static void one_point_is_doubted(void **state) {
   (void)state;
   static const double p[3] = {0, 0, 0.06}, outside[3] = {5, 0, 0};
-  pags_grid grid = level_grid();
-  pags_cloud cloud = {0};
-  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13)); /* none */
-  scratch_ok(pags_cloud_add(&cloud, outside));
-  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  pags_tsdf grid = level_grid();
+  pags_lidar_fit cloud = {0};
+  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13)); /* none */
+  scratch_ok(pags_lidar_fit_add(&cloud, outside));
+  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
-  scratch_ok(pags_cloud_add(&cloud, p));
-  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  scratch_ok(pags_lidar_fit_add(&cloud, p));
+  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0) - 0.0374) < 0.002); /* 1/2, 1/5 and 1/17 of what is left each time */
-  pags_cloud_destroy(&cloud);
-  pags_grid_destroy(&grid);
+  pags_lidar_fit_destroy(&cloud);
+  pags_tsdf_destroy(&grid);
 }
 
 static void what_is_far_off_is_passed_over(void **state) {
   (void)state;
-  pags_grid grid = level_grid();
-  pags_cloud cloud = patch_at(0.15);
-  scratch_ok(pags_cloud_hold(&cloud, &grid, 0.13));
+  pags_tsdf grid = level_grid();
+  pags_lidar_fit cloud = patch_at(0.15);
+  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
-  pags_cloud_destroy(&cloud);
-  pags_grid_destroy(&grid);
+  pags_lidar_fit_destroy(&cloud);
+  pags_tsdf_destroy(&grid);
 }
 
 /* Where a point of the tree is in the world at a time step. */
@@ -123,10 +123,10 @@ static void points_are_sorted_by_boxes(void **state) {
     views[t] = (pags_scene_view){.frame = t, .test = t == 4};
   scene.origin[0] = 7;
   for (int held_out = 0; held_out < 2; ++held_out) {
-    pags_laser laser;
+    pags_lidar laser;
     double first[3];
     int64_t sweeps = held_out ? 1 : 4;
-    scratch_ok(pags_laser_read(&scene, held_out, &laser));
+    scratch_ok(pags_lidar_read(&scene, held_out, &laser));
     assert_true(laser.object_count == 2 && laser.objects[0].count == 0 && laser.objects[1].count == sweeps);
     for (int64_t i = 0; i < sweeps; ++i)
       for (int k = 0; k < 3; ++k)
@@ -134,7 +134,7 @@ static void points_are_sorted_by_boxes(void **state) {
     assert_int_equal(laser.count, sweeps); /* the other point, which is in no box */
     world_point(held_out ? 4 : 0, 1, first);
     assert_true(fabs((double)laser.points[0] + 7 - first[0]) < 1e-5 && fabs((double)laser.points[2] - first[2]) < 1e-5);
-    pags_laser_destroy(&laser);
+    pags_lidar_destroy(&laser);
     assert_null(laser.objects);
   }
   scratch_end(&s);

@@ -1,6 +1,6 @@
 /* Scenes at a time: objects where their tracks are, hidden, moved and added; parked ones; colour over time. */
-#include "frame_fixture.h"
 #include <pags/compose.h>
+#include "frame_fixture.h"
 
 #include <math.h>
 #include <setjmp.h>

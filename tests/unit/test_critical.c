@@ -2,8 +2,8 @@
  * masks. */
 #include <pags/dataset.h>
 
-#include "dataset/internal.h"
 #include "dataset/driving/label_sets.h"
+#include "dataset/internal.h"
 #include "shared_data.h"
 #include "unit/driving_tree.h"
 

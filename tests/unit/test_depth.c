@@ -8,10 +8,10 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "unit/driving_stub.h"
 #include "train/lidar_depth.h"
+#include "unit/driving_stub.h"
 
-static int count_wrong(const pags_dataset *d, int step, const pags_depth_sample *samples, int64_t count) {
+static int count_wrong(const pags_dataset *d, int step, const pags_lidar_depth_sample *samples, int64_t count) {
   int wrong = 0;
   for (int64_t i = 0; i < count; i++) {
     double truth = stub_depth(d, step, (double)samples[i].x, (double)samples[i].y, 1 << STUB_WALKER);
@@ -23,9 +23,9 @@ static int count_wrong(const pags_dataset *d, int step, const pags_depth_sample 
 static void samples_have_the_depth_of_their_pixel(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
-  pags_depth_sample *samples;
+  pags_lidar_depth_sample *samples;
   int64_t count;
-  assert_int_equal(pags_depth_samples(d, 3, 100000, &count, &samples), PAGS_OK);
+  assert_int_equal(pags_lidar_depth_samples(d, 3, 100000, &count, &samples), PAGS_OK);
   assert_true(count > 1500);
   assert_true(count_wrong(d, 3, samples, count) < 0.02 * (double)count);
   for (int64_t i = 0; i < count; i++)
@@ -37,10 +37,10 @@ static void samples_have_the_depth_of_their_pixel(void **state) {
 static void no_more_than_asked_for_evenly(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
-  pags_depth_sample *all, *some;
+  pags_lidar_depth_sample *all, *some;
   int64_t count, few;
-  assert_int_equal(pags_depth_samples(d, 3, 100000, &count, &all), PAGS_OK);
-  assert_int_equal(pags_depth_samples(d, 3, 100, &few, &some), PAGS_OK);
+  assert_int_equal(pags_lidar_depth_samples(d, 3, 100000, &count, &all), PAGS_OK);
+  assert_int_equal(pags_lidar_depth_samples(d, 3, 100, &few, &some), PAGS_OK);
   assert_int_equal(few, 100);
   assert_float_equal(some[0].depth, all[0].depth, 0);
   assert_float_equal(some[50].depth, all[count / 2].depth, 0);
@@ -52,9 +52,9 @@ static void no_more_than_asked_for_evenly(void **state) {
 static void none_without_a_sweep(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
-  pags_depth_sample *samples;
+  pags_lidar_depth_sample *samples;
   int64_t count;
-  assert_int_equal(pags_depth_samples(d, STUB_STEPS - 1, 100, &count, &samples), PAGS_OK);
+  assert_int_equal(pags_lidar_depth_samples(d, STUB_STEPS - 1, 100, &count, &samples), PAGS_OK);
   assert_int_equal(count, 0);
   assert_null(samples);
   stub_close(d);
@@ -63,9 +63,9 @@ static void none_without_a_sweep(void **state) {
 static void held_out_views_have_theirs(void **state) {
   (void)state;
   pags_dataset *d = stub_open();
-  pags_depth_sample *samples;
+  pags_lidar_depth_sample *samples;
   int64_t count;
-  assert_int_equal(pags_depth_samples(d, STUB_HELD_OUT, 100, &count, &samples), PAGS_OK);
+  assert_int_equal(pags_lidar_depth_samples(d, STUB_HELD_OUT, 100, &count, &samples), PAGS_OK);
   assert_int_equal(count, 100);
   free(samples);
   stub_close(d);

@@ -16,9 +16,9 @@
 #include "base/file.h"
 #include "dataset/internal.h"
 #include "scratch_folder.h"
+#include "train/color_over_time.h"
 #include "train/config.h"
 #include "train/exposure.h"
-#include "train/color_over_time.h"
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
 
@@ -385,14 +385,14 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   (void)unused;
   pags_train_options options;
   pags_trainer t;
-  pags_scores whole, rough;
+  pags_score_pass whole, rough;
   begin_run(&options, &t);
   const uint64_t before = decoded_by(&t); /* the sky's start may have looked at some, smaller */
-  assert_int_equal(pags_scores_measure(&t, 0, &whole), PAGS_OK);
+  assert_int_equal(pags_score_pass_measure(&t, 0, &whole), PAGS_OK);
   const uint64_t once = decoded_by(&t);
   assert_true(once - before <= (uint64_t)t.view_count);
-  assert_int_equal(pags_scores_measure(&t, 1, &rough), PAGS_OK);
-  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  assert_int_equal(pags_score_pass_measure(&t, 1, &rough), PAGS_OK);
+  assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   assert_int_equal(decoded_by(&t), once);
   assert_int_equal(whole.count, rough.count);
   double seen = 0.0, critical = 0.0, half_seen = 0.0, half_critical = 0.0, off = 0.0;
@@ -409,8 +409,8 @@ static void half_size_scores_alike_from_the_same_photographs(void **unused) {
   assert_true(fabs(4.0 * half_seen / seen - 1.0) < 0.15);
   assert_true(fabs(half_critical / half_seen - critical / seen) < 0.003);
   assert_true(off / (double)rows < 0.02);
-  pags_scores_destroy(&whole);
-  pags_scores_destroy(&rough);
+  pags_score_pass_destroy(&whole);
+  pags_score_pass_destroy(&rough);
   end_run(&t);
 }
 
@@ -421,10 +421,10 @@ static void colour_over_time_is_judged_alike_at_any_level(void **unused) {
   pags_train_options options;
   pags_trainer t;
   begin_run(&options, &t);
-  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   const double whole = t.state.models[1].fourier_gain;
   pags_state_set_step(&t.state, ITERATIONS / 6);
-  assert_int_equal(pags_fourier_decide(&t), PAGS_OK);
+  assert_int_equal(pags_color_over_time_decide(&t), PAGS_OK);
   assert_true(whole > 0.01);
   assert_true(fabs(t.state.models[1].fourier_gain / whole - 1.0) < 0.02); /* bytes are rounded before or after */
   end_run(&t);

@@ -10,15 +10,15 @@
 
 #include <cmocka.h>
 
-#include "exporters/proxy/cage.h"
-#include "exporters/proxy/tsdf.h"
-#include "exporters/proxy/mesh_query.h"
 #include "exporters/format/bake.h"
+#include "exporters/proxy/cage.h"
+#include "exporters/proxy/mesh_query.h"
+#include "exporters/proxy/tsdf.h"
 
+#include <pags/export.h>
 #include "base/file.h"
 #include "base/rng.h"
 #include "base/text.h"
-#include <pags/export.h>
 
 #include "scratch_folder.h"
 #include "splat_files.h"
@@ -37,25 +37,25 @@ static double made_distance(const double p[3]) {
   return fmin(fmin(a, b), ring);
 }
 
-static pags_shell made_shell(double step) {
+static pags_proxy_mesh made_shell(double step) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2};
-  pags_grid grid;
-  pags_shell shell;
-  assert_int_equal(pags_grid_create(&grid, lo, hi, step, 0), PAGS_OK);
+  pags_tsdf grid;
+  pags_proxy_mesh shell;
+  assert_int_equal(pags_tsdf_create(&grid, lo, hi, step, 0), PAGS_OK);
   for (int z = 0; z < grid.n[2]; ++z)
     for (int y = 0; y < grid.n[1]; ++y)
       for (int x = 0; x < grid.n[0]; ++x) {
         const double p[3] = {lo[0] + x * step, lo[1] + y * step, lo[2] + z * step};
         grid.distance[(z * grid.n[1] + y) * grid.n[0] + x] = (float)made_distance(p);
       }
-  assert_int_equal(pags_grid_surface(&grid, 0, &shell), PAGS_OK);
-  pags_grid_destroy(&grid);
+  assert_int_equal(pags_tsdf_surface(&grid, 0, &shell), PAGS_OK);
+  pags_tsdf_destroy(&grid);
   return shell;
 }
 
-static pags_shell_topology inspect(const pags_shell *shell) {
-  pags_shell_topology topology;
-  assert_int_equal(pags_shell_inspect(shell, &topology), PAGS_OK);
+static pags_proxy_mesh_topology inspect(const pags_proxy_mesh *shell) {
+  pags_proxy_mesh_topology topology;
+  assert_int_equal(pags_proxy_mesh_inspect(shell, &topology), PAGS_OK);
   return topology;
 }
 
@@ -63,40 +63,40 @@ static void test_box(void **state) {
   (void)state;
   const double size[3] = {4, 2, 1.5};
   const float grey[3] = {0.5f, 0.5f, 0.5f};
-  pags_shell box;
-  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
+  pags_proxy_mesh box;
+  assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
   assert_true(inspect(&box).closed);
   assert_near(inspect(&box).volume, 12, 1e-5);
   --box.triangle_count;
   assert_false(inspect(&box).closed);
   assert_int_equal(inspect(&box).open_edges, 3);
-  pags_shell_destroy(&box);
+  pags_proxy_mesh_destroy(&box);
 }
 
 static void test_surface_is_closed_and_where_it_should_be(void **state) {
   (void)state;
-  pags_shell shell = made_shell(0.08);
+  pags_proxy_mesh shell = made_shell(0.08);
   assert_true(inspect(&shell).closed);
   for (int64_t i = 0; i < shell.vertex_count; ++i) {
     const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1],
                          (double)shell.positions[3 * i + 2]};
     assert_true(fabs(made_distance(p)) < 0.08);
   }
-  pags_shell_destroy(&shell);
+  pags_proxy_mesh_destroy(&shell);
 }
 
 static void test_budgets(void **state) {
   (void)state;
   static const int64_t budgets[] = {5000, 2000, 500, 100, 40};
-  pags_shell shell = made_shell(0.08), simple;
+  pags_proxy_mesh shell = made_shell(0.08), simple;
   assert_true(shell.triangle_count > 5000);
   for (size_t i = 0; i < sizeof budgets / sizeof budgets[0]; ++i) {
-    assert_int_equal(pags_shell_simplify(&shell, budgets[i], &simple), PAGS_OK);
+    assert_int_equal(pags_proxy_mesh_simplify(&shell, budgets[i], &simple), PAGS_OK);
     assert_true(simple.triangle_count <= budgets[i]);
     assert_true(inspect(&simple).closed);
-    pags_shell_destroy(&simple);
+    pags_proxy_mesh_destroy(&simple);
   }
-  pags_shell_destroy(&shell);
+  pags_proxy_mesh_destroy(&shell);
 }
 
 /* Two tetrahedra that share an edge: four faces meet there, and a cut makes two closed parts of them. */
@@ -104,16 +104,16 @@ static void test_repair(void **state) {
   (void)state;
   static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}},
                      grey[3] = {0};
-  pags_shell s = {0};
+  pags_proxy_mesh s = {0};
   for (int i = 0; i < 6; ++i)
-    pags_shell_vertex(&s, points[i], grey, 1);
+    pags_proxy_mesh_vertex(&s, points[i], grey, 1);
   static const uint32_t tetrahedra[2][4] = {{0, 1, 2, 3}, {0, 1, 4, 5}};
   for (int t = 0; t < 2; ++t) { /* outward, given that 0 1 2 3 runs so that the volume is positive */
     const uint32_t *v = tetrahedra[t];
-    pags_shell_triangle(&s, v[0], v[2], v[1]);
-    pags_shell_triangle(&s, v[0], v[1], v[3]);
-    pags_shell_triangle(&s, v[0], v[3], v[2]);
-    pags_shell_triangle(&s, v[1], v[2], v[3]);
+    pags_proxy_mesh_triangle(&s, v[0], v[2], v[1]);
+    pags_proxy_mesh_triangle(&s, v[0], v[1], v[3]);
+    pags_proxy_mesh_triangle(&s, v[0], v[3], v[2]);
+    pags_proxy_mesh_triangle(&s, v[1], v[2], v[3]);
   }
   double volume = inspect(&s).volume;
   if (volume < 0)
@@ -123,28 +123,28 @@ static void test_repair(void **state) {
       s.triangles[3 * i + 1] = v;
     }
   assert_int_equal(inspect(&s).crossed_edges, 1);
-  assert_int_equal(pags_shell_repair(&s), PAGS_OK);
+  assert_int_equal(pags_proxy_mesh_repair(&s), PAGS_OK);
   assert_true(inspect(&s).closed);
   assert_int_equal(s.vertex_count, 8);
   assert_near(inspect(&s).volume, fabs(volume), 1e-6);
-  pags_shell_destroy(&s);
+  pags_proxy_mesh_destroy(&s);
 }
 
-static void add_box(pags_shell *to, double side, double x, double z) {
+static void add_box(pags_proxy_mesh *to, double side, double x, double z) {
   const double size[3] = {side, side, side};
   const float grey[3] = {0};
   uint32_t first = (uint32_t)to->vertex_count;
-  pags_shell box;
-  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
+  pags_proxy_mesh box;
+  assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
   for (int64_t i = 0; i < box.vertex_count; ++i) {
     const float p[3] = {box.positions[3 * i] + (float)x, box.positions[3 * i + 1], box.positions[3 * i + 2] + (float)z};
-    pags_shell_vertex(to, p, grey, 0);
+    pags_proxy_mesh_vertex(to, p, grey, 0);
   }
   for (int64_t i = 0; i < box.triangle_count; ++i) {
     const uint32_t *t = box.triangles + 3 * i;
-    pags_shell_triangle(to, first + t[0], first + t[1], first + t[2]);
+    pags_proxy_mesh_triangle(to, first + t[0], first + t[1], first + t[2]);
   }
-  pags_shell_destroy(&box);
+  pags_proxy_mesh_destroy(&box);
 }
 
 /* A body, and five smaller parts: which of them are kept with it. */
@@ -152,86 +152,86 @@ static void test_parts(void **state) {
   (void)state;
   const double size[3] = {1.6, 1.2, 1.05};
   for (int annex = 0; annex < 2; ++annex) {
-    pags_shell s = {0};
+    pags_proxy_mesh s = {0};
     add_box(&s, 1, 0, 0);
     add_box(&s, 0.2, 0.65, 0);   /* a mirror, 0.05 from it */
     add_box(&s, 0.2, -0.75, 0);  /* 0.15 from it */
     add_box(&s, 0.2, 0, 0.65);   /* near, but beyond the box */
     add_box(&s, 0.02, -0.55, 0); /* a crumb, near */
     add_box(&s, 0.5, 0, 3);      /* large, anywhere */
-    assert_int_equal(pags_shell_keep_parts(&s, 0.1, 0.1, annex ? size : NULL), PAGS_OK);
+    assert_int_equal(pags_proxy_mesh_keep_parts(&s, 0.1, 0.1, annex ? size : NULL), PAGS_OK);
     assert_int_equal(s.vertex_count, annex ? 24 : 16);
     assert_near(inspect(&s).volume, 1 + 0.125 + (annex ? 0.008 : 0), 1e-5);
     double right = 0;
     for (int64_t i = 0; i < s.vertex_count; ++i)
       right = fmax(right, (double)s.positions[3 * i]);
     assert_near(right, annex ? 0.75 : 0.5, 1e-6);
-    pags_shell_destroy(&s);
+    pags_proxy_mesh_destroy(&s);
   }
 }
 
 static void test_hull(void **state) {
   (void)state;
-  pags_shell shell = made_shell(0.1), hull;
-  assert_int_equal(pags_shell_hull(&shell, 200, &hull), PAGS_OK);
+  pags_proxy_mesh shell = made_shell(0.1), hull;
+  assert_int_equal(pags_proxy_mesh_hull(&shell, 200, &hull), PAGS_OK);
   assert_true(hull.triangle_count <= 200);
   assert_true(inspect(&hull).closed);
   assert_true(inspect(&hull).volume > inspect(&shell).volume);
-  pags_shell_destroy(&hull);
+  pags_proxy_mesh_destroy(&hull);
   for (int64_t i = 0; i < shell.vertex_count; ++i)
     shell.positions[3 * i + 2] = 0;
-  assert_int_equal(pags_shell_hull(&shell, 200, &hull), PAGS_ERROR_ARGUMENT);
-  pags_shell_destroy(&shell);
+  assert_int_equal(pags_proxy_mesh_hull(&shell, 200, &hull), PAGS_ERROR_ARGUMENT);
+  pags_proxy_mesh_destroy(&shell);
 }
 
 /* Mean distance of one shell's vertices from another. */
-static double mean_off(const pags_shell *from, const pags_shell *to) {
-  pags_solid *solid;
+static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
+  pags_mesh_query *solid;
   double sum = 0;
-  assert_int_equal(pags_solid_of_shell(to, &solid), PAGS_OK);
+  assert_int_equal(pags_mesh_query_of_mesh(to, &solid), PAGS_OK);
   for (int64_t i = 0; i < from->vertex_count; ++i) {
     const double p[3] = {(double)from->positions[3 * i], (double)from->positions[3 * i + 1],
                          (double)from->positions[3 * i + 2]};
-    sum += pags_solid_distance(solid, p, NULL);
+    sum += pags_mesh_query_distance(solid, p, NULL);
   }
-  pags_solid_destroy(solid);
+  pags_mesh_query_destroy(solid);
   return sum / (double)from->vertex_count;
 }
 
 static void test_cage(void **state) {
   static const double sticks_out[3] = {0, 0.0135, 0.043}; /* fewer quads of the cage itself, the higher the level */
   (void)state;
-  pags_shell shell = made_shell(0.1), cage;
-  assert_int_equal(pags_shell_keep_parts(&shell, 0.9, 0, NULL), PAGS_OK);
+  pags_proxy_mesh shell = made_shell(0.1), cage;
+  assert_int_equal(pags_proxy_mesh_keep_parts(&shell, 0.9, 0, NULL), PAGS_OK);
   for (int level = 0; level <= 2; ++level) {
-    assert_int_equal(pags_shell_cage(&shell, level, 3000, &cage), PAGS_OK);
+    assert_int_equal(pags_proxy_mesh_cage(&shell, level, 3000, &cage), PAGS_OK);
     assert_true(cage.triangle_count <= 3000);
     assert_true(inspect(&cage).closed);
     if (level) { /* the cage itself lies outside of its surface */
       assert_true(mean_off(&cage, &shell) < 0.04);
       assert_true(mean_off(&shell, &cage) < sticks_out[level]);
     }
-    pags_shell_destroy(&cage);
+    pags_proxy_mesh_destroy(&cage);
   }
-  pags_shell_destroy(&shell);
+  pags_proxy_mesh_destroy(&shell);
 }
 
 static void test_nearest_point(void **state) {
   (void)state;
   const double size[3] = {2, 2, 2}, corner[3] = {3, 3, 3}, side[3] = {0.3, -5, 0.2};
   const float grey[3] = {0};
-  pags_shell box;
-  pags_solid *solid;
+  pags_proxy_mesh box;
+  pags_mesh_query *solid;
   double nearest[3];
-  assert_int_equal(pags_shell_box(size, grey, &box), PAGS_OK);
-  assert_int_equal(pags_solid_of_shell(&box, &solid), PAGS_OK);
-  assert_near(pags_solid_nearest(solid, corner, nearest), sqrt(12.0), 1e-6);
+  assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
+  assert_int_equal(pags_mesh_query_of_mesh(&box, &solid), PAGS_OK);
+  assert_near(pags_mesh_query_nearest(solid, corner, nearest), sqrt(12.0), 1e-6);
   assert_near(nearest[0], 1, 1e-6);
-  assert_near(pags_solid_nearest(solid, side, nearest), 4, 1e-6);
+  assert_near(pags_mesh_query_nearest(solid, side, nearest), 4, 1e-6);
   assert_near(nearest[0], 0.3, 1e-6);
   assert_near(nearest[1], -1, 1e-6);
-  pags_solid_destroy(solid);
-  pags_shell_destroy(&box);
+  pags_mesh_query_destroy(solid);
+  pags_proxy_mesh_destroy(&box);
 }
 
 /* ---- Turned harmonics ---- */
@@ -249,12 +249,12 @@ static void test_half_turns(void **state) {
   (void)state;
   static const int about_x[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
   double r[9], rest[15];
-  pags_sh_turn turn;
+  pags_sh_rotation turn;
   rotation_about(0, 3.14159265358979323846, r);
-  pags_sh_turn_make(r, &turn);
+  pags_sh_rotation_make(r, &turn);
   for (int k = 0; k < 15; ++k)
     rest[k] = k + 1;
-  pags_sh_turn_apply(&turn, 3, rest);
+  pags_sh_rotation_apply(&turn, 3, rest);
   for (int k = 0; k < 15; ++k)
     assert_near(rest[k], about_x[k] * (k + 1), 1e-9);
 }
@@ -263,21 +263,21 @@ static void test_half_turns(void **state) {
 static void test_turns_compose(void **state) {
   (void)state;
   double a[9], b[9], ab[9] = {0}, one[15], two[15];
-  pags_sh_turn turn_a, turn_b, turn_ab;
+  pags_sh_rotation turn_a, turn_b, turn_ab;
   rotation_about(2, 0.7, a);
   rotation_about(1, -1.9, b);
   for (int i = 0; i < 9; ++i)
     for (int k = 0; k < 3; ++k)
       ab[i] += a[i / 3 * 3 + k] * b[3 * k + i % 3];
-  pags_sh_turn_make(a, &turn_a);
-  pags_sh_turn_make(b, &turn_b);
-  pags_sh_turn_make(ab, &turn_ab);
+  pags_sh_rotation_make(a, &turn_a);
+  pags_sh_rotation_make(b, &turn_b);
+  pags_sh_rotation_make(ab, &turn_ab);
   for (int k = 0; k < 15; ++k)
     one[k] = two[k] = sin(k + 1.0);
   const double vector[3] = {-one[2], -one[0], one[1]};
-  pags_sh_turn_apply(&turn_b, 3, one);
-  pags_sh_turn_apply(&turn_a, 3, one);
-  pags_sh_turn_apply(&turn_ab, 3, two);
+  pags_sh_rotation_apply(&turn_b, 3, one);
+  pags_sh_rotation_apply(&turn_a, 3, one);
+  pags_sh_rotation_apply(&turn_ab, 3, two);
   for (int k = 0; k < 15; ++k)
     assert_near(one[k], two[k], 1e-9);
   const double turned[3] = {-two[2], -two[0], two[1]};

@@ -27,16 +27,16 @@ static double height(double x, double y) {
 }
 
 /* A point every 5 cm of 6 m by 6 m of road, off by 2 cm as a laser is, and at its edge a bush of 2 m. */
-static pags_candidates make_points(void) {
-  pags_candidates points = {0};
-  assert_int_equal(pags_candidates_reserve(&points, COUNT), PAGS_OK);
+static pags_lidar_points make_points(void) {
+  pags_lidar_points points = {0};
+  assert_int_equal(pags_lidar_points_reserve(&points, COUNT), PAGS_OK);
   for (int i = 0; i < PLANE; i++) {
     double x = 0.05 * (i % SIDE), y = 0.05 * (double)(i / SIDE);
-    points.rows[i] = (pags_candidate){.p = {(float)x, (float)y, (float)(height(x, y) + 0.02 * noise(i, 1))},
-                                      .owner = -1,
-                                      .parked = -1,
-                                      .source = -1,
-                                      .merged = 1};
+    points.rows[i] = (pags_lidar_point){.p = {(float)x, (float)y, (float)(height(x, y) + 0.02 * noise(i, 1))},
+                                        .owner = -1,
+                                        .parked = -1,
+                                        .source = -1,
+                                        .merged = 1};
   }
   for (int i = PLANE; i < COUNT; i++) {
     points.rows[i] = points.rows[0];
@@ -74,12 +74,12 @@ static void they_come_halfway(void **unused) {
   for (int i = 0; i < 6; i++)
     if (i != 4)
       means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + off[i]);
-  pags_candidates points = make_points();
-  pags_facets facets;
+  pags_lidar_points points = make_points();
+  pags_lidar_planes facets;
   pags_tasks *tasks = pags_tasks_create(2);
-  assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+  assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
   pags_gaussians g = make_gaussians(6, (const float(*)[3])means);
-  assert_true(pags_facets_draw(&facets, &g, 0.5, tasks));
+  assert_true(pags_lidar_planes_pull(&facets, &g, 0.5, tasks));
   for (int i = 0; i < 3; i++)
     assert_true(fabs(above(&g, i) - halfway[i]) <
                 0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
@@ -88,26 +88,26 @@ static void they_come_halfway(void **unused) {
   for (int k = 0; k < 3; k++)
     assert_true(pags_plane(&g, PAGS_MEAN + k)[4] == bush[k]);
   pags_gaussians_destroy(&g);
-  pags_facets_destroy(&facets);
-  pags_candidates_destroy(&points);
+  pags_lidar_planes_destroy(&facets);
+  pags_lidar_points_destroy(&points);
   pags_tasks_destroy(tasks);
 }
 
 /* Points of moving and of parked things are no part of the background's surface. */
 static void objects_have_no_facets(void **unused) {
   (void)unused;
-  pags_candidates points = make_points();
-  pags_facets facets;
+  pags_lidar_points points = make_points();
+  pags_lidar_planes facets;
   for (int parked = 0; parked < 2; parked++) {
     for (int i = 0; i < COUNT; i++) {
       points.rows[i].owner = parked ? -1 : 0;
       points.rows[i].parked = parked ? 0 : -1;
     }
-    assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+    assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
     assert_int_equal(facets.count, 0);
-    pags_facets_destroy(&facets);
+    pags_lidar_planes_destroy(&facets);
   }
-  pags_candidates_destroy(&points);
+  pags_lidar_points_destroy(&points);
 }
 
 static void threads_change_no_bit(void **unused) {
@@ -120,22 +120,22 @@ static void threads_change_no_bit(void **unused) {
       means[i][k] = (float)(6.0 * pags_rng_uniform(3, (uint64_t)k, (uint64_t)i));
     means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + 0.1 * noise(i, 2));
   }
-  pags_candidates points = make_points();
-  pags_facets facets;
-  assert_int_equal(pags_facets_fit(&points, &facets), PAGS_OK);
+  pags_lidar_points points = make_points();
+  pags_lidar_planes facets;
+  assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
   pags_gaussians one = make_gaussians(MANY, (const float(*)[3])means),
                  four = make_gaussians(MANY, (const float(*)[3])means);
   for (int threads = 1; threads <= 4; threads += 3) {
     pags_tasks *tasks = pags_tasks_create(threads);
-    assert_true(pags_facets_draw(&facets, threads == 1 ? &one : &four, 0.5, tasks));
+    assert_true(pags_lidar_planes_pull(&facets, threads == 1 ? &one : &four, 0.5, tasks));
     pags_tasks_destroy(tasks);
   }
   for (int k = 0; k < 3; k++)
     assert_memory_equal(pags_plane(&one, PAGS_MEAN + k), pags_plane(&four, PAGS_MEAN + k), MANY * sizeof(float));
   pags_gaussians_destroy(&one);
   pags_gaussians_destroy(&four);
-  pags_facets_destroy(&facets);
-  pags_candidates_destroy(&points);
+  pags_lidar_planes_destroy(&facets);
+  pags_lidar_points_destroy(&points);
   free(means);
 }
 

@@ -11,22 +11,22 @@
 
 static const double size[3] = {4, 2, 1.5}, step = 0.1;
 
-static pags_grid grid_of(double spacing) {
-  pags_grid grid;
+static pags_tsdf grid_of(double spacing) {
+  pags_tsdf grid;
   double lo[3], hi[3];
   for (int k = 0; k < 3; ++k) { /* even about the middle, 0.2 m beyond the box */
     hi[k] = 0.5 * size[k] + 0.2;
     lo[k] = -hi[k];
   }
-  assert_int_equal(pags_grid_create(&grid, lo, hi, spacing, 0), PAGS_OK);
+  assert_int_equal(pags_tsdf_create(&grid, lo, hi, spacing, 0), PAGS_OK);
   return grid;
 }
 
-static pags_grid empty_grid(void) {
+static pags_tsdf empty_grid(void) {
   return grid_of(step);
 }
 
-static int64_t index_of(const pags_grid *g, double x, double y, double z) {
+static int64_t index_of(const pags_tsdf *g, double x, double y, double z) {
   const double p[3] = {x, y, z};
   int64_t at[3];
   for (int k = 0; k < 3; ++k)
@@ -35,7 +35,7 @@ static int64_t index_of(const pags_grid *g, double x, double y, double z) {
 }
 
 /* Every point within lo..hi. */
-static void say(pags_grid *g, const double lo[3], const double hi[3], float distance, float weight) {
+static void say(pags_tsdf *g, const double lo[3], const double hi[3], float distance, float weight) {
   for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i) {
     const int64_t at[3] = {i % g->n[0], i / g->n[0] % g->n[1], i / g->n[0] / g->n[1]};
     int within = 1;
@@ -52,21 +52,21 @@ static void say(pags_grid *g, const double lo[3], const double hi[3], float dist
 
 static const double all_lo[3] = {-9, -9, -9}, all_hi[3] = {9, 9, 9};
 
-static pags_form form_of(float distance, float weight, int64_t object) {
-  pags_form form;
-  pags_grid grid = empty_grid();
+static pags_shape_prior form_of(float distance, float weight, int64_t object) {
+  pags_shape_prior form;
+  pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, distance, weight);
-  assert_int_equal(pags_form_take(&grid, size, object, &form), PAGS_OK);
-  pags_grid_destroy(&grid);
+  assert_int_equal(pags_shape_prior_take(&grid, size, object, &form), PAGS_OK);
+  pags_tsdf_destroy(&grid);
   return form;
 }
 
-static double middle_of(const pags_form *form, double *known) {
-  pags_grid grid = empty_grid();
+static double middle_of(const pags_shape_prior *form, double *known) {
+  pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, 0, 1e-6f); /* next to nothing, as of a view far off */
-  assert_int_equal(pags_form_complete(&grid, size, 0, form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 0, form, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
-  pags_grid_destroy(&grid);
+  pags_tsdf_destroy(&grid);
   *known = 0;
   for (int i = 0; i < 1000; ++i)
     *known = fmax(*known, (double)form->known[i]);
@@ -76,26 +76,26 @@ static double middle_of(const pags_form *form, double *known) {
 /* What was seen twenty times as well counts twenty times. */
 static void test_the_well_seen_count(void **state) {
   (void)state;
-  pags_form forms[2] = {form_of(0.2f, 4, 1), form_of(-0.2f, 0.2f, 2)}, blended;
+  pags_shape_prior forms[2] = {form_of(0.2f, 4, 1), form_of(-0.2f, 0.2f, 2)}, blended;
   double known, expected = 0.2 * (1 - 0.05) / (1 + 0.05);
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
   assert_true(fabs(middle_of(&blended, &known) - expected) < 0.002);
   assert_true(known == 1);
-  pags_form_destroy(&blended);
-  assert_int_equal(pags_form_blend(forms, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
+  pags_shape_prior_destroy(&blended);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
   middle_of(&blended, &known);
   assert_true(known == 0);
-  pags_form_destroy(&blended);
-  pags_form_destroy(&forms[0]);
-  pags_form_destroy(&forms[1]);
+  pags_shape_prior_destroy(&blended);
+  pags_shape_prior_destroy(&forms[0]);
+  pags_shape_prior_destroy(&forms[1]);
 }
 
 /* Points along a side. */
-static pags_cloud side_cloud(void) {
-  pags_cloud cloud = {0};
+static pags_lidar_fit side_cloud(void) {
+  pags_lidar_fit cloud = {0};
   for (int i = 0; i < 40; ++i) {
     const double p[3] = {-1.5 + 0.075 * i, 0.9, 0.2};
-    assert_int_equal(pags_cloud_add(&cloud, p), PAGS_OK);
+    assert_int_equal(pags_lidar_fit_add(&cloud, p), PAGS_OK);
   }
   return cloud;
 }
@@ -103,33 +103,33 @@ static pags_cloud side_cloud(void) {
 /* A form on whose surface the points lie, one that is 0.2 m off, and one that fits, too, but knows next to nothing. */
 static void test_the_laser_chooses(void **state) {
   (void)state;
-  pags_form forms[3] = {form_of(0, 4, 1), form_of(0.2f, 4, 2), form_of(0, 0.02f, 4)}, blended;
-  pags_cloud cloud = side_cloud();
+  pags_shape_prior forms[3] = {form_of(0, 4, 1), form_of(0.2f, 4, 2), form_of(0, 0.02f, 4)}, blended;
+  pags_lidar_fit cloud = side_cloud();
   double known;
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
   assert_true(fabs((double)blended.distance[0] - 0.1) < 1e-6);
-  pags_form_destroy(&blended);
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  pags_shape_prior_destroy(&blended);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true(blended.distance[0] > 0 &&
               (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
   middle_of(&blended, &known);
   assert_true(known == 1);
-  pags_form_destroy(&blended);
-  assert_int_equal(pags_form_blend(forms + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
+  pags_shape_prior_destroy(&blended);
+  assert_int_equal(pags_shape_prior_blend(forms + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[0] > 0.15); /* what the worse one knows better stays known */
   middle_of(&blended, &known);
   assert_true(known == 1);
-  pags_form_destroy(&blended);
+  pags_shape_prior_destroy(&blended);
   for (int k = 0; k < 3; ++k) /* as a smaller car's the form is stretched: the points are in it, just */
     forms[0].size[k] *= 0.95;
   for (int64_t i = 0; i < cloud.count; ++i)
     cloud.points[3 * i] = (float)(0.53 * size[0]);
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[0] < 0.02);
-  pags_form_destroy(&blended);
+  pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; ++i)
-    pags_form_destroy(&forms[i]);
-  pags_cloud_destroy(&cloud);
+    pags_shape_prior_destroy(&forms[i]);
+  pags_lidar_fit_destroy(&cloud);
 }
 
 /* A form that fits the fifth or so of the points that it knows of doesn't win by that from one that is 0.04 m off all
@@ -137,36 +137,36 @@ static void test_the_laser_chooses(void **state) {
 static void test_knowing_little_does_not_win(void **state) {
   (void)state;
   static const double lo[3] = {1, -9, -9};
-  pags_form forms[3] = {form_of(0.04f, 4, 1)}, blended;
-  pags_grid grid = empty_grid();
-  pags_cloud cloud = side_cloud();
+  pags_shape_prior forms[3] = {form_of(0.04f, 4, 1)}, blended;
+  pags_tsdf grid = empty_grid();
+  pags_lidar_fit cloud = side_cloud();
   say(&grid, lo, all_hi, 0, 4);
-  assert_int_equal(pags_form_take(&grid, size, 2, &forms[1]), PAGS_OK);
-  assert_int_equal(pags_form_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_take(&grid, size, 2, &forms[1]), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
   int both = 0;
   while (both < 1000 && !(forms[1].known[both] > 0))
     ++both;
   assert_true((double)blended.distance[both] > 0.04 / 3 && (double)blended.distance[both] < 0.02);
-  pags_form_destroy(&blended);
+  pags_shape_prior_destroy(&blended);
   forms[2] = form_of(-0.2f, 4, 4);
-  assert_int_equal(pags_form_blend(forms, 3, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(forms, 3, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[both] < 0.028); /* 0.032 if it counted 0.03 */
-  pags_form_destroy(&blended);
+  pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; ++i)
-    pags_form_destroy(&forms[i]);
-  pags_grid_destroy(&grid);
-  pags_cloud_destroy(&cloud);
+    pags_shape_prior_destroy(&forms[i]);
+  pags_tsdf_destroy(&grid);
+  pags_lidar_fit_destroy(&cloud);
 }
 
 /* A level surface at z = 0 that many views saw, and points that say 0.06 m. */
 static void test_the_laser_is_held_to(void **state) {
   (void)state;
-  pags_cloud cloud = {0};
-  pags_grid grid = empty_grid();
+  pags_lidar_fit cloud = {0};
+  pags_tsdf grid = empty_grid();
   for (int i = -4; i <= 4; ++i)
     for (int j = -4; j <= 4; ++j) {
       const double p[3] = {0.1 * i, 0.1 * j, 0.06};
-      assert_int_equal(pags_cloud_add(&cloud, p), PAGS_OK);
+      assert_int_equal(pags_lidar_fit_add(&cloud, p), PAGS_OK);
     }
   for (int held = 0; held < 2; ++held) {
     for (int z = 0; z < grid.n[2]; ++z) {
@@ -174,12 +174,12 @@ static void test_the_laser_is_held_to(void **state) {
       const double lo[3] = {-9, -9, height}, hi[3] = {9, 9, height};
       say(&grid, lo, hi, (float)height, 20);
     }
-    assert_int_equal(pags_form_complete(&grid, size, 0, NULL, held ? &cloud : NULL), PAGS_OK);
+    assert_int_equal(pags_shape_prior_complete(&grid, size, 0, NULL, held ? &cloud : NULL), PAGS_OK);
     assert_true(fabs((double)grid.distance[index_of(&grid, 0, 0, 0.05)] - (held ? -0.01 : 0.05)) < 0.002);
     assert_true(grid.distance[index_of(&grid, 0, 0, -0.95)] > 0); /* the border stays outside */
   }
-  pags_grid_destroy(&grid);
-  pags_cloud_destroy(&cloud);
+  pags_tsdf_destroy(&grid);
+  pags_lidar_fit_destroy(&cloud);
 }
 
 /* Sides up to a roof, seen; between them what a form says is free, `weight` views having looked. Distance in the
@@ -187,18 +187,18 @@ static void test_the_laser_is_held_to(void **state) {
 static double between_sides(int vehicle, float weight) {
   static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8},
                       right_hi[3] = {1, -0.6, 0.5};
-  pags_form form = form_of(0.3f, 8, 1);
-  pags_grid grid = empty_grid();
+  pags_shape_prior form = form_of(0.3f, 8, 1);
+  pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, weight);
   say(&grid, left_lo, left_hi, -0.1f, 12);
   say(&grid, right_lo, right_hi, -0.1f, 12);
-  assert_int_equal(pags_form_complete(&grid, size, vehicle, &form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, &form, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0.1)];
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0);   /* over the roof */
   assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* where there are no sides */
   assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0);  /* under it */
-  pags_grid_destroy(&grid);
-  pags_form_destroy(&form);
+  pags_tsdf_destroy(&grid);
+  pags_shape_prior_destroy(&form);
   return distance;
 }
 
@@ -214,14 +214,14 @@ static void test_sides_are_within_the_mirrors(void **state) {
   (void)state;
   static const double left_lo[3] = {-1, 0.9, -0.3}, left_hi[3] = {1, 1.1, 0.5}, right_lo[3] = {-1, -1.1, -0.3},
                       right_hi[3] = {1, -0.9, 0.5};
-  pags_grid grid = empty_grid();
+  pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, 0.1f);
   say(&grid, left_lo, left_hi, -0.1f, 12);
   say(&grid, right_lo, right_hi, -0.1f, 12);
-  assert_int_equal(pags_form_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.1)] > 0);
   assert_true(grid.distance[index_of(&grid, 0, 1, 0.1)] < 0);
-  pags_grid_destroy(&grid);
+  pags_tsdf_destroy(&grid);
 }
 
 /* Of a vehicle seen free below its body but for what is solid for `length` metres about x, at the left side and down to
@@ -229,13 +229,13 @@ static void test_sides_are_within_the_mirrors(void **state) {
 static double below_wheel_at(double x, double length, int vehicle, double along, double inwards, double height) {
   const double lo[3] = {x - 0.5 * length, 0.9, -0.65}, hi[3] = {x + 0.5 * length, 0.98, -0.5};
   const double body_lo[3] = {-1.9, -0.98, -0.5}, body_hi[3] = {1.9, 0.98, 0.6};
-  pags_grid grid = grid_of(0.04);
+  pags_tsdf grid = grid_of(0.04);
   say(&grid, all_lo, all_hi, 0.12f, 20);
   say(&grid, body_lo, body_hi, -0.12f, 20);
   say(&grid, lo, hi, -0.12f, 20);
-  assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, x + along, 0.98 - inwards, height - 0.75)];
-  pags_grid_destroy(&grid);
+  pags_tsdf_destroy(&grid);
   return distance;
 }
 
@@ -262,14 +262,14 @@ static void test_wheels_stand_on_the_ground(void **state) {
 static void test_vehicles_end_at_the_ground(void **state) {
   (void)state;
   for (int vehicle = 0; vehicle < 2; ++vehicle) {
-    pags_grid grid = grid_of(0.04);
+    pags_tsdf grid = grid_of(0.04);
     say(&grid, all_lo, all_hi, -0.12f, 20);
-    assert_int_equal(pags_form_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
+    assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
     int64_t below = index_of(&grid, 0, 0, -0.78);
     double z = grid.origin[2] + (double)(below / grid.n[0] / grid.n[1]) * grid.step,
            expected = vehicle ? -0.75 - z : -0.12;
     assert_true(fabs((double)grid.distance[below] - expected) < 1e-6);
-    pags_grid_destroy(&grid);
+    pags_tsdf_destroy(&grid);
   }
 }
 
@@ -277,19 +277,19 @@ static void test_vehicles_end_at_the_ground(void **state) {
  * not at all below. */
 static double roof_below(double free_from) {
   const double lo[3] = {-9, -9, free_from}, hi[3] = {9, 9, 9};
-  pags_grid seen = empty_grid(), grid = grid_of(0.04);
-  pags_form form;
+  pags_tsdf seen = empty_grid(), grid = grid_of(0.04);
+  pags_shape_prior form;
   say(&seen, lo, hi, 0.4f, 20); /* four steps: as far as can be */
-  assert_int_equal(pags_form_take(&seen, size, 1, &form), PAGS_OK);
-  assert_int_equal(pags_form_complete(&grid, size, 1, &form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_take(&seen, size, 1, &form), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 1, &form, NULL), PAGS_OK);
   int64_t layer = (int64_t)grid.n[0] * grid.n[1], at = index_of(&grid, 0, 0, 0);
   double height = grid.origin[2] + (double)(at / layer) * 0.04;
   for (; grid.distance[at + layer] < 0; at += layer)
     height += 0.04;
   double below = (double)grid.distance[at], above = (double)grid.distance[at + layer];
-  pags_form_destroy(&form);
-  pags_grid_destroy(&seen);
-  pags_grid_destroy(&grid);
+  pags_shape_prior_destroy(&form);
+  pags_tsdf_destroy(&seen);
+  pags_tsdf_destroy(&grid);
   return height + 0.04 * below / (below - above);
 }
 
@@ -304,11 +304,11 @@ static void test_roofs_are_half_way(void **state) {
 /* Of what nobody saw, a vehicle's body begins 0.2 m over its box's lower face. */
 static void test_air_under_vehicles(void **state) {
   (void)state;
-  pags_grid grid = grid_of(0.04);
-  assert_int_equal(pags_form_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
+  pags_tsdf grid = grid_of(0.04);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 1, NULL, NULL), PAGS_OK);
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.24 - 0.75)] < 0);
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.16 - 0.75)] > 0);
-  pags_grid_destroy(&grid);
+  pags_tsdf_destroy(&grid);
 }
 
 int main(void) {

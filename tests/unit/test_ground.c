@@ -16,9 +16,9 @@ enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 static const double eye = 1.6; /* metres above the road */
 
 /* Straight down from `eye` above the origin: x right, y away, the road at z = 0. */
-static void look_down(pags_sight *sight, float depth[WIDE * WIDE]) {
+static void look_down(pags_depth_view *sight, float depth[WIDE * WIDE]) {
   const double pose[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, eye};
-  *sight = (pags_sight){.depth = depth};
+  *sight = (pags_depth_view){.depth = depth};
   sight->camera.width = sight->camera.height = WIDE;
   sight->camera.fx = sight->camera.fy = WIDE / 2;
   sight->camera.cx = sight->camera.cy = WIDE / 2;
@@ -28,14 +28,14 @@ static void look_down(pags_sight *sight, float depth[WIDE * WIDE]) {
     depth[i] = (float)eye;
 }
 
-static pags_laser no_points(void) {
-  pags_laser laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
+static pags_lidar no_points(void) {
+  pags_lidar laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
   assert_non_null(laser.points);
   return laser;
 }
 
 /* Points every 5 cm of a rectangle, all as high as `z`. */
-static void measure(pags_laser *laser, double x0, double x1, double y0, double y1, double z) {
+static void measure(pags_lidar *laser, double x0, double x1, double y0, double y1, double z) {
   int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
   for (int j = 0; j <= ny; ++j)
     for (int i = 0; i <= nx; ++i) {
@@ -48,16 +48,16 @@ static void measure(pags_laser *laser, double x0, double x1, double y0, double y
 }
 
 /* Points of a wall along x, every 5 cm from the road up. */
-static void measure_wall(pags_laser *laser, double x0, double x1, double y, double top) {
+static void measure_wall(pags_lidar *laser, double x0, double x1, double y, double top) {
   for (double z = 0; z < top; z += 0.05)
     measure(laser, x0, x1, y, y, z);
 }
 
 /* The camera takes the road to be `lift` above where it is. */
-static void find_seen(const pags_laser *laser, double lift, pags_ground *out) {
+static void find_seen(const pags_lidar *laser, double lift, pags_ground *out) {
   float depth[WIDE * WIDE];
   double path[3 * STEPS];
-  pags_sight sight;
+  pags_depth_view sight;
   look_down(&sight, depth);
   for (int i = 0; i < WIDE * WIDE; ++i)
     depth[i] -= (float)lift;
@@ -66,11 +66,11 @@ static void find_seen(const pags_laser *laser, double lift, pags_ground *out) {
     path[3 * i + 1] = 0;
     path[3 * i + 2] = eye;
   }
-  const pags_sights sights = {.count = 1, .list = &sight};
+  const pags_depth_views sights = {.count = 1, .list = &sight};
   assert_int_equal(pags_ground_find(&sights, laser, path, STEPS, 10, out), PAGS_OK);
 }
 
-static void find(const pags_laser *laser, pags_ground *out) {
+static void find(const pags_lidar *laser, pags_ground *out) {
   find_seen(laser, 0, out);
 }
 
@@ -83,7 +83,7 @@ static double height(const pags_ground *ground, double x, double y) {
 /* A laser's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
 static void rings_are_leapt_over(void **state) {
   (void)state;
-  pags_laser laser = no_points();
+  pags_lidar laser = no_points();
   pags_ground ground;
   measure(&laser, -3, 3, -3, 3, 0);
   measure(&laser, -3, 3, 4, 5, -0.12); /* a pavement's dip */
@@ -101,7 +101,7 @@ static void rings_are_leapt_over(void **state) {
 /* Where the laser meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
 static void walls_are_not_climbed(void **state) {
   (void)state;
-  pags_laser laser = no_points();
+  pags_lidar laser = no_points();
   pags_ground ground;
   measure(&laser, -3, 3, -3, 4, 0);
   for (int i = 0; i < 6; ++i)
@@ -116,7 +116,7 @@ static void walls_are_not_climbed(void **state) {
 /* Between the laser's rings the ground goes on as they say, though pixels there say 5 cm more. */
 static void the_laser_outweighs_pixels(void **state) {
   (void)state;
-  pags_laser laser = no_points();
+  pags_lidar laser = no_points();
   pags_ground ground;
   for (int i = -3; i <= 3; ++i)
     measure(&laser, -3, 3, i - 0.1, i + 0.1, 0);
@@ -134,14 +134,14 @@ static void the_budget_is_used(void **state) {
   enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
   pags_ground ground = {
       .step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
-  pags_shell shell;
+  pags_proxy_mesh shell;
   assert_true(ground.z && ground.known);
   for (int i = 0; i < SIDE * SIDE; ++i) {
     ground.known[i] = 1;
     ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) +
                   0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
   }
-  assert_int_equal(pags_ground_shell(&ground, BUDGET, &shell), PAGS_OK);
+  assert_int_equal(pags_ground_mesh(&ground, BUDGET, &shell), PAGS_OK);
   assert_in_range(shell.triangle_count, BUDGET * 3 / 4, BUDGET);
   for (int64_t i = 0; i < shell.triangle_count; ++i) {
     const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i],
@@ -151,14 +151,14 @@ static void the_budget_is_used(void **state) {
   }
   for (int64_t i = 0; i < shell.vertex_count; ++i)
     assert_true(shell.positions[3 * i + 2] < 0.001f || shell.positions[3 * i + 2] >= 0.13f);
-  pags_shell_destroy(&shell);
+  pags_proxy_mesh_destroy(&shell);
   pags_ground_destroy(&ground);
 }
 
 /* Without a laser the camera's pixels alone, and around them as high as they are. */
 static void pixels_are_enough(void **state) {
   (void)state;
-  const pags_laser none = {0};
+  const pags_lidar none = {0};
   pags_ground ground;
   find(&none, &ground);
   assert_true(fabs(height(&ground, 0.5, 0.5)) < 1e-4);
@@ -169,8 +169,8 @@ static void pixels_are_enough(void **state) {
 /* Nothing level below the cameras: no ground, and no error. */
 static void no_ground_is_none(void **state) {
   (void)state;
-  const pags_laser none = {0};
-  const pags_sights nothing = {0};
+  const pags_lidar none = {0};
+  const pags_depth_views nothing = {0};
   const double path[3] = {0, 0, eye};
   pags_ground ground;
   double z;

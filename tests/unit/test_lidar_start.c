@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "unit/driving_stub.h"
 #include "init/driving_points.h"
+#include "unit/driving_stub.h"
 
 static pags_start make(int lidar, int threads) {
   pags_dataset *d = stub_open();

@@ -87,13 +87,13 @@ static void emphasise(pair *p) {
       p->emphasis[(int64_t)y * p->stride + x] = x + y / 3 < 2 * p->width / 3;
 }
 
-static pags_result evaluate(pair *p, pags_tasks *tasks, double weight, pags_loss *out) {
+static pags_result evaluate(pair *p, pags_tasks *tasks, double weight, pags_photometric_loss *out) {
   float *gradient[3];
   for (int c = 0; c < 3; c++)
     gradient[c] = p->gradient + (int64_t)c * p->height * p->stride;
   pags_comparison how = {.ssim_weight = weight, .emphasis = p->emphasis, .times = p->emphasis ? times : 1.0};
   memcpy(how.exposure, p->exposure, sizeof how.exposure);
-  return pags_loss_evaluate(tasks, &p->picture, &p->photo, &how, gradient, out);
+  return pags_photometric_loss_evaluate(tasks, &p->picture, &p->photo, &how, gradient, out);
 }
 
 /* ------------------------------------------------------------------------------------------------ plain evaluation */
@@ -155,9 +155,9 @@ static plain_sums plain_ssim(const double *x, const double *y, const double *use
 }
 
 /* The whole loss; `gradient` has 3 * width * height values. */
-static pags_loss plain_loss(const pair *p, double weight, double *gradient) {
+static pags_photometric_loss plain_loss(const pair *p, double weight, double *gradient) {
   const int n = p->width * p->height;
-  pags_loss out = {0};
+  pags_photometric_loss out = {0};
   double *x = calloc((size_t)(3 * n), sizeof *x), *y = x + n, *ssim = x + 2 * n;
   double *use = calloc((size_t)n, sizeof *use), l1 = 0.0, all = 0.0, weighted = 0.0;
   for (int i = 0; i < n; i++) {
@@ -220,8 +220,8 @@ static void check_against_plain(int width, int height, int masked, int emphasise
   if (emphasised)
     emphasise(&p);
   double *expected = calloc((size_t)(3 * width * height), sizeof *expected);
-  const pags_loss plain = plain_loss(&p, weight, expected);
-  pags_loss loss = {0};
+  const pags_photometric_loss plain = plain_loss(&p, weight, expected);
+  pags_photometric_loss loss = {0};
   assert_int_equal(evaluate(&p, tasks, weight, &loss), PAGS_OK);
   assert_int_equal(loss.counted, plain.counted);
   assert_near(loss.l1, plain.l1, 1e-6);
@@ -297,7 +297,7 @@ static void test_exposure(void **state) {
   const int64_t plane = (int64_t)p.stride * p.height, count = 3 * plane;
   float *gradient = malloc((size_t)count * sizeof *gradient), *picture = malloc((size_t)count * sizeof *picture);
   pags_tasks *tasks = pags_tasks_create(2);
-  pags_loss exposed, written;
+  pags_photometric_loss exposed, written;
   double by[6] = {0.0};
   memcpy(p.exposure, value, sizeof value);
   assert_int_equal(evaluate(&p, tasks, 0.2, &exposed), PAGS_OK);
@@ -318,7 +318,7 @@ static void test_exposure(void **state) {
   memcpy(p.planes, picture, (size_t)count * sizeof *picture);
   for (int k = 0; k < 6; k++) {
     const double step = 1e-3; /* many signs of x - y change within it, each by little */
-    pags_loss above, below;
+    pags_photometric_loss above, below;
     assert_near(exposed.by_exposure[k], by[k], 1e-6);
     memcpy(p.exposure, value, sizeof value);
     p.exposure[k] = value[k] + step;
@@ -339,7 +339,7 @@ static void test_threads(void **state) {
   emphasise(&p);
   const size_t bytes = (size_t)(3 * p.stride * p.height) * sizeof(float);
   float *first = malloc(bytes);
-  pags_loss loss, first_loss = {0};
+  pags_photometric_loss loss, first_loss = {0};
   for (int threads = 1; threads <= 4; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);
     memset(&loss, 0, sizeof loss);
@@ -363,7 +363,7 @@ static void test_unseen_pixels(void **state) {
   const size_t count = (size_t)(3 * p.stride * p.height);
   float *first = malloc(count * sizeof *first);
   pags_tasks *tasks = pags_tasks_create(1);
-  pags_loss before = {0}, after = {0};
+  pags_photometric_loss before = {0}, after = {0};
   assert_int_equal(evaluate(&p, tasks, 0.2, &before), PAGS_OK);
   memcpy(first, p.gradient, count * sizeof *first);
   for (size_t i = 0; i < count; i++)
@@ -388,7 +388,7 @@ static void test_huge_colours(void **state) {
   (void)state;
   pair p = make_pair(64, 40, 8, 0);
   pags_tasks *tasks = pags_tasks_create(1);
-  pags_loss loss = {0};
+  pags_photometric_loss loss = {0};
   for (int64_t i = 0; i < (int64_t)3 * p.stride * p.height; i++)
     p.planes[i] = 3e4f;
   assert_int_equal(evaluate(&p, tasks, 0.2, &loss), PAGS_OK);
@@ -403,7 +403,7 @@ static void test_sizes_must_agree(void **state) {
   (void)state;
   pair p = make_pair(64, 40, 8, 0);
   pags_tasks *tasks = pags_tasks_create(1);
-  pags_loss loss = {0};
+  pags_photometric_loss loss = {0};
   p.photo.height--;
   assert_int_equal(evaluate(&p, tasks, 0.2, &loss), PAGS_ERROR_ARGUMENT);
   free_pair(&p);

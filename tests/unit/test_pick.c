@@ -8,9 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <pags/packed.h>
 #include "base/rng.h"
 #include "base/text.h"
-#include <pags/packed.h>
 
 #include <cmocka.h>
 

@@ -177,13 +177,13 @@ static void test_subject(void **state) {
     double yaw = 0.3 * i - 0.5;
     cameras[i] = looking_from(1 - 5 * sin(yaw), 2 - 5 * cos(yaw), yaw);
   }
-  scratch_ok(pags_subject_distance(list, 4, &distance));
+  scratch_ok(pags_focus_distance(list, 4, &distance));
   assert_true(fabs(distance - 5) < 1e-9);
   for (int i = 0; i < 4; i++) /* side by side, looking the same way: 4 times their spread */
     cameras[i] = looking_from(i % 2 ? 1 : -1, 0, 0);
-  scratch_ok(pags_subject_distance(list, 4, &distance));
+  scratch_ok(pags_focus_distance(list, 4, &distance));
   assert_true(fabs(distance - 4) < 1e-9);
-  scratch_ok(pags_subject_distance(list, 1, &distance));
+  scratch_ok(pags_focus_distance(list, 1, &distance));
   assert_true(distance == 1);
   const double ahead[3] = {-1, 0, 2}, aside[3] = {2, 0, 2}, behind[3] = {-1, 0, -2};
   assert_true(pags_camera_sees(&cameras[0], ahead, 1));

@@ -16,10 +16,10 @@
 #include "train/exposure.h"
 #include "train/track_poses.h"
 
-static pags_tracks one_track(void) {
-  pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
+static pags_track_poses one_track(void) {
+  pags_track_poses t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
   t.objects[0] = (pags_object){.knot_count = 3, .knots = calloc(3, sizeof(pags_knot))};
-  t.moments[0] = calloc(3, sizeof(pags_moments));
+  t.moments[0] = calloc(3, sizeof(pags_adam6));
   t.objects[0].knots[1].frame = 4;
   t.objects[0].knots[2].frame = 8;
   return t;
@@ -49,10 +49,10 @@ static void poses_are_found(void **unused) {
   config.track_translation_rate = 0.01;
   config.track_rotation_rate = 0.004;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
-  pags_tracks tracks = one_track();
+  pags_track_poses tracks = one_track();
   for (int step = 1; step <= 1200; step++) {
     double g[6] = {0.0}, m[12], sign = step % 2 ? 1.0 : -1.0;
-    int64_t k = pags_tracks_knot(&tracks.objects[0], step % 2 ? 4 : 0);
+    int64_t k = pags_track_poses_knot(&tracks.objects[0], step % 2 ? 4 : 0);
     pags_increment_matrix((double[]){0, 0, 0.1 * sign}, (double[]){0.3 * sign, -0.2 * sign, 0.05 * sign}, m);
     for (int p = 0; p < 4; p++) {
       double target[3];
@@ -60,7 +60,7 @@ static void poses_are_found(void **unused) {
         target[i] = m[4 * i] * points[p][0] + m[4 * i + 1] * points[p][1] + m[4 * i + 2] * points[p][2] + m[4 * i + 3];
       gradient_of(&tracks.objects[0].knots[k], points[p], target, g);
     }
-    pags_tracks_update(&tracks, 0, k, g, &schedule, step);
+    pags_track_poses_update(&tracks, 0, k, g, &schedule, step);
   }
   const double turn[3] = {0, 0, 0.1}, way[3] = {0.3, -0.2, 0.05};
   pags_knot *knot = &tracks.objects[0].knots[1], *opposite = &tracks.objects[0].knots[0];
@@ -72,10 +72,10 @@ static void poses_are_found(void **unused) {
   }
   double bad[6] = {NAN};
   pags_knot kept = *knot;
-  pags_tracks_update(&tracks, 0, 1, bad, &schedule, 601);
+  pags_track_poses_update(&tracks, 0, 1, bad, &schedule, 601);
   assert_memory_equal(&kept, knot, sizeof kept);
-  assert_int_equal(pags_tracks_knot(&tracks.objects[0], 3), -1);
-  pags_tracks_destroy(&tracks);
+  assert_int_equal(pags_track_poses_knot(&tracks.objects[0], 3), -1);
+  pags_track_poses_destroy(&tracks);
 }
 
 /* A car that brakes in a bend, labelled with errors at each step: most of them go. A clean track stays, even one that
@@ -86,10 +86,10 @@ static void jitter_goes_and_motion_stays(void **unused) {
   for (int kind = 0; kind < 3; kind++) {
     const int noisy = kind == 1;
     const double swerve = kind == 2 ? 0.3 : 0.0;
-    pags_tracks t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
+    pags_track_poses t = {.count = 1, .objects = calloc(1, sizeof *t.objects), .moments = calloc(1, sizeof *t.moments)};
     double truth[KNOTS][3], before = 0.0, after = 0.0, yaw_before = 0.0, yaw_after = 0.0;
     t.objects[0] = (pags_object){.knot_count = KNOTS, .moving = 1, .knots = calloc(KNOTS, sizeof(pags_knot))};
-    t.moments[0] = calloc(KNOTS, sizeof(pags_moments));
+    t.moments[0] = calloc(KNOTS, sizeof(pags_adam6));
     for (int k = 0; k < KNOTS; k++) {
       double s = 0.1 * k, u[2], e[4];
       pags_rng_normal2(7, 1, (uint64_t)k, e);
@@ -122,7 +122,7 @@ static void jitter_goes_and_motion_stays(void **unused) {
     } else {
       assert_true(after < 0.01 && yaw_after < 1e-3); /* the least smoothing leaves a hundredth of the swerve */
     }
-    pags_tracks_destroy(&t);
+    pags_track_poses_destroy(&t);
   }
 }
 

@@ -267,16 +267,16 @@ static void fill_state(pags_train_state *s, pags_s_sem kind) {
 static void what_nothing_shows_keeps_its_priority(void **unused) {
   (void)unused;
   double seen[6] = {2, 0, 4, 0, 1, 1}, critical[6] = {1, 0, 0, 0, 1.0000000001, 0.25};
-  pags_scores scores = {.count = 6, .seen = seen, .critical = critical};
+  pags_score_pass scores = {.count = 6, .seen = seen, .critical = critical};
   pags_train_state s;
   fill_state(&s, PAGS_S_SEM_PASS);
-  pags_scores_write_s_sem(&s, &scores);
+  pags_score_pass_write_s_sem(&s, &scores);
   const float want[6] = {0.5f, 0.125f, 0.0f, 0.125f, 1.0f, 0.25f};
   assert_memory_equal(s.models[0].gaussians.s_sem, want, 3 * sizeof *want);
   assert_memory_equal(s.models[1].gaussians.s_sem, want + 3, 3 * sizeof *want);
   pags_state_destroy(&s);
   fill_state(&s, PAGS_S_SEM_INIT);
-  pags_scores_write_s_sem(&s, &scores);
+  pags_score_pass_write_s_sem(&s, &scores);
   for (int i = 0; i < 3; i++)
     assert_true(s.models[0].gaussians.s_sem[i] == 0.125f);
   pags_state_destroy(&s);

@@ -4,8 +4,8 @@
 #include <stdarg.h>
 #include <string.h>
 
-#include "base/bytes.h"
 #include <pags/scene.h>
+#include "base/bytes.h"
 #include "scratch_folder.h"
 #include "shared_data.h"
 #include "splat_files.h"

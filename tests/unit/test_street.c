@@ -138,8 +138,8 @@ static void test_files(void **state) {
 #pragma GCC diagnostic pop
         assert_true(pags_file_exists(file_of("street", "%s", name)));
       }
-  pags_path path = {0};
-  assert_int_equal(pags_path_load(file_of("street", "truth/shift/right2/path.json"), &path), PAGS_OK);
+  pags_camera_path path = {0};
+  assert_int_equal(pags_camera_path_load(file_of("street", "truth/shift/right2/path.json"), &path), PAGS_OK);
   assert_int_equal(path.count, 1); /* frame 4 */
   const pags_camera front = read_camera("street", 4, 0);
   double aside[3], to[12];
@@ -151,7 +151,7 @@ static void test_files(void **state) {
   }
   assert_true(fabs(aside[0] - 2.0) < 1e-6 && fabs(aside[1]) < 1e-6 && fabs(aside[2]) < 1e-6);
   assert_true(fabs(path.cameras[0].time - 0.4) < 1e-9);
-  pags_path_destroy(&path);
+  pags_camera_path_destroy(&path);
 }
 
 /* FNV-1a over names and contents of a folder, in the order of names. */

@@ -112,8 +112,8 @@ static void check_term(pixel_term *term, double (*pixel)(uint8_t, double), uint6
 static void test_differences(void **state) {
   (void)state;
   for (int k = 0; k < 6; k++) {
-    check_term(pags_term_sky, sky_pixel, 10 + (uint64_t)k, k & 1);
-    check_term(pags_term_objects, objects_pixel, 20 + (uint64_t)k, k & 1);
+    check_term(pags_driving_loss_sky, sky_pixel, 10 + (uint64_t)k, k & 1);
+    check_term(pags_driving_loss_objects, objects_pixel, 20 + (uint64_t)k, k & 1);
   }
 }
 
@@ -138,21 +138,21 @@ static void expect(pixel_term *term, uint8_t labels, float t, double value, doub
 
 static void test_by_hand(void **state) {
   (void)state;
-  expect(pags_term_sky, PAGS_LABEL_SKY, 0.25f, log(4), -4);
-  expect(pags_term_sky, PAGS_LABEL_SKY | PAGS_LABEL_MOVING, 1.0f, 1e-6, 0);
-  expect(pags_term_sky, 0, 0.25f, log(4.0 / 3), 4.0 / 3);
-  expect(pags_term_sky, 0, 1.0f, log(1e6), 0);
-  expect(pags_term_sky, PAGS_LABEL_CRITICAL, 0.9999f, -log(1 - (double)0.9999f), 1 / (1 - (double)0.9999f));
-  expect(pags_term_objects, PAGS_LABEL_VEHICLE, 0.5f, log(2), 0);
-  expect(pags_term_objects, PAGS_LABEL_PEDESTRIAN, 0.75f, 0.75 * log(4.0 / 3) + 0.25 * log(4), log(1.0 / 3));
-  expect(pags_term_objects, PAGS_LABEL_CYCLIST, 0.25f, 0.75 * log(4.0 / 3) + 0.25 * log(4), log(3));
-  expect(pags_term_objects, PAGS_LABEL_PARKED | PAGS_LABEL_MOVING | PAGS_LABEL_SKY, 0.5f, log(2), -2);
-  expect(pags_term_objects, 0, 1.0f, 1e-6, 0);
+  expect(pags_driving_loss_sky, PAGS_LABEL_SKY, 0.25f, log(4), -4);
+  expect(pags_driving_loss_sky, PAGS_LABEL_SKY | PAGS_LABEL_MOVING, 1.0f, 1e-6, 0);
+  expect(pags_driving_loss_sky, 0, 0.25f, log(4.0 / 3), 4.0 / 3);
+  expect(pags_driving_loss_sky, 0, 1.0f, log(1e6), 0);
+  expect(pags_driving_loss_sky, PAGS_LABEL_CRITICAL, 0.9999f, -log(1 - (double)0.9999f), 1 / (1 - (double)0.9999f));
+  expect(pags_driving_loss_objects, PAGS_LABEL_VEHICLE, 0.5f, log(2), 0);
+  expect(pags_driving_loss_objects, PAGS_LABEL_PEDESTRIAN, 0.75f, 0.75 * log(4.0 / 3) + 0.25 * log(4), log(1.0 / 3));
+  expect(pags_driving_loss_objects, PAGS_LABEL_CYCLIST, 0.25f, 0.75 * log(4.0 / 3) + 0.25 * log(4), log(3));
+  expect(pags_driving_loss_objects, PAGS_LABEL_PARKED | PAGS_LABEL_MOVING | PAGS_LABEL_SKY, 0.5f, log(2), -2);
+  expect(pags_driving_loss_objects, 0, 1.0f, 1e-6, 0);
 }
 
 static void test_threads(void **state) {
   (void)state;
-  pixel_term *const terms[] = {pags_term_sky, pags_term_objects};
+  pixel_term *const terms[] = {pags_driving_loss_sky, pags_driving_loss_objects};
   for (int k = 0; k < 2; k++) {
     fixture *const one = create(5, 1);
     const double value = run(terms[k], one, 1);
@@ -169,7 +169,7 @@ static void test_threads(void **state) {
 /* No labels, nothing counted, another size. */
 static void test_nothing(void **state) {
   (void)state;
-  pixel_term *const terms[] = {pags_term_sky, pags_term_objects};
+  pixel_term *const terms[] = {pags_driving_loss_sky, pags_driving_loss_objects};
   pags_tasks *const tasks = pags_tasks_create(1);
   for (int k = 0; k < 2; k++) {
     fixture *const f = create(6, 1), *const before = create(6, 1);
@@ -195,10 +195,10 @@ static void test_nothing(void **state) {
 
 enum { SAMPLES = 400 };
 
-static double run_depth(fixture *f, const pags_depth_sample *samples, int64_t count, int shrink, double share) {
+static double run_depth(fixture *f, const pags_lidar_depth_sample *samples, int64_t count, int shrink, double share) {
   double value = NAN;
-  assert_int_equal(pags_term_depth(&f->picture, &f->photo, samples, count, shrink, 0.7, share, f->by_depth_sum,
-                                   f->by_transmittance, &value),
+  assert_int_equal(pags_driving_loss_depth(&f->picture, &f->photo, samples, count, shrink, 0.7, share, f->by_depth_sum,
+                                           f->by_transmittance, &value),
                    PAGS_OK);
   return value;
 }
@@ -211,7 +211,7 @@ static void test_depth_by_hand(void **state) {
     f->transmittance[i] = 0.5f, f->depth_sum[i] = 5.0f, f->mask[i] = 255; /* 10 m */
   f->transmittance[3 * STRIDE + 7] = 0.96f;
   f->mask[4 * STRIDE + 8] = 0;
-  const pags_depth_sample samples[] = {
+  const pags_lidar_depth_sample samples[] = {
       {20.9f, 10.1f, 12.0f},                                            /* shrunk twice: pixel (10, 5), 2 m too near */
       {22.0f, 10.0f, 9.0f},                                             /* pixel (11, 5), 1 m too far */
       {24.0f, 10.0f, 40.0f},                                            /* the worst: left out */
@@ -234,8 +234,8 @@ static void test_depth_by_hand(void **state) {
 }
 
 /* The same in double over one sample a pixel; `moved`, if not negative, has its transmittance and depth sum changed. */
-static double plain_depth(const fixture *f, const pags_depth_sample *samples, double share, int moved, double by_t,
-                          double by_sum) {
+static double plain_depth(const fixture *f, const pags_lidar_depth_sample *samples, double share, int moved,
+                          double by_t, double by_sum) {
   double errors[SAMPLES];
   int n = 0;
   for (int k = 0; k < SAMPLES; k++) {
@@ -256,10 +256,11 @@ static void test_depth_differences(void **state) {
   (void)state;
   fixture *const f = create(8, 1);
   memset(f->by_transmittance, 0, sizeof f->by_transmittance);
-  pags_depth_sample samples[SAMPLES];
+  pags_lidar_depth_sample samples[SAMPLES];
   for (int k = 0; k < SAMPLES; k++) {
     const int at = k * 9; /* no pixel twice */
-    samples[k] = (pags_depth_sample){(float)(at % WIDTH) + 0.5f, (float)(at / WIDTH) + 0.25f, (float)uniform(1, 60)};
+    samples[k] =
+        (pags_lidar_depth_sample){(float)(at % WIDTH) + 0.5f, (float)(at / WIDTH) + 0.25f, (float)uniform(1, 60)};
   }
   const double value = run_depth(f, samples, SAMPLES, 1, 0.95);
   assert_true(fabs(value - plain_depth(f, samples, 0.95, -1, 0, 0)) < 1e-5 * value);
@@ -281,16 +282,16 @@ static void test_depth_differences(void **state) {
 static void test_depth_of_nothing(void **state) {
   (void)state;
   fixture *const f = create(9, 0);
-  const pags_depth_sample sample = {5, 5, 10};
+  const pags_lidar_depth_sample sample = {5, 5, 10};
   assert_true(run_depth(f, NULL, 0, 1, 0.95) == 0);
   assert_true(run_depth(f, &sample, 1, 1, 0) == 0);
   f->transmittance[5 * STRIDE + 5] = 1;
   assert_true(run_depth(f, &sample, 1, 1, 0.95) == 0);
   double value;
   f->picture.width--;
-  assert_int_equal(
-      pags_term_depth(&f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum, f->by_transmittance, &value),
-      PAGS_ERROR_ARGUMENT);
+  assert_int_equal(pags_driving_loss_depth(&f->picture, &f->photo, &sample, 1, 1, 1, 1, f->by_depth_sum,
+                                           f->by_transmittance, &value),
+                   PAGS_ERROR_ARGUMENT);
   free(f);
 }
 

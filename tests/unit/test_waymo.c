@@ -4,14 +4,14 @@
 
 #include <math.h>
 
+#include <pags/dataset.h>
+#include <pags/import.h>
 #include "base/bytes.h"
 #include "base/json.h"
 #include "dataset/lens.h"
 #include "import/tfrecord.h"
 #include "import/waymo_message.h"
 #include "import/waymo_semantic.h"
-#include <pags/dataset.h>
-#include <pags/import.h>
 #include "raw_waymo.h"
 #include "shared_data.h"
 #include "unit/waymo_check.h"

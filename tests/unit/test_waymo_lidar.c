@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-#include "import/waymo_lidar.h"
 #include <pags/camera.h>
+#include "import/waymo_lidar.h"
 #include "raw_waymo.h"
 
 #define PI 3.14159265358979323846

@@ -153,12 +153,12 @@ static void prepare_classes(pags_driving *driving) {
 }
 
 /* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
-static pags_result choose_masks(pags_driving *driving, pags_draft *draft) {
+static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *draft) {
   const bool *kinds = driving->critical.kinds;
   bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
   driving->critical.all_dynamic = vehicle && human;
   for (int64_t i = 0; i < draft->count && vehicle != human; i++) {
-    pags_draft_view *view = &draft->views[i];
+    pags_parsed_view *view = &draft->views[i];
     if (!view->missing)
       PAGS_TRY(pags_driving_find_mask(driving, vehicle ? "dynamic_masks/vehicle" : "dynamic_masks/human", view,
                                       &view->part_path));
@@ -166,7 +166,7 @@ static pags_result choose_masks(pags_driving *driving, pags_draft *draft) {
   return PAGS_OK;
 }
 
-pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_draft *draft) {
+pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *draft) {
   driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
   if (!driving->critical.objects)
     return pags_draft_memory(driving->root);
@@ -188,7 +188,7 @@ typedef struct tally {
 
 enum { FROM_LABELS = 4, FROM_DYNAMIC = 2, FROM_BOXES = 1 };
 
-static bool boxes_count(const pags_driving *driving, const pags_draft_view *view) {
+static bool boxes_count(const pags_driving *driving, const pags_parsed_view *view) {
   for (int64_t i = 0; i < driving->object_count; i++)
     if (driving->critical.objects[i] > (view->semantic_path ? PAGS_CRITICAL_WITHOUT_LABELS : 0))
       return true;
@@ -202,10 +202,10 @@ static bool labels_count(const pags_driving *driving) {
   return false;
 }
 
-static tally count_views(const pags_driving *driving, const pags_draft *draft) {
+static tally count_views(const pags_driving *driving, const pags_parsed_dataset *draft) {
   tally t = {0};
   for (int64_t i = 0; i < draft->count; i++) {
-    const pags_draft_view *view = &draft->views[i];
+    const pags_parsed_view *view = &draft->views[i];
     if (view->missing)
       continue;
     bool dynamic = view->part_path || (view->dynamic_path && driving->critical.all_dynamic);
@@ -251,7 +251,7 @@ static pags_result note_critical(pags_driving *driving, const tally *t) {
                            *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "", classes);
 }
 
-pags_result pags_critical_note(pags_driving *driving, const pags_draft *draft) {
+pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *draft) {
   const tally t = count_views(driving, draft);
   bool laser = driving->provides & PAGS_PROVIDES_LIDAR;
   PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",

@@ -42,7 +42,7 @@ static pags_result load_given(const pags_driving *driving, const char *given, pa
 
 static pags_result check_size(const pags_dataset *dataset, const pags_sensor *sensor, const char *given) {
   for (int64_t i = 0; i < dataset->count; i++) {
-    const pags_draft_view *view = &dataset->draft.views[i];
+    const pags_parsed_view *view = &dataset->draft.views[i];
     if (view->sensor != sensor->number)
       continue;
     if (view->lens.width == sensor->ego.width && view->lens.height == sensor->ego.height)

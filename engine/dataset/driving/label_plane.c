@@ -10,8 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool pags_labels_exist(const pags_dataset *dataset, int64_t view) {
-  const pags_draft_view *from = &dataset->draft.views[view];
+bool pags_label_planes_exist(const pags_dataset *dataset, int64_t view) {
+  const pags_parsed_view *from = &dataset->draft.views[view];
   const pags_driving *driving = dataset->draft.driving;
   return driving && (from->sky_path || from->semantic_path || from->dynamic_path || from->part_path ||
                      (driving->provides & (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR)));
@@ -46,7 +46,7 @@ static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bit
   return PAGS_OK;
 }
 
-static pags_result add_semantic(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+static pags_result add_semantic(const pags_driving *driving, const pags_parsed_view *view, uint8_t *labels,
                                 uint8_t *mask) {
   pags_image classes;
   int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
@@ -86,7 +86,7 @@ static pags_result clear_ego(const pags_sensor *sensor, const pags_lens *lens, p
 }
 
 /* Without boxes there is nothing to model moving things by: what masks know of them is left out of the loss. */
-static pags_result load_files(const pags_driving *driving, const pags_draft_view *view, uint8_t *labels,
+static pags_result load_files(const pags_driving *driving, const pags_parsed_view *view, uint8_t *labels,
                               pags_image *mask) {
   bool without =
       (view->semantic_path || view->dynamic_path || view->part_path) && !(driving->provides & PAGS_PROVIDES_BOXES);
@@ -105,9 +105,9 @@ static pags_result load_files(const pags_driving *driving, const pags_draft_view
   return PAGS_OK;
 }
 
-pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_image *labels, pags_image *mask) {
+pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t index, pags_image *labels, pags_image *mask) {
   const pags_driving *driving = dataset->draft.driving;
-  const pags_draft_view *view = &dataset->draft.views[index];
+  const pags_parsed_view *view = &dataset->draft.views[index];
   if (!driving)
     return PAGS_OK;
   const pags_sensor *sensor = pags_driving_sensor(driving, view->sensor);
@@ -121,7 +121,7 @@ pags_result pags_labels_load(const pags_dataset *dataset, int64_t index, pags_im
 
 /* Boxes. */
 
-static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_draft_view *view) {
+static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_parsed_view *view) {
   const pags_object *object = &driving->objects[index];
   static const uint8_t kinds[] = {0, PAGS_LABEL_VEHICLE, PAGS_LABEL_PEDESTRIAN, PAGS_LABEL_CYCLIST};
   int bits = object->moving ? kinds[object->category] : PAGS_LABEL_PARKED;
@@ -132,7 +132,7 @@ static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_dr
   return (uint8_t)bits;
 }
 
-static void add_boxes(const pags_driving *driving, const pags_draft_view *view, const pags_camera *camera, int stride,
+static void add_boxes(const pags_driving *driving, const pags_parsed_view *view, const pags_camera *camera, int stride,
                       uint8_t *plane) {
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
@@ -143,12 +143,12 @@ static void add_boxes(const pags_driving *driving, const pags_draft_view *view, 
   }
 }
 
-pags_result pags_labels_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
-                            uint8_t *plane) {
+pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
+                                 uint8_t *plane) {
   const pags_driving *driving = dataset->draft.driving;
-  const pags_draft_view *view = &dataset->draft.views[index];
+  const pags_parsed_view *view = &dataset->draft.views[index];
   add_boxes(driving, view, camera, stride, plane);
   if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
     return PAGS_OK;
-  return pags_sky_guess(driving, view->frame, camera, stride, plane);
+  return pags_sky_from_lidar(driving, view->frame, camera, stride, plane);
 }

@@ -259,7 +259,7 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
   char *path = pags_draft_text("%s/intrinsics/%d.txt", driving->root, sensor->number);
   if (!path)
     return pags_draft_memory(driving->root);
-  pags_result result = pags_numbers_read(path, 9, n, &count);
+  pags_result result = pags_text_matrix_read(path, 9, n, &count);
   if (result == PAGS_OK && count != 9)
     result =
         pags_fail(PAGS_ERROR_FORMAT,
@@ -280,7 +280,7 @@ static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sen
 static const double waymo_from_opencv[12] = {0, 0, 1, 0, -1, 0, 0, 0, 0, -1, 0, 0};
 
 static pags_result read_extrinsics(const pags_driving *driving, const char *path, double out[12]) {
-  PAGS_TRY(pags_pose_read(path, out));
+  PAGS_TRY(pags_text_pose_read(path, out));
   if (driving->rules.waymo_axes)
     pags_rigid_multiply(out, waymo_from_opencv, out);
   return PAGS_OK;
@@ -305,7 +305,7 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
                    : pags_draft_text("%s/ego_pose/%0*d.txt", root, digits, frame);
   if (!path)
     return pags_draft_memory(root);
-  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, out) : pags_pose_read(path, out);
+  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, out) : pags_text_pose_read(path, out);
   if (result == PAGS_OK && !driving->rules.per_frame)
     pags_rigid_multiply(out, sensor->ego_from_camera, out);
   free(path);
@@ -314,7 +314,7 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
 
 /* Views. */
 
-pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view,
+pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out) {
   *out = pags_draft_text("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
   if (!*out)
@@ -326,7 +326,7 @@ pags_result pags_driving_find_mask(const pags_driving *driving, const char *fold
   return PAGS_OK;
 }
 
-static pags_result find_masks(pags_driving *driving, pags_draft_view *view) {
+static pags_result find_masks(pags_driving *driving, pags_parsed_view *view) {
   PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
   PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
   PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
@@ -338,8 +338,8 @@ static pags_result find_masks(pags_driving *driving, pags_draft_view *view) {
 
 /* `name` NULL: there is no such picture; it would have this extension. */
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
-                            const char *extension, pags_draft *draft) {
-  pags_draft_view *view = pags_draft_add(draft);
+                            const char *extension, pags_parsed_dataset *draft) {
+  pags_parsed_view *view = pags_parsed_add(draft);
   if (!view)
     return pags_draft_memory(driving->root);
   view->frame = frame;
@@ -361,7 +361,8 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
 }
 
 /* Every camera at every time step, in that order. */
-static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count, pags_draft *draft) {
+static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count,
+                             pags_parsed_dataset *draft) {
   const char *extension = pags_path_extension(pictures[0].name);
   int64_t at = 0;
   for (int64_t i = 0; i < driving->step_count; i++)
@@ -406,7 +407,7 @@ static pags_result note_rules(pags_driving *driving) {
 
 /* Everything beside the pictures themselves. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
-                              int64_t count, pags_draft *draft) {
+                              int64_t count, pags_parsed_dataset *draft) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
                            name_sensor, driving));
   PAGS_TRY(note_rules(driving));
@@ -422,7 +423,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
 }
 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,
-                               const pags_dataset_options *options, pags_draft *draft) {
+                               const pags_dataset_options *options, pags_parsed_dataset *draft) {
   selection selected;
   PAGS_TRY(make_selection(options, &selected));
   picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
@@ -440,7 +441,7 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   return result;
 }
 
-static pags_result read_set(const char *root, const pags_dataset_options *options, pags_draft *draft) {
+static pags_result read_set(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
   pags_driving *driving = draft->driving;
   char *folder = pags_path_join(root, "images");
   driving->root = pags_text_copy(root);
@@ -458,13 +459,13 @@ static pags_result read_set(const char *root, const pags_dataset_options *option
   return result;
 }
 
-pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_draft *draft) {
+pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
   memset(draft, 0, sizeof *draft);
   draft->driving = calloc(1, sizeof *draft->driving);
   if (!draft->driving)
     return pags_draft_memory(root);
   pags_result result = read_set(root, options, draft);
   if (result != PAGS_OK)
-    pags_draft_destroy(draft);
+    pags_parsed_destroy(draft);
   return result;
 }

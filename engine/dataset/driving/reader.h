@@ -6,8 +6,8 @@
 
 #include <pags/image.h>
 
-#include "dataset/parsed.h"
 #include "dataset/driving/label_sets.h"
+#include "dataset/parsed.h"
 
 /* What drivestudio's layout leaves open: the kind's defaults and what dataset.json says (rules.c). */
 typedef struct pags_rules {
@@ -75,7 +75,7 @@ void pags_driving_destroy(pags_driving *driving); /* NULL is allowed */
 /* A folder that has what only this layout has: dataset.json, or images with ego_pose or extrinsics. */
 bool pags_driving_is_set(const char *folder);
 /* Leaves an empty draft on failure. */
-pags_result pags_driving_read(const char *folder, const pags_dataset_options *options, pags_draft *draft);
+pags_result pags_driving_read(const char *folder, const pags_dataset_options *options, pags_parsed_dataset *draft);
 
 /* `kind` as asked for, NULL: as dataset.json says. `per_frame_files`: there are extrinsics named TTT_C, which settles
  * the kind where neither says it. Names of cameras, as far as dataset.json has them, go to `names(context, number,
@@ -85,7 +85,7 @@ pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_f
                             pags_camera_name_fn *name, void *context);
 
 /* timestamps.json, or t / fps. Fills in the steps' times and driving->fps. */
-pags_result pags_times_read(pags_driving *driving, pags_draft *draft);
+pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *draft);
 /* instances/: objects with their knots at the steps. */
 pags_result pags_tracks_read(pags_driving *driving);
 /* lidar/: the sweeps of the steps. */
@@ -93,21 +93,21 @@ pags_result pags_sweeps_find(pags_driving *driving);
 pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t *count, float **xyz);
 
 /* The points of a COLMAP model in the same world are added to the draft's. */
-pags_result pags_sfm_read(const char *model, pags_draft *draft);
+pags_result pags_sfm_points_read(const char *model, pags_parsed_dataset *draft);
 
 /* Index of the time step, -1: not among those used. */
 int64_t pags_driving_step(const pags_driving *driving, int64_t frame);
 pags_sensor *pags_driving_sensor(const pags_driving *driving, int number); /* NULL: not used */
 
 /* FOLDER/TTT_C.png of a view where it exists, else NULL. */
-pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_draft_view *view,
+pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out);
 
 pags_result pags_driving_note(pags_driving *driving, const char *format, ...) PAGS_PRINTF(2, 3);
 
 /* All numbers of a text file, separated by blanks, line breaks or commas; at most `capacity`. */
-pags_result pags_numbers_read(const char *path, int capacity, double *out, int *count);
+pags_result pags_text_matrix_read(const char *path, int capacity, double *out, int *count);
 /* A rigid motion as 4x4 or 3x4 numbers. */
-pags_result pags_pose_read(const char *path, double out[12]);
+pags_result pags_text_pose_read(const char *path, double out[12]);
 
 #endif

@@ -25,7 +25,7 @@ static char *find_model(const char *root, const char *named) {
 }
 
 /* Views that the model names take its numbers, the others one that no track has. Returns how many it names. */
-static int64_t match_views(const pags_draft *model, pags_draft *draft) {
+static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset *draft) {
   int64_t matched = 0;
   for (int64_t i = 0; i < draft->count; i++) {
     const char *name = pags_path_name(draft->views[i].image_path);
@@ -38,7 +38,7 @@ static int64_t match_views(const pags_draft *model, pags_draft *draft) {
   return matched;
 }
 
-static pags_result take_points(pags_draft *model, pags_draft *draft) {
+static pags_result take_points(pags_parsed_dataset *model, pags_parsed_dataset *draft) {
   pags_driving *driving = draft->driving;
   long long count = (long long)model->points.count;
   int64_t matched = match_views(model, draft);
@@ -54,15 +54,15 @@ static pags_result take_points(pags_draft *model, pags_draft *draft) {
                            count);
 }
 
-pags_result pags_sfm_read(const char *named, pags_draft *draft) {
+pags_result pags_sfm_points_read(const char *named, pags_parsed_dataset *draft) {
   char *folder = find_model(draft->driving->root, named);
   if (!folder)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", named);
-  pags_draft model;
+  pags_parsed_dataset model;
   pags_result result = pags_colmap_read(folder, folder, &model);
   if (result == PAGS_OK) {
     result = take_points(&model, draft);
-    pags_draft_destroy(&model);
+    pags_parsed_destroy(&model);
   }
   free(folder);
   return result;

@@ -113,8 +113,8 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
   return PAGS_OK;
 }
 
-pags_result pags_sky_guess(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
-                           uint8_t *plane) {
+pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
+                                uint8_t *plane) {
   bins b = {.ceiling = -INFINITY};
   double limit[BINS];
   for (int i = 0; i < BINS; i++)

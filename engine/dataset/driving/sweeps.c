@@ -25,7 +25,7 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12]) {
   const char *folder = driving->rules.laser_frame ? "lidar_pose" : "ego_pose";
   char *path = pags_draft_text("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
-  pags_result result = path ? pags_pose_read(path, out) : pags_draft_memory(driving->root);
+  pags_result result = path ? pags_text_pose_read(path, out) : pags_draft_memory(driving->root);
   free(path);
   return result;
 }

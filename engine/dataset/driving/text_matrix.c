@@ -32,7 +32,7 @@ static pags_result parse(const char *path, const char *text, size_t size, int ca
   }
 }
 
-pags_result pags_numbers_read(const char *path, int capacity, double *out, int *count) {
+pags_result pags_text_matrix_read(const char *path, int capacity, double *out, int *count) {
   uint8_t *bytes;
   size_t size;
   PAGS_TRY(pags_file_read(path, &bytes, &size));
@@ -41,10 +41,10 @@ pags_result pags_numbers_read(const char *path, int capacity, double *out, int *
   return result;
 }
 
-pags_result pags_pose_read(const char *path, double out[12]) {
+pags_result pags_text_pose_read(const char *path, double out[12]) {
   double numbers[16];
   int count;
-  PAGS_TRY(pags_numbers_read(path, 16, numbers, &count));
+  PAGS_TRY(pags_text_matrix_read(path, 16, numbers, &count));
   if (count != 16 && count != 12)
     return pags_fail(PAGS_ERROR_FORMAT, "%s:1: expected a matrix of 4x4 numbers, found %d numbers", path, count);
   const double last[4] = {0, 0, 0, 1};

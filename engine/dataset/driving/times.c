@@ -29,7 +29,7 @@ static pags_result read_steps(const pags_json *json, const pags_json_value *list
 }
 
 static pags_result read_exposures(const pags_json *json, const pags_json_value *list, const pags_driving *driving,
-                                  int64_t sensor, pags_draft *draft) {
+                                  int64_t sensor, pags_parsed_dataset *draft) {
   int64_t frame = 0;
   for (const pags_json_value *item = list->first; item; item = item->next, frame++) {
     int64_t step = pags_driving_step(driving, frame);
@@ -42,7 +42,7 @@ static pags_result read_exposures(const pags_json *json, const pags_json_value *
 }
 
 static pags_result read_cameras(const pags_json *json, const pags_json_value *cameras, const pags_driving *driving,
-                                pags_draft *draft) {
+                                pags_parsed_dataset *draft) {
   for (const pags_json_value *list = cameras->first; list; list = list->next) {
     char *end;
     long number = strtol(list->key, &end, 10);
@@ -57,7 +57,7 @@ static pags_result read_cameras(const pags_json *json, const pags_json_value *ca
   return PAGS_OK;
 }
 
-static pags_result read_file(const pags_json *json, pags_driving *driving, pags_draft *draft) {
+static pags_result read_file(const pags_json *json, pags_driving *driving, pags_parsed_dataset *draft) {
   const pags_json_value *root = pags_json_root(json), *frames, *cameras;
   PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
   PAGS_TRY(pags_json_array(json, root, "frames", &frames));
@@ -81,7 +81,7 @@ static void measure_fps(pags_driving *driving) {
     driving->fps = last > first ? (last->frame - first->frame) / (last->time - first->time) : usual_fps;
 }
 
-pags_result pags_times_read(pags_driving *driving, pags_draft *draft) {
+pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *draft) {
   char *path = pags_path_join(driving->root, "timestamps.json");
   if (!path)
     return pags_draft_memory(driving->root);

@@ -41,15 +41,15 @@ PAGS_API void pags_quaternion_from_rotation(const double r[9], double q[4]);
 
 /* One camera, or a path. A camera file is JSON: width height fx fy cx cy camera_from_world_quaternion_wxyz
  * camera_from_world_translation and optional time; a path file is {"fps": f, "frames": [camera, ...]}. */
-typedef struct pags_path {
+typedef struct pags_camera_path {
   double fps; /* frames per second; 0 for a single camera */
   int64_t count;
-  pags_camera *cameras; /* freed by pags_path_destroy */
-} pags_path;
+  pags_camera *cameras; /* freed by pags_camera_path_destroy */
+} pags_camera_path;
 
-PAGS_API pags_result pags_path_load(const char *path, pags_path *out); /* either kind of file */
-PAGS_API pags_result pags_path_save(const char *path, const pags_path *cameras);
-PAGS_API void pags_path_destroy(pags_path *path);
+PAGS_API pags_result pags_camera_path_load(const char *path, pags_camera_path *out); /* either kind of file */
+PAGS_API pags_result pags_camera_path_save(const char *path, const pags_camera_path *cameras);
+PAGS_API void pags_camera_path_destroy(pags_camera_path *path);
 
 #ifdef __cplusplus
 }

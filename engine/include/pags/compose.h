@@ -92,7 +92,7 @@ PAGS_API int pags_composition_priorities(const pags_composition *composition, fl
 
 /* A priority as a colour, display-referred: dark violet at 0 over red to pale yellow at 1. Values beyond are held; NaN
  * is 0. */
-PAGS_API void pags_heat_color(float value, float rgb[3]);
+PAGS_API void pags_colormap_heat(float value, float rgb[3]);
 
 #ifdef __cplusplus
 }
