@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # A thin front for CMake's presets.
 #   make         configure and build (build/pags)
 #   make setup   install what is missing (Debian; elsewhere says what is needed)

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Ablation: trains one data set once for each row of a table, the rows differing in one option or a few, and compares held-out quality,
 size, training and rendering time, at each row's own count, at equal training time and at equal count (docs/ablation.md).
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What an ablation (ablation.py) found: TABLE.md for people, TABLE.csv and TABLE_curve.csv for machines, and with matplotlib TABLE.svg."""
 
 import csv

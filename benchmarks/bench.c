@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench: the program that measures what the engine costs and what it gets wrong, on a scene or a data set of the
  * user's. It is apart from pags because `error` needs the double-precision renderer of the tests. */
 #include "benchmarks/bench.h"

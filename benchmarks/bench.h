@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The measurements behind `pags-bench`. Each prints a table for people and puts an object for machines.
  *
  * Times are minima over repetitions: what the machine can do when nothing else disturbs it. */

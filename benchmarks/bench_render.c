@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench render: speed of drawing a scene against what it gets wrong, mode by mode and stage by stage. */
 #include "benchmarks/modes.h"
 #include "benchmarks/plot.h"

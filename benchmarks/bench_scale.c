@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench scale: whether the time of a frame follows what is visible or what exists.
  *
  * A scene's background is copied along a street, so that more and more exists while the same cameras look from the

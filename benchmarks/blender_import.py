@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the add-on itself costs, without a window: importing, memory, and our Python before each picture.
 
   make bench-blender SCENE=FOLDER

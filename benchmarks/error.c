@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench error: what each approximation of the engine gets wrong, and what it saves.
  *
  * Errors are against the double-precision oracle (tests/reference), or against the engine without the approximation

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What `pags-bench error` finds out: a row for each approximation of the engine. Internal to benchmarks/. */
 #ifndef PAGS_BENCHMARKS_ERROR_H
 #define PAGS_BENCHMARKS_ERROR_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Approximations that the engine can do without: it draws the same pictures with and without them.
  *
  * Frames that are timed take turns; a gain is the median of ratios of frames drawn in the same turn. */

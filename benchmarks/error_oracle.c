@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the engine's arithmetic and the limits of blending cost, by the double-precision oracle (tests/reference).
  *
  * The limits (cut, stop, cap, clamp of the slope) are fixed in the kernels, so the oracle is drawn with and without

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the parts of pags-bench error share: rows of the table, sums of errors, pictures, processor time. */
 #include "benchmarks/error.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Approximations of training: Adam whose cost follows what is in view, and scores measured at half the size.
  *
  * Adam runs on the largest model with gradients of its own pictures, which stay those of the scene as it is, so that

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Reading what pags-bench proxies measures. */
 #include "benchmarks/glb.h"
 

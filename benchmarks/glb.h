@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* GLB files as pags export writes them: one buffer. */
 #ifndef PAGS_BENCHMARKS_GLB_H
 #define PAGS_BENCHMARKS_GLB_H

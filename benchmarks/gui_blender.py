@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """How fast the Blender add-on is in a 960x540 viewport: first picture, orbiting, scrubbing the timeline, still.
 
   make bench-blender SCENE=FOLDER

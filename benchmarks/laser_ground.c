@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of
  * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
 #include "benchmarks/laser_ground.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Heights of a ground mesh against the laser's own ground. */
 #ifndef PAGS_BENCHMARKS_LASER_GROUND_H
 #define PAGS_BENCHMARKS_LASER_GROUND_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Depth complexity from the areas of projected Gaussians.
  *
  * alpha = o exp(-q/2) >= 1/255 holds in the ellipse q <= 2 ln(255 o), whose area is pi 2 ln(255 o) sqrt(det S), S being

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Draws cameras by several modes and compares time and pictures.
  *
  * Timed frames of the modes take turns, so that what else the machine does falls on all of them alike, and the speed-up

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Ways to draw the same frames, measured side by side: time by stage, what was loaded and drawn, and what the picture
  * lost. */
 #ifndef PAGS_BENCHMARKS_MODES_H

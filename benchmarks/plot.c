@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A writer of charts: text appended panel by panel, its head written at the end, when the number of panels is known. */
 #include "benchmarks/plot.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Charts as SVG, which needs no package: panels of lines, side by side in columns. */
 #ifndef PAGS_BENCHMARKS_PLOT_H
 #define PAGS_BENCHMARKS_PLOT_H

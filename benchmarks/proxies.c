@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench proxies: how far proxies of a synthetic street (pags synth street, pags export) are from what they stand
  * for.
  *

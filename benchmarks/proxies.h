@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What pags-bench proxies is in the middle of. */
 #ifndef PAGS_BENCHMARKS_PROXIES_H
 #define PAGS_BENCHMARKS_PROXIES_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the measurements of pags-bench proxies share: the time that the street stands at, and distances in the report.
  */
 #include "benchmarks/proxies.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One vehicle's proxy beside its true surface. */
 #include <math.h>
 #include <stdio.h>

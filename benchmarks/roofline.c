@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench roofline: what share of the bare kernel's speed and of the memory's the real stages reach.
  *
  * The bare kernel is the rasteriser's own step, with the per-pixel stop, on splats in registers: no lists, no loads, no

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench stages: what each stage costs per thing it works on.
  *
  * Bytes are those that the stage's own loops read and write, by its data structures, not measured: what a machine

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags-bench train: steps per second by stage, held-out PSNR against seconds, and the roofline of what was trained. */
 #include "benchmarks/bench.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Renders a view again and again and keeps each stage's best time. */
 #include "benchmarks/bench.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Orbits, flights through cameras, drives. World coordinates are absolute, in double. */
 #include "cli/camera_paths.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Camera paths made from a scene: an orbit, and a flight through its training cameras. */
 #ifndef PAGS_CLI_CAMERA_PATHS_H
 #define PAGS_CLI_CAMERA_PATHS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Normals from depth, priorities as colours. */
 #include "cli/channels.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Channels that are computed from a picture's own planes. */
 #ifndef PAGS_CLI_CHANNELS_H
 #define PAGS_CLI_CHANNELS_H

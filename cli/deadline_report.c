@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags render and pags-bench render --budget-ms: what was given up to keep within the time, and the error. */
 #include "cli/deadline_report.h"
 

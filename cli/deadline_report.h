@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Frames within --budget-ms: draws them one after another and holds some against full quality. */
 #ifndef PAGS_CLI_DEADLINE_REPORT_H
 #define PAGS_CLI_DEADLINE_REPORT_H

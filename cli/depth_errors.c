@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rendered depth beside LiDAR. */
 #include "cli/depth_errors.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rendered depth beside LiDAR. */
 #ifndef PAGS_CLI_DEPTH_ERRORS_H
 #define PAGS_CLI_DEPTH_ERRORS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Signal handling of the program. */
 #include "cli/interrupt.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Ctrl-C and SIGTERM: the first asks for a clean stop, a second Ctrl-C exits at once. */
 #ifndef PAGS_CLI_INTERRUPT_H
 #define PAGS_CLI_INTERRUPT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags: the program. Finds the verb and runs it. */
 #include "cli/options.h"
 #include "cli/verbs.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Words of the command line to edits of a composition. */
 #include "cli/object_edits.h"
 

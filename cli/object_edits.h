@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects that the command line hides, moves or adds. */
 #ifndef PAGS_CLI_OBJECT_EDITS_H
 #define PAGS_CLI_OBJECT_EDITS_H

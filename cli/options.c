@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Parsing, checking and printing of the option tables. */
 #include "cli/options.h"
 

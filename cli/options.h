@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Command-line options from a table.
  *
  * Each verb declares one table; parsing, checking, `--help` and docs all come from it. Values are written into the

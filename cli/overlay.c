@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Boxes and LiDAR beside photographs.
  *
  * A wrong axis, a box at the wrong time or a pose from the wrong frame shows at once where a person looks; the figures

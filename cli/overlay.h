@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Boxes and LiDAR drawn onto a data set's photographs, and how well the three agree: a look at its conventions. */
 #ifndef PAGS_CLI_OVERLAY_H
 #define PAGS_CLI_OVERLAY_H

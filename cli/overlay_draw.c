@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing onto pictures. */
 #include "cli/overlay_draw.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing onto pictures: lines, dots and boxes as a camera sees them. */
 #ifndef PAGS_CLI_OVERLAY_DRAW_H
 #define PAGS_CLI_OVERLAY_DRAW_H

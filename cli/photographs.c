@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Matching a scene's views with a data set's. */
 #include "cli/photographs.h"
 

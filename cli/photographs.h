@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The photographs that a scene is to be compared with, brought to what the scene was trained on. */
 #ifndef PAGS_CLI_PHOTOGRAPHS_H
 #define PAGS_CLI_PHOTOGRAPHS_H

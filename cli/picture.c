@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Conversion of planes to pictures and their files. */
 #include "cli/picture.h"
 

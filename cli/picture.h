@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A rendered picture's way into files. */
 #ifndef PAGS_CLI_PICTURE_H
 #define PAGS_CLI_PICTURE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writing several pictures at once. */
 #include "cli/picture_queue.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures on their way into files: gathered until there is one for each worker, then written side by side. Not while
  * the next one is rendered: its times would then tell of the writing, too. */
 #ifndef PAGS_CLI_PICTURE_QUEUE_H

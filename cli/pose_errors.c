@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Tracks beside the truth. */
 #include "cli/pose_errors.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Where a scene's tracks lie beside the truth that synthetic data sets bring. */
 #ifndef PAGS_CLI_POSE_ERRORS_H
 #define PAGS_CLI_POSE_ERRORS_H

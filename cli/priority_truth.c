@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Whose a Gaussian truly is. */
 #include "cli/priority_truth.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Priorities beside the truth of synthetic streets: does what shows something critical score high, and nothing else? */
 #ifndef PAGS_CLI_PRIORITY_TRUTH_H
 #define PAGS_CLI_PRIORITY_TRUTH_H

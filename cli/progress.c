@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The progress line. */
 #include "cli/progress.h"
 #include "cli/interrupt.h"

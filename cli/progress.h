@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a person watches while a verb works: one line rewritten in place on a terminal, a plain line every ten seconds
  * elsewhere. Errors never go this way. */
 #ifndef PAGS_CLI_PROGRESS_H

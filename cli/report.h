@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Facts said twice from one call: as lines for people and as JSON for machines. */
 #ifndef PAGS_CLI_REPORT_H
 #define PAGS_CLI_REPORT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Facts of a scene: its models, objects, tracks, sky, exposure, and what training said of its choices. */
 #include "cli/scene_facts.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What pags info says of a scene. */
 #ifndef PAGS_CLI_SCENE_FACTS_H
 #define PAGS_CLI_SCENE_FACTS_H

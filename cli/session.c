@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Set-up and end of a verb. */
 #include "cli/session.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What every verb shares: --threads, --json and --quiet, the pool of threads, the stream for people, the one line of
  * error. */
 #ifndef PAGS_CLI_SESSION_H

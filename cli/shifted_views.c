@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures from shifted cameras beside the truth. */
 #include "cli/shifted_views.h"
 

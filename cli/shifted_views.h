@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures from where the recording car never was, which synthetic data sets bring. */
 #ifndef PAGS_CLI_SHIFTED_VIEWS_H
 #define PAGS_CLI_SHIFTED_VIEWS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags eval: a scene beside its photographs. */
 #include "cli/depth_errors.h"
 #include "cli/interrupt.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags export: proxy geometry and splat files. */
 #include "cli/interrupt.h"
 #include "cli/object_edits.h"

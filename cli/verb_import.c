@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags import: recordings of driving data sets to drivestudio's layout. */
 #include "cli/interrupt.h"
 #include "cli/session.h"

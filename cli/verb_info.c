@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags info: what a file or folder is and what it holds. */
 #include "cli/overlay.h"
 #include "cli/report.h"

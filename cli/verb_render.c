@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags render: draws a scene or a splat file into pictures. */
 #include "cli/camera_paths.h"
 #include "cli/deadline_report.h"

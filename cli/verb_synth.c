@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags synth: data sets with known truth, ray-traced, and a town of Gaussians. */
 #include "cli/interrupt.h"
 #include "cli/session.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags train: from photographs to a scene folder. */
 #include "cli/interrupt.h"
 #include "cli/session.h"

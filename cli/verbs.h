@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The verbs: each takes its arguments (without program and verb) and returns the exit code. */
 #ifndef PAGS_CLI_VERBS_H
 #define PAGS_CLI_VERBS_H

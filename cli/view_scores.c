@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scores of views and their means.
  *
  * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How near pictures come to photographs, view by view and on the mean, whole and by region. */
 #ifndef PAGS_CLI_VIEW_SCORES_H
 #define PAGS_CLI_VIEW_SCORES_H

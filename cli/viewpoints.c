@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lists of cameras to draw. */
 #include "cli/viewpoints.h"
 

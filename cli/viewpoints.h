@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The cameras that a verb draws, each with the name of its picture. */
 #ifndef PAGS_CLI_VIEWPOINTS_H
 #define PAGS_CLI_VIEWPOINTS_H

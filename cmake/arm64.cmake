@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # Toolchain: 64-bit ARM from any other Linux, run through qemu's user emulation. Linked statically, so that no ARM system
 # tree is needed at run time. Debian packages: gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user.
 set(CMAKE_SYSTEM_NAME Linux)

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 # pags_test_each_cpu(NAME TARGET ARGS...): runs a test once per set of kernels, as NAME@scalar, NAME@avx2, ... A set that this
 # machine lacks counts as skipped. Where pags_only_cpus is set, those alone.
 function(pags_test_each_cpu name target)

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """error_page.py A.json B.json ...: what `pags-bench error --json` found on several scenes, as the two tables of docs/lab/speed-and-error.md."""
 
 import json

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # format.sh [--check]: formats every C and C++ file of the repository, or prints FILE:LINE of what is out of format and fails.
 set -u
 cd "$(dirname "$0")/.." || exit 1

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Runs the fuzz targets of a build with PAGS_FUZZ (docs/reliability.md) and prints a table of what was done.
 
 usage: fuzz.py [--minutes M] [--long-minutes M] [--corpus FOLDER] [--json FILE] BUILD [TARGET...]

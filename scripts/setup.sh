@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
 set -u
 

@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """size_tables.py pandaset|street SCENE: the quantile tables of engine/synth/size_tables.h from a trained street.
 
 pandaset: SCENE is what `pags train pandaset-002 --iterations 10000` made (grounds, fronts). street: what `pags train` made of `pags synth

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # validate_addon.sh [BLENDER]: validates the add-on's folder and zip by a Blender of 4.2 or newer, or by a Python with the module bpy; without
 # one looks for `blender` on the PATH. Says so where there is none.
 set -u

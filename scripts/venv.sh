@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or brings it up to it. Fails where that can't be done.
 set -u
 cd "$1" || exit 1

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adam (Kingma & Ba 2015) over one plane of rows, cut in two so that steps without a gradient cost one multiply-add.
  *
  * Dense Adam at step k, gradient g, rate r, bias corrections 1 - b1^k and 1 - b2^k:

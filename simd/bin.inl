@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which tiles, and which 4x4 blocks of a tile, a Gaussian can change: the exact minimum of its quadratic over the
  * rectangle of pixel centres, sixteen rectangles at once (the idea of exact ellipse-rectangle tests: Radl et al. 2024,
  * Hanson et al. 2025). */

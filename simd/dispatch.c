@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Chooses the kernel table at run time. */
 #include "kernels.h"
 

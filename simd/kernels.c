@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Compiled once per ISA: all kernels and the table that names them. */
 #include "kernels.h"
 #include "vec.h"

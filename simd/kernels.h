@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The table of vector kernels: every stage's inner loop over plain arrays. Knows neither scenes nor threads.
  *
  * pags_kernels_get() picks the best table this processor runs, or the one that PAGS_CPU=scalar|avx2|avx512|neon names.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Cross-entropy and entropy of a row of pixels' transmittance T, and their slopes (engine/train/terms.h):
  *
  *   empty    -log T            d/dT = -1 / T

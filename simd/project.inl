@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Projection of 3D Gaussians to the picture plane (EWA: Zwicker et al. 2001; constants of Kerbl et al. 2023).
  *
  *   M = J W R S, 2x3: S = diag(sigma), R the Gaussian's rotation, W = camera_from_model, J the Jacobian of the pinhole

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From the pairs' partial sums to the raw parameters: backward of shade and project, in the notation of project.inl.
  *
  * Per row, with S.. the sums over its slots (times ln 2, since the falloff is a power of two):

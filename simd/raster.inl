@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Front-to-back blending of a tile (Kerbl et al. 2023), organised for vectors.
  *
  * A tile is sixteen 4x4 blocks, one vector each. The list is taken in chunks: for every splat of a chunk the blocks it

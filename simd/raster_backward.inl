@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gradient of blending, front to back like the forward pass.
  *
  * With behind_i = what all splats after i and the background contribute to dL/dC . C, found by subtracting each splat's

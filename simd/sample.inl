@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A tile seen by 4 x 4 samples, 4 pixels apart, each in the middle of the 16 pixels that it stands for: one vector,
  * whose state stays in registers. They are blended as pixels are (raster.inl), with the short exponential. */
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a splat matters to a tile: how much of it is seen, how much of that where something critical is, and how hard
  * the picture hangs on it (Speedy-Splat's score, Hanson et al. 2025).
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Colour of a Gaussian seen from the camera: real spherical harmonics to degree 3 with INRIA's constants and signs,
  * colour = max(0, 0.5 + sum_k basis_k(direction) coefficient_k), direction = normalise(mean - eye) in the model's
  * frame. No colour is more than PAGS_COLOUR_MAX: infinity times a weight of 0 is NaN, and what covers a light of 1e20

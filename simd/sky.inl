@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The cube map behind the Gaussians (pags/sky.h): which texels a pixel sees, and their colour blended in by what
  * transmittance is left.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss and its gradient for a band of rows of one channel: weighted L1 and D-SSIM (Wang et al. 2004), both
  * of sums over pixels that may count more than once.
  *

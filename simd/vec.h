@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sixteen float lanes on every machine: one AVX-512 register, two AVX2, four NEON, or an array in the scalar build.
  *
  * A kernel source is written once over these functions and compiled once per ISA (simd/CMakeLists.txt). Because the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* vec.h on AVX2 + FMA: two registers of eight lanes. */
 #include <immintrin.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* vec.h on AVX-512 F, DQ, BW, VL. */
 #include <immintrin.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* vec.h on AArch64 NEON: four registers of four lanes. */
 #include <arm_neon.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* vec.h in plain C: arrays of sixteen. The reference that the other ISAs are held against. */
 
 typedef struct vf {

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # arm64.sh SOURCE BUILD [CMAKE OPTION...]: cross-compiles the kernels and their tests for 64-bit ARM and runs them under
 # qemu. Exits with 77 (skipped) where the tools for that are missing.
 set -eu

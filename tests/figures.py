@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Counts what can be counted of the code's shape and of the manual: at a commit and now (--reference COMMIT), or fails where a rule is
 broken (--check). Both states are counted after the same clang-format, so that a line means the same in both.
 

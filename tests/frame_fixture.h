@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A frame and the threads it draws with, for a group of cmocka's tests. */
 #ifndef PAGS_TESTS_FRAME_FIXTURE_H
 #define PAGS_TESTS_FRAME_FIXTURE_H

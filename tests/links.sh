@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # links.sh NM ORACLE BENCH PRODUCT...: fails where a product (a program or library that is installed) has a function of the
 # double-precision renderer, the static library ORACLE, or one of the benchmarks. BENCH is the program that does have them, which shows
 # that this test would see them.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The allocator's front that tests put before it (memory_guard.h). */
 #include "memory_guard.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Watches and fails the allocations of a test program: what our code and the archives linked into it (zlib, zstd) ask
  * malloc for.
  *

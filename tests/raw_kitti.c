@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's files, written as its development kits describe them. */
 #include "raw_kitti.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writes KITTI's own files from a driving set, for the importer to read back: the tracking benchmark's tree, and a
  * raw recording's.
  *

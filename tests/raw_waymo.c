@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Waymo segments for tests (raw_waymo.h). */
 #include "raw_waymo.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writes Waymo segments for tests: TFRecord files of frames, with a CRC and a serialiser that share nothing with the
  * reader. */
 #ifndef PAGS_TESTS_RAW_WAYMO_H

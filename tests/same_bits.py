@@ -1,4 +1,5 @@
 #!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
 """Compares what two builds of pags write, bit by bit: a commit before a change, and the program here.
 
 A row is one use of the program (a training, a render, an export, an import). Both programs run it on the same input; where a row needs a

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A folder for the files of one test program, and whole small files in it. */
 #ifndef PAGS_TESTS_SCRATCH_FOLDER_H
 #define PAGS_TESTS_SCRATCH_FOLDER_H

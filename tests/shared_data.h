@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Test data that is not part of the repository: the folder named by PAGS_SHARED_DATA, else ../shared/data beside the
  * sources. */
 #ifndef PAGS_TESTS_SHARED_DATA_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The scene of small_scene.h. */
 #include "small_scene.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A driving scene of ten Gaussians for tests: a parked and a moving object, a sky, a camera, everything a scene.json
  * can say. */
 #ifndef PAGS_TESTS_SMALL_SCENE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Makers of small splat files. */
 #include "splat_files.h"
 

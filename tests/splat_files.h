@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Small splat files of every format, made byte by byte and without the library's help, so that a reader that errs can't
  * agree with a writer that errs alike. Functions abort when memory is out. */
 #ifndef PAGS_TESTS_SPLAT_FILES_H

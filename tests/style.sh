@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # style.sh [CC [CXX]]: what can be said about the sources without running them. Prints each fault as FILE:LINE: what is
 # wrong, and fails if there was one.
 set -u

@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # valgrind.sh PAGS [FOLDER]: the way of a data set through the program under valgrind: made, trained 30 steps, rendered, judged, exported,
 # packed. Fails at the first reads of what was never written, accesses out of bounds or blocks that nothing points to any more. AVX2,
 # since valgrind knows no AVX-512. FOLDER is written afresh and kept; without one a temporary folder is used and removed. Some minutes.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A bump allocator over a few growing heap chunks, which a reset folds into one: after the first rounds it makes no
  * heap call any more. Under AddressSanitizer memory that isn't handed out is poisoned, and blocks lie apart, so that
  * overruns and stale pointers are caught as they would be with malloc. */

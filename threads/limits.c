@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Processors and memory this process may use: affinity mask, physical memory, and the limits of its control group.
  *
  * A limit may sit on the process's group or on any ancestor, so all are read. Inside a container /proc/self/cgroup may

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a control group allows, read below any root: the tests bring trees of their own. */
 #ifndef PAGS_THREADS_LIMITS_H
 #define PAGS_THREADS_LIMITS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The pool: parallel loops, background jobs, and the same interface over a host's threads.
  *
  * A loop is joined, not handed out. The caller writes its description, opens the gate, and works on it like everybody

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Memory of the engine's as Python sees it: no copy, read-only. */
 #include "blender_addon/native/native.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Job: a picture on its way. */
 #include "blender_addon/native/job.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Renderers, jobs and what a job is asked for, as the files that read, queue and draw them share them.
  *
  * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what is shared is guarded by the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The module `pags`: what the add-on and plain Python see of the engine. */
 #include "blender_addon/native/native.h"
 

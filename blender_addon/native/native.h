@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the parts of the Python module share. The module is limited-API Python (abi3) over the public C API; rows of
  * packed Gaussians are read by scene/packed_rows.h.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Picking: which Gaussian is met through a pixel, and what it belongs to. */
 #include "blender_addon/native/job.h"
 

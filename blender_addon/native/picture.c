@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's
  * planes, on the engine's threads; Python sees the result without a copy. */
 #include "blender_addon/native/native.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Renderer: a thread that draws what is submitted, one after another, on a pool of its own. */
 #include "blender_addon/native/job.h"
 

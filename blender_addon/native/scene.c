@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scene: a composition with its lock, what it holds told to Python, and a light sample of its Gaussians. */
 #include "blender_addon/native/native.h"
 

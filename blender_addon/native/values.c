@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers and cameras to and from Python. */
 #include "blender_addon/native/native.h"
 

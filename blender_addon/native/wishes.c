@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a job is asked for: from Python's arguments to the camera, options and layout of a job. */
 #include "blender_addon/native/job.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers from and to little-endian bytes at any address; compilers make single loads and stores of these. */
 #ifndef PAGS_BASE_BYTES_H
 #define PAGS_BASE_BYTES_H

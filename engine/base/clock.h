@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Milliseconds of a clock that only goes forward, from wherever it began. */
 #ifndef PAGS_BASE_CLOCK_H
 #define PAGS_BASE_CLOCK_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Files as a whole, and their atomic replacement. What is no regular file is written straight to, never replaced. */
 #include "base/file.h"
 

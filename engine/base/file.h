@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Files and folders. Sizes are 64 bits; messages name the path and what the system said. */
 #ifndef PAGS_BASE_FILE_H
 #define PAGS_BASE_FILE_H

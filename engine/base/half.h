@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* IEEE 754 binary16 from and to float, by bits, so that no instruction set of its own is asked for. */
 #ifndef PAGS_BASE_HALF_H
 #define PAGS_BASE_HALF_H

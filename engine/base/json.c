@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The JSON reader: a recursive descent over the whole text into a tree of values in file order. */
 #include "base/json.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* JSON: a reader whose every value knows its line, so that messages can say "path:12: expected a number for 'fl_x'",
  * and a writer that gives the same bytes for the same calls.
  *

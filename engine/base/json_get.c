@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Typed getters over the tree of values. */
 #include <errno.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The JSON writer: a growing text with commas, indents and escapes put in. */
 #include <assert.h>
 #include <math.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lines for the user that are not errors ("12 views left out: image missing"). The library is silent until a receiver
  * is set. */
 #ifndef PAGS_BASE_LOG_H

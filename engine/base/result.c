@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Result codes and the line of text that goes with a failure. */
 #include <pags/base.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Philox4x32-10; constants from Salmon et al. 2011, table 2. */
 #include "base/rng.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Random numbers without state: Philox4x32-10 (Salmon et al., "Parallel random numbers: as easy as 1, 2, 3", SC 2011),
  * a bijection of a 128-bit counter under a 64-bit key. The numbers depend on (seed, a, b) alone, so that neither thread
  * count nor resuming changes any: take a = the step or the purpose, b = the row.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sorting, of lists of any size, and of numbers in ascending order, none of which may be NaN. */
 #ifndef PAGS_BASE_SORT_H
 #define PAGS_BASE_SORT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers to and from text in the C locale, whatever locale the host program has set. */
 #include "base/text.h"
 

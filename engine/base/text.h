@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Numbers to and from text, the same in every locale. */
 #ifndef PAGS_BASE_TEXT_H
 #define PAGS_BASE_TEXT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* COLMAP models, binary and text: cameras, images, points3D.
  *
  * Poses are stored as camera_from_world (quaternion w x y z, translation), OpenCV axes, and are inverted here. Pixel

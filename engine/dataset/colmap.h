@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What colmap.c shares with the readers of the binary and of the text form. */
 #ifndef PAGS_DATASET_COLMAP_H
 #define PAGS_DATASET_COLMAP_H

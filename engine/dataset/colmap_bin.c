@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The binary form: little-endian, 64-bit counts, records without padding. Every count is held against what is left of
  * the file before anything is allocated. */
 #include "dataset/colmap.h"

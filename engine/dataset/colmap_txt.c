@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The text form: '#' comments, one record a line, fields between blanks. images.txt has a second line for each image,
  * its observations, which may be empty and is never needed here. */
 #include "dataset/colmap.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Opening a data set: choosing the reader, checking what it read against the pictures, and bringing every camera to an
  * upright pinhole. */
 #include "dataset/internal.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The subject of a set of cameras: the point nearest to all optical axes. */
 #include "dataset/focus.h"
 

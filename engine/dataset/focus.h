@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a set of cameras looks at. */
 #ifndef PAGS_DATASET_FOCUS_H
 #define PAGS_DATASET_FOCUS_H

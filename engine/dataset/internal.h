@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The inside of a data set, for the files of this folder. */
 #ifndef PAGS_DATASET_INTERNAL_H
 #define PAGS_DATASET_INTERNAL_H

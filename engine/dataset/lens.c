@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Distortion models, their inverse, and the choice of the pinhole to resample to.
  *
  * Sources: the OpenCV manual (calib3d, fisheye) for the models; COLMAP's undistortion for the rule of the output size.

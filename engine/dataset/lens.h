@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A camera as a data set describes it: a pinhole with a distortion model. Everything past the reader works on the
  * pinhole it is brought to. */
 #ifndef PAGS_DATASET_LENS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points to start from, found in the photographs themselves.
  *
  * Random points leave it to training to move everything into place, and cost decibels that a short run never gets back

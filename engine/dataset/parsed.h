@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a reader hands to dataset.c: the file's own words, nothing checked against the pictures yet. */
 #ifndef PAGS_DATASET_PARSED_H
 #define PAGS_DATASET_PARSED_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
 #include "dataset/internal.h"
 

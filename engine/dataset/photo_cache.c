@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Decoded photographs within a budget.
  *
  * One slot a view. Bytes are booked before they are taken: a decode books what it holds at its worst, and hands back

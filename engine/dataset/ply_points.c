@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Point clouds of PLY files: x y z and red green blue of the vertices, ascii or binary little-endian, any other scalar
  * property skipped. Splats have a reader of their own in scene/. */
 #include "dataset/parsed.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The points that training starts from: the model's own where it has some, else random ones. */
 #include "dataset/driving/reader.h"
 #include "dataset/internal.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Random points to start from where a data set has none.
  *
  * A uniform cube would put most of them where no camera looks, or right in front of one. Ours are drawn along the

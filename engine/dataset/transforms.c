@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* transforms.json of nerfstudio and instant-ngp.
  *
  * Keys of a camera may stand at the top, shared by all frames, or in a frame, which then wins. transform_matrix is

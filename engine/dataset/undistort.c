@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Bilinear resampling through the distortion model, row by row; display-referred values as they are stored.
  *
  * The centre of output pixel (x, y) lies at (x + 0.5, y + 0.5); its ray goes through the model to a source position (u,

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Resampling of a distorted photograph, and of its mask, to the pinhole of pags_lens_pinhole. */
 #ifndef PAGS_DATASET_UNDISTORT_H
 #define PAGS_DATASET_UNDISTORT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the metrics share: the check of a pair of pictures and the clamp to the displayable range. */
 #ifndef PAGS_EVAL_METRIC_H
 #define PAGS_EVAL_METRIC_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* .npz: the zip container (APPNOTE 6.3.x, 4.3) and the .npy header (NumPy NEP 1). */
 #include "eval/npz.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Reader of .npz files: zip archives of .npy members that are stored, not deflated, and hold little-endian float32 in C
  * order. Every offset and size is checked against the file, every member against its CRC. */
 #ifndef PAGS_EVAL_NPZ_H

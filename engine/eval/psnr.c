@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Peak signal-to-noise ratio: 10 log10(1 / MSE) in dB, MSE over the channels of the counted pixels. */
 #include "eval/metric.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* See squeezenet.h. Blocks of the parallel loops are rows of the output: a row of all its channels needs three rows of
  * the input, which stay in the cache while the channels go by. */
 #include "eval/squeezenet.h"

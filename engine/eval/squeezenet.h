@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The layers SqueezeNet 1.1 is made of (Iandola et al. 2016), on planes of floats.
  *
  * Every sum runs in a fixed order: input channels, then the window row by row. Pixels are the inner loop, so that the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The way back: tiles write partial gradients to their own slots, then each cluster sums its slots, goes through shade
  * and project and hands the rows to the receiver while they are in cache. No array of all gradients exists.
  *

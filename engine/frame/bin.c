@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lists, for each tile, of the splats that can change it, in the order of the list of what is drawn, which is about
  * that of memory: neighbours fall into the same tiles, so that few lines of few lists are written at a time. sort.c
  * then puts each list in order.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Priorities as colours. */
 #include <pags/compose.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From a scene to the parts of a frame.
  *
  * Each model's rows are brought into Morton order; a model that stands in the world is cut by object, so that a parked

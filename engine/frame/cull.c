@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which clusters can put anything into the picture.
  *
  * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane) and

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Frames within a time: the choice of what the rest gives up. */
 #include <assert.h>
 #include <math.h>

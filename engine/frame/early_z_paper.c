@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The paper's two passes: occluders write depth, then nothing is drawn behind it.
  *
  * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The

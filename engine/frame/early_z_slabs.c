@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame is
  * its own depth pre-pass.
  *

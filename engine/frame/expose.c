@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures as a camera of a given exposure would show them. */
 #include "frame/stages.h"
 

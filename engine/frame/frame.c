@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Runs the stages of a frame in order; owns its memory. */
 #include <assert.h>
 #include <math.h>

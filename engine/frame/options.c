@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The words for Early-Z modes. */
 #include <errno.h>
 #include <pags/frame.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags_pick: clusters by where the ray enters their boxes, then Gaussian by Gaussian.
  *
  * Whom the ray meets lies within sqrt(2 ln(255 opacity)) sigma of the ray, so a cluster's box, widened by that of its

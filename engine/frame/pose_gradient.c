@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From the gradients of a part's Gaussians to that of the part's pose.
  *
  * world_from_model * exp(w, v), w and v small, draws what the old pose would draw of Gaussians moved in the model's

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Runs the projection and shading kernels over the clusters in view. */
 #include <string.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Runs the blending kernel over the tiles, or over samples of them. */
 #include "frame/stages.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A cluster's rows as planes: where they lie, or unpacked into the caller's scratch. */
 #include "frame/stages.h"
 #include "scene/packed_rows.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which parts of the picture can still change, while a frame is drawn slab by slab. */
 #include <math.h>
 #include <string.h>

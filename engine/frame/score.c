@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What each Gaussian matters to a picture: tiles write partial sums to their own slots, each cluster adds up its own,
  * in the slots' order. */
 #include <assert.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky behind a frame, and the gradient of its texels.
  *
  *   rgb += T sky(direction of the pixel's centre)        dL/dtexel += T weight dL/drgb over the pixels that see the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Front to back, tile by tile: each tile's list is sorted by (bits of z, id) by whoever gets it, in its own cache. No
  * order of all Gaussians is ever made: lists come from memory's order (bin.c), in which neighbours fall into the same
  * tiles.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The stages of a frame and what they hand each other. Internal to engine/frame. */
 #ifndef PAGS_FRAME_STAGES_H
 #define PAGS_FRAME_STAGES_H

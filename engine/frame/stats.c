@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sums and means of frames' statistics. */
 #include <pags/frame.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A frame of which only what is critical is wanted in full: all tiles are looked at by samples 4 pixels apart; tiles in
  * which a sample or its neighbour shows something critical are drawn pixel by pixel, with the bits that they have
  * without samples, and the others are interpolated between samples. Lists are made once for both. The sky is that of

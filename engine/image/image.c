@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures in memory: the type, conversion of samples and channels, and files through the module (module.h). */
 #include <pags/image.h>
 

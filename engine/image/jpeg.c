@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Looks for the end-of-image marker of a JPEG file (ITU-T T.81, annex B). */
 #include "image/jpeg.h"
 

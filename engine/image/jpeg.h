@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A check that OpenImageIO doesn't make. */
 #ifndef PAGS_IMAGE_JPEG_H
 #define PAGS_IMAGE_JPEG_H

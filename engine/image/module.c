@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Loading of the OpenImageIO module.
  *
  * It is looked for beside the running program, in ../lib/pags from there (an installation) and in the folder it was

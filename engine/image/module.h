@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Finds and opens the OpenImageIO module, once for the process. */
 #ifndef PAGS_IMAGE_MODULE_H
 #define PAGS_IMAGE_MODULE_H

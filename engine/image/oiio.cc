@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // OpenImageIO behind the C table of oiio.h: the only file that sees it.
 //
 // OpenImageIO 2.4 up to 3.x. It is a module of its own, because linking it costs 0.2-0.3 s at every process start.

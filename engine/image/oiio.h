@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The table through which image.c reaches the OpenImageIO module (oiio.cc, built as pags_oiio.so).
  *
  * The module links nothing of ours, so it can't store error messages: every call takes a buffer for one line instead.

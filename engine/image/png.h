@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 #ifndef PAGS_IMAGE_PNG_H
 #define PAGS_IMAGE_PNG_H
 

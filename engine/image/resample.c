@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Area average in two passes a row: rows first, into a row of floats, then columns. The sums run in a fixed order. */
 #include "image/resample.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Shrinking by area average, of bytes. */
 #ifndef PAGS_IMAGE_RESAMPLE_H
 #define PAGS_IMAGE_RESAMPLE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Imports KITTI: the tracking benchmark and raw recordings.
  *
  * World: east, north, up, metres, origin at the Velodyne's place in frame 0 of the sequence, whichever frames are

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's calibrations, of the benchmarks (one file a sequence) and of raw recordings (three files a day). */
 #include <math.h>
 #include <pags/camera.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Readers of KITTI's files, each by itself (A. Geiger, P. Lenz, C. Stiller, R. Urtasun: Vision meets Robotics: The
  * KITTI Dataset, IJRR 2013, and the readme files of its development kits).
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's label files of the tracking and object benchmarks. */
 #include <math.h>
 #include <stdio.h>

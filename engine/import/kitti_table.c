@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's rows of numbers: oxts, poses, times, points. */
 #include <math.h>
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lines of a text file and the words in them, for strict readers. */
 #ifndef PAGS_IMPORT_KITTI_TEXT_H
 #define PAGS_IMPORT_KITTI_TEXT_H

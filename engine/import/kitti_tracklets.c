@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* tracklet_labels.xml of KITTI's raw recordings: boost's archive of a vector of tracklets, read with expat.
  *
  *   tracklets / item / {objectType, h, w, l, first_frame} and poses / item / {tx, ty, tz, rx, ry, rz}

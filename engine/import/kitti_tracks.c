@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Boxes of KITTI's labels, gathered by track and brought to the world. */
 #include "import/kitti_tracks.h"
 

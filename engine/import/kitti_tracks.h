@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's labels as tracks in the world. */
 #ifndef PAGS_IMPORT_KITTI_TRACKS_H
 #define PAGS_IMPORT_KITTI_TRACKS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Finding one's way in KITTI's folders, and what is missing in them. */
 #include "import/kitti_tree.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which files a KITTI tree has: of the tracking benchmark, or of a raw recording. */
 #ifndef PAGS_IMPORT_KITTI_TREE_H
 #define PAGS_IMPORT_KITTI_TREE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Cameras and frames as an importer's options name them. */
 #include "import/options.h"
 

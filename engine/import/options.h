@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What importers share in reading their options. */
 #ifndef PAGS_IMPORT_OPTIONS_H
 #define PAGS_IMPORT_OPTIONS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* TFRecord framing (tfrecord.h). */
 #include "import/tfrecord.h"
 

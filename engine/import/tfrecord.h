@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* TFRecord files, read one record at a time. A record is
  *
  *   u64 length | u32 masked CRC of these 8 bytes | data | u32 masked CRC of the data        (little-endian)

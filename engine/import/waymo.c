@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Imports Waymo Open Dataset v1 segments: TFRecord files of frames.
  *
  * The file is gone through twice: once from length to length, which finds how many frames there are and any cut or

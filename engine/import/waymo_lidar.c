@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Range images to points (waymo_lidar.h). */
 #include "import/waymo_lidar.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Range images to points.
  *
  * Row r of H looks up at the inclination I(H - 1 - r), I ascending: the calibration's list, or evenly spaced middles

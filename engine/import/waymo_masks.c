@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pinholes for photographs with distortion (waymo_masks.h). */
 #include "import/waymo_masks.h"
 

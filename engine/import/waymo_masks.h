@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Dynamic masks of Waymo's photographs, whose lenses distort. */
 #ifndef PAGS_IMPORT_WAYMO_MASKS_H
 #define PAGS_IMPORT_WAYMO_MASKS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Unpacking of Waymo's messages (waymo_message.h). */
 #include "import/waymo_message.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Waymo's messages in memory, and the checks that everything past them relies on. The generated types are
  * waymo.proto's. */
 #ifndef PAGS_IMPORT_WAYMO_MESSAGE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Panoptic labels to masks (waymo_semantic.h). */
 #include "import/waymo_semantic.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Waymo's panoptic labels to masks: semantic/ in Cityscapes train ids, sky_masks/, and panoptic/ with the PNG as it
  * came.
  *

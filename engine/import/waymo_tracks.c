@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Boxes to tracks (waymo_tracks.h): all labels are sorted by id, frame by frame, so that nothing grows with the square
  * of their number. */
 #include "import/waymo_tracks.h"

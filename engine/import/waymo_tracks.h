@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Waymo's 3D boxes, gathered frame by frame, to tracks. */
 #ifndef PAGS_IMPORT_WAYMO_TRACKS_H
 #define PAGS_IMPORT_WAYMO_TRACKS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Colours for points.
  *
  * Every training photograph is looked at once, in order; within it every point finds out by itself whether it is seen

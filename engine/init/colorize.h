@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Colours for points, from the training photographs; and points where there are none. */
 #ifndef PAGS_INIT_COLORIZE_H
 #define PAGS_INIT_COLORIZE_H

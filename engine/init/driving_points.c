@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points to start from in a driving scene.
  *
  * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in

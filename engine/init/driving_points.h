@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points to start from in a driving scene: LiDAR coloured by the photographs and shared out between background and
  * objects. */
 #ifndef PAGS_INIT_DRIVING_POINTS_H

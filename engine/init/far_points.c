@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points where the laser doesn't reach: upper storeys, what is far away.
  *
  * A wall goes on above the laser's highest beam at the same depth, so half of the points are put at the depth of what

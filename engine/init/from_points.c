@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From points to Gaussians, as Kerbl et al. (2023) do it. */
 #include "init/from_points.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The first Gaussians. */
 #ifndef PAGS_INIT_FROM_POINTS_H
 #define PAGS_INIT_FROM_POINTS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Nearest neighbours by a k-d tree (Bentley 1975): the points themselves, partitioned in place about the median of the
  * widest axis of each range, so that the middle of a range is its node. Unlike a grid it does not care how unevenly
  * points lie, and structure-from-motion points lie very unevenly. On two threads a million points take 2.2 s where

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How far each point's neighbours are: the size that first Gaussians get. */
 #ifndef PAGS_INIT_KNN_H
 #define PAGS_INIT_KNN_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Facets; see facets.h.
  *
  * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Facets: flat pieces of the background's surface as the laser measured them, and drawing Gaussians onto them.
  *
  * The picture and the expected depth leave open where along a ray its Gaussians lie, as long as they blend to the same:

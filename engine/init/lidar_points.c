@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gathering: sweeps shared out among boxes. */
 #include "init/lidar_points.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points on their way to becoming first Gaussians of a driving scene: gathered from sweeps, thinned, coloured. */
 #ifndef PAGS_INIT_LIDAR_POINTS_H
 #define PAGS_INIT_LIDAR_POINTS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects that the laser hardly touched: mirror images and grids. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Thinning the background: voxels that grow with the distance, and outliers. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A depth buffer of coarse cells for sparse points.
  *
  * The laser sits elsewhere than the camera and sees things that the camera doesn't; drawn as single pixels its points

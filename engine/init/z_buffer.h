@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What hides what in a picture of sparse points: a depth buffer of coarse cells. */
 #ifndef PAGS_INIT_Z_BUFFER_H
 #define PAGS_INIT_Z_BUFFER_H

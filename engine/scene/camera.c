@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rigid motions, rotations and the pinhole camera. */
 #include <pags/camera.h>
 

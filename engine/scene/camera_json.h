@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The keys of a camera in JSON, shared by camera files, path files and scene.json. */
 #ifndef PAGS_SCENE_CAMERA_JSON_H
 #define PAGS_SCENE_CAMERA_JSON_H

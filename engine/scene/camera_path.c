@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Camera files and path files. */
 #include <assert.h>
 #include <math.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Bounds of runs of Gaussians. */
 #include <math.h>
 #include <pags/frame.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* PlayCanvas' compressed PLY: chunks of 256 Gaussians with bounds, four packed words a Gaussian, SH as bytes.
  *
  * word      bits                      value

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The exposure of a camera of the rig at any time. */
 #include <math.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The set of Gaussians: memory, gathering of rows, search for rows that can't be drawn. */
 #include <pags/gaussians.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The order of Gaussians along a Morton curve: neighbours in memory are neighbours in space, and clusters are small. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects: what their class names mean, whether they move. Where they are at a time: object_pose.c. */
 #include <pags/object.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects to and from scene.json. */
 #include "scene/object_json.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The keys of "objects" in scene.json: boxes, tracks and what training found out about them. */
 #ifndef PAGS_SCENE_OBJECT_JSON_H
 #define PAGS_SCENE_OBJECT_JSON_H

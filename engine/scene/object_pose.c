@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Where an object is at a time.
  *
  * A track that has been trained is the curve through its trained knots' poses, label * Exp(increment), for these are

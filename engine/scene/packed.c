@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Packing, and the file: a head of 128 bytes, then bounds (seven planes of floats), geometry and colours, each at a
  * multiple of 64. */
 #include <pags/packed.h>

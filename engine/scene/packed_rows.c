@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Unpacking: plain loops over arrays, which compilers make vectors of; products and sums stay apart
  * (-ffp-contract=off), so that every machine gives the same bits. */
 #include "scene/packed_rows.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One cluster of packed Gaussians as planes of PAGS_PACKED_ROWS floats, in the planes' order of pags/gaussians.h. */
 #ifndef PAGS_SCENE_PACKED_ROWS_H
 #define PAGS_SCENE_PACKED_ROWS_H

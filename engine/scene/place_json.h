@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Places in scene.json and dataset.json: "geographic_origin": [latitude, longitude, altitude]; may be missing. */
 #ifndef PAGS_SCENE_PLACE_JSON_H
 #define PAGS_SCENE_PLACE_JSON_H

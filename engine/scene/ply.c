@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The PLY of INRIA's 3D Gaussian splatting (Kerbl et al. 2023), read by property name and written in its own order.
  *
  * f_rest is channel-major (all of R, then G, then B), our planes are coefficient-major. Values pass through untouched,

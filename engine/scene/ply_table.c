@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* PLY (Turk 1994): a text header of elements and properties, then rows as text or as bytes of either order. */
 #include "scene/ply_table.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A PLY file as tables of numbers: elements, their properties by name, their rows. Knows nothing of Gaussians. */
 #ifndef PAGS_SCENE_PLY_TABLE_H
 #define PAGS_SCENE_PLY_TABLE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A scene in memory, its folder, and bare splat files as scenes. */
 #include <assert.h>
 #include <stdio.h>

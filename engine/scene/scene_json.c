@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Reading and writing scene.json. */
 #include "scene/scene_json.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* scene.json: everything of a scene but its Gaussians. docs/scene-folder.md lists the keys. */
 #ifndef PAGS_SCENE_SCENE_JSON_H
 #define PAGS_SCENE_SCENE_JSON_H

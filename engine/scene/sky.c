@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky's cube map: memory, sky.npy (NumPy's format, NEP 1, float16), a colour towards a direction. */
 #include <pags/sky.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* antimatter15's .splat: 32 bytes a Gaussian and nothing else. Position f32 x 3, sigma f32 x 3 (not its logarithm),
  * colour and opacity u8 x 4, rotation u8 x 4 (w x y z, (b - 128) / 128). No spherical harmonics beyond the constant. */
 #include <math.h>

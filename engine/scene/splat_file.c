@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Splat files of any format, told apart by content. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One decoder per splat format, from the bytes of a whole file. Each creates `out`; on failure `out` is zeroed. */
 #ifndef PAGS_SCENE_SPLAT_FORMATS_H
 #define PAGS_SCENE_SPLAT_FORMATS_H

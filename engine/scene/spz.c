@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Niantic's SPZ, versions 2 to 4: attributes quantised to bytes, one attribute after the other, then compressed.
  *
  * v2, v3  one gzip stream of a 16-byte header and the attributes

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Who is on the street: parked cars along both kerbs, cars, pedestrians and cyclists that move. */
 #include <math.h>
 #include <string.h>

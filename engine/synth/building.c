@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Terraced houses: fronts with windows set back into the wall, doors, shops, cornices; flat or tiled roofs. */
 #include <math.h>
 #include <string.h>

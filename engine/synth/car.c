@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Cars: a body lofted along x, a cabin lofted upwards, wheels, lamps. Also bicycles. */
 #include <math.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A stream of random numbers for building things, one after the other. */
 #ifndef PAGS_SYNTH_DICE_H
 #define PAGS_SYNTH_DICE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What tracer.c and stage.c, the only files that see Embree, share: versions 3 and 4, and errors. */
 #ifndef PAGS_SYNTH_EMBREE_H
 #define PAGS_SYNTH_EMBREE_H

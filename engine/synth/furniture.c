@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Materials' list, trees, lamps, signs, bins. */
 #include <math.h>
 #include <stdlib.h>

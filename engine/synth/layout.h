@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Where things lie across the street: y in metres, left of the middle line positive. Traffic keeps to the right; the
  * recording car drives in the left one of its two lanes, so that three metres to the right there is another lane. */
 #ifndef PAGS_SYNTH_LAYOUT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Patterns as sums of box-filtered pulses, so that they fade to their mean before samples could miss them. */
 #include "synth/material.h"
 

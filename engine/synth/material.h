@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the street's surfaces are made of: reflectance from where on a surface a ray lands. Linear RGB. */
 #ifndef PAGS_SYNTH_MATERIAL_H
 #define PAGS_SYNTH_MATERIAL_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Growing arrays of vertices and faces, and the bodies made of them. */
 #include "synth/mesh.h"
 

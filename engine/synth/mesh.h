@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Meshes of quads (a triangle repeats its last corner), built from simple bodies. Metres. */
 #ifndef PAGS_SYNTH_MESH_H
 #define PAGS_SYNTH_MESH_H

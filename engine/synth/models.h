@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What stands and moves in the street. Each function adds to a mesh; materials go into a shared list. */
 #ifndef PAGS_SYNTH_MODELS_H
 #define PAGS_SYNTH_MODELS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How far points are from the street's true surfaces.
  *
  * Points lie in a grid of cells; each triangle of the street, where it is at that time, visits the cells that its box,

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* People of rounded bodies: trunk, head, hair; an arm and a leg that the caller swings. */
 #include "synth/models.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Point i: what a random position of a random view's picture shows. Rays that meet the sky are drawn again. */
 #include "synth/points.h"
 

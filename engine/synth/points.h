@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Surface points as structure from motion would find them: seen from the cameras, with their colours. */
 #ifndef PAGS_SYNTH_POINTS_H
 #define PAGS_SYNTH_POINTS_H

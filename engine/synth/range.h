@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The check of an option's range. */
 #ifndef PAGS_SYNTH_RANGE_H
 #define PAGS_SYNTH_RANGE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lambertian shading: reflectance times (sun, where nothing stands before it, + sky dome). The dome lights a surface
  * of unit normal n by (1 + n_z) / 2, the share of the dome it sees without obstacles. */
 #include "synth/render.h"

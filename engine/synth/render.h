@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures and depths of a room. */
 #ifndef PAGS_SYNTH_RENDER_H
 #define PAGS_SYNTH_RENDER_H

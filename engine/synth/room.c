@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The courtyard: a floor, four walls, and things about the middle of sizes from 0.1 to 1.4 m. */
 #include "synth/room.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What stands in the courtyard. Everything is a box turned about the vertical, or a ball. */
 #ifndef PAGS_SYNTH_ROOM_H
 #define PAGS_SYNTH_ROOM_H

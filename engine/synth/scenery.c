@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What doesn't move and has no box: ground, houses on both sides, what closes the view, trees, lamps, signs. */
 #include <math.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sizes and opacities of trained streets' Gaussians, as quantiles.
  *
  * Measured by scripts/size_tables.py. Ground and fronts: on the background of the real street that `pags train

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A clear sky with fair-weather clouds in a layer above. */
 #include "synth/sky.h"
 

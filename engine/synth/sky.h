@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky, the sun, and what glossy things mirror of them. Linear RGB. */
 #ifndef PAGS_SYNTH_SKY_H
 #define PAGS_SYNTH_SKY_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One Embree scene a mesh, and one of instances of them, whose poses change from frame to frame. */
 #include "synth/stage.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rays against placed meshes, eight at a time, by Embree 3 or 4. */
 #ifndef PAGS_SYNTH_STAGE_H
 #define PAGS_SYNTH_STAGE_H

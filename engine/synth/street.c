@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lists of meshes, placements and actors, and the recording car's own motion and cameras. */
 #include "synth/street.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The street: its meshes, what is placed where, who moves, and the car that records it. */
 #ifndef PAGS_SYNTH_STREET_H
 #define PAGS_SYNTH_STREET_H

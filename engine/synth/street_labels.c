@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* drivestudio's texts: ids, classes and boxes of objects by frame; matrices of poses. */
 #include "synth/street_labels.h"
 

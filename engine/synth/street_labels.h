@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The street's texts: boxes, cameras, times. */
 #ifndef PAGS_SYNTH_STREET_LABELS_H
 #define PAGS_SYNTH_STREET_LABELS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writes a street as a driving set: frame by frame, its pictures drawn together, then its files written together. */
 #include <pags/image.h>
 #include <pags/synth.h>

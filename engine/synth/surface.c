@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A Gaussian of a town: a random point of a random face, by area; kept where at least one of eight places on the street
  * nearby sees it, as a trained scene has Gaussians only where photographs looked. It lies flat on its face, along the
  * face's edges where that is small, and no wider than the face. Its colour is the street's own shading (view.c) with

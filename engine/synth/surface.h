@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gaussians on the surfaces of a town, where they are seen from its streets. */
 #ifndef PAGS_SYNTH_SURFACE_H
 #define PAGS_SYNTH_SURFACE_H

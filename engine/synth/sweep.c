@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Beams above each other that turn: 32 from 22 degrees below the horizon to 8 above, denser near it. All rays leave at
  * the frame's time. */
 #include "synth/sweep.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* LiDAR of the street by the same ray tracer. */
 #ifndef PAGS_SYNTH_SWEEP_H
 #define PAGS_SYNTH_SWEEP_H

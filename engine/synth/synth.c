@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writes a room as a nerfstudio data set. */
 #include <pags/synth.h>
 

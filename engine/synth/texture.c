@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Checkers, stripes, marble, each under three octaves of value noise. */
 #include "synth/texture.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Solid textures: colour as a function of a point in space. Linear RGB, reflectances in [0, 1]. */
 #ifndef PAGS_SYNTH_TEXTURE_H
 #define PAGS_SYNTH_TEXTURE_H

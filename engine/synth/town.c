@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Puts a town together from the street's own parts: its cross-section, houses, trees, lamps, cars and people. */
 #include "synth/town.h"
 

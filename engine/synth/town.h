@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A town: parallel streets with blocks of houses between them, cut by lanes, closed at both ends. */
 #ifndef PAGS_SYNTH_TOWN_H
 #define PAGS_SYNTH_TOWN_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Plans a town for a number of Gaussians, covers it with them and writes the scene. */
 #include <math.h>
 #include <pags/scene.h>

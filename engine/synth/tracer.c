@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The room as an Embree scene of two geometries: quads (six a box) and sphere points. */
 #include "synth/tracer.h"
 

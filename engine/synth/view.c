@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Shading of the street: reflectance times (sun, where nothing stands before it, + sky from eight directions, each
  * where nothing stands before it either), plus what glossy surfaces mirror of the sky. Sample i of a pixel looks for
  * the sky in direction i, so that eight samples see all of them. */

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures of the street, and what is exactly true of their pixels. */
 #ifndef PAGS_SYNTH_VIEW_H
 #define PAGS_SYNTH_VIEW_H

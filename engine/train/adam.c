@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Deferred Adam: which clusters owe which steps, and the bounds that hold meanwhile. The arithmetic of a step is in
  * simd/adam.inl.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adam whose cost follows the clusters in view, with the results of Adam over everything at every step.
  *
  * A cluster that no view shows owes updates: its moments still move its parameters. `touch` pays what is owed before

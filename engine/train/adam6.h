@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adam's moments of a parameter of six numbers, as poses (rotation, translation) and exposures (gains, offsets) are. */
 #ifndef PAGS_TRAIN_ADAM6_H
 #define PAGS_TRAIN_ADAM6_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Checkpoint files; the layout is in checkpoint.h. */
 #include "train/checkpoint.h"
 

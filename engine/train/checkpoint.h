@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A run on disk: one file from which it goes on to the same bits.
  *
  * "PAGSRUN4", then sections: tag (4 bytes), size of the payload (u64), payload, CRC-32 of tag, size and payload

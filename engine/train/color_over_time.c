@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Held-in test of colour over time. The least-squares fit is weighted by pixels; what it explains beyond a constant,
  * which the static colour would take up by itself, is the gain. */
 #include "train/color_over_time.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which objects' colours change over time. */
 #ifndef PAGS_TRAIN_COLOR_OVER_TIME_H
 #define PAGS_TRAIN_COLOR_OVER_TIME_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The configuration: one table of fields serves defaults' printing, flags, checkpoints, scene.json and range checks. */
 #include "train/config.h"
 

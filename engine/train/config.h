@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The configuration as text: for checkpoints (name=value lines) and scene.json (a JSON object). */
 #ifndef PAGS_TRAIN_CONFIG_H
 #define PAGS_TRAIN_CONFIG_H

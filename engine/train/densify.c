@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adaptive density control of Kerbl et al. (2023), section 5, with the constants and the order of their program.
  *
  * A Gaussian whose projected mean is pulled hard (mean norm of its NDC gradient over the views it was drawn in)

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* 3DGS's adaptive density control: clone, split, prune, reset. */
 #ifndef PAGS_TRAIN_DENSIFY_H
 #define PAGS_TRAIN_DENSIFY_H

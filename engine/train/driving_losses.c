@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Loss terms of driving scenes: opacity where the sky is, depth where the laser hit, opacity of moving objects in and
  * out of their boxes.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Loss terms of driving scenes. Each adds its gradient to planes that exist already and returns its weighted value;
  * each is a pure function of planes of `stride` floats a row, the same bits for any number of threads. Weights and
  * sources: facts of Street Gaussians. */

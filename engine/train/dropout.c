@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The draws of adaptive stochastic dropout; see dropout.h. */
 #include "train/dropout.h"
 

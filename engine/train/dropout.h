@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adaptive stochastic dropout: in each training step a Gaussian is left out with probability
  *
  *   D = (1 - beta S_sem) gamma t / t_total

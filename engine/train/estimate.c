@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a run will take: bytes from counts, seconds from a few passes.
  *
  * Assumed: the count of Gaussians ends at its bound, or at 8 times the start (the usual factor of 3DGS from

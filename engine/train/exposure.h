@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Exposure of each training photograph: photograph = gain * picture + offset, per channel, in display-referred sRGB. It
  * is the sum of a part of the camera's, which every photograph of that camera moves, and a small one of the
  * photograph's own, which has no more than some tens of visits in a run: cameras of one rig differ far more than the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* LiDAR as sparse depth of a view. */
 #include "train/lidar_depth.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* LiDAR as sparse depth of the training views. */
 #ifndef PAGS_TRAIN_LIDAR_DEPTH_H
 #define PAGS_TRAIN_LIDAR_DEPTH_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* MCMC density control. Each step moves every row (noise, regularisers), so nothing is deferred under this policy:
  * its cost follows the number of Gaussians, not of those in view. */
 #include "train/mcmc.h"

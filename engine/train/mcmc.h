@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The second density policy: 3D Gaussian splatting as Markov chain Monte Carlo (Kheradmand et al. 2024). */
 #ifndef PAGS_TRAIN_MCMC_H
 #define PAGS_TRAIN_MCMC_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The model of a run: rows that move together through parameters, moments and statistics. */
 #include "train/model.h"
 

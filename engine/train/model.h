@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One set of Gaussians in training: the background, or a moving object in its box's frame. Rows move together through
  * parameters, moments and statistics. */
 #ifndef PAGS_TRAIN_MODEL_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The account of a run's choices. */
 #include "train/model_report.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a run modelled and why, as JSON: the scene's "modelled". */
 #ifndef PAGS_TRAIN_MODEL_REPORT_H
 #define PAGS_TRAIN_MODEL_REPORT_H

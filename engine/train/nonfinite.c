@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Counting and naming what isn't finite. */
 #include "train/nonfinite.h"
 

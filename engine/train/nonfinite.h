@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a number that isn't finite kept from moving: counted, and the first remembered, the same for any number of
  * threads and through checkpoints. Nothing of the kind is ever put into a parameter or a moment. */
 #ifndef PAGS_TRAIN_NONFINITE_H

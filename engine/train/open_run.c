@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How a run begins: from nothing, or from its checkpoint. */
 #include <math.h>
 #include <stdlib.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The files of a run, checkpoint apart. All but report.json are functions of the run alone. */
 #include "train/output.h"
 

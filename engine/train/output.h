@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a run leaves in its folder: log.jsonl, previews, the scene, report.json. */
 #ifndef PAGS_TRAIN_OUTPUT_H
 #define PAGS_TRAIN_OUTPUT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Splits the picture into bands of rows, one block per band and channel, and adds the bands' sums in order. The
  * maths is in simd/ssim.inl. */
 #include "train/photometric_loss.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss L = (1 - w) L1 + w (1 - SSIM) and its gradient by the picture.
  *
  * L1 and SSIM are means over the three channels of the counted pixels; a pixel that counts W times stands W times in

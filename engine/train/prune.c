@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pruning by priority.
  *
  * The paper ranks all Gaussians by S_hybrid and removes the lowest. S_sem lies in 0..1, S_grad is heavy-tailed over

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pruning by priority: the Gaussians with the lowest S_hybrid go, over all models together. */
 #ifndef PAGS_TRAIN_PRUNE_H
 #define PAGS_TRAIN_PRUNE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The schedule of Kerbl et al. (2023), stretched to any number of iterations.
  *
  * Steps given "of 30 000" become round(step * length / 30 000). Two intervals don't shrink without end: the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What happens at which step: pure functions of (configuration, extent, number of training views, step). */
 #ifndef PAGS_TRAIN_SCHEDULE_H
 #define PAGS_TRAIN_SCHEDULE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The pass over the training views that scores are taken from. */
 #include "train/score_pass.h"
 

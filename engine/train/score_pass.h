@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How much each Gaussian matters, measured by one pass over the training views.
  *
  * S_sem is the share of what is seen of a Gaussian (alpha T, summed over pixels and views) that shows something

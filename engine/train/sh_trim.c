@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which degree a Gaussian needs; see sh_trim.h. */
 #include "train/sh_trim.h"
 

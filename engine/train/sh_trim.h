@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Spherical harmonics only where they show.
  *
  * For each Gaussian, the lowest degree is kept at which its colour, from every direction that a training view can see

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Bytes of a scene folder as a bound on Gaussians. */
 #include "train/size_limit.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The bound on bytes that --target-size sets: scene.json, PLYs and sky, of which training decides the rows of the PLYs.
  */
 #ifndef PAGS_TRAIN_SIZE_LIMIT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fitting the sky's cube map (Street Gaussians: Adam, rate 0.01 to 1e-4 log-linear). */
 #include "train/sky_fit.h"
 

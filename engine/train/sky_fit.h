@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky in training: its resolution, its first colour, and Adam over the texels that training views can see. */
 #ifndef PAGS_TRAIN_SKY_FIT_H
 #define PAGS_TRAIN_SKY_FIT_H

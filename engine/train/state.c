@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The models and the few numbers of a run. */
 #include "train/state.h"
 

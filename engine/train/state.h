@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a training run consists of between two steps: all that a checkpoint holds. */
 #ifndef PAGS_TRAIN_STATE_H
 #define PAGS_TRAIN_STATE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The pass of a training view.
  *
  * The frame is rendered with owed updates paid for each cluster in view; the losses write dLoss/d(picture); the frame

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One view's way through the frame and back: compose -> render -> losses -> backward -> updates. */
 #ifndef PAGS_TRAIN_STEP_H
 #define PAGS_TRAIN_STEP_H

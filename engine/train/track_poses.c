@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Track optimisation. */
 #include "train/track_poses.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Poses of labelled boxes and their optimisation: an increment per knot, in the box's frame (pags_knot). */
 #ifndef PAGS_TRAIN_TRACK_POSES_H
 #define PAGS_TRAIN_TRACK_POSES_H

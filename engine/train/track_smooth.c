@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus an
  * error of its own at each time step. The smoothed track x minimises sum over knots |x_k - label_k|^2 + lambda * sum
  * over four neighbouring knots |third divided difference|^2 (Whittaker 1923), times in median spacings; constant

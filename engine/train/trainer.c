@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training loop.
  *
  * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A run at work: what the loop, its estimate and its opening share. */
 #ifndef PAGS_TRAIN_TRAINER_H
 #define PAGS_TRAIN_TRAINER_H

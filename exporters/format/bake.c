@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Many parts as one set of Gaussians, and the formats .splat and .spz. */
 #include "exporters/format/bake.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gaussians brought into one frame, and files of them. */
 #ifndef PAGS_FORMAT_BAKE_H
 #define PAGS_FORMAT_BAKE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* glTF through tinygltf: the only file that sees it. No exception leaves it. */
 #include "exporters/format/gltf.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Building a glTF 2.0 file. The first failure is remembered and reported by save; what comes after it does nothing. */
 #ifndef PAGS_FORMAT_GLTF_H
 #define PAGS_FORMAT_GLTF_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Views as glTF cameras. What glTF's perspective can't say (principal point, held out or not) is in the node's extras.
  */
 #include "exporters/format/gltf_cameras.h"

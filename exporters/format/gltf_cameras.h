@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training views and the recording car's way as cameras and nodes of a glTF file. */
 #ifndef PAGS_FORMAT_GLTF_CAMERAS_H
 #define PAGS_FORMAT_GLTF_CAMERAS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags_export_proxies: every labelled object, the ground and the background, into one glTF file. */
 #include <math.h>
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects are placed where their frame is the world's, so that what is drawn there is in their frame. */
 #include "exporters/format/object_gaussians.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A scene's Gaussians apart by whose they are, each object's in its own frame. */
 #ifndef PAGS_FORMAT_OBJECT_GAUSSIANS_H
 #define PAGS_FORMAT_OBJECT_GAUSSIANS_H

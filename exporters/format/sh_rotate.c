@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Turning spherical harmonics. Each degree l turns by itself by a matrix of (2 l + 1)^2, found by asking what the
  * turned functions are in enough directions: least squares over a lattice of directions, exact but for rounding as the
  * functions lie in the space asked for. */

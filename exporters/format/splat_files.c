@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags_export_splats: the formats that other programs take Gaussians in. */
 #include <math.h>
 #include <stdio.h>

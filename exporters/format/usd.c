@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags_export_usd: Gaussians and proxies as one USD stage, in text.
  *
  * Z up, metres; /scene holds one Xform an object, with its track as time samples: a kinematic body whose Gaussians are

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Text is gathered in a buffer a line or an array's piece at a time. Numbers are the shortest that read back to the
  * same float. */
 #include "exporters/format/usd_text.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writing USD's text form (.usda): indentation, values, arrays. The first failure is remembered and reported by the
  * end. */
 #ifndef PAGS_FORMAT_USD_TEXT_H

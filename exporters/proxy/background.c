@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The background: drawn without labelled objects by a choice of the training cameras, its depth fused tile by tile.
  *
  * A surface that is near the ground belongs to the ground. The rest is cut by class: by what the data set's semantic

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Everything that is no labelled object: the ground, and the rest in chunks by class. */
 #ifndef PAGS_PROXY_BACKGROUND_H
 #define PAGS_PROXY_BACKGROUND_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fitting a cage: a box of quads about the shell, moved so that its limit surface comes to lie on the shell.
  *
  * Each round, every sample of the limit surface is drawn to the nearest point of the shell, and the nearest sample to

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A closed quad control cage whose subdivision surface (Catmull and Clark 1978) follows a closed shell. */
 #ifndef PAGS_PROXY_CAGE_H
 #define PAGS_PROXY_CAGE_H

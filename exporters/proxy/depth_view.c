@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing Gaussians by the training cameras for their depth.
  *
  * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth

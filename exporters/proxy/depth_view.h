@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a training camera sees of some Gaussians: depth, cover and colour of its pixels, in the frame of a model. */
 #ifndef PAGS_PROXY_DEPTH_VIEW_H
 #define PAGS_PROXY_DEPTH_VIEW_H

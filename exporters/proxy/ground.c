@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Finding the ground.
  *
  * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The ground as heights over a lattice of x and y: one value each, no holes near the recording car's path. World z up.
  */
 #ifndef PAGS_PROXY_GROUND_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Filling the ground's holes near the path, and smoothing it.
  *
  * A membrane is laid over the lattice that follows what was measured. It is stiff along the path and soft across it,

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Convex hulls by qhull. */
 #include <libqhull_r/qhull_ra.h>
 #include <math.h>

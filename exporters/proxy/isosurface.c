@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Marching tetrahedra. Each cell of the grid is cut into six tetrahedra round its long diagonal (Kuhn 1960), the same
  * way in all cells, so that faces of neighbours meet; a tetrahedron has no ambiguous case, so the surface has no holes.
  */

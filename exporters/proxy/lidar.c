@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Reading sweeps: what lies in labelled boxes and what doesn't. */
 #include "exporters/proxy/lidar.h"
 

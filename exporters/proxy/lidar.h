@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the laser of a recording measured, where the data set of a scene is at hand. */
 #ifndef PAGS_PROXY_LIDAR_H
 #define PAGS_PROXY_LIDAR_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Holding a surface to a laser's points, which are sparse, but not wrong in depth as far views are. */
 #include "exporters/proxy/lidar_fit.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points that a laser measured on an object. */
 #ifndef PAGS_PROXY_LIDAR_FIT_H
 #define PAGS_PROXY_LIDAR_FIT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Triangle meshes: building, parts, and whether they are closed. */
 #include "exporters/proxy/mesh.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A triangle mesh in the making: positions, colours, and which parts some camera saw. */
 #ifndef PAGS_PROXY_MESH_H
 #define PAGS_PROXY_MESH_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The only file of the exporters that sees Embree, version 3 or 4. */
 #include "exporters/proxy/mesh_query.h"
 

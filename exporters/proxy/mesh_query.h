@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Distances to triangles or points, and rays against triangles, through Embree. */
 #ifndef PAGS_PROXY_MESH_QUERY_H
 #define PAGS_PROXY_MESH_QUERY_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Proxies of objects at the level asked for. */
 #include "exporters/proxy/object_proxy.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The proxy of one labelled object, in its own frame. */
 #ifndef PAGS_PROXY_OBJECT_PROXY_H
 #define PAGS_PROXY_OBJECT_PROXY_H

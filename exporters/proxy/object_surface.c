@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
  *
  * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the

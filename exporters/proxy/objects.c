@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects are independent: each worker takes the next one and draws it with a frame of its own. */
 #include "exporters/proxy/objects.h"
 

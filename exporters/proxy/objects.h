@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The proxies of all chosen objects, made and measured, several objects at once. */
 #ifndef PAGS_PROXY_OBJECTS_H
 #define PAGS_PROXY_OBJECTS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Distances between a proxy and the surface that the training cameras see of the Gaussians, and between their
  * silhouettes.
  *

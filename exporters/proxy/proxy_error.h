@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How far a proxy is from what it stands for. */
 #ifndef PAGS_PROXY_PROXY_ERROR_H
 #define PAGS_PROXY_PROXY_ERROR_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The list of what was exported. */
 #include "exporters/proxy/proxy_report.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The list of what was exported. */
 #ifndef PAGS_PROXY_PROXY_REPORT_H
 #define PAGS_PROXY_PROXY_REPORT_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Making a decimated surface closed again.
  *
  * Collapses leave two faults in a surface that was closed: pairs of faces that cover each other, and edges where four

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Drawing the whole scene for the depth of its training views. */
 #include "exporters/proxy/scene_depth.h"
 

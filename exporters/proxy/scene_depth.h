@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How far the training cameras see into the whole scene, objects where they are at each view's time: what lies behind
  * that is hidden, whatever it would look like drawn alone. */
 #ifndef PAGS_PROXY_SCENE_DEPTH_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Telling vehicles from their shadow and from what they park at, pixel by pixel of a view. */
 #include "exporters/proxy/shadow_filter.h"
 

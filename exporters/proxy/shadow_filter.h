@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the views show under a vehicle and beside its wheels. */
 #ifndef PAGS_PROXY_SHADOW_FILTER_H
 #define PAGS_PROXY_SHADOW_FILTER_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Completing what no camera saw of an object. */
 #include "exporters/proxy/shape_prior.h"
 

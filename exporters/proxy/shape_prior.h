@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What no camera saw of an object: its mirror image, the form that well-seen objects of its size have, or its box. */
 #ifndef PAGS_PROXY_SHAPE_PRIOR_H
 #define PAGS_PROXY_SHAPE_PRIOR_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fewer triangles, by meshoptimizer's edge collapses under quadric errors (Garland and Heckbert 1997). */
 #include <float.h>
 #include <meshoptimizer.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The only file that sees OpenSubdiv. No exception leaves it. */
 #include "exporters/proxy/subdiv.h"
 

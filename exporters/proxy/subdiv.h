@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Catmull-Clark subdivision of closed quad meshes, through OpenSubdiv. */
 #ifndef PAGS_PROXY_SUBDIV_H
 #define PAGS_PROXY_SUBDIV_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fusion of depths into a signed distance. */
 #include "exporters/proxy/tsdf.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Signed distance on a regular grid, fused from depths, and the surface where it is zero. */
 #ifndef PAGS_PROXY_TSDF_H
 #define PAGS_PROXY_TSDF_H

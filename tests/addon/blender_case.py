@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What tests inside of Blender share: the add-on installed from its zip, pictures from F12, pictures from the program."""
 
 import json

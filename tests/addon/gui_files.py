@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The import's file browser in a real window: it shows what can be read, and a scene.json chosen there is imported."""
 
 import os

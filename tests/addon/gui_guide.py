@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The pictures of docs/blender-guide.md: the steps of the guide, done in a window on the synthetic street, each looked at for what
 has to be seen in it.
 

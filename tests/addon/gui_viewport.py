@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The add-on in a real window: what the screen shows, in Rendered shading and among meshes; picking and cameras; whether the
 interface stays awake."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """run_blender.py TEST.py PAGS ADDON.zip [BLENDER]: runs a test inside of Blender with settings of its own. Exit code 77 and a
 line where there is no Blender, or no screen for a test that needs one."""
 

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The add-on in Blender without a window: import, F12 against the program, edits, cameras, files, errors."""
 
 import contextlib

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads
 pictures."""
 

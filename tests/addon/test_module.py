@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The module `pags` in plain Python: what it draws against the program, buffers, jobs, picking, errors."""
 
 import gc

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What the command-line tests share: running the program, and small files made here (PLY, PNG, a data set)."""
 
 import json

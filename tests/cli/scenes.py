@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A small driving scene made by hand: a street with a wall, a parked car, a moving one, one of three Gaussians, a flat one."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """benchmarks/ablation.py: rows and their names, what is written, stopping and going on, the same bits as pags train alone."""
 
 import csv

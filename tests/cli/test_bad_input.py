@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Bad input: one line that names file and place, exit code 1, nothing half-written left behind."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags-bench render, scale and error: their tables, CSV, JSON, Markdown and plot. No time is asserted."""
 
 import csv

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags render and pags info on a scene with moving and parked objects and a sky, made here by hand."""
 
 import json

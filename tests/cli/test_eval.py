@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags eval of a driving scene and pags info --overlay of its data set, on a small street made here."""
 
 import json

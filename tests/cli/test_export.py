@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags export: budgets are kept, what is said of a proxy is so, odd objects become boxes, odd scenes give a message or a file."""
 
 import collections

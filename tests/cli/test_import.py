@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags import: a small tree of KITTI's tracking benchmark made here; stopping and going on; what is missing."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags render and pags info on splat files made here."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A build with PAGS_REPRODUCIBLE: every instruction set that this machine has gives the same bits. A street is trained, judged and drawn on each."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """pags train, eval and render on a small data set made here; interruption and resumption."""
 
 import json

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What is written to: devices, FIFOs and links stay what they are, whatever verb and option names them."""
 
 import json

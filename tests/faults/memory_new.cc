@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 // operator new as our own C++ objects call it, failed by the memory guard as malloc is. What libstdc++ frees of it
 // isn't counted.
 #include <cstddef>

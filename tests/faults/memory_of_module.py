@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """memory_of_module.py MODULE SCENE: the Python module with less and less room: MemoryError, and it goes on working."""
 
 import resource

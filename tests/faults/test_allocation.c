@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Allocation failures: reading, rendering, training and exporting with the n-th allocation refused, for every n. Each
  * run must end with PAGS_ERROR_MEMORY or, where what was refused could be done without, with the same result as ever;
  * nothing may crash or leak.

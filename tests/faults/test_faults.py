@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What goes wrong around the program: it is killed, disks are full or read-only, files change under it, memory is short.
 
 Short by default; PAGS_FAULTS=100 kills each of training, import and export at so many moments (docs/reliability.md).

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Drivers of the fuzz targets: libFuzzer's (PAGS_LIBFUZZER), and a plain one that mutates the seeds itself, a fixed
  * number of times.
  *

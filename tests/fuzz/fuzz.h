@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fuzz targets: one a reader, in a file a group of readers, over the drivers in fuzz.c. docs/reliability.md says how to
  * run and add them.
  *

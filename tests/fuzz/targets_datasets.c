@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What data sets are read from: transforms.json, COLMAP models, driving sets' texts and boxes, points. */
 #include "fuzz/fuzz.h"
 

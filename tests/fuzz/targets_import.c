@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What importers read: KITTI's texts and tracklets, TFRecord files, Waymo's frames, range images and whole segments. */
 #include "fuzz/fuzz.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* scene.json with the files beside it, cameras and paths. */
 #include "fuzz/fuzz.h"
 

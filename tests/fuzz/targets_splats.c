@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Splat files of every format, packed scenes and skies. */
 #include "fuzz/fuzz.h"
 

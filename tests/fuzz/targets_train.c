@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Checkpoints, and the weights of LPIPS. */
 #include "fuzz/fuzz.h"
 

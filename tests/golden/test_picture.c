@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures with a known answer: one Gaussian in closed form, crops, and the engine against the oracle.
  *
  * Where the oracle came within a relative 1e-4 of another decision (1/255, stop, clamps) or drew neighbours whose

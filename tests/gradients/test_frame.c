@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The engine's backward (float, vectorised, tiled) against the oracle's over more than ten thousand Gaussians.
  *
  * Boundary band: where the oracle came within a relative 1e-4 of another decision (alpha at 1/255 or at its cap,

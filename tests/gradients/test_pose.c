@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The gradient by a part's pose, from the engine's rows, against finite differences of the oracle's picture. */
 #include "reference/frame_scene.h"
 #include "reference/reference_scene.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The oracle's gradient against finite differences of the oracle's picture, parameter by parameter.
  *
  * Loss: a fixed random weight on every channel of every pixel. Differences are five-point stencils, taken per pixel

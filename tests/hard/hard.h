@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Fixtures of the hard cases (docs/lab/numerics.md): a picture held to the oracle, forward and backward, and a small
  * data set to train on. What isn't finite, or fails in the engine, fails the running cmocka test. */
 #ifndef PAGS_TESTS_HARD_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures and gradients of the hard cases against the oracle; see hard.h. */
 #include "hard/hard.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Hard blending (facts 6 #1, 8, 11, 15, 26, 30): a million Gaussians in one pixel, opaque stacks, more pairs than 32
  * bits count, everything dropped, colours and exposures that aren't numbers to be seen. */
 #include "hard/hard.h"

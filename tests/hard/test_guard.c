@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What isn't finite is left out, counted, named and never spread (docs/numerics.md, "finite by construction"): in the
  * optimiser, in runs begun from spoiled Gaussians, over threads and resumes, and in the message of a run that has too
  * much of it. */

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Hard places and pictures (facts 6 #3, 9, 10, 13, 18): at, beside and behind the camera, inside of things, far from
  * the world's origin; pictures of one pixel and of 16384 x 16. */
 #include "hard/hard.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Hard shapes (facts 6 #2, 5-9, 12, 16, 19, 22, 23): rows of such Gaussians among ordinary ones, held to the oracle in
  * picture and gradients, and trained for 200 steps in the place of good ones. */
 #include "hard/hard.h"

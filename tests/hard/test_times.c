@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Hard times (facts 6 #24): ranges of one instant and of 1e6 s, in tracks, colours over time and exposures, which have
  * closed forms, and in 200 steps of a street of one time step and of one that is as long as twelve days. */
 #include "hard/hard.h"

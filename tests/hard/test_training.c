@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Hard starts, places and rates of training (facts 6 #1, 3, 4, 10, 14, 17, 18, 24, 25, 27): 200 steps that stay finite
  * and come to a picture, or stop with a reason. */
 #include "hard/hard.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A small data set and runs on it; see hard.h. */
 #include "hard/hard.h"
 

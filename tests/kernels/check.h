@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What every kernel test needs, after dav1d's checkasm: a main that runs each case on each table of kernels this
  * machine has (whatever PAGS_CPU says), reproducible random numbers, buffers that catch stray reads and writes,
  * float comparison and a benchmark of the very calls that were tested.

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* on_cpu NAME PROGRAM ARGS...: runs a program with PAGS_CPU=NAME, or exits with 77 (skipped) where this machine has no
  * such kernels. */
 #include "simd/kernels.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rows of Gaussian parameters and cameras for the tests of projection and shading, and both worked out in double. */
 #ifndef PAGS_TESTS_ROWS_H
 #define PAGS_TESTS_ROWS_H

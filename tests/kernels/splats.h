@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Projected Gaussians for the tests of binning and blending, made without the kernels. */
 #ifndef PAGS_TESTS_SPLATS_H
 #define PAGS_TESTS_SPLATS_H

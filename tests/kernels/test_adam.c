@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adam over planes: each ISA against the scalar kernel, and against the textbook's recurrence in double. Scalar and
  * fused builds differ by rounding alone: nothing here has a threshold that matters. */
 #include "check.h"

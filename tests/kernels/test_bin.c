@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Tiles of splats and lists of tiles: the lists are well formed, the same on every ISA, hold every tile and 4x4 block
  * with a pixel that the splat reaches, and few without. What a pixel sees is worked out one by one, in the rasteriser's
  * own operations, fused and not. */

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss: each ISA against the scalar kernel, and against SSIM pixel by pixel in double. */
 #include "check.h"
 

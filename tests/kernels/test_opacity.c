@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The opacity terms of a row: each ISA against the scalar kernel, and against the formulas in double. */
 #include "check.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Projection: each ISA against the scalar kernel to the bit where builds allow that, and all against double. */
 #include "rows.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* From slots to parameters: each ISA against the scalar kernel to the bit where builds allow that, and all against
  * central differences of projection and colour in double. */
 #include "rows.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Blending a tile: each ISA against the scalar kernel and all of them against a plain loop over pixels and splats;
  * and that a pixel depends on nothing but the splats that reach it. */
 #include "check.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gradient of blending: each ISA against the scalar kernel, and all against a plain loop in double that goes back
  * to front and keeps, beside each sum, how large the terms were that it came from: rounding may cost a share of
  * those. */

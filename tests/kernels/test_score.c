@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scores of splats: each ISA against a plain loop in double that goes back to front, with how large the terms were
  * beside each sum: rounding may cost a share of those. */
 #include "check.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Every operation of vec.h on every ISA against plain C, to the bit (any NaN being the same as any other), and the
  * bounds that vec.h states for exp2, exp and log2. */
 #include "check.h"

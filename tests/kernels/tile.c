@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Blended tiles (tile.h). */
 #include "tile.h"
 

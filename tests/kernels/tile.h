@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A tile that the forward kernel has blended, for the tests of the kernels that go back through it. */
 #ifndef PAGS_TESTS_TILE_H
 #define PAGS_TESTS_TILE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Each operation of simd/vec.h as a function over plain arrays: vec_ops.c compiled once per ISA, for test_vec.c. */
 #ifndef PAGS_TESTS_VEC_OPS_H
 #define PAGS_TESTS_VEC_OPS_H

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // Draws a GLB of splats with Babylon.js in a headless Chromium: node babylon.mjs CHROMIUM FILE.glb CAMERA.json PICTURE.png
 //
 // CAMERA.json: width, height, fx, fy, cx, cy (pixels), eye, forward, up (the file's own axes, y up), background (0..1). Prints Babylon's version

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: Apache-2.0
 // What gltf-validator and @gltf-transform/core say of files, as JSON: node check.mjs FILE...
 import fs from 'node:fs';
 import path from 'node:path';

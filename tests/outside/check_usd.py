@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """What OpenUSD says of a stage, as JSON: what usdchecker's validators find, and what a reader sees."""
 
 import json

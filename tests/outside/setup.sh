@@ -1,4 +1,5 @@
 #!/bin/sh
+# SPDX-License-Identifier: Apache-2.0
 # Installs programs of others that read what pags export writes, for the tests: node modules and usd-core, below this folder. Never fails:
 # nothing else needs them.
 set -u

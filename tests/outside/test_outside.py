@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Files that pags export writes, read by programs of others: gltf-validator, @gltf-transform/core, splat-transform, Babylon.js, usdchecker.
 
 Exits with 77, saying what is missing, where none of them is installed (make setup)."""

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The engine's frame behind the oracle's data; see frame_scene.h. */
 #include "reference/frame_scene.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The engine's frame behind the oracle's data: the same Gaussians as float parts, pictures and gradients without
  * padding. Failures of the engine fail the running cmocka test. */
 #ifndef PAGS_TESTS_FRAME_SCENE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Forward of the double-precision oracle; see reference.h for the definition. */
 #include "reference/reference.h"
 

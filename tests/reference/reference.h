@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The oracle: the forward and backward of pags/frame.h in plain double-precision C, written to be read.
  *
  * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a mistake

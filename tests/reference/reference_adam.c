@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Dense Adam in double precision; see reference_adam.h. */
 #include "reference/reference_adam.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Dense Adam in double precision, as torch.optim.Adam without weight decay does it (Kingma and Ba 2015): the oracle for
  * an optimiser that puts off the updates of rows it doesn't see.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Backward of the double-precision oracle: the chain rule of reference.c, last step first.
  *
  * Convention for symmetric 2x2 matrices (xx, xy, yy): the derivative by xy counts both off-diagonal entries. */

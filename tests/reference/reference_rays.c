@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the affine projection stands for: each Gaussian's largest value along the ray through a pixel's centre, in
  * double.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Random cameras and Gaussians; see reference_scene.h. */
 #include "reference/reference_scene.h"
 

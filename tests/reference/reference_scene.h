@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Random cameras and Gaussians for the tests that compare with the oracle. Everything follows from the seed. */
 #ifndef PAGS_TESTS_REFERENCE_SCENE_H
 #define PAGS_TESTS_REFERENCE_SCENE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The oracle's sky: pags/sky.h by the letter, in double. */
 #include "reference/reference.h"
 

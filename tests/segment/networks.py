@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Small networks with the inputs and outputs of real ones, which do by arithmetic what those do by learning.
 
 Labels: the class whose colour is nearest. Segment Anything: of a point, everything of the point's colour.

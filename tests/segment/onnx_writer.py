@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Writes ONNX files without the onnx package: protocol buffers by hand (onnx.proto of ONNX 1.8, opset 13)."""
 
 import struct

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """tools/segment: its parts, and runs of the whole on a tiny driving set that pags reads back.
 
 test_segment.py PAGS. Runs with tools/segment/.venv where there is one; without onnxruntime it says so and exits with 77.

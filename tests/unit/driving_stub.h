@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A data set in memory that stands in for the reader's: eight time steps of one camera and a laser, of things whose
  * place and colour are known exactly. Defines the functions of pags/dataset.h that the start of a training asks for.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A tiny driving set with known truth, written in the convention of any kind: five frames, two cameras, two boxes, two
  * laser points. */
 #ifndef PAGS_TESTS_UNIT_DRIVING_TREE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Whether an imported KITTI set says the same as the driving set that its raw files were written from. */
 #ifndef PAGS_TESTS_UNIT_IMPORT_CHECK_H
 #define PAGS_TESTS_UNIT_IMPORT_CHECK_H

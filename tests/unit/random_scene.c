@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The scene that tests of a whole frame share. */
 #include "unit/random_scene.h"
 

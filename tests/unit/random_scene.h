@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A random scene, its camera and loss, and an engine to draw it with, for tests of a whole frame. Test code: what fails
  * ends the test. */
 #ifndef PAGS_TESTS_UNIT_RANDOM_SCENE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A folder for the files of one test, and files to put there. */
 #ifndef PAGS_TESTS_UNIT_SCRATCH_H
 #define PAGS_TESTS_UNIT_SCRATCH_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Deferred Adam against dense Adam in double precision, and the promises that let it be deferred: when it is paid
  * changes no bit, and bounds hold until the next update. */
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The arena: alignment, marks, overflow, folding, and no heap call in steady state. */
 #include <pags/tasks.h>
 

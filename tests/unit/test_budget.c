@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Frames within a time: the controller against a made-up clock, and what each reduction changes and leaves alone. */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Rigid motions, the check of cameras, camera and path files. */
 #include <pags/camera.h>
 

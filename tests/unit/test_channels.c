@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Normals from depth, and the colours of priorities. */
 #include "cli/channels.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Checkpoints: all that a run holds comes back, and no damaged file is taken for a sound one. */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Laser points on objects: which they are, and surfaces that are held to them. */
 #include <pags/scene.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* COLMAP models: both forms, every camera model, tracks, damaged files, and the fox against its other poses. */
 #include <pags/dataset.h>
 

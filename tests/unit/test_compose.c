@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scenes at a time: objects where their tracks are, hidden, moved and added; parked ones; colour over time. */
 #include <pags/compose.h>
 #include "frame_fixture.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What is critical: label sets, --critical, the order of sources, PandaSet's union of semantic classes and dynamic
  * masks. */
 #include <pags/dataset.h>

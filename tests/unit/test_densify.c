@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adaptive density control on hand-made rows: each rule of 3DGS, the bound on the count, and what becomes of the
  * moments. */
 #include <setjmp.h>

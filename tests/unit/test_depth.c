@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* LiDAR as sparse depth: at the right pixels, without what the camera doesn't see. */
 #include <setjmp.h>
 #include <stdarg.h>

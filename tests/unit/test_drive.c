@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Training of a driving scene: a small street with moving cars. What it is made of, that its bits follow from data,
  * configuration and seed alone, and that each part can be left out. */
 #include <setjmp.h>

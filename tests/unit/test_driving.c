@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Driving sets: every kind's conventions on a set with known truth, options, errors; PandaSet's scene 002. */
 #include <pags/dataset.h>
 

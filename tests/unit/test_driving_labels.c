@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What driving sets' photographs show: labels by pixel from pictures and boxes, the guessed sky, the recording car
  * itself. */
 #include <pags/dataset.h>

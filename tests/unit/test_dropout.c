@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Adaptive stochastic dropout: what its draws are, and that their mean is the full picture where blending has no
  * limits. The limits' bias is printed; docs/lab/dropout.md quotes it. */
 #include "reference/reference_scene.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Early-Z: LOSSLESS gives OFF's bits and BOUNDED keeps its bound on random and on adversarial scenes, however the frame
  * is cut into slabs, for any number of threads and any cluster size.
  *

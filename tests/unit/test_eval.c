@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* PSNR and SSIM against closed forms and a plain evaluation of the definitions. */
 #include <pags/eval.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Exporters: shells stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files
  * read back. */
 #include <math.h>

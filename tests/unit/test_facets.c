@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Planes fitted to LiDAR points, and Gaussians drawn onto them. */
 #include <setjmp.h>
 #include <stdarg.h>

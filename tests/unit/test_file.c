@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Files, folders and paths. */
 #define _XOPEN_SOURCE 700 /* mknod */
 #include "base/file.h"

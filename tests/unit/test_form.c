@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Completing vehicles: what well-seen ones of their size are like, and no pits. */
 #include <math.h>
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One frame and its way back: the same bits for any threads, clusters and order of rows; no heap calls in steady state;
  * the sky behind it. */
 #include "unit/random_scene.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The hard cases of the field's issue trackers that a frame meets: whatever comes in, finite numbers come out. Numbers
  * are those of docs/lab/numerics.md. */
 #include "unit/random_scene.h"

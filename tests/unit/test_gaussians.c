@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sets of Gaussians: memory, gathering, Morton order, rows that can't be drawn. */
 #include <pags/gaussians.h>
 

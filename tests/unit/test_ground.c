@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The ground's heights, from what a camera sees under it and what a laser measured around it. */
 #include <setjmp.h>
 #include <stdarg.h>

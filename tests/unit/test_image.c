@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures: conversion, files there and back, what is refused, shrinking, and several threads at once. */
 #include <pags/image.h>
 #include <pags/tasks.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Importing KITTI: trees written from a driving set come back the same; stopping, going on, refusing. */
 #include "unit/import_check.h"
 

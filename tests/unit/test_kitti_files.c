@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* KITTI's files: the real samples by the importer's readers, and damaged ones. */
 #include "unit/scratch.h"
 

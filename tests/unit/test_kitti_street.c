@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The synthetic street written as KITTI's raw trees and imported: the same poses, boxes, points and pictures. */
 #include <pags/synth.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Nearest neighbours: against all pairs, to the bit. */
 #include <float.h>
 #include <math.h>

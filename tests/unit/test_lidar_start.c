@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points to start from: where they lie, what colour they have, whose they are. */
 #include <setjmp.h>
 #include <stdarg.h>

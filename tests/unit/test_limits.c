@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Processor and memory limits, read from trees of files laid out as Linux does. */
 #include <pags/tasks.h>
 #include "threads/limits.h"

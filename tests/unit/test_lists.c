@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Tiles' lists: the sort of their keys, and the lists of whole frames, which look into the frame for it. Each list runs
  * front to back by (bits of z, id) and each splat has each of its ranks once, whatever the depths, the ids and the
  * number of threads. */

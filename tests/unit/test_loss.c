@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The training loss and its gradient: against a plain double evaluation, against finite differences of that
  * evaluation, for every kernel table this machine runs, and for any number of threads. */
 #include <pags/frame.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* LPIPS: against a plain double evaluation with generated weights, against the reference distances of the test data,
  * and the reader of its weights file on broken input. */
 #include <pags/eval.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The MCMC policy: relocation keeps what a ray sees, regularisers match finite differences, noise is the
  * covariance's. */
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects: categories, motion, poses between knots, increments. */
 #include <pags/object.h>
 

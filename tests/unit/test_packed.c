@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Packed Gaussians: the stated error of each attribute, the same picture from packed and from unpacked rows, files and
  * their faults. */
 #include <math.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The cache of photographs: what it hands out, its budget, background failures, any number of threads. */
 #include <pags/dataset.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Picking against every Gaussian tried one by one and, for the nearest, against Embree; over parts that are turned and
  * packed; what is known of the object. */
 #include <pags/pick.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Reading and writing INRIA's PLY. */
 #include <math.h>
 #include <setjmp.h>

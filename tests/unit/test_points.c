@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points found by matching photographs: a textured plane whose depth is known, masks, pictures without anything to
  * match. */
 #include <pags/dataset.h>

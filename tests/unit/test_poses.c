@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Optimised poses and exposures: their gradients, their steps, and what is held fixed. */
 #include <setjmp.h>
 #include <stdarg.h>

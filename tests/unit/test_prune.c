@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pruning by score: when, how many, which, and what becomes of moments and priorities. */
 #include <setjmp.h>
 #include <stdarg.h>

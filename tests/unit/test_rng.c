@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Random numbers: known answers, moments, ranges. */
 #include "base/rng.h"
 

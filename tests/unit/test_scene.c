@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scene folders and bare files as scenes. */
 #include <pags/scene.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The schedule and the configuration: figures of 3DGS at 30 000 steps, their scaling, and text both ways. */
 #include <setjmp.h>
 #include <stdarg.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Scores of a frame's Gaussians: against the double-precision oracle, its own finite differences, and the cases that
  * the scores are there for; and S_sem as it is written to the rows of a run. */
 #include "reference/frame_scene.h"

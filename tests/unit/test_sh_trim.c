@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Lowering of SH degrees: colours within the stated error from every direction that counts, no degree higher than
  * needed. */
 #include "reference/reference_scene.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What is told from a vehicle as its shadow, and what isn't. */
 #include <math.h>
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky: half precision, sky.npy, faces and directions. */
 #include <pags/sky.h>
 

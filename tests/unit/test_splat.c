@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* .splat and PlayCanvas' compressed PLY. */
 #include <math.h>
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* SPZ, versions 2 to 4. */
 #include <math.h>
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The street: every file of a driving set is there, the same for any number of threads; LiDAR, boxes, masks and depth
  * agree with each other; noise goes only where it is asked for. */
 #include <pags/camera.h>

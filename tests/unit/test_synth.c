@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The courtyard: what is written reads back as a data set, its depth agrees with closed forms, and threads change no
  * byte. */
 #include <pags/dataset.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The loss terms of driving scenes: values by hand, gradients against differences of the same formulas in double, the
  * same bits for any number of threads. */
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* TFRecord files: framing, both CRCs, damage in every part, and that no length is believed that the file has no room
  * for. */
 #include "unit/scratch.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Parallel loops and background jobs: each index once, nesting, cancellation, jobs beside loops, hosts' threads. */
 #include <pags/tasks.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* pags_synth_town: how many Gaussians where, of what sizes, the same bytes for any number of threads. */
 #include <math.h>
 #include <pags/scene.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Whole training runs on a small scene rendered here: what they learn, and that nothing but data, configuration and
  * seed decides their bits. */
 #include <setjmp.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* transforms.json, and what opening a data set checks whatever it was read from. */
 #include <pags/dataset.h>
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Distortion models and resampling: against the models' definitions, analytic pictures and COLMAP's own choice of size.
  */
 #include <pags/image.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Import of Waymo segments: the real frame of the shared test data, and a written segment that must read back the same.
  */
 #include "unit/scratch.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Range images to points: directions by hand, and a world of a floor and a round wall that a moving car's lasers see.
  */
 #include "unit/scratch.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The synthetic street written as a Waymo segment and imported: the same poses, boxes, points, masks and pictures. */
 #include <pags/import.h>
 #include <pags/synth.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Compares a driving set with what importing it as a Waymo segment gives. */
 #ifndef PAGS_TESTS_UNIT_WAYMO_CHECK_H
 #define PAGS_TESTS_UNIT_WAYMO_CHECK_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The written data set. */
 #include "unit/waymo_set.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A small driving data set of which everything is known, to be written as a Waymo segment and read back. */
 #ifndef PAGS_TESTS_UNIT_WAYMO_SET_H
 #define PAGS_TESTS_UNIT_WAYMO_SET_H

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """python tools/segment DATASET ...: runs the package whichever way it was called."""
 
 import os

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Segment Anything's automatic mode: masks of everything in a picture, from a grid of points.
 
 As Kirillov et al. 2023, appendix B, with their defaults: every point gives up to three masks; those are kept whose predicted IoU and whose

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """From the classes of networks to Cityscapes' train ids, which label images hold; 255 is unknown.
 
 Sources: cityscapesScripts' labels.py; ADE20K's objectInfo150; Mapillary Vistas v1.2's config.json; Pascal VOC. Only classes that a street

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The command line: options, the loop over photographs, exit codes as pags has them."""
 
 import argparse

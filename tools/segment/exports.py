@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Known exports of segmentation networks: how to tell them, and what they want to be fed.
 
 An export is chosen by the signature of the file or by --export. The first that fits counts, so special ones come first. Mean and standard

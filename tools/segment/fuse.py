@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Masks take the label that most of their pixels have, so that labels end where things end."""
 
 import numpy as np

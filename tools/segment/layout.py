@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """The data set on disk: which photographs there are, where masks go, what a former run has done.
 
 drivestudio's layout: images/TTT_C.jpg or .png; semantic/TTT_C.png and sky_masks/TTT_C.png are written, each whole or not at all.

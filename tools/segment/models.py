@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """ONNX files: opening them, what goes in and out, running them."""
 
 import dataclasses

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Tells people how far a run is: a line that moves on a terminal, now and then a line elsewhere."""
 
 import sys

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """Segment Anything as two ONNX files: an image encoder, and a decoder from points to masks.
 
 Known exports, told by the decoder's inputs:

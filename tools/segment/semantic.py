@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: Apache-2.0
 """A segmentation network: from a photograph to the class of every pixel."""
 
 import numpy as np

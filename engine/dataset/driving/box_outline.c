@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Boxes in pictures: the outline of a projected box, and the pixels inside of it.
  *
  * The box's part nearer than 0.1 m is cut off in space first (a corner behind the camera projects to nonsense): what

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What counts as critical, and the notes that say where it comes from (critical.h).
  *
  * A word of --critical is a kind (vehicle, pedestrian, cyclist), a class of the label images by name or number, or the

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Which classes, boxes and masks of a driving set are critical: vehicles, pedestrians and cyclists, or what was asked
  * for. */
 #ifndef PAGS_DATASET_DRIVING_CRITICAL_H

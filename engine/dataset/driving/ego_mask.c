@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Where the recording car sees itself: masks as given, else a search for pixels that never change.
  *
  * The search looks at training photographs of one camera, at least half a metre apart and spread over the way driven,

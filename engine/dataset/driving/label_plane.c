@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Labels of pixels: sky, critical, moving, kinds of moving things, parked. What is critical says critical.c.
  *
  * Files come first and are read in the photograph's own pixels, where they are undistorted and shrunk with it. Boxes

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The label plane of a photograph, and what its mask adds to the view's own. */
 #ifndef PAGS_DATASET_DRIVING_LABEL_PLANE_H
 #define PAGS_DATASET_DRIVING_LABEL_PLANE_H

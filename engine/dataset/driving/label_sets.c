@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Classes of label images.
  *
  * Sources: Cityscapes' labels.py (mcordts/cityscapesScripts: train ids and ids), KITTI-360's labels.py

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What the numbers in label images mean, by the data set they were made for. */
 #ifndef PAGS_DATASET_DRIVING_LABEL_SETS_H
 #define PAGS_DATASET_DRIVING_LABEL_SETS_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Driving sets in drivestudio's processed layout: which pictures there are, their cameras and poses.
  *
  * docs/dataset-layout.md has every file. TTT is the frame's number, C the camera's, both decimal:

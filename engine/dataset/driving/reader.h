@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What a driving set has beyond posed photographs. Belongs to the draft of a data set; NULL in a static one. */
 #ifndef PAGS_DATASET_DRIVING_READER_H
 #define PAGS_DATASET_DRIVING_READER_H

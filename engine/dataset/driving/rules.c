@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* What drivestudio's layout leaves open, by kind and by dataset.json.
  *
  * Sources of the kinds' rules: drivestudio's loaders and converters (github.com/ziyc/drivestudio, datasets/), and for

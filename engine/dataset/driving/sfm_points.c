@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Points of a COLMAP model that stands in the world of a driving set: its poses are not used, its tracks are, so that
  * points that held-out photographs made can be told. */
 #include "dataset/driving/reader.h"

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Sky without masks: where the laser would have met something.
  *
  * Directions from the camera are sorted by azimuth into bins of one degree, and each bin keeps the elevation of its

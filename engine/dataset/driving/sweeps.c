@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* lidar/TTT.bin: rows of little-endian float32, of which three are the point. */
 #include "dataset/driving/reader.h"
 

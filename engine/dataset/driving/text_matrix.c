@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Text files of numbers, as numpy's savetxt writes them: matrices, intrinsics. */
 #include "dataset/driving/reader.h"
 

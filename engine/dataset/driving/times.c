@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* timestamps.json: {"frames": [seconds of each time step], "cameras": {"0": [seconds of each exposure], ...}}; both are
  * indexed by the frame numbers of file names. */
 #include "dataset/driving/reader.h"

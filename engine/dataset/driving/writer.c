@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The files of drivestudio's processed layout, each written once. */
 #include "dataset/driving/writer.h"
 

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers.
  *
  * Begin, any number of puts in any order, finish. A file that exists is complete, because files are written beside

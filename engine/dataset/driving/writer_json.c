@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The layout's files about the whole: instances, intrinsics, times and dataset.json. */
 #include <math.h>
 #include <stdio.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The layout's masks: those that a source brings, and those drawn from boxes. */
 #include <pags/dataset.h>
 #include <pags/image.h>

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* PAGS: Priority-Adaptive Gaussian Splatting on CPUs.
  *
  * Conventions of the whole API

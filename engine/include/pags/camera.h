@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A pinhole camera without distortion, and camera and path files. */
 #ifndef PAGS_CAMERA_H
 #define PAGS_CAMERA_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A scene made ready for drawing at any time, with objects hidden, moved or drawn once more.
  *
  * The background is drawn always; an object with a model of its own where its track has it at that time; the Gaussians

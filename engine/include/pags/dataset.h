@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A set of posed photographs, read from transforms.json (nerfstudio, instant-ngp), a COLMAP model or a driving set in
  * drivestudio's processed layout with its boxes, masks and LiDAR (docs/dataset-layout.md).
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Frames within a time: what is critical (S_sem > 0.5) at full quality, the rest reduced just enough.
  *
  * A ladder of steps (pags_deadline_steps) says what is given up: first, everywhere, what weighs no more than a grey

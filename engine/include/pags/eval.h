@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* How near a picture comes to the truth: PSNR, SSIM, LPIPS. Sums are double and in fixed order. */
 #ifndef PAGS_EVAL_H
 #define PAGS_EVAL_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* One frame: cull -> project -> shade -> bin -> raster and sky, and the way back.
  *
  * A pags_frame owns the memory of a frame and is used again and again; from the third frame of a kind on it makes no

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A set of 3D Gaussians as a structure of arrays.
  *
  * One allocation holds `plane_count(sh_degree)` planes of `stride` floats each; plane p of Gaussian i is

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Pictures in memory and in files. The only door to OpenImageIO, which is loaded when the first file is touched, so
  * that programs that read no picture don't pay its start-up. */
 #ifndef PAGS_IMAGE_H

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Importers: recordings of driving data sets to drivestudio's layout (docs/dataset-layout.md), with dataset.json beside
  * it.
  *

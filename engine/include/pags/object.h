@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Objects of a scene: labelled boxes, and where they are at any time.
  *
  * Object frame: x forward, y left, z up, origin at the middle of the box. Poses are `world_from_object`, rigid 3x4

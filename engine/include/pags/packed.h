@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Gaussians in a render-ready packed form: 21 bytes of geometry and 6 + 3 ((degree + 1)^2 - 1) of colour each, laid out
  * by cluster.
  *

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Picking: which Gaussian a ray meets.
  *
  * Along the ray o + t d a Gaussian's density is largest at one t, where alpha = min(0.99, opacity * exp(-m^2 / 2)), m

@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Where on the earth a world lies. */
 #ifndef PAGS_PLACE_H
 #define PAGS_PLACE_H

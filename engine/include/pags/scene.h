@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A reconstructed scene: what `pags train` writes, and what a bare splat file is read as.
  *
  * On disk a scene is a folder with scene.json and one PLY per model; see docs/scene-folder.md. */

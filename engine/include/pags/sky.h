@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* The sky: a cube map at infinity, blended by the transmittance that the Gaussians leave. */
 #ifndef PAGS_SKY_H
 #define PAGS_SKY_H

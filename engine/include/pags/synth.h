@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Procedural scenes, ray-traced: data sets with known truth that need no download. */
 #ifndef PAGS_SYNTH_H
 #define PAGS_SYNTH_H

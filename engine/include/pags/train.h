@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Training: from posed photographs to a scene folder.
  *
  * The run is a pure function of (data set, configuration, seed): not of the number of threads, of the moments at

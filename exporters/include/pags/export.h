@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* Proxy geometry of a reconstructed scene, and splat files to leave with.
  *
  * A proxy is a mesh that stands for what the Gaussians show: of each labelled object in the object's own frame (x

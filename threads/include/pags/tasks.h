@@ -1,3 +1,4 @@
+/* SPDX-License-Identifier: Apache-2.0 */
 /* A runner for parallel loops: our own pool of threads, or the host's.
  *
  * Knows nothing of scenes. All scheduling is dynamic, so nothing may depend on which worker ran which block; work that
