@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 const char pags_program_name[] = "pags-bench";
 
@@ -120,7 +121,7 @@ static pags_result choose_cameras(const bench_arguments *arguments, const pags_s
     path.cameras[i] = pags_camera_downscale(&path.cameras[i], arguments->downscale);
   *out = (camera_list){path.cameras, malloc((size_t)(wanted + 1) * sizeof *out->some), path.count, (int)wanted};
   if (!out->some)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)wanted);
+    return pags_out_of_memory("%lld cameras", (long long)wanted);
   for (int64_t i = 0; i < wanted; i++)
     out->some[i] = path.cameras[i * path.count / wanted];
   return wanted > 0 ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: there is no view to measure from", arguments->input);

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 enum { MOST_MODES = PAGS_BENCH_MOST_MODES, MOST_SIZES = 8, NAME = 32 };
 
@@ -169,7 +170,7 @@ static pags_result keep_deadline(render_bench *self, int index, const pags_camer
 static pags_result measure_size(render_bench *self, int index) {
   pags_camera *cameras = malloc((size_t)self->path.count * sizeof *cameras);
   if (!cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)self->path.count);
+    return pags_out_of_memory("%lld cameras", (long long)self->path.count);
   for (int64_t i = 0; i < self->path.count; i++)
     cameras[i] = at_size(self->path.cameras + i, &self->sizes[index]);
   self->sizes[index] = (size_row){cameras[0].width, cameras[0].height};
@@ -376,7 +377,7 @@ static pags_result write_plot(const render_bench *self) {
     return PAGS_OK;
   double *numbers = malloc((size_t)self->path.count * sizeof *numbers);
   if (!numbers)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for the plot", self->arguments->plot);
+    return pags_out_of_memory("%s: the plot", self->arguments->plot);
   for (int64_t i = 0; i < self->path.count; i++)
     numbers[i] = (double)i;
   pags_plot_begin(&plot, 3);

@@ -17,6 +17,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/sort.h"
 
 enum { MOST_STEPS = 16, WORD = 32, FORMS = 2 };
@@ -97,7 +98,7 @@ static bool parse_steps(const char *list, scale_bench *self) {
 }
 
 static pags_result out_of_memory(const scale_bench *self) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", self->arguments->input);
+  return pags_out_of_memory("%s", self->arguments->input);
 }
 
 static pags_result find_cameras(scale_bench *self, const pags_scene *scene) {

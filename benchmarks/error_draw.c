@@ -8,6 +8,7 @@
 #include <pags/packed.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "train/sh_trim.h"
 
 enum { MOST_WAYS = 20, FINE = 4 /* small pixels a side of a pixel */, TRIM_VIEWS = 48, FRAMES = 2 };
@@ -235,7 +236,7 @@ static pags_result look(drawing *d, const pags_camera *camera) {
     free(d->pictures[k]);
     d->pictures[k] = error_picture_copy(&picture);
     if (!d->pictures[k])
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture");
+      return pags_out_of_memory("a picture");
     if (d->ways[k].fine)
       shrink(d->pictures[k], camera->width, camera->height);
   }
@@ -303,14 +304,14 @@ static pags_result run(drawing *d) {
   list_ways(d);
   d->ms = malloc((size_t)(d->count + 1) * (size_t)d->view->camera_count * (size_t)d->view->repetitions * sizeof *d->ms);
   if (!d->ms)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for times");
+    return pags_out_of_memory("times");
   return draw_all(d);
 }
 
 pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *table) {
   drawing *const d = calloc(1, sizeof *d);
   if (!d)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the error bench");
+    return pags_out_of_memory("the error bench");
   d->view = view;
   const pags_result result = run(d);
   if (result == PAGS_OK)

@@ -9,6 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "reference/reference.h"
 #include "simd/kernels.h"
 
@@ -156,7 +157,7 @@ static pags_result go_back(oracle *o, const pags_camera *camera, const double *w
   pags_result result = PAGS_OK;
   float *const padded = calloc(3 * (size_t)plane, sizeof *padded);
   if (!padded)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a gradient");
+    return pags_out_of_memory("a gradient");
   for (int c = 0; c < 3; c++)
     for (int64_t y = 0; y < camera->height; y++)
       for (int64_t x = 0; x < camera->width; x++)
@@ -183,7 +184,7 @@ static pags_result add_gradients(oracle *o, const pags_camera *camera, const ref
   reference_part_gradient exact[PAGS_BENCH_ERROR_PARTS];
   double *const weights = make_weights(picture, &o->left_out);
   if (!weights)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a gradient");
+    return pags_out_of_memory("a gradient");
   o->pixels += (double)picture->width * picture->height;
   const reference_picture_gradient gradient = {.rgb = weights};
   const double begin = error_clock_ms();
@@ -208,7 +209,7 @@ static pags_result add_engine_picture(oracle *o, const pags_camera *camera, cons
   o->lanes += (double)pags_frame_stats_get(o->frame)->pairs_evaluated;
   double *const drawn = error_picture_copy(&picture);
   if (!drawn)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture");
+    return pags_out_of_memory("a picture");
   const int64_t pixels = (int64_t)picture.width * picture.height;
   error_picture_compare(drawn, exact->rgb, 3 * pixels, &o->picture);
   for (int64_t i = 0; i < 3 * pixels; i++)
@@ -399,7 +400,7 @@ static void add_rows(const oracle *o, error_table *table) {
 pags_result error_rows_of_oracle(const pags_bench_view *view, error_table *table) {
   oracle *const o = calloc(1, sizeof *o);
   if (!o)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the oracle");
+    return pags_out_of_memory("the oracle");
   o->view = view;
   pags_result result = pags_frame_create(view->tasks, &o->frame);
   for (int p = 0; p < view->part_count && result == PAGS_OK; p++) {
@@ -407,7 +408,7 @@ pags_result error_rows_of_oracle(const pags_bench_view *view, error_table *table
     const size_t floats = (size_t)(o->parts[p].count * pags_plane_count(o->parts[p].sh_degree));
     o->gradient[p] = malloc((floats ? floats : 1) * sizeof(float));
     if (!o->gradient[p])
-      result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for gradients");
+      result = pags_out_of_memory("gradients");
   }
   for (int c = 0; c < view->camera_count && result == PAGS_OK; c++)
     result = add_camera(o, c);

@@ -9,6 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/sort.h"
 #include "reference/reference_adam.h"
 #include "train/adam.h"
@@ -140,7 +141,7 @@ static pags_result create_adam(adam_bench *a) {
   a->exact_gradient = malloc((size_t)(sample * a->planes) * sizeof *a->exact_gradient);
   if (!a->gradient || !a->zeros || !a->seen || !value || !a->exact_gradient) {
     free(value);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for Adam");
+    return pags_out_of_memory("Adam");
   }
   a->exact = reference_adam_create(a->planes);
   for (int64_t i = 0; i < sample; i++)
@@ -222,7 +223,7 @@ static pags_result add_adam(const pags_bench_view *view, pags_frame *frame, erro
   if (view->part_count == 0 || view->parts[a.part].clusters->size != CLUSTER)
     return PAGS_OK;
   float *const plane = make_plane(view, -1);
-  pags_result result = plane ? create_adam(&a) : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a gradient");
+  pags_result result = plane ? create_adam(&a) : pags_out_of_memory("a gradient");
   if (result == PAGS_OK)
     result = run_adam(&a, frame, plane);
   if (result == PAGS_OK)
@@ -293,7 +294,7 @@ static pags_result compare_scores(score_bench *s, error_table *table) {
   error_sum sum = {0};
   int64_t chosen = 0, others = 0;
   if (!list)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory to rank %lld Gaussians", (long long)s->rows);
+    return pags_out_of_memory("ranking %lld Gaussians", (long long)s->rows);
   for (int64_t i = 0; i < s->rows; i++)
     if (s->score[0][i] == 0 && s->score[1][i] == 0)
       s->score[0][i] = -1; /* no view saw it: it ranks lowest either way */
@@ -327,7 +328,7 @@ static pags_result add_scores(const pags_bench_view *view, pags_frame *frame, er
   s.score[0] = calloc(2 * (size_t)(s.rows > 0 ? s.rows : 1), sizeof(double));
   s.score[1] = s.score[0] ? s.score[0] + s.rows : NULL;
   if (!ones || !zeros || !s.score[0])
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for scores");
+    result = pags_out_of_memory("scores");
   for (int64_t i = 0; i < SCORE_VIEWS && result == PAGS_OK; i++) {
     result = error_go_on(view, 0.97 + 0.03 * (double)i / SCORE_VIEWS, "scores");
     for (int turn = 0; turn < 2 && result == PAGS_OK; turn++)

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/sort.h"
 
 #include <pags/dataset.h>
@@ -107,7 +108,7 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query 
     return PAGS_OK;
   double *grown = realloc(*errors, (size_t)(*error_count + count + 1) * sizeof *grown);
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld heights", (long long)(*error_count + count));
+    return pags_out_of_memory("%lld heights", (long long)(*error_count + count));
   *errors = grown;
   memset(patches, 0, sizeof patches);
   for (int64_t i = 0; i < count; ++i) {

@@ -8,6 +8,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/sort.h"
 
 const char *const pags_bench_stage_names[PAGS_BENCH_STAGES] = {"cull", "occlude", "project", "shade",
@@ -107,7 +108,7 @@ static pags_result save_picture(const pags_picture *picture, saved_picture *out)
     out->planes = malloc((size_t)size * 4 * sizeof *out->planes);
   }
   if (!out->planes)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %d x %d", picture->width, picture->height);
+    return pags_out_of_memory("a picture of %d x %d", picture->width, picture->height);
   for (int k = 0; k < 4; k++)
     for (int y = 0; y < picture->height; y++)
       memcpy(out->planes + k * size + (int64_t)y * picture->width,
@@ -244,7 +245,7 @@ static pags_result measure_all(measuring *m) {
     if (k < f->mode_count)
       m->results[k].frame_ms = malloc((size_t)f->camera_count * sizeof(double));
     if (!m->sums[k].ms || (k < f->mode_count && !m->results[k].frame_ms))
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the times of %lld frames", (long long)samples);
+      return pags_out_of_memory("the times of %lld frames", (long long)samples);
   }
   for (int64_t c = 0; c < f->camera_count; c++) {
     const pags_part *parts;
@@ -264,7 +265,7 @@ pags_result pags_bench_modes(const pags_bench_frames *frames, pags_bench_mode_re
   memset(results, 0, (size_t)frames->mode_count * sizeof *results);
   m.sums = calloc((size_t)frames->mode_count + 1, sizeof *m.sums);
   if (!m.sums)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %d modes", frames->mode_count);
+    return pags_out_of_memory("%d modes", frames->mode_count);
   pags_result result = pags_frame_create(frames->tasks, &m.frame);
   if (result == PAGS_OK)
     result = measure_all(&m);

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 enum {
   PANEL_WIDTH = 560,
@@ -208,7 +209,7 @@ pags_result pags_plot_save(pags_plot *plot, const char *path) {
   snprintf(head, sizeof head, "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\">\n",
            across * PANEL_WIDTH, down * PANEL_HEIGHT);
   pags_file_writer writer = {0};
-  pags_result result = plot->failed ? pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for the plot", path) : PAGS_OK;
+  pags_result result = plot->failed ? pags_out_of_memory("%s: the plot", path) : PAGS_OK;
   if (result == PAGS_OK)
     result = pags_file_writer_begin(&writer, path);
   if (result == PAGS_OK)

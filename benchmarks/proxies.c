@@ -23,6 +23,7 @@
 #include "exporters/proxy/lidar.h"
 #include "exporters/proxy/mesh_query.h"
 
+#include "base/memory.h"
 #include "benchmarks/laser_ground.h"
 #include "benchmarks/proxies.h"
 #include "benchmarks/verbs.h"
@@ -72,7 +73,7 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
   double *all = malloc(((size_t)most + 1) * sizeof *all), *close = malloc(((size_t)most + 1) * sizeof *close);
   int64_t count = 0, close_count = 0, holes = 0;
   if (result == PAGS_OK && (!all || !close))
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld heights", (long long)most);
+    result = pags_out_of_memory("%lld heights", (long long)most);
   for (double y = lo[1]; result == PAGS_OK && y <= hi[1]; y += step)
     for (double x = lo[0]; x <= hi[0] && count < most; x += step) {
       const double from[3] = {x, y, 1000}, down[3] = {0, 0, -1};
@@ -167,7 +168,7 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
       if (!object || object->record.moving != moving || !cloud->count)
         continue;
       double *grown = realloc(distances, (size_t)(count + cloud->count) * sizeof *grown);
-      pags_result result = grown ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for distances");
+      pags_result result = grown ? PAGS_OK : pags_out_of_memory("distances");
       distances = grown ? grown : distances;
       if (result == PAGS_OK)
         result = add_distances(self, node, cloud, distances + count);

@@ -11,6 +11,7 @@
 #include "exporters/proxy/lidar_fit.h"
 #include "exporters/proxy/mesh_query.h"
 
+#include "base/memory.h"
 #include "benchmarks/proxies.h"
 
 enum { LATTICE = 64, PROXY_SAMPLES = 6000 };
@@ -286,7 +287,7 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   double *from = malloc(((size_t)v->cloud.count + 1) * sizeof *from);
   pags_proxy_mesh_topology topology;
   if (!from)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld distances", (long long)v->cloud.count);
+    return pags_out_of_memory("%lld distances", (long long)v->cloud.count);
   for (int64_t i = 0; i < v->cloud.count; ++i) {
     const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1],
                          (double)v->cloud.points[3 * i + 2]};
@@ -335,7 +336,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
   PAGS_TRY(pags_mesh_query_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
   spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)),
                .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
-  pags_result result = to.seen && to.rest ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = to.seen && to.rest ? PAGS_OK : pags_out_of_memory(NULL);
   if (result == PAGS_OK) {
     measure_proxy(v, &to);
     result = tell(self, v, &to);

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { MOST_SNAPSHOTS = 1000 };
 
 typedef struct snapshot {
@@ -211,7 +213,7 @@ pags_result pags_bench_train(const pags_train_config *config, const pags_train_o
                              FILE *people, pags_json_writer *json) {
   training *const t = calloc(1, sizeof *t);
   if (!t)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the benchmark");
+    return pags_out_of_memory("the benchmark");
   t->config = config;
   t->options = options;
   t->people = people;

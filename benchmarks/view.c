@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 static void ignore_gradient(void *user, const pags_cluster_gradient *gradient, int worker) {
   (void)user;
   (void)gradient;
@@ -50,7 +52,7 @@ static pags_result measure_camera(const pags_bench_view *view, const pags_camera
   const int rows = (camera->height + 15) / 16 * 16;
   float *const gradient = backward ? make_gradient(picture.stride, rows) : NULL;
   if (backward && !gradient)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a gradient");
+    return pags_out_of_memory("a gradient");
   const size_t plane = (size_t)picture.stride * (size_t)rows;
   const pags_picture_gradient planes = {
       .rgb = {gradient, backward ? gradient + plane : NULL, backward ? gradient + 2 * plane : NULL}};

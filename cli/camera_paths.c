@@ -6,6 +6,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/sort.h"
 
 typedef struct vec3 {
@@ -72,7 +73,7 @@ static double percentile(double *values, int64_t count, double share) {
 static pags_result create_path(int64_t frames, pags_camera_path *out) {
   *out = (pags_camera_path){.fps = PATH_FPS, .count = frames, .cameras = calloc((size_t)frames, sizeof *out->cameras)};
   if (!out->cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a path of %lld frames", (long long)frames);
+    return pags_out_of_memory("a path of %lld frames", (long long)frames);
   return PAGS_OK;
 }
 
@@ -133,7 +134,7 @@ static pags_result gaussian_middle(const pags_scene *scene, vec3 *centre, double
   double middle[3], half[3],
       *values = malloc(((size_t)(total / step) + 1 + (size_t)scene->model_count) * sizeof *values);
   if (!values)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   for (int axis = 0; axis < 3; ++axis) {
     int64_t count = 0;
     for (int64_t m = 0; m < scene->model_count; ++m) {
@@ -195,7 +196,7 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   size_t count = (size_t)scene->view_count;
   double extent, *radii = malloc(3 * count * sizeof *radii), *heights = radii + count, *angles = heights + count;
   if (!radii)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = PAGS_OK;
   if (!nearest_to_axes(scene, &out->centre))
     result = gaussian_middle(scene, &out->centre, &extent);
@@ -299,7 +300,7 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
 pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *out) {
   *out = (pags_camera_path){.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *out->cameras)};
   if (!out->cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)scene->view_count);
+    return pags_out_of_memory("%lld cameras", (long long)scene->view_count);
   for (int64_t i = 0; i < scene->view_count; ++i)
     if (!scene->views[i].test)
       out->cameras[out->count++] = scene->views[i].camera;
@@ -311,7 +312,7 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
   const pags_camera **knots = calloc(views + 1, sizeof *knots);
   double *reached = calloc(views + 1, sizeof *reached); /* metres flown up to each knot */
   int64_t count = 0;
-  pags_result result = knots && reached ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = knots && reached ? PAGS_OK : pags_out_of_memory(NULL);
   for (size_t i = 0; result == PAGS_OK && i < views; ++i)
     if (!scene->views[i].test)
       knots[count++] = &scene->views[i].camera;
@@ -411,7 +412,7 @@ static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t
 pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_camera_path *out) {
   const pags_camera **knots = calloc((size_t)scene->view_count + 1, sizeof *knots);
   if (!knots)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = drive(knots, first_sensor(scene, knots), frames, fps, out);
   free(knots);
   return result;

@@ -6,13 +6,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 pags_result pags_deadline_report_create(const pags_composition *composition, pags_tasks *tasks, double ms,
                                         int check_every, pags_deadline_report *out) {
   *out =
       (pags_deadline_report){.ms = ms, .check_every = check_every, .ids = pags_composition_gaussian_count(composition)};
   out->priority = calloc((size_t)out->ids + 1, sizeof *out->priority);
   if (!out->priority)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the priorities of %lld Gaussians", (long long)out->ids);
+    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)out->ids);
   pags_composition_priorities(composition, out->priority);
   PAGS_TRY(pags_deadline_create(tasks, ms, out->priority, out->ids, &out->budget));
   return pags_frame_create(tasks, &out->whole);

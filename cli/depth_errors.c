@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include "base/memory.h"
 #include "base/sort.h"
 #include "train/lidar_depth.h"
 
@@ -23,7 +24,7 @@ static pags_result reserve(pags_depth_errors *self, int64_t more) {
   int64_t room = 2 * (self->count + more);
   double *grown = realloc(self->errors, (size_t)room * sizeof *grown);
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld depths", (long long)room);
+    return pags_out_of_memory("%lld depths", (long long)room);
   self->errors = grown;
   self->room = room;
   return PAGS_OK;

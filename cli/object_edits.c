@@ -6,6 +6,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/memory.h"
+
 enum { VALUES = 4 };
 
 static bool parse_values(const char *text, double out[VALUES]) {
@@ -52,7 +54,7 @@ static pags_result append(edit_list *list, const pags_edit *edit) {
     int64_t capacity = 2 * list->capacity + 64;
     pags_edit *grown = realloc(list->edits, (size_t)capacity * sizeof *grown);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edits", (long long)capacity);
+      return pags_out_of_memory("%lld edits", (long long)capacity);
     list->edits = grown;
     list->capacity = capacity;
   }

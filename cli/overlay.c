@@ -13,6 +13,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 #include "train/lidar_depth.h"
 
 enum { MOST_STEPS = 20, MOST_SAMPLES = 20000 };
@@ -174,7 +175,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
   PAGS_TRY(copy_photo(&photo, &image));
   size_t pixels = (size_t)photo.width * (size_t)photo.height;
   uint8_t *grown = realloc(o->outlines, pixels);
-  pags_result result = grown ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  pags_result result = grown ? PAGS_OK : pags_out_of_memory(NULL);
   if (grown) {
     o->outlines = grown;
     memset(o->outlines, 0, pixels);

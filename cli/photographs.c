@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 /* Poses written as decimals and read back differ by rounding only; metres and entries of a rotation. */
 static const double pose_tolerance = 1e-5;
 
@@ -61,7 +63,7 @@ static pags_result choose_views(const pags_scene *scene, pags_photographs *truth
   int64_t count = pags_dataset_view_count(truth->dataset);
   truth->views = calloc((size_t)count + 1, sizeof *truth->views);
   if (!truth->views)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)count);
+    return pags_out_of_memory("%lld views", (long long)count);
   for (int64_t i = 0; i < count; ++i) {
     const pags_view *view = pags_dataset_view(truth->dataset, i);
     const pags_scene_view *mine = find_view(scene, view->name);
@@ -147,7 +149,7 @@ pags_result pags_photographs_read(pags_photographs *truth, int64_t i, pags_photo
     out->mask = malloc((size_t)photo->width * (size_t)photo->height);
     if (!out->mask) {
       pags_photograph_destroy(out);
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mask of %dx%d", photo->width, photo->height);
+      return pags_out_of_memory("a mask of %dx%d", photo->width, photo->height);
     }
   }
   copy_photo(photo, &out->image, out->mask);

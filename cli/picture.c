@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 /* Whole numbers beyond 2^24 are not all floats. */
 static const int64_t largest_float_id = 16777216;
@@ -58,7 +59,7 @@ pags_result pags_picture_writer_create(const pags_composition *composition, unsi
     out->priority_of = malloc(count * sizeof *out->priority_of);
   pags_result result = PAGS_OK;
   if ((objects && !out->object_of) || (priorities && !out->priority_of))
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for the channels of %lld Gaussians", (long long)gaussians);
+    result = pags_out_of_memory("the channels of %lld Gaussians", (long long)gaussians);
   if (result == PAGS_OK && objects)
     pags_composition_objects(composition, out->object_of);
   if (result == PAGS_OK && priorities && !pags_composition_priorities(composition, out->priority_of))
@@ -106,7 +107,7 @@ pags_result pags_picture_to_image(const pags_picture *picture, pags_sample sampl
 
 pags_result pags_image_save_in(const char *folder, const char *file, const pags_image *image) {
   char *path = pags_path_join(folder, file);
-  const pags_result result = path ? pags_image_save(path, image) : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  const pags_result result = path ? pags_image_save(path, image) : pags_out_of_memory(NULL);
   free(path);
   return result;
 }
@@ -170,7 +171,7 @@ static pags_result reserve(pags_plane_scratch *scratch, const pags_picture *pict
   scratch->data = malloc(count * sizeof *scratch->data);
   scratch->capacity = scratch->data ? count : 0;
   if (!scratch->data)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", picture->width, picture->height);
+    return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
   return PAGS_OK;
 }
 
@@ -200,7 +201,7 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
              png ? ".png" : ".exr");
     char *path = pags_path_join(folder, file);
     if (!path)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+      return pags_out_of_memory(NULL);
     int count = channel_planes(writer, picture, camera, channel, scratch->data, planes);
     pags_result result =
         png ? save_png(picture, planes, count, writer->bits, path) : write_exr(picture, planes, count, channel, path);

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 /* Planes of a slot: rgb, transmittance, depth, id. */
 enum { MOST_SLOTS = 16, PLANES = 6 };
 
@@ -40,7 +42,7 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
   *out = (pags_picture_queue){.writer = writer, .tasks = tasks, .folder = folder, .count = count};
   out->slots = calloc((size_t)count, sizeof *out->slots);
   if (!out->slots)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   return PAGS_OK;
 }
 
@@ -69,7 +71,7 @@ static pags_result copy_picture(const pags_picture *picture, pags_picture_slot *
     slot->planes = malloc(PLANES * bytes);
     slot->capacity = slot->planes ? count : 0;
     if (!slot->planes)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", picture->width, picture->height);
+      return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
   }
   float *to = slot->planes;
   slot->picture = *picture;

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 /* Errors below these are rounding. */
 static const double least_metres = 1e-6, least_degrees = 1e-4;
@@ -89,7 +90,7 @@ static pags_result make_room(reading *r) {
   offset *trained = realloc(r->trained, (size_t)room * sizeof *trained);
   r->trained = trained ? trained : r->trained;
   if (!labelled || !trained)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld poses", (long long)room);
+    return pags_out_of_memory("%lld poses", (long long)room);
   r->room = room;
   return PAGS_OK;
 }
@@ -151,7 +152,7 @@ static pags_result read_forward(const char *dataset, int *forward_y) {
   char *path = pags_path_join(dataset, "dataset.json");
   *forward_y = 0;
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &json) : PAGS_OK;
   if (result == PAGS_OK && pags_file_exists(path)) {
     result = pags_json_string_or(json, pags_json_root(json), "object_forward", "+x", &forward);
@@ -190,7 +191,7 @@ pags_result pags_pose_errors_measure(const char *dataset, const pags_scene *scen
   memset(out, 0, sizeof *out);
   char *path = pags_path_join(dataset, "truth/instances/instances_info.json");
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = pags_file_exists(path) ? measure(path, dataset, scene, out) : PAGS_OK;
   free(path);
   return result;

@@ -10,6 +10,7 @@
 
 #include <pags/synth.h>
 
+#include "base/memory.h"
 #include "cli/interrupt.h"
 
 static const double near_metres = 0.05, far_metres = 0.15;
@@ -59,7 +60,7 @@ static pags_result reserve_planes(measuring *m, const pags_picture *picture) {
   m->ones = calloc(2 * (size_t)floats, sizeof *m->ones);
   m->plane_floats = m->ones ? floats : 0;
   if (!m->ones)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", picture->width, picture->height);
+    return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
   for (int64_t i = 0; i < floats; ++i)
     m->ones[i] = 1;
   m->zeros = m->ones + floats;
@@ -158,7 +159,7 @@ static pags_result measure(measuring *m, pags_priority_truth *out) {
   m->other = malloc(count * sizeof *m->other);
   m->id = malloc(count * sizeof *m->id);
   if (!m->priority || !m->most || !m->weight || !m->view || !m->points || !m->critical || !m->other || !m->id)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the owners of %lld Gaussians", (long long)m->count);
+    return pags_out_of_memory("the owners of %lld Gaussians", (long long)m->count);
   if (!pags_composition_priorities(m->composition, m->priority))
     return PAGS_OK;
   for (int64_t i = 0; i < m->count; ++i)

@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { KEY_WIDTH = 16, INDENT = 2 };
 
 static void append(pags_report *facts, const char *text, size_t length) {
@@ -61,7 +63,7 @@ void pags_report_begin(pags_report *facts) {
 
 pags_result pags_report_end(pags_report *facts, const pags_session *session, pags_result result) {
   if (result == PAGS_OK && facts->failed)
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    result = pags_out_of_memory(NULL);
   if (result == PAGS_OK) {
     pags_json_end_object(&facts->json);
     bool json_instead = session->json && !strcmp(session->json, "-");

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 const char *pags_up_name(pags_up up) {
@@ -62,7 +63,7 @@ static pags_result file_bytes(const char *path, const char *file, bool folder, u
     return pags_file_size(path, bytes);
   char *inside = pags_path_join(path, file);
   if (!inside)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = pags_file_size(inside, bytes);
   free(inside);
   return result;
@@ -158,7 +159,7 @@ static int64_t *count_parked(const pags_scene *scene) {
 static pags_result list_objects(pags_report *facts, const pags_scene *scene) {
   int64_t *parked = count_parked(scene);
   if (!parked)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   pags_report_begin_list(facts, "every_object");
   for (int64_t o = 0; o < scene->object_count; ++o) {
     const pags_scene_object *object = &scene->objects[o];

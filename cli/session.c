@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 
 static void print_log(void *user, pags_log_level level, const char *line) {
   FILE *people = user;
@@ -70,7 +71,7 @@ pags_result pags_session_json(const pags_session *session, pags_json_writer *wri
 static pags_result try_create(const char *folder, const char *shown) {
   char *pattern = pags_path_join(folder, ".pags-XXXXXX");
   if (!pattern)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   int descriptor = mkstemp(pattern);
   pags_result result = PAGS_OK;
   if (descriptor < 0)
@@ -90,7 +91,7 @@ pags_result pags_check_writable(const char *path) {
   char *folder = pags_path_folder(target);
   free(target);
   if (!folder)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = straight ? PAGS_OK : try_create(folder, path);
   free(folder);
   return result;

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 #include "image/resample.h"
 
 typedef struct shifting {
@@ -89,7 +90,7 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   PAGS_TRY(pags_frame_render(s->frame, parts, part_count, &camera, &options, NULL, NULL, &picture));
   char *path = pags_path_join(folder, file);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = load_truth(path, full, &camera, &truth);
   free(path);
   if (result != PAGS_OK)
@@ -107,7 +108,7 @@ static pags_result measure_path(const shifting *s, const char *folder, pags_shif
   pags_camera_path cameras;
   char *file = pags_path_join(folder, "path.json");
   if (!file)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = pags_camera_path_load(file, &cameras);
   free(file);
   if (result != PAGS_OK)
@@ -131,12 +132,12 @@ static pags_result measure_path(const shifting *s, const char *folder, pags_shif
 static pags_result measure_all(const shifting *s, const pags_dir_list *list, pags_shifted_view_scores *out) {
   out->items = calloc((size_t)list->count + 1, sizeof *out->items);
   if (!out->items)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   for (int64_t i = 0; i < list->count; ++i) {
     char *folder = pags_path_join(s->folder, list->names[i]);
     pags_shifted_view_score *score = &out->items[out->count];
     if (!folder)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+      return pags_out_of_memory(NULL);
     pags_result result = PAGS_OK;
     if (pags_dir_exists(folder)) {
       snprintf(score->name, sizeof score->name, "%s", list->names[i]);
@@ -156,7 +157,7 @@ pags_result pags_shifted_views_measure(const char *dataset, double downscale, pa
   memset(out, 0, sizeof *out);
   char *folder = pags_path_join(dataset, "truth/shift");
   if (!folder)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   shifting s = {folder, images, downscale, composition, frame, session, *options};
   pags_result result =
       pags_dir_exists(folder)

@@ -16,6 +16,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 typedef struct eval_arguments {
   pags_session session;
@@ -118,7 +119,7 @@ static pags_result measure_regions(const evaluation *self, const pags_image *ren
   int width = render->width, height = render->height;
   uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
   if (!regions)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", width, height);
+    return pags_out_of_memory("a picture of %dx%d", width, height);
   pags_regions_fill(width, height, photo->mask, photo->photo.labels, photo->photo.stride, regions);
   pags_result result = pags_eval_regions(render, &photo->image, regions, PAGS_REGION_COUNT,
                                          self->arguments->session.tasks, score->psnr, score->ssim);
@@ -344,7 +345,7 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
                                  arguments->image_cache, &self->truth));
   self->scores = calloc((size_t)self->truth.count, sizeof *self->scores);
   if (!self->scores)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)self->truth.count);
+    return pags_out_of_memory("%lld views", (long long)self->truth.count);
   self->options = pags_composition_options(self->composition);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
   self->options.order = (pags_order)arguments->order;

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 typedef struct export_arguments {
   pags_session session;
@@ -144,8 +145,7 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
   for (int64_t i = 0; *chosen && i < count; ++i)
     (*chosen)[edits[i].object] = 1;
   free(edits);
-  return *chosen ? PAGS_OK
-                 : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+  return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);
 }
 
 static pags_result write_count(const export_arguments *arguments, const char *path, int64_t count) {

@@ -15,6 +15,7 @@
 #include <string.h>
 #include <unistd.h>
 #include "base/file.h"
+#include "base/memory.h"
 
 typedef struct render_arguments {
   pags_session session;
@@ -404,7 +405,7 @@ static pags_result begin_deadline(renderer *self) {
     return PAGS_OK;
   self->facts = calloc((size_t)self->viewpoints.count + 1, sizeof *self->facts);
   if (!self->facts)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
   return pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
                                      CHECK_EVERY, &self->deadline);
 }
@@ -418,7 +419,7 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
   choose_options(self, parsed);
   self->stats = calloc((size_t)self->viewpoints.count, sizeof *self->stats);
   if (!self->stats)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld frames", (long long)self->viewpoints.count);
+    return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   PAGS_TRY(begin_deadline(self));
   PAGS_TRY(pags_picture_queue_create(&self->writer, arguments->session.tasks, arguments->output, &self->queue));

@@ -2,6 +2,7 @@
 /* Lists of cameras to draw. */
 #include "cli/viewpoints.h"
 
+#include "base/memory.h"
 #include "cli/session.h"
 
 #include <stdlib.h>
@@ -9,7 +10,7 @@
 
 static pags_result create(int64_t capacity, pags_viewpoints *out) {
   *out = (pags_viewpoints){.items = calloc((size_t)capacity + 1, sizeof *out->items)};
-  return out->items ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld cameras", (long long)capacity);
+  return out->items ? PAGS_OK : pags_out_of_memory("%lld cameras", (long long)capacity);
 }
 
 void pags_viewpoints_destroy(pags_viewpoints *viewpoints) {
@@ -26,7 +27,7 @@ static pags_result append(pags_viewpoints *viewpoints, const char *name, const p
   for (int c = 0; c < 3; ++c)
     item->gain[c] = 1;
   if (!item->name)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   ++viewpoints->count;
   return PAGS_OK;
 }

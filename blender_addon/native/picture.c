@@ -10,6 +10,8 @@
 
 #include <pags/tasks.h>
 
+#include "base/memory.h"
+
 /* sRGB to linear light for [0, 1] by a table between whose entries a line runs: its error is under h^2 / 8 times the
  * largest second derivative above the knee, 2e-8. */
 enum { TABLE = 4096, ROWS = 8 };
@@ -193,7 +195,7 @@ pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, c
   fill f = {.picture = picture, .scene = scene, .layout = layout, .out = out};
   if (!allocate(layout, out)) {
     native_planes_free(out);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", layout->width, layout->height);
+    return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);
   }
   decoder_init(&f.decoder);
   if (pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f))

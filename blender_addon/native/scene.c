@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS }; /* are read at a time: what a packed cluster holds */
@@ -62,7 +63,7 @@ static void scene_dealloc(PyObject *object) {
 
 static pags_result allocate(const native_scene *scene, void **table) {
   *table = malloc(4 * ((size_t)pags_composition_gaussian_count(scene->composition) + 1));
-  return *table ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a table of the scene's Gaussians");
+  return *table ? PAGS_OK : pags_out_of_memory("a table of the scene's Gaussians");
 }
 
 pags_result native_scene_need_objects(native_scene *scene) {
@@ -398,7 +399,7 @@ static PyObject *scene_points(PyObject *object, PyObject *arguments) {
   float *points = malloc((size_t)(budget + 1) * 3 * sizeof *points);
   float *colors = malloc((size_t)(budget + 1) * 4 * sizeof *colors);
   Py_ssize_t taken = 0;
-  pags_result result = points && colors ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a sample");
+  pags_result result = points && colors ? PAGS_OK : pags_out_of_memory("a sample");
   Py_BEGIN_ALLOW_THREADS pthread_mutex_lock(&self->lock);
   const pags_part *parts;
   int count;

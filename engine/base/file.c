@@ -16,6 +16,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "base/memory.h"
 #include "base/text.h"
 
 pags_result pags_fail_errno(const char *path, const char *what) {
@@ -61,7 +62,7 @@ pags_result pags_file_read(const char *path, uint8_t **bytes, size_t *size) {
   uint8_t *block = expected < SIZE_MAX ? malloc((size_t)expected + 1) : NULL;
   if (!block) {
     fclose(stream);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its %llu bytes", path, (unsigned long long)expected);
+    return pags_out_of_memory("%s: its %llu bytes", path, (unsigned long long)expected);
   }
   size_t got = fread(block, 1, (size_t)expected, stream);
   bool failed = got != expected && ferror(stream);
@@ -139,7 +140,7 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
     at = next;
   }
   if (!at)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+    return pags_out_of_memory("%s", path);
   *target = at;
   return PAGS_OK;
 }
@@ -232,7 +233,7 @@ static pags_result open_part(pags_file_writer *writer, int *descriptor) {
   const size_t length = strlen(writer->target);
   writer->part = malloc(length + sizeof ".part");
   if (!writer->part)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", writer->path);
+    return pags_out_of_memory("%s", writer->path);
   memcpy(writer->part, writer->target, length);
   memcpy(writer->part + length, ".part", sizeof ".part");
   if (lstat(writer->part, &status) == 0 && !S_ISREG(status.st_mode))
@@ -250,7 +251,7 @@ static pags_result writer_open(pags_file_writer *writer, const char *path, bool 
   *writer = (pags_file_writer){0};
   PAGS_TRY(pags_file_find_target(path, &writer->target, &straight));
   writer->path = pags_text_copy(path);
-  pags_result result = writer->path ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+  pags_result result = writer->path ? PAGS_OK : pags_out_of_memory("%s", path);
   if (result == PAGS_OK && (straight || append)) {
     descriptor = open_straight(writer->target);
     result = descriptor < 0 ? pags_fail_errno(path, "can't write") : PAGS_OK;

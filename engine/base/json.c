@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 enum { DEPTH_LIMIT = 128, BLOCK_VALUES = 512 };
@@ -277,7 +278,7 @@ static pags_result read_value(reader *r, const char *key, pags_json_value **out)
   skip_space(r);
   pags_json_value *value = new_value(r);
   if (!value)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s:%d: no memory for the values of the file", r->json->path, r->line);
+    return pags_out_of_memory("%s:%d: the values of the file", r->json->path, r->line);
   if (++r->depth > DEPTH_LIMIT)
     return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: nested deeper than %d levels", r->json->path, r->line, DEPTH_LIMIT);
   value->line = r->line;
@@ -309,13 +310,12 @@ static pags_result parse_owned(const char *path, char *source, size_t size, pags
   pags_json *json = calloc(1, sizeof *json);
   if (!json) {
     free(source);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", path);
+    return pags_out_of_memory("%s", path);
   }
   json->source = source;
   json->path = pags_text_copy(path);
   json->strings = size <= SIZE_MAX - 2 ? malloc(size + 2) : NULL;
-  pags_result result = json->path && json->strings ? read_document(json, size)
-                                                   : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", path);
+  pags_result result = json->path && json->strings ? read_document(json, size) : pags_out_of_memory("%s", path);
   if (result != PAGS_OK) {
     pags_json_destroy(json);
     return result;
@@ -336,7 +336,7 @@ pags_result pags_json_parse_text(const char *name, const char *text, size_t size
   *out = NULL;
   char *copy = size < SIZE_MAX ? malloc(size + 1) : NULL;
   if (!copy)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to parse it", name);
+    return pags_out_of_memory("%s", name);
   memcpy(copy, text, size);
   copy[size] = 0;
   return parse_owned(name, copy, size, out);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 static const char *const type_names[] = {"null", "true or false", "a number", "a string", "an array", "an object"};
@@ -114,7 +115,7 @@ pags_result pags_json_string_copy(const pags_json *json, const pags_json_value *
   const char *text;
   PAGS_TRY(pags_json_string(json, object, key, &text));
   *out = pags_text_copy(text);
-  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for '%s'", pags_json_path(json), key);
+  return *out ? PAGS_OK : pags_out_of_memory("%s: '%s'", pags_json_path(json), key);
 }
 
 pags_result pags_json_string_or(const pags_json *json, const pags_json_value *object, const char *key,

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 static void put(pags_json_writer *w, const char *text, size_t size) {
@@ -168,7 +169,7 @@ void pags_json_put_raw(pags_json_writer *writer, const char *key, const char *te
 pags_result pags_json_writer_finish(pags_json_writer *writer) {
   assert(writer->depth == 0);
   put(writer, "\n", 1);
-  return writer->failed ? pags_fail(PAGS_ERROR_MEMORY, "no memory for %zu bytes of JSON", writer->size) : PAGS_OK;
+  return writer->failed ? pags_out_of_memory("%zu bytes of JSON", writer->size) : PAGS_OK;
 }
 
 pags_result pags_json_writer_save(pags_json_writer *writer, const char *path) {

@@ -8,11 +8,12 @@
 #include <unistd.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
 static pags_result fail_memory(const char *path) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its name", path);
+  return pags_out_of_memory("%s: its name", path);
 }
 
 char *pags_path_join(const char *folder, const char *name) {

@@ -3,6 +3,7 @@
 #include "base/text.h"
 
 #include <locale.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -55,4 +56,18 @@ char *pags_text_copy(const char *text) {
   if (copy)
     memcpy(copy, text, size);
   return copy;
+}
+
+char *pags_text_format(const char *format, ...) {
+  va_list arguments;
+  va_start(arguments, format);
+  int length = vsnprintf(NULL, 0, format, arguments);
+  va_end(arguments);
+  char *text = length >= 0 ? malloc((size_t)length + 1) : NULL;
+  if (!text)
+    return NULL;
+  va_start(arguments, format);
+  vsnprintf(text, (size_t)length + 1, format, arguments);
+  va_end(arguments);
+  return text;
 }

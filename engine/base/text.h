@@ -18,6 +18,8 @@ int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]);
 
 /* A copy on the heap, NULL when memory is out or `text` is NULL. */
 char *pags_text_copy(const char *text);
+/* As printf would print it, on the heap; NULL when memory is out. */
+char *pags_text_format(const char *format, ...) PAGS_PRINTF(1, 2);
 
 #ifdef __cplusplus
 }

@@ -6,6 +6,7 @@
 #include "dataset/colmap.h"
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -122,11 +123,11 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
     return pags_fail(PAGS_ERROR_FORMAT, "%s: image %lld: expected a name", where, (long long)image->id);
   pags_parsed_view *view = pags_parsed_add(model->draft);
   if (!view)
-    return pags_draft_memory(where);
+    return pags_out_of_memory("%s", where);
   view->where = pags_text_copy(where);
   view->image_path = pags_text_copy(image->name); /* the folder comes before it later */
   if (!view->where || !view->image_path)
-    return pags_draft_memory(where);
+    return pags_out_of_memory("%s", where);
   view->id = image->id;
   view->lens = camera->lens;
   double r[9], m[12];
@@ -164,7 +165,7 @@ static char *find_pictures(const char *root, const char *model, const pags_parse
 
 static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *draft) {
   char *folder = find_pictures(root, model, draft);
-  pags_result result = folder ? PAGS_OK : pags_draft_memory(root);
+  pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", root);
   for (int64_t i = 0; result == PAGS_OK && i < draft->count; i++) {
     pags_parsed_view *view = &draft->views[i];
     char *path = pags_path_join(folder, view->image_path);
@@ -173,7 +174,7 @@ static pags_result locate_pictures(const char *root, const char *model, pags_par
       view->image_path = path;
       view->missing = !pags_path_exists(path);
     } else {
-      result = pags_draft_memory(root);
+      result = pags_out_of_memory("%s", root);
     }
   }
   free(folder);
@@ -183,9 +184,9 @@ static pags_result locate_pictures(const char *root, const char *model, pags_par
 /* Reads a file of the model; one that is not required may be absent. */
 static pags_result read_part(const char *model, const char *part, const char *extension, pags_colmap_read_fn *read,
                              bool required, pags_colmap *into) {
-  char *path = pags_draft_text("%s/%s.%s", model, part, extension);
+  char *path = pags_text_format("%s/%s.%s", model, part, extension);
   if (!path)
-    return pags_draft_memory(model);
+    return pags_out_of_memory("%s", model);
   pags_result result = PAGS_OK;
   if (required || pags_file_exists(path)) {
     pags_colmap_bytes bytes = {.path = path};
@@ -215,7 +216,7 @@ pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_da
   draft->up = PAGS_UP_MINUS_Y;
   draft->source = pags_text_copy(model);
   pags_colmap into = {.draft = draft};
-  pags_result result = draft->source ? read_model(model, &into) : pags_draft_memory(model);
+  pags_result result = draft->source ? read_model(model, &into) : pags_out_of_memory("%s", model);
   if (result == PAGS_OK)
     result = locate_pictures(root, model, draft);
   draft->points.tracked = true;

@@ -5,6 +5,8 @@
 
 #include <string.h>
 
+#include "base/memory.h"
+
 typedef struct cursor {
   const pags_colmap_bytes *bytes;
   size_t at;
@@ -44,7 +46,7 @@ static pags_result take_count(cursor *c, size_t record, const char *what, int64_
 static pags_result take_camera(cursor *c, pags_colmap *model) {
   pags_colmap_camera *camera = pags_colmap_add_camera(model);
   if (!camera)
-    return pags_draft_memory(c->bytes->path);
+    return pags_out_of_memory("%s", c->bytes->path);
   int64_t kind_id;
   uint64_t size[2];
   double parameters[12];

@@ -3,6 +3,7 @@
  * its observations, which may be empty and is never needed here. */
 #include "dataset/colmap.h"
 
+#include "base/memory.h"
 #include "base/text.h"
 
 #include <stdlib.h>
@@ -75,10 +76,10 @@ static pags_result take_integer(lines *l, const char *what, int64_t low, int64_t
 static pags_result take_camera(lines *l, pags_colmap *model) {
   pags_colmap_camera *camera = pags_colmap_add_camera(model);
   if (!camera)
-    return pags_draft_memory(l->bytes->path);
-  char *where = pags_draft_text("%s:%d", l->bytes->path, l->number);
+    return pags_out_of_memory("%s", l->bytes->path);
+  char *where = pags_text_format("%s:%d", l->bytes->path, l->number);
   if (!where)
-    return pags_draft_memory(l->bytes->path);
+    return pags_out_of_memory("%s", l->bytes->path);
   pags_result result = take_integer(l, "a camera's number", 0, LARGEST_ID, &camera->id);
   char *name = l->field, *end = name + strcspn(name, " \t\r");
   l->field = skip_blanks(end);
@@ -129,8 +130,8 @@ static pags_result take_image(lines *l, pags_colmap *model) {
   while (end > l->field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
     *--end = '\0';
   image.name = l->field; /* may have blanks in it */
-  char *where = pags_draft_text("%s:%d", l->bytes->path, l->number);
-  pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_draft_memory(l->bytes->path);
+  char *where = pags_text_format("%s:%d", l->bytes->path, l->number);
+  pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l->bytes->path);
   free(where);
   PAGS_TRY(result);
   return next_line(l) ? check_observations(l) : PAGS_OK;

@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -41,7 +42,7 @@ static pags_result read_default_model(const char *root, pags_parsed_dataset *dra
   for (size_t i = 0; i < sizeof model_folders / sizeof *model_folders; i++) {
     char *model = i == 0 ? pags_text_copy(root) : pags_path_join(root, model_folders[i]);
     if (!model)
-      return pags_draft_memory(root);
+      return pags_out_of_memory("%s", root);
     bool found = pags_colmap_is_model(model);
     pags_result result = found ? pags_colmap_read(root, model, draft) : PAGS_OK;
     free(model);
@@ -58,7 +59,7 @@ static pags_result read_default_model(const char *root, pags_parsed_dataset *dra
 static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
   char *transforms = pags_path_join(root, "transforms.json");
   if (!transforms)
-    return pags_draft_memory(root);
+    return pags_out_of_memory("%s", root);
   pags_result result;
   if (options->kind)
     result = pags_driving_read(root, options, draft);
@@ -78,7 +79,7 @@ static pags_result read_named_model(const char *path, const char *model, pags_pa
   char *inside = root ? pags_path_join(root, model) : NULL;
   pags_result result;
   if (!inside)
-    result = pags_draft_memory(path);
+    result = pags_out_of_memory("%s", path);
   else if (pags_colmap_is_model(model))
     result = pags_colmap_read(root, model, draft);
   else if (pags_colmap_is_model(inside))
@@ -100,7 +101,7 @@ static pags_result read_draft(const char *path, const pags_dataset_options *opti
     return read_folder(path, options, draft);
   if (strcmp(pags_path_name(path), "dataset.json") == 0) {
     char *folder = pags_path_folder(path);
-    pags_result result = folder ? pags_driving_read(folder, options, draft) : pags_draft_memory(path);
+    pags_result result = folder ? pags_driving_read(folder, options, draft) : pags_out_of_memory("%s", path);
     free(folder);
     return result;
   }
@@ -224,8 +225,8 @@ static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_da
   pags_camera camera = dataset->pinholes[index];
   memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
   camera.time = dataset->draft.driving ? from->time : (double)NAN;
-  char *what = pags_draft_text("%s (%s)", from->where, view->name);
-  pags_result result = what ? pags_camera_check(&camera, what) : pags_draft_memory(from->where);
+  char *what = pags_text_format("%s (%s)", from->where, view->name);
+  pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
   free(what);
   view->camera = pags_camera_downscale(&camera, options->downscale);
   return result;
@@ -236,7 +237,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   dataset->views = calloc(count, sizeof *dataset->views);
   dataset->pinholes = calloc(count, sizeof *dataset->pinholes);
   if (!dataset->views || !dataset->pinholes)
-    return pags_draft_memory(dataset->path);
+    return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
     PAGS_TRY(make_view(dataset, i, options));
@@ -266,7 +267,7 @@ static void choose_origin(pags_dataset *dataset) {
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
   dataset->path = pags_text_copy(path);
   if (!dataset->path)
-    return pags_draft_memory(path);
+    return pags_out_of_memory("%s", path);
   PAGS_TRY(read_draft(path, options, &dataset->draft));
   pags_dataset_options resolved = *options;
   if (resolved.split_every == -1)
@@ -291,7 +292,7 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   PAGS_TRY(check_options(&chosen));
   pags_dataset *dataset = calloc(1, sizeof *dataset);
   if (!dataset)
-    return pags_draft_memory(path);
+    return pags_out_of_memory("%s", path);
   pags_result result = open_into(dataset, path, &chosen);
   if (result != PAGS_OK)
     pags_dataset_close(dataset);

@@ -2,6 +2,7 @@
 /* The subject of a set of cameras: the point nearest to all optical axes. */
 #include "dataset/focus.h"
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "dataset/parsed.h"
 
@@ -83,7 +84,7 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
     return PAGS_OK;
   double *depths = malloc((size_t)count * sizeof *depths);
   if (!depths)
-    return pags_draft_memory("random points");
+    return pags_out_of_memory("random points");
   int64_t ahead = 0;
   for (int64_t i = 0; i < count; i++) {
     depths[ahead] = depth_of(cameras[i], subject);

@@ -14,6 +14,7 @@
 #include "dataset/internal.h"
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/rng.h"
 #include "dataset/focus.h"
 
@@ -85,7 +86,7 @@ static pags_result keep_photo(const pags_photo_data *photo, picture *p) {
   p->grey = malloc(pixels * sizeof *p->grey);
   p->mask = photo->has_mask ? malloc(pixels) : NULL;
   if (!p->rgb || !p->grey || (photo->has_mask && !p->mask))
-    return pags_draft_memory("points from photographs");
+    return pags_out_of_memory("points from photographs");
   for (size_t y = 0; y < (size_t)photo->height; y++)
     for (size_t x = 0; x < (size_t)photo->width; x++) {
       size_t to = y * (size_t)photo->width + x, from = y * (size_t)photo->stride + x;
@@ -410,7 +411,7 @@ static pags_result prepare(matcher *m) {
   m->xyz = malloc((size_t)m->ray_count * 3 * sizeof *m->xyz);
   m->rgb = malloc((size_t)m->ray_count * 3);
   if (!m->views || !m->pictures || !m->results || !m->messages || !m->rays || !m->xyz || !m->rgb)
-    return pags_draft_memory(m->dataset->path);
+    return pags_out_of_memory("%s", m->dataset->path);
   m->count = choose_views(m->dataset, m->views);
   const pags_camera *cameras[MOST_PICTURES];
   for (int i = 0; i < m->count; i++)

@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 
 void pags_parsed_destroy(pags_parsed_dataset *draft) {
@@ -58,7 +59,7 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
     return pags_fail(PAGS_ERROR_FORMAT, "%s: point %lld: expected finite coordinates", where, (long long)id);
   void *items = points->items;
   if (!grow(&items, points->count, &points->capacity, sizeof *points->items))
-    return pags_draft_memory(where);
+    return pags_out_of_memory("%s", where);
   points->items = items;
   pags_parsed_point *point = &points->items[points->count++];
   *point = (pags_parsed_point){.id = id, .track_begin = points->track_count};
@@ -71,7 +72,7 @@ pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const 
   assert(points->count > 0);
   void *track = points->track;
   if (!grow(&track, points->track_count, &points->track_capacity, sizeof *points->track))
-    return pags_draft_memory(where);
+    return pags_out_of_memory("%s", where);
   points->track = track;
   points->track[points->track_count++] = view;
   points->items[points->count - 1].track_count++;
@@ -86,22 +87,4 @@ static int by_id(const void *a, const void *b) {
 void pags_parsed_sort_points(pags_parsed_points *points) {
   if (points->count > 0)
     pags_sort(points->items, points->count, sizeof *points->items, by_id);
-}
-
-pags_result pags_draft_memory(const char *where) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: not enough memory to read it", where);
-}
-
-char *pags_draft_text(const char *format, ...) {
-  va_list arguments;
-  va_start(arguments, format);
-  int length = vsnprintf(NULL, 0, format, arguments);
-  va_end(arguments);
-  char *text = length >= 0 ? malloc((size_t)length + 1) : NULL;
-  if (!text)
-    return NULL;
-  va_start(arguments, format);
-  vsnprintf(text, (size_t)length + 1, format, arguments);
-  va_end(arguments);
-  return text;
 }

@@ -61,10 +61,6 @@ pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const 
 void pags_parsed_sort_points(pags_parsed_points *points);
 
 /* "path: no memory ..." */
-pags_result pags_draft_memory(const char *where);
-
-/* printf into a fresh string; NULL when memory is out. */
-char *pags_draft_text(const char *format, ...) PAGS_PRINTF(1, 2);
 
 /* A file of nerfstudio's or instant-ngp's. Both readers leave an empty draft on failure. */
 pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft);

@@ -2,6 +2,7 @@
 /* From a file to the bytes that the loss reads: decode, undistort, shrink, split into planes. */
 #include "dataset/internal.h"
 
+#include "base/memory.h"
 #include "dataset/driving/label_plane.h"
 #include "dataset/undistort.h"
 #include "image/resample.h"
@@ -122,7 +123,7 @@ static pags_result split(const pictures *p, bool has_labels, pags_photo_data *ou
   uint64_t bytes = plane * (uint64_t)(3 + out->has_mask + out->has_labels);
   out->planes = aligned_alloc(64, (size_t)((bytes + 63) & ~(uint64_t)63));
   if (!out->planes)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a photograph of %d x %d pixels", out->width, out->height);
+    return pags_out_of_memory("a photograph of %d x %d pixels", out->width, out->height);
   const uint8_t *colour = p->colour.data;
   for (size_t c = 0; c < 3; c++)
     split_plane(colour + c, 3, out, out->planes + c * plane);

@@ -14,6 +14,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+#include "base/text.h"
+
 typedef enum slot_state { EMPTY, DECODING, READY } slot_state;
 
 typedef struct slot {
@@ -52,7 +55,7 @@ static void run_job(void *context) {
   else
     s->result = pags_photo_decode(cache->dataset, s - cache->slots, s->shrink, &s->data);
   if (s->result != PAGS_OK && s->result != PAGS_CANCELLED)
-    s->message = pags_draft_text("%s", pags_error_message());
+    s->message = pags_text_format("%s", pags_error_message());
   atomic_store(&s->done, true);
 }
 
@@ -173,7 +176,7 @@ pags_result pags_photo_cache_create(const pags_dataset *dataset, pags_tasks *tas
     free(cache);
     free(slots);
     free(order);
-    return pags_draft_memory(dataset->path);
+    return pags_out_of_memory("%s", dataset->path);
   }
   cache->dataset = dataset;
   cache->tasks = tasks;
@@ -230,7 +233,8 @@ static void decode_now(pags_photo_cache *cache, int64_t view, int shrink) {
 }
 
 static pags_result fail_again(pags_photo_cache *cache, slot *s) {
-  pags_result result = s->message ? pags_fail(s->result, "%s", s->message) : pags_draft_memory(cache->dataset->path);
+  pags_result result =
+      s->message ? pags_fail(s->result, "%s", s->message) : pags_out_of_memory("%s", cache->dataset->path);
   drop(cache, s); /* the next get tries again */
   return result;
 }

@@ -4,6 +4,7 @@
 #include "dataset/internal.h"
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/sort.h"
 
 #include <stdlib.h>
@@ -54,7 +55,7 @@ static pags_result allocate(pags_dataset *dataset, int64_t count) {
   free(dataset->rgb);
   dataset->xyz = malloc(((size_t)count + 1) * 3 * sizeof *dataset->xyz);
   dataset->rgb = malloc(((size_t)count + 1) * 3);
-  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_draft_memory(dataset->path);
+  return dataset->xyz && dataset->rgb ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
 }
 
 static pags_result take_model_points(pags_dataset *dataset) {
@@ -62,7 +63,7 @@ static pags_result take_model_points(pags_dataset *dataset) {
   PAGS_TRY(allocate(dataset, points->count));
   id_use *uses = list_uses(dataset);
   if (!uses)
-    return pags_draft_memory(dataset->path);
+    return pags_out_of_memory("%s", dataset->path);
   int64_t kept = 0;
   for (int64_t i = 0; i < points->count; i++) {
     const pags_parsed_point *point = &points->items[i];
@@ -85,7 +86,7 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
   PAGS_TRY(allocate(dataset, options->random_points));
   const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
   if (!cameras)
-    return pags_draft_memory(dataset->path);
+    return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++)
     if (!dataset->views[i].test)

@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 #include <pags/image.h>
@@ -141,12 +142,12 @@ static pags_result find_image(const reader *r, const pags_json_value *frame, pag
     return pags_json_fail(r->json, frame, "expected 'file_path' to name a file, found '%s'", file);
   view->image_path = pags_path_join(r->folder, strncmp(file, "./", 2) == 0 ? file + 2 : file);
   if (!view->image_path)
-    return pags_draft_memory(view->where);
+    return pags_out_of_memory("%s", view->where);
   view->missing = !pags_path_exists(view->image_path);
   for (size_t i = 0; i < sizeof extensions / sizeof *extensions && view->missing; i++) {
-    char *longer = pags_draft_text("%s%s", view->image_path, extensions[i]);
+    char *longer = pags_text_format("%s%s", view->image_path, extensions[i]);
     if (!longer)
-      return pags_draft_memory(view->where);
+      return pags_out_of_memory("%s", view->where);
     if (pags_file_exists(longer)) {
       free(view->image_path);
       view->image_path = longer;
@@ -165,7 +166,7 @@ static pags_result find_mask(const reader *r, const pags_json_value *frame, pags
     return PAGS_OK;
   view->mask_path = pags_path_join(r->folder, file);
   if (!view->mask_path)
-    return pags_draft_memory(view->where);
+    return pags_out_of_memory("%s", view->where);
   if (!pags_file_exists(view->mask_path))
     return pags_json_fail(r->json, frame, "mask_path names %s, which does not exist", view->mask_path);
   return PAGS_OK;
@@ -175,10 +176,10 @@ static pags_result read_frame(const reader *r, const pags_json_value *frame) {
   PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
   pags_parsed_view *view = pags_parsed_add(r->draft);
   if (!view)
-    return pags_draft_memory(pags_json_path(r->json));
-  view->where = pags_draft_text("%s:%d", pags_json_path(r->json), frame->line);
+    return pags_out_of_memory("%s", pags_json_path(r->json));
+  view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
   if (!view->where)
-    return pags_draft_memory(pags_json_path(r->json));
+    return pags_out_of_memory("%s", pags_json_path(r->json));
   PAGS_TRY(find_image(r, frame, view));
   PAGS_TRY(find_mask(r, frame, view));
   PAGS_TRY(find_pose(r, frame, view->world_from_camera));
@@ -192,7 +193,7 @@ static pags_result read_points(const reader *r) {
     return PAGS_OK;
   char *path = pags_path_join(r->folder, file);
   if (!path)
-    return pags_draft_memory(pags_json_path(r->json));
+    return pags_out_of_memory("%s", pags_json_path(r->json));
   pags_result result = pags_ply_points_read(path, &r->draft->points);
   free(path);
   return result;
@@ -202,7 +203,7 @@ static pags_result read_all(reader *r, const char *path) {
   r->folder = pags_path_folder(path);
   r->draft->source = pags_text_copy(path);
   if (!r->folder || !r->draft->source)
-    return pags_draft_memory(path);
+    return pags_out_of_memory("%s", path);
   r->draft->kind = "transforms.json";
   r->draft->up = PAGS_UP_Z;
   PAGS_TRY(pags_json_parse_file(path, &r->json));

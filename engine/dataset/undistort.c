@@ -9,6 +9,8 @@
 #include <assert.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 /* Weights are fixed-point with FRACTION bits a direction, far below what a byte shows; the four add up to UNIT exactly.
  */
 enum { FRACTION = 10 };
@@ -77,7 +79,7 @@ static pags_result resample(const pags_lens *lens, const pags_camera *pinhole, c
                             const pags_image *from_mask, pags_image *to, pags_image *to_mask) {
   double *source = malloc((size_t)pinhole->width * 2 * sizeof *source);
   if (!source)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", pinhole->width);
+    return pags_out_of_memory("a row of %d pixels", pinhole->width);
   bool complete = true;
   for (int y = 0; y < pinhole->height; y++) {
     size_t begin = (size_t)y * (size_t)pinhole->width;
@@ -115,7 +117,7 @@ pags_result pags_undistort_labels(const pags_lens *lens, const pags_camera *pinh
   double *source = malloc((size_t)pinhole->width * 2 * sizeof *source), step = 1 / pinhole->fx;
   if (!source) {
     pags_image_destroy(to);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", pinhole->width);
+    return pags_out_of_memory("a row of %d pixels", pinhole->width);
   }
   const uint8_t *labels = from->data;
   uint8_t *out = to->data;

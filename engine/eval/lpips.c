@@ -6,6 +6,7 @@
  * 1e-10))^2
  *
  * Both pictures go through the network layer by layer side by side, so that only two layers of each are held. */
+#include "base/memory.h"
 #include "eval/metric.h"
 #include "eval/npz.h"
 #include "eval/squeezenet.h"
@@ -107,7 +108,7 @@ pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
   *out = NULL;
   pags_lpips *lpips = calloc(1, sizeof *lpips);
   if (!lpips)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", npz_path);
+    return pags_out_of_memory("%s", npz_path);
   pags_result result = load(npz_path, lpips);
   if (result == PAGS_OK)
     *out = lpips;
@@ -172,7 +173,7 @@ static pags_result tap_distance(const pags_map maps[2], const float *lin, pags_t
   job.row_sum = calloc((size_t)height, sizeof *job.row_sum);
   pags_result result = PAGS_OK;
   if (!job.scratch || !job.row_sum)
-    result = pags_fail(PAGS_ERROR_MEMORY, "LPIPS: out of memory");
+    result = pags_out_of_memory("LPIPS");
   else if (!pags_parallel_for(tasks, height, 4, tap_rows, &job))
     result = pags_fail(PAGS_CANCELLED, "LPIPS: cancelled");
   double sum = 0.0;

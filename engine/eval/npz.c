@@ -3,6 +3,7 @@
 #include "eval/npz.h"
 
 #include "base/file.h"
+#include "base/memory.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -149,7 +150,7 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
     return pags_fail(PAGS_ERROR_FORMAT, "%s: '%s': the npy header is cut off", path, array->name);
   char *text = malloc(length + 1);
   if (!text)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    return pags_out_of_memory("%s", path);
   memcpy(text, bytes + begin, length);
   text[length] = '\0';
   pags_result result = parse_header(text, path, array);
@@ -160,7 +161,7 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
                      (long long)array->count * 4, size - begin - length);
   array->data = malloc(array->count ? (size_t)array->count * sizeof(float) : 1);
   if (!array->data)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    return pags_out_of_memory("%s", path);
   copy_floats(array->data, bytes + begin + length, array->count);
   return PAGS_OK;
 }
@@ -171,7 +172,7 @@ static pags_result read_member(const archive *zip, const member *m, pags_npz_arr
     length -= 4;
   array->name = malloc(length + 1);
   if (!array->name)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", zip->path);
+    return pags_out_of_memory("%s", zip->path);
   memcpy(array->name, m->name, length);
   array->name[length] = '\0';
   return parse_npy(zip->bytes + m->offset, m->size, zip->path, array);
@@ -188,7 +189,7 @@ static pags_result read_members(const archive *zip, pags_npz *out) {
                      entries);
   out->arrays = calloc(entries ? entries : 1, sizeof *out->arrays);
   if (!out->arrays)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", zip->path);
+    return pags_out_of_memory("%s", zip->path);
   for (size_t i = 0, total = 0; i < entries; i++) {
     member m = {0};
     PAGS_TRY(read_entry(zip, &at, &m));

@@ -5,13 +5,15 @@
 
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 pags_result pags_map_create(pags_map *map, int channels, int width, int height) {
   int64_t stride = ((int64_t)width + 2 + 15) / 16 * 16;
   *map = (pags_map){.channels = channels, .width = width, .height = height, .stride = stride};
   map->plane = stride * ((int64_t)height + 2);
   map->base = calloc((size_t)(map->plane * channels), sizeof(float));
   if (!map->base)
-    return pags_fail(PAGS_ERROR_MEMORY, "LPIPS: out of memory for %d planes of %dx%d", channels, width, height);
+    return pags_out_of_memory("LPIPS: %d planes of %dx%d", channels, width, height);
   return PAGS_OK;
 }
 

@@ -15,6 +15,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { RADIUS = 5, TAPS = 2 * RADIUS + 1, MOMENTS = 5 /* a, b, a^2, b^2, ab */, MOST_REGIONS = 16 };
 
 static const double C1 = 0.01 * 0.01, C2 = 0.03 * 0.03;
@@ -135,7 +137,7 @@ static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
   job->row_sum = calloc((size_t)job->height * (size_t)job->region_count, sizeof *job->row_sum);
   pags_result result = PAGS_OK;
   if (!job->scratch || !job->row_sum)
-    result = pags_fail(PAGS_ERROR_MEMORY, "SSIM: out of memory for a picture of %dx%d", job->width, job->height);
+    result = pags_out_of_memory("SSIM: a picture of %dx%d", job->width, job->height);
   else if (!pags_parallel_for(tasks, job->height, 8, ssim_rows, job))
     result = pags_fail(PAGS_CANCELLED, "SSIM: cancelled");
   if (result == PAGS_OK)

@@ -14,6 +14,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "base/memory.h"
 #include "scene/packed_rows.h"
 
 enum { CLUSTER_SIZE = 64, ALIGNMENT = 64 };
@@ -48,8 +49,7 @@ struct pags_composition {
 };
 
 static pags_result out_of_memory(const pags_composition *c) {
-  return pags_fail(PAGS_ERROR_MEMORY, "out of memory preparing %lld Gaussians for rendering",
-                   (long long)c->gaussian_count);
+  return pags_out_of_memory("preparing %lld Gaussians for rendering", (long long)c->gaussian_count);
 }
 
 /* NULL when memory is out. */
@@ -180,7 +180,7 @@ pags_result pags_composition_create(pags_scene *scene, pags_composition **out) {
   *out = NULL;
   if (!c) {
     pags_scene_destroy(scene);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a scene");
+    return pags_out_of_memory("a scene");
   }
   c->scene = *scene;
   *scene = (pags_scene){0};
@@ -578,7 +578,7 @@ pags_result pags_composition_open_packed(const char *path, pags_composition **ou
   if (!g || packed.shape.count > INT32_MAX - 64) {
     pags_packed_destroy(&packed);
     pags_composition_destroy(c);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for a scene", path);
+    return pags_out_of_memory("%s: a scene", path);
   }
   g->packed = packed;
   c->gaussian_count = packed.shape.count;

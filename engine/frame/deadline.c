@@ -8,6 +8,8 @@
 
 #include "frame/stages.h"
 
+#include "base/memory.h"
+
 /* Ordered by what they cost on trained streets. */
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
@@ -82,7 +84,7 @@ pags_result pags_deadline_create(pags_tasks *tasks, double target_ms, const floa
   if (!b || !critical) {
     free(b);
     free(critical);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the priorities of %lld Gaussians", (long long)count);
+    return pags_out_of_memory("the priorities of %lld Gaussians", (long long)count);
   }
   *b = (pags_deadline){.controller = pags_deadline_controller_begin(target_ms), .critical = critical, .count = count};
   for (int64_t i = 0; i < count && priority; i++)

@@ -7,6 +7,8 @@
 
 #include "frame/stages.h"
 
+#include "base/memory.h"
+
 pags_frame_options pags_frame_options_default(void) {
   return (pags_frame_options){.near_plane = 0.01f,
                               .low_pass = 0.3f,
@@ -19,8 +21,7 @@ pags_frame_options pags_frame_options_default(void) {
 void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
   void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
   if (!block)
-    pags_fail(PAGS_ERROR_MEMORY, "out of memory for the %s of a frame (%lld x %zu bytes)", what, (long long)count,
-              size);
+    pags_out_of_memory("the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
   return block;
 }
 
@@ -40,7 +41,7 @@ pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
   pags_arena *const arena = frame ? pags_arena_create() : NULL;
   if (!arena) {
     free(frame);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a frame");
+    return pags_out_of_memory("a frame");
   }
   frame->tasks = tasks;
   frame->arena = arena;
@@ -71,8 +72,7 @@ static pags_result prepare_planes(pags_frame *frame) {
   frame->planes = aligned_alloc(64, (size_t)frame->plane_size * PLANE_COUNT * sizeof(float));
   frame->plane_calls++;
   if (!frame->planes)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %d x %d", frame->camera.width,
-                     frame->camera.height);
+    return pags_out_of_memory("a picture of %d x %d", frame->camera.width, frame->camera.height);
   frame->plane_capacity = frame->plane_size;
   return PAGS_OK;
 }

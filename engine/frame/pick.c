@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "scene/packed_rows.h"
 
@@ -52,7 +53,7 @@ static pags_result reserve(void **list, int64_t count, int64_t *capacity, size_t
   int64_t wider = 2 * *capacity + 256;
   void *grown = realloc(*list, (size_t)wider * size);
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for picking among %lld", (long long)wider);
+    return pags_out_of_memory("picking among %lld", (long long)wider);
   *list = grown;
   *capacity = wider;
   return PAGS_OK;

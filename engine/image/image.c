@@ -3,6 +3,7 @@
 #include <pags/image.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "image/jpeg.h"
 #include "image/module.h"
 #include "image/oiio.h"
@@ -28,7 +29,7 @@ static size_t sample_bytes(pags_sample sample) {
 static pags_result allocate(uint64_t bytes, void **out) {
   *out = bytes <= SIZE_MAX ? malloc((size_t)bytes) : NULL;
   if (!*out)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a picture of %llu bytes", (unsigned long long)bytes);
+    return pags_out_of_memory("a picture of %llu bytes", (unsigned long long)bytes);
   return PAGS_OK;
 }
 

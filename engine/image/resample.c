@@ -6,6 +6,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 /* Source pixels [first, last) touched by [index * step, (index + 1) * step). Borders that miss an integer by rounding
  * only are taken to be that integer, so that 540 / 270 never reads a third pixel of weight 1e-13. */
 typedef struct span {
@@ -62,7 +64,7 @@ pags_result pags_shrink_mean(const pags_image *from, double step_x, double step_
   int channels = from->channels;
   float *row = malloc((size_t)from->width * (size_t)channels * sizeof *row);
   if (!row)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a row of %d pixels", from->width);
+    return pags_out_of_memory("a row of %d pixels", from->width);
   uint8_t *out = to->data;
   for (int y = 0; y < to->height; y++) {
     span sy = span_of(y, step_y, from->height);

@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "dataset/driving/writer.h"
 #include "import/kitti_files.h"
@@ -55,7 +56,7 @@ static void destroy(importer *im) {
 }
 
 static pags_result no_memory(const importer *im) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld frames", im->tree.root, (long long)im->count);
+  return pags_out_of_memory("%s: %lld frames", im->tree.root, (long long)im->count);
 }
 
 /* ---- Poses ---- */

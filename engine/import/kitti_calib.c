@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 
@@ -116,7 +117,7 @@ static pags_result read_rigid(const char *folder, const char *name, double out[1
   entry entries[] = {{"R", NULL, 9, r, 1, 0}, {"T", NULL, 3, t, 1, 0}};
   char *path = pags_path_join(folder, name);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", folder);
+    return pags_out_of_memory("%s", folder);
   pags_result result = read_entries(path, entries, 2);
   if (result == PAGS_OK) {
     join_rotation(r, t, out);
@@ -136,7 +137,7 @@ pags_result pags_kitti_calib_read_raw(const char *folder, pags_kitti_calib *out)
                      {"R_rect_00", NULL, 9, rect, 1, 0}};
   char *path = pags_path_join(folder, "calib_cam_to_cam.txt");
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", folder);
+    return pags_out_of_memory("%s", folder);
   pags_result result = read_entries(path, entries, sizeof entries / sizeof entries[0]);
   if (result == PAGS_OK)
     result = read_rigid(folder, "calib_velo_to_cam.txt", velo);

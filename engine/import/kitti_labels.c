@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 
@@ -93,7 +94,7 @@ static pags_result read_labels(pags_lines *lines, bool tracking, pags_kitti_labe
       capacity = capacity ? 2 * capacity : 64;
       pags_kitti_label *larger = realloc(labels->rows, (size_t)capacity * sizeof *larger);
       if (!larger)
-        return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its rows", lines->path);
+        return pags_out_of_memory("%s: its rows", lines->path);
       labels->rows = larger;
     }
     PAGS_TRY(read_label(lines, line, tracking, &labels->rows[labels->count]));

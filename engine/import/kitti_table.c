@@ -9,6 +9,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 
@@ -57,7 +58,7 @@ static pags_result read_rows(pags_lines *lines, pags_kitti_table *table) {
     if (ended)
       return pags_lines_fail(lines, "expected nothing after an empty line");
     if (!grow(&table->values, table->rows, &capacity, table->columns))
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its rows", lines->path);
+      return pags_out_of_memory("%s: its rows", lines->path);
     PAGS_TRY(read_row(lines, line, table->columns, table->values + table->rows * table->columns));
     table->rows++;
   }
@@ -135,7 +136,7 @@ pags_result pags_kitti_times_read(const char *path, int64_t *count, double **sec
     if (!*line)
       continue;
     if (!grow(seconds, *count, &capacity, 1))
-      result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its times", path);
+      result = pags_out_of_memory("%s: its times", path);
     else if (!parse_time(line, &(*seconds)[*count]))
       result = pags_lines_fail(&lines, "expected a time such as 2011-09-26 13:02:25.594360375, found '%.40s'", line);
     else
@@ -164,7 +165,7 @@ pags_result pags_kitti_points_read(const char *path, int64_t *count, float **xyz
   float *values = malloc(size ? size : 1);
   if (!values) {
     free(bytes);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its points", path);
+    return pags_out_of_memory("%s: its points", path);
   }
   for (size_t i = 0; i < size / 4; i++)
     values[i] = pags_load_f32(bytes + 4 * i);

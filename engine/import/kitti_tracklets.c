@@ -15,6 +15,7 @@
 #include <pags/camera.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "import/kitti_files.h"
 #include "import/kitti_text.h"
 
@@ -263,7 +264,7 @@ pags_result pags_kitti_tracklets_read(const char *path, pags_kitti_tracklets *ou
   if (r.parser)
     parse(&r, bytes, size);
   else
-    r.result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to read it", path);
+    r.result = pags_out_of_memory("%s", path);
   free(bytes);
   XML_ParserFree(r.parser);
   if (r.result != PAGS_OK)

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -28,7 +29,7 @@ static pags_result begin_track(int64_t id, const char *type, int64_t knots, pags
   if (track->object.id && track->object.class_name && track->object.knots)
     return PAGS_OK;
   pags_layout_track_destroy(track);
-  return pags_fail(PAGS_ERROR_MEMORY, "no memory for the track of a %s", type);
+  return pags_out_of_memory("the track of a %s", type);
 }
 
 static void add_knot(pags_object *object, const pags_kitti_span *span, int64_t frame,
@@ -55,7 +56,7 @@ static pags_result choose_rows(const char *path, const pags_kitti_labels *labels
   *count = 0;
   *rows = malloc((size_t)(labels->count ? labels->count : 1) * sizeof **rows);
   if (!*rows)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its rows", path);
+    return pags_out_of_memory("%s: its rows", path);
   for (int64_t i = 0; i < labels->count; i++) {
     const pags_kitti_label *row = &labels->rows[i];
     if (row->frame >= span->total)
@@ -97,7 +98,7 @@ static pags_result make_track(const pags_kitti_label *rows, int64_t count, const
     return PAGS_OK;
   track->sizes = malloc((size_t)count * 3 * sizeof *track->sizes);
   if (!track->sizes)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the track of a %s", rows->type);
+    return pags_out_of_memory("the track of a %s", rows->type);
   for (int64_t i = 0; i < count; i++)
     get_size(&rows[i], track->sizes + 3 * i);
   return PAGS_OK;
@@ -110,7 +111,7 @@ static pags_result make_tracks(const pags_kitti_label *rows, int64_t count, cons
     tracks += i == 0 || rows[i].track != rows[i - 1].track;
   out->items = calloc((size_t)(tracks ? tracks : 1), sizeof *out->items);
   if (!out->items)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld tracks", (long long)tracks);
+    return pags_out_of_memory("%lld tracks", (long long)tracks);
   for (int64_t begin = 0, end; begin < count; begin = end) {
     for (end = begin + 1; end < count && rows[end].track == rows[begin].track;)
       end++;
@@ -163,7 +164,7 @@ static pags_result add_tracklet(const pags_kitti_tracklet *tracklet, int64_t id,
 pags_result pags_kitti_tracks_from_tracklets(const char *path, const pags_kitti_tracklets *tracklets,
                                              const pags_kitti_span *span, pags_kitti_tracks *out) {
   *out = (pags_kitti_tracks){.items = calloc((size_t)(tracklets->count ? tracklets->count : 1), sizeof *out->items)};
-  pags_result result = out->items ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its tracks", path);
+  pags_result result = out->items ? PAGS_OK : pags_out_of_memory("%s: its tracks", path);
   for (int64_t i = 0; i < tracklets->count && result == PAGS_OK; i++) {
     const pags_kitti_tracklet *tracklet = &tracklets->items[i];
     if (tracklet->count > span->total - tracklet->first_frame)

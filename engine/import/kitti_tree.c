@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "import/options.h"
 
@@ -146,7 +147,7 @@ static pags_result add_choice(choice *c, const char *name) {
     memcpy(c->names + sizeof c->names - 4, "...", 4);
   if (c->count++ == 0)
     c->first = pags_text_copy(name);
-  return c->first ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+  return c->first ? PAGS_OK : pags_out_of_memory(NULL);
 }
 
 /* The part of a drive's name that --sequence may give: all of it, or its number. */
@@ -168,7 +169,7 @@ static pags_result find_drives(const char *path, const char *sequence, bool deep
   for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
     char *inner = pags_path_join(path, list.names[i]);
     if (!inner)
-      result = pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+      result = pags_out_of_memory("%s", path);
     else if (!pags_dir_exists(inner))
       ;
     else if (is_wanted_drive(list.names[i], sequence))
@@ -185,7 +186,7 @@ static pags_result set_root(pags_kitti_tree *tree, const char *path) {
   size_t length = strlen(path);
   tree->root = pags_text_copy(path);
   if (!tree->root)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    return pags_out_of_memory("%s", path);
   while (length > 1 && tree->root[length - 1] == '/')
     tree->root[--length] = 0;
   return PAGS_OK;
@@ -196,7 +197,7 @@ static pags_result set_drive(pags_kitti_tree *tree, const char *path) {
   tree->raw = true;
   tree->sequence = pags_text_copy(pags_path_name(tree->root));
   if (!tree->sequence)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    return pags_out_of_memory("%s", path);
   if (strstr(tree->sequence, "_extract"))
     return pags_fail(PAGS_ERROR_UNSUPPORTED,
                      "%s: is neither synchronised nor rectified; the recording's _sync folder is needed", path);
@@ -234,7 +235,7 @@ static pags_result find_root(pags_kitti_tree *tree, const char *path, const char
 static pags_result list_sequences(const char *root, const char *folder, const char *extension, choice *found) {
   pags_dir_list list = {0};
   char *path = pags_path_join(root, folder);
-  pags_result result = path ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", root);
+  pags_result result = path ? PAGS_OK : pags_out_of_memory("%s", root);
   if (result == PAGS_OK && pags_dir_exists(path))
     result = pags_dir_list_read(path, &list);
   for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
@@ -306,7 +307,7 @@ static pags_result count_frames(pags_kitti_tree *tree) {
   char *folder = path ? pags_path_folder(path) : NULL;
   free(path);
   if (!folder)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", tree->root);
+    return pags_out_of_memory("%s", tree->root);
   pags_result result = pags_dir_list_read(folder, &list);
   for (int64_t i = 0; result == PAGS_OK && i < list.count; i++) {
     char *end = NULL;
@@ -371,7 +372,7 @@ static pags_result open_tree(const char *path, const pags_import_options *option
     PAGS_TRY(check_tracking(tree, found));
     tree->sequence = pags_text_copy(found->first);
     if (!tree->sequence)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+      return pags_out_of_memory("%s", path);
   }
   PAGS_TRY(count_frames(tree));
   PAGS_TRY(pags_import_frames(options, tree->frames, &tree->first, &tree->last));

@@ -10,6 +10,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 enum { HEADER = 12, FOOTER = 4, SLICES = 8 };
@@ -76,7 +77,7 @@ pags_result pags_tfrecord_open(const char *path, pags_tfrecord **out) {
   pags_tfrecord *reader = calloc(1, sizeof *reader);
   if (!reader || !(reader->path = pags_text_copy(path))) {
     free(reader);
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+    return pags_out_of_memory("%s", path);
   }
   reader->stream = fopen(path, "rb");
   if (!reader->stream) {
@@ -142,8 +143,7 @@ static pags_result reserve(pags_tfrecord *reader, size_t length) {
   reader->capacity = 0;
   reader->data = malloc(length ? length : 1);
   if (!reader->data)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for record %lld of %zu bytes", reader->path,
-                     (long long)reader->number, length);
+    return pags_out_of_memory("%s: record %lld of %zu bytes", reader->path, (long long)reader->number, length);
   reader->capacity = length;
   return PAGS_OK;
 }

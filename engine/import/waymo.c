@@ -27,6 +27,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "dataset/driving/writer.h"
 #include "import/options.h"
 #include "import/tfrecord.h"
@@ -256,7 +257,7 @@ static pags_result allocate_frames(importer *im) {
   im->exposures = calloc(frames, (size_t)im->info.camera_count * sizeof *im->exposures);
   im->camera_poses = calloc(frames, (size_t)im->info.camera_count * 12 * sizeof *im->camera_poses);
   if (!im->times || !im->ego_poses || !im->exposures || !im->camera_poses)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %zu frames", im->source, frames);
+    return pags_out_of_memory("%s: %zu frames", im->source, frames);
   return PAGS_OK;
 }
 
@@ -308,7 +309,7 @@ static pags_result read_records(importer *im, pags_tfrecord *reader, const char 
 static pags_result drop_folder(const importer *im, const char *name) {
   char *path = pags_path_join(im->layout.folder, name);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", im->source);
+    return pags_out_of_memory("%s", im->source);
   const pags_result result = pags_remove_tree(path);
   free(path);
   return result;
@@ -366,7 +367,7 @@ static pags_result put_masks_with(const importer *im, const pags_waymo_lens *len
   const int64_t photos = im->info.frame_count * im->info.camera_count, step = 4 * (int64_t)workers;
   failure *failures = calloc((size_t)workers, sizeof *failures);
   if (!failures)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", im->source);
+    return pags_out_of_memory("%s", im->source);
   mask_job job = {.im = im, .lenses = lenses, .failures = failures};
   pags_result result = PAGS_OK;
   for (; job.first < photos && result == PAGS_OK; job.first += step) {

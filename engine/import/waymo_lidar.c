@@ -10,6 +10,8 @@
 
 #include <pags/camera.h>
 
+#include "base/memory.h"
+
 #define PI 3.14159265358979323846
 
 /* Of a frame's range images together; Waymo's have 0.6 million. */
@@ -41,7 +43,7 @@ static pags_result points_reserve(pags_waymo_points *points, int64_t more, const
     return pags_fail(PAGS_ERROR_LIMIT, "%s: range images of more than %d pixels in all", where, MOST_PIXELS);
   float *grown = realloc(points->rows, (size_t)needed * PAGS_WAYMO_LIDAR_COLUMNS * sizeof *grown);
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld points", where, (long long)needed);
+    return pags_out_of_memory("%s: %lld points", where, (long long)needed);
   points->rows = grown;
   points->capacity = needed;
   return PAGS_OK;
@@ -80,7 +82,7 @@ static pags_result laser_angles(laser *l, int rows, int columns) {
   l->inclination = malloc((size_t)rows * 2 * sizeof *l->inclination);
   l->azimuth = malloc((size_t)columns * 2 * sizeof *l->azimuth);
   if (!l->inclination || !l->azimuth)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", l->where);
+    return pags_out_of_memory("%s", l->where);
   for (int r = 0; r < rows; r++) {
     const double angle = beam(l->calibration, rows - 1 - r, rows);
     l->inclination[2 * r] = cos(angle);

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "dataset/lens.h"
 
 typedef struct bounds {
@@ -107,7 +108,7 @@ static pags_result map_pixels(const pags_lens *lens, const char *where, pags_tas
   map_job job = {.lens = lens, .pinhole = &out->pinhole, .columns = columns, .lattice = lattice, .source = out->source};
   pags_result result = PAGS_OK;
   if (!out->source || !lattice)
-    result = pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+    result = pags_out_of_memory("%s", where);
   else if (!pags_parallel_for(tasks, (int64_t)columns * rows, columns, map_lattice, &job) ||
            !pags_parallel_for(tasks, lens->height, 16, map_rows, &job))
     result = pags_fail(PAGS_CANCELLED, "cancelled");

@@ -8,6 +8,8 @@
 #include <string.h>
 #include <zlib.h>
 
+#include "base/memory.h"
+
 #define BUDGET ((size_t)64 << 20)
 #define BUDGET_TIMES 8
 
@@ -74,7 +76,7 @@ static pags_result inflate_all(z_stream *z, const char *where, const char *what,
   for (;;) {
     uint8_t *grown = realloc(*out, capacity);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
+      return pags_out_of_memory("%s: %s", where, what);
     *out = grown;
     z->next_out = grown + *size;
     z->avail_out = (uInt)(capacity - *size);
@@ -83,7 +85,7 @@ static pags_result inflate_all(z_stream *z, const char *where, const char *what,
     if (state == Z_STREAM_END)
       return PAGS_OK;
     if (state == Z_MEM_ERROR)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
+      return pags_out_of_memory("%s: %s", where, what);
     if (state != Z_OK && state != Z_BUF_ERROR)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: %s can't be inflated: %s", where, what, z->msg ? z->msg : "zlib error");
     if (z->avail_out)
@@ -101,7 +103,7 @@ static pags_result inflate_stream(const ProtobufCBinaryData *stream, const char 
   if (stream->len > UINT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %s has %zu bytes", where, what, stream->len);
   if (inflateInit(&z) != Z_OK)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %s", where, what);
+    return pags_out_of_memory("%s: %s", where, what);
   z.next_in = stream->data;
   z.avail_in = (uInt)stream->len;
   const pags_result result = inflate_all(&z, where, what, out, size);

@@ -9,6 +9,7 @@
 #include <pags/image.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 
 enum { UNKNOWN = 255, SKY = 10 };
 
@@ -24,7 +25,7 @@ static pags_result load_panoptic(const pags_layout *layout, int64_t frame, int c
   snprintf(name, sizeof name, "panoptic/%03lld_%d.png", (long long)frame, camera);
   char *path = pags_path_join(layout->folder, name);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+    return pags_out_of_memory("%s", layout->folder);
   const pags_result result = pags_image_load(path, PAGS_U16, 1, image);
   free(path);
   return result;
@@ -36,7 +37,7 @@ static pags_result put_masks(const pags_layout *layout, const pags_image *panopt
   const uint16_t *labels = panoptic->data;
   uint8_t *plane = malloc(pixels);
   if (!plane)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a mask", layout->folder);
+    return pags_out_of_memory("%s: a mask", layout->folder);
   for (size_t i = 0; i < pixels; i++)
     plane[i] = pags_waymo_train_id(labels[i] / divisor);
   pags_result result =

@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -55,7 +56,7 @@ static pags_result reserve(pags_waymo_boxes *boxes, size_t more, const char *whe
   const size_t capacity = 2 * ((size_t)boxes->count + more);
   pags_waymo_box *grown = capacity <= SIZE_MAX / sizeof *grown ? realloc(boxes->boxes, capacity * sizeof *grown) : NULL;
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %zu boxes", where, capacity);
+    return pags_out_of_memory("%s: %zu boxes", where, capacity);
   boxes->boxes = grown;
   boxes->capacity = (int64_t)capacity;
   return PAGS_OK;
@@ -79,7 +80,7 @@ pags_result pags_waymo_boxes_add(pags_waymo_boxes *boxes, const pags_waymo_frame
                             .time = time,
                             .size = {label->box->length, label->box->width, label->box->height}};
     if (!box->id)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+      return pags_out_of_memory("%s", where);
     double local[12];
     vehicle_from_box(label->box, local);
     pags_rigid_multiply(world_from_vehicle, local, box->world_from_object);
@@ -142,7 +143,7 @@ static pags_result make_track(const pags_waymo_box *boxes, int64_t count, const 
   object->knots = calloc((size_t)count, sizeof *object->knots);
   track->sizes = calloc((size_t)count, 3 * sizeof *track->sizes);
   if (!object->id || !object->class_name || !object->knots || !track->sizes)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+    return pags_out_of_memory("%s", where);
   object->knot_count = count;
   fill_track(boxes, count, track);
   return PAGS_OK;
@@ -154,7 +155,7 @@ pags_result pags_waymo_boxes_tracks(pags_waymo_boxes *boxes, const char *where, 
   *count = boxes->count ? group(boxes) : 0;
   *tracks = calloc((size_t)(*count ? *count : 1), sizeof **tracks);
   if (!*tracks)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", where);
+    return pags_out_of_memory("%s", where);
   int64_t begin = 0;
   for (int64_t t = 0; t < *count; t++) {
     int64_t end = begin + 1;

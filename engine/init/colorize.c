@@ -11,6 +11,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { BLOCK = 4096, LONGEST_SIDE = 1200 };
 
 static const uint64_t cache_bytes = (uint64_t)128 << 20;
@@ -178,7 +180,7 @@ static pags_result allocate(painter *p, int64_t **views, pags_far_points *far) {
   far->rgb = malloc(wanted * 3);
   return p->poses && p->seen && *views && far->xyz && far->rgb
              ? PAGS_OK
-             : pags_fail(PAGS_ERROR_MEMORY, "no memory to colour %lld points", (long long)p->points->count);
+             : pags_out_of_memory("%lld points", (long long)p->points->count);
 }
 
 pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "init/colorize.h"
 
@@ -52,7 +53,7 @@ static pags_result reserve(pags_start_points *points, int64_t count, int with_ob
   points->s_sem = with_object ? calloc(room, sizeof *points->s_sem) : NULL;
   if (points->xyz && points->rgb && ((points->object && points->s_sem) || !with_object))
     return PAGS_OK;
-  return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)count);
+  return pags_out_of_memory("%lld points", (long long)count);
 }
 
 static void put(pags_start_points *to, const float *xyz, const uint8_t *rgb, int32_t object) {
@@ -73,7 +74,7 @@ static pags_result list_eyes(const pags_dataset *dataset, float **eyes, int64_t 
   *count = 0;
   *eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof **eyes);
   if (!*eyes)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the cameras");
+    return pags_out_of_memory("the cameras");
   for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     if (view->test)
@@ -182,7 +183,7 @@ static pags_result scene_radius(const pags_lidar_points *points, const double mi
   double *all = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *all);
   int64_t count = 0;
   if (!all)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+    return pags_out_of_memory("%lld points", (long long)points->count);
   for (int64_t i = 0; i < points->count; i++)
     if (points->rows[i].owner < 0)
       all[count++] = distance_from(points->rows[i].p, middle);
@@ -303,7 +304,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   out->object_count = pags_dataset_object_count(dataset);
   out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
   if (!out->objects)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)out->object_count);
+    return pags_out_of_memory("%lld objects", (long long)out->object_count);
   PAGS_TRY(list_eyes(dataset, &w->eyes, &w->eye_count));
   mean_eye(w->eyes, w->eye_count, middle);
   PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));

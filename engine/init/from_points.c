@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "init/knn.h"
 
 static const double sh_c0 = 0.28209479177387814; /* 1 / (2 sqrt(pi)) */
@@ -65,8 +66,8 @@ static pags_result sorted_rows(const pags_train_config *config, int64_t count, c
   for (int64_t i = 0; i < count; i++)
     fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, &unsorted, i);
   int64_t *order = malloc((size_t)count * sizeof *order);
-  pags_result result = order ? pags_gaussians_morton_order(&unsorted, order)
-                             : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)count);
+  pags_result result =
+      order ? pags_gaussians_morton_order(&unsorted, order) : pags_out_of_memory("%lld Gaussians", (long long)count);
   if (result == PAGS_OK)
     result = pags_gaussians_create(out, count, config->sh_degree);
   if (result == PAGS_OK)
@@ -84,7 +85,7 @@ pags_result pags_init_gaussians(const pags_train_config *config, int64_t points,
   float *positions = malloc((size_t)(count > 0 ? count : 1) * 4 * sizeof(float)); /* and the squares behind them */
   pags_result result = PAGS_OK;
   if (!chosen || !positions)
-    result = pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points);
+    result = pags_out_of_memory("%lld points", (long long)points);
   else if (count == 0)
     result = pags_fail(PAGS_ERROR_FORMAT, "the data set has no point to start from: %lld points, none finite",
                        (long long)points);

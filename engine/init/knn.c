@@ -10,6 +10,8 @@
 #include <float.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 enum { LEAF = 8, GRAIN = 1024 };
 
 typedef struct tree_point {
@@ -148,7 +150,7 @@ pags_result pags_knn_mean_squared(const float *xyz, int64_t count, pags_tasks *t
   t.axis = malloc((size_t)(count ? count : 1));
   pags_result result = PAGS_OK;
   if (!t.points || !t.axis) {
-    result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for the nearest neighbours of %lld points", (long long)count);
+    result = pags_out_of_memory("the nearest neighbours of %lld points", (long long)count);
   } else {
     for (int64_t i = 0; i < count; i++)
       t.points[i] = (tree_point){.p = {xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]}, .row = (int32_t)i};

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 
 enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_BITS = 20 };
@@ -154,7 +155,7 @@ static pags_result make_table(pags_lidar_planes *self) {
   self->mask = size - 1;
   self->table = malloc(size * sizeof *self->table);
   if (!self->table)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld facets", (long long)self->count);
+    return pags_out_of_memory("%lld facets", (long long)self->count);
   memset(self->table, 0xff, size * sizeof *self->table);
   for (int64_t i = 0; i < self->count; i++) {
     uint64_t at = hash_of(self->list[i].key) & self->mask;
@@ -173,7 +174,7 @@ pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_pl
   if (!keys || !out->list) {
     free(keys);
     pags_lidar_planes_destroy(out);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to fit planes to %lld points", (long long)points->count);
+    return pags_out_of_memory("%lld points", (long long)points->count);
   }
   for (int level = 0; level < LEVELS; level++)
     fit_level(points, level, keys, out);

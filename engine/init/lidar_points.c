@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 /* Boxes are drawn a little too small as often as too large; mirrors stick out. */
 static const double slack = 0.1;
 /* The lowest layer of a box is road. */
@@ -17,7 +19,7 @@ pags_result pags_lidar_points_reserve(pags_lidar_points *self, int64_t room) {
   int64_t grown = self->room + self->room / 2 > room ? self->room + self->room / 2 : room;
   pags_lidar_point *rows = realloc(self->rows, (size_t)grown * sizeof *rows);
   if (!rows)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)grown);
+    return pags_out_of_memory("%lld points", (long long)grown);
   self->rows = rows;
   self->room = grown;
   return PAGS_OK;
@@ -150,7 +152,7 @@ pags_result pags_lidar_points_gather(const pags_dataset *dataset, pags_tasks *ta
     return PAGS_OK;
   box *boxes = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *boxes);
   if (!boxes)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld boxes", (long long)objects);
+    return pags_out_of_memory("%lld boxes", (long long)objects);
   gathering g = {.dataset = dataset, .keep = most / sweeps > 0 ? most / sweeps : 1};
   pags_result result = PAGS_OK;
   for (int64_t i = 0; result == PAGS_OK && i < pags_dataset_sweep_count(dataset); i++)

@@ -5,6 +5,8 @@
 
 #include "init/lidar_points.h"
 
+#include "base/memory.h"
+
 enum { GRID = 8 }; /* points along each side of a box */
 
 /* Thins the measured points of object `owner` to an even choice; returns how many it has then. */
@@ -69,8 +71,7 @@ pags_result pags_lidar_points_complete(const pags_dataset *dataset, int64_t most
   /* All thinning first: a mirror image knows its source by row. */
   int64_t objects = pags_dataset_object_count(dataset);
   int64_t *measured = malloc((size_t)(objects > 0 ? objects : 1) * sizeof *measured);
-  pags_result result =
-      measured ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)objects);
+  pags_result result = measured ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)objects);
   for (int64_t i = 0; measured && i < objects; i++)
     measured[i] = pags_dataset_object(dataset, i)->moving ? thin(points, (int32_t)i, most) : most;
   for (int64_t i = 0; result == PAGS_OK && i < objects; i++) {

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "init/knn.h"
 #include "init/lidar_points.h"
@@ -45,7 +46,7 @@ static pags_result find_levels(const pags_lidar_points *points, pags_tasks *task
                                uint8_t **out) {
   *out = malloc((size_t)(points->count > 0 ? points->count : 1));
   if (!*out)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+    return pags_out_of_memory("%lld points", (long long)points->count);
   levels l = {points->rows, eyes, eye_count, *out};
   if (pags_parallel_for(tasks, points->count, BLOCK, level_block, &l))
     return PAGS_OK;
@@ -132,7 +133,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
   key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
   pags_result result = PAGS_OK;
   if (!table || !keys) {
-    result = pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld voxels", (long long)points->count);
+    result = pags_out_of_memory("%lld voxels", (long long)points->count);
   } else {
     memset(table, 0xff, size * sizeof *table);
     merge_rows(points, level, side, table, size - 1, keys);
@@ -166,7 +167,7 @@ pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *
   int64_t kept = 0;
   uint8_t *inside = malloc((size_t)(points->count > 0 ? points->count : 1));
   if (!inside)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+    return pags_out_of_memory("%lld points", (long long)points->count);
   levels l = {points->rows, eyes, eye_count, inside};
   pags_result result = pags_parallel_for(tasks, points->count, BLOCK, rig_block, &l)
                            ? PAGS_OK
@@ -221,9 +222,8 @@ pags_result pags_lidar_points_remove_outliers(pags_lidar_points *points, pags_ta
   for (int64_t i = 0; index && i < points->count; i++)
     if (points->rows[i].owner < 0)
       index[count++] = i;
-  pags_result result = index && floats && own
-                           ? mark_outliers(points, tasks, level, index, count, floats, own)
-                           : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  pags_result result = index && floats && own ? mark_outliers(points, tasks, level, index, count, floats, own)
+                                              : pags_out_of_memory("%lld points", (long long)points->count);
   for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)
     if (points->rows[i].kind >= 0)
       points->rows[kept++] = points->rows[i];

@@ -9,6 +9,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 /* Half the side of the smallest thing that a point stands for, and of the largest; metres. */
 static const double least_half = 0.08, most_half = 0.5;
 static const double most_pixels = 16.0;
@@ -28,7 +30,7 @@ pags_result pags_z_buffer_reset(pags_z_buffer *self, int width, int height, doub
     self->depth = malloc((size_t)cells * sizeof *self->depth);
     self->room = self->depth ? cells : 0;
     if (!self->depth)
-      return pags_fail(PAGS_ERROR_MEMORY, "no memory for a depth buffer of %dx%d", self->columns, self->rows);
+      return pags_out_of_memory("a depth buffer of %dx%d", self->columns, self->rows);
   }
   for (int64_t i = 0; i < cells; i++)
     self->depth[i] = INFINITY;

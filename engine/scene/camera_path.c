@@ -7,6 +7,8 @@
 
 #include "scene/camera_json.h"
 
+#include "base/memory.h"
+
 static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 
 static pags_result read_pose(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
@@ -77,7 +79,7 @@ static pags_result read_frames(const pags_json *json, const pags_json_value *roo
     return pags_json_fail(json, frames, "expected at least one camera in 'frames'");
   path->cameras = calloc((size_t)frames->count, sizeof *path->cameras);
   if (!path->cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its cameras", pags_json_path(json));
+    return pags_out_of_memory("%s: its cameras", pags_json_path(json));
   for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
     PAGS_TRY(pags_camera_from_json(json, frame, &path->cameras[path->count++]));
   return PAGS_OK;
@@ -90,7 +92,7 @@ static pags_result read_path(const pags_json *json, pags_camera_path *path) {
     return read_frames(json, root, path);
   path->cameras = calloc(1, sizeof *path->cameras);
   if (!path->cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for its camera", pags_json_path(json));
+    return pags_out_of_memory("%s: its camera", pags_json_path(json));
   path->count = 1;
   return pags_camera_from_json(json, root, path->cameras);
 }

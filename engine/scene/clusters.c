@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { BOUND_PLANES = 7, RUN = 64 };
 
 static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
@@ -14,7 +16,7 @@ static pags_result allocate(pags_clusters *clusters, int64_t count, int size) {
     return PAGS_OK;
   float *const data = calloc((size_t)clusters->count, BOUND_PLANES * sizeof(float));
   if (!data)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the bounds of %lld clusters", (long long)clusters->count);
+    return pags_out_of_memory("the bounds of %lld clusters", (long long)clusters->count);
   for (int k = 0; k < 3; k++) {
     clusters->lo[k] = data + k * clusters->count;
     clusters->hi[k] = data + (3 + k) * clusters->count;
@@ -41,7 +43,7 @@ pags_result pags_clusters_add_runs(pags_clusters *clusters) {
   pags_clusters *const runs = calloc(1, sizeof *runs);
   if (!runs || allocate(runs, (clusters->count + RUN - 1) / RUN, RUN * clusters->size) != PAGS_OK) {
     free(runs);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the bounds of %lld clusters", (long long)clusters->count);
+    return pags_out_of_memory("the bounds of %lld clusters", (long long)clusters->count);
   }
   for (int64_t r = 0; r < runs->count; r++) {
     const int64_t begin = r * RUN, end = begin + RUN < clusters->count ? begin + RUN : clusters->count;

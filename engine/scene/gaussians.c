@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { LANES = 16, ALIGNMENT = 64 };
 enum { FOURIER_PLANES = 12 }; /* four terms of three channels; the fifth, constant one is the Gaussians' own */
 static const int64_t count_limit =
@@ -25,8 +27,7 @@ static void *allocate(int64_t rows, int64_t planes) {
 }
 
 static pags_result fail_memory(int64_t count, int64_t planes) {
-  return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians (%.1f MB)", (long long)count,
-                   (double)count * (double)planes * 4e-6);
+  return pags_out_of_memory("%lld Gaussians (%.1f MB)", (long long)count, (double)count * (double)planes * 4e-6);
 }
 
 static pags_result check_count(int64_t count) {

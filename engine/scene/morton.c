@@ -5,6 +5,8 @@
 
 #include <pags/gaussians.h>
 
+#include "base/memory.h"
+
 enum { AXIS_BITS = 21, DIGIT_BITS = 11, DIGITS = 1 << DIGIT_BITS, PASSES = 6 };
 
 typedef struct keyed_row {
@@ -81,7 +83,7 @@ pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index)
     return PAGS_OK;
   keyed_row *block = calloc((size_t)g->count, 2 * sizeof *block);
   if (!block)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to sort %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   keyed_row *rows = block, *other = block + g->count;
   cube box = bounding_cube(g);
   for (int64_t i = 0; i < g->count; ++i)
@@ -103,7 +105,7 @@ pags_result pags_gaussians_sorted_copy(pags_gaussians *out, const pags_gaussians
   *out = (pags_gaussians){0};
   int64_t *index = malloc(((size_t)from->count + 1) * sizeof *index);
   if (!index)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to sort %lld Gaussians", (long long)from->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)from->count);
   pags_result result = pags_gaussians_morton_order(from, index);
   if (result == PAGS_OK)
     result = pags_gaussians_create_like(out, from->count, from);

@@ -6,13 +6,14 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
 
 static pags_result fail_memory(const pags_json *json) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the objects", pags_json_path(json));
+  return pags_out_of_memory("%s: the objects", pags_json_path(json));
 }
 
 static int compare_names(const void *a, const void *b) {

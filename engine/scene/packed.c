@@ -16,6 +16,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/half.h"
+#include "base/memory.h"
 #include "scene/packed_rows.h"
 
 enum { ROWS = PAGS_PACKED_ROWS, HEAD = 128, ALIGNMENT = 64, BOUND_PLANES = 7, CHUNK = 4096 };
@@ -154,7 +155,7 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   *out = (pags_packed){0};
   uint8_t *const bytes = aligned_alloc(ALIGNMENT, align(size));
   if (!bytes)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory to pack %lld Gaussians", (long long)gaussians->count);
+    return pags_out_of_memory("packing %lld Gaussians", (long long)gaussians->count);
   memset(bytes, 0, align(size));
   attach(out, bytes, gaussians->count, gaussians->sh_degree);
   out->has_s_sem = gaussians->s_sem != NULL;

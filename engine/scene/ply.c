@@ -12,6 +12,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/memory.h"
 #include "scene/splat_formats.h"
 
 enum { NORMALS = 3, MAX_COLUMNS = PAGS_MAX_PLANES + NORMALS, BLOCK_ROWS = 256, NAME_SIZE = 24 };
@@ -274,7 +275,7 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
   size_t stride = (size_t)pags_ply_row_bytes(gaussians);
   uint8_t *block = malloc(stride * BLOCK_ROWS);
   if (!block)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to write it", path);
+    return pags_out_of_memory("%s", path);
   pags_file_writer writer;
   pags_result result = pags_file_writer_begin(&writer, path);
   if (result == PAGS_OK)

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/bytes.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 static const struct {
@@ -79,7 +80,7 @@ static pags_result add_property(ply_table *t, int line, const char *name, ply_ty
     int capacity = t->property_capacity ? 2 * t->property_capacity : 64;
     ply_property *grown = realloc(t->properties, (size_t)capacity * sizeof *grown);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s:%d: no memory for the header", t->path, line);
+      return pags_out_of_memory("%s:%d: the header", t->path, line);
     t->properties = grown;
     t->property_capacity = capacity;
   }
@@ -140,7 +141,7 @@ static size_t header_length(const uint8_t *bytes, size_t size) {
 static pags_result parse_header(ply_table *t, size_t length) {
   t->header = malloc(length + 1);
   if (!t->header)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the header", t->path);
+    return pags_out_of_memory("%s: the header", t->path);
   memcpy(t->header, t->bytes, length);
   t->header[length] = 0;
   bool has_format = false;
@@ -183,7 +184,7 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
     return PAGS_OK;
   uint8_t *rows = malloc((size_t)(e->count * e->stride) + 1);
   if (!rows)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %lld rows of '%s'", t->path, (long long)e->count, e->name);
+    return pags_out_of_memory("%s: %lld rows of '%s'", t->path, (long long)e->count, e->name);
   t->converted[index] = rows;
   for (int64_t row = 0; row < e->count; ++row) {
     for (int k = 0; k < e->property_count; ++k) {

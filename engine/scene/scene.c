@@ -9,6 +9,7 @@
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
 
@@ -18,7 +19,7 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
   int expected_degree = model->gaussians.sh_degree;
   char *path = pags_path_join(folder, model->file);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+    return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_ply_load(path, &model->gaussians);
   if (result == PAGS_OK && (model->gaussians.count != expected || model->gaussians.sh_degree != expected_degree))
     result = pags_fail(
@@ -40,8 +41,7 @@ static pags_result check_object_ids(const char *folder, const pags_scene *scene,
 
 static pags_result load_sky(const char *folder, const char *file, pags_sky *sky) {
   char *path = pags_path_join(folder, file);
-  pags_result result =
-      path ? pags_sky_load(path, sky) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  pags_result result = path ? pags_sky_load(path, sky) : pags_out_of_memory("%s: a path", folder);
   free(path);
   return result;
 }
@@ -50,7 +50,7 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   pags_scene_files files = {0};
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+    return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_file_exists(path)
                            ? pags_scene_json_read(path, scene, &files)
                            : pags_fail(PAGS_ERROR_IO, "%s: expected a scene, but the folder has no scene.json", folder);
@@ -83,14 +83,14 @@ static pags_result read_packed_head(const char *path, pags_scene *scene) {
 static pags_result load_bare(const char *path, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a model", path);
+    return pags_out_of_memory("%s: a model", path);
   scene->model_count = 1;
   scene->up = PAGS_UP_MINUS_Y;
   pags_model *model = scene->models;
   model->name = pags_text_copy("background");
   model->file = pags_text_copy("background.ply");
   if (!model->name || !model->file)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a model", path);
+    return pags_out_of_memory("%s: a model", path);
   if (pags_packed_is_file(path))
     PAGS_TRY(read_packed_head(path, scene));
   return pags_splat_load(path, &model->gaussians, NULL, &scene->antialiased);
@@ -100,7 +100,7 @@ static pags_result load_bare(const char *path, pags_scene *scene) {
 static pags_result load_beside(const char *path, pags_scene *scene) {
   char *folder = pags_path_folder(path);
   if (!folder)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", path);
+    return pags_out_of_memory("%s: a path", path);
   pags_result result = load_folder(folder, scene);
   free(folder);
   return result;
@@ -120,8 +120,7 @@ static pags_result save_model(const char *folder, const pags_model *model) {
   assert(pags_path_is_inside(model->file));
   char *path = pags_path_join(folder, model->file);
   char *parent = path ? pags_path_folder(path) : NULL;
-  pags_result result =
-      parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s: a path", folder);
   if (result == PAGS_OK)
     result = pags_ply_save(path, &model->gaussians);
   free(parent);
@@ -131,8 +130,7 @@ static pags_result save_model(const char *folder, const pags_model *model) {
 
 static pags_result save_sky(const char *folder, const pags_sky *sky) {
   char *path = pags_path_join(folder, PAGS_SKY_FILE);
-  pags_result result =
-      path ? pags_sky_save(path, sky) : pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+  pags_result result = path ? pags_sky_save(path, sky) : pags_out_of_memory("%s: a path", folder);
   free(path);
   return result;
 }
@@ -146,7 +144,7 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
     PAGS_TRY(save_sky(folder, &scene->sky));
   char *path = pags_path_join(folder, "scene.json");
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a path", folder);
+    return pags_out_of_memory("%s: a path", folder);
   pags_result result = pags_scene_json_write(path, scene);
   free(path);
   return result;

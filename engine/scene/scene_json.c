@@ -8,6 +8,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "scene/camera_json.h"
 #include "scene/object_json.h"
@@ -18,7 +19,7 @@ enum { VERSION = 1 };
 static const char *const up_names[] = {[PAGS_UP_UNKNOWN] = "unknown", [PAGS_UP_Z] = "z", [PAGS_UP_MINUS_Y] = "-y"};
 
 static pags_result fail_memory(const pags_json *json) {
-  return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for the scene", pags_json_path(json));
+  return pags_out_of_memory("%s: the scene", pags_json_path(json));
 }
 
 static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
@@ -257,7 +258,7 @@ static pags_result write_raw(pags_json_writer *w, const char *key, const char *t
     --length;
   char *trimmed = pags_text_copy(text);
   if (!trimmed)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for '%s' of a scene", key);
+    return pags_out_of_memory("'%s' of a scene", key);
   trimmed[length] = 0;
   pags_json_put_raw(w, key, trimmed);
   free(trimmed);

@@ -11,6 +11,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/half.h"
+#include "base/memory.h"
 
 enum { FACES = 6, CHANNELS = 3, MAX_SIZE = 4096, PREFIX = 10, HEADER_ALIGNMENT = 64, MAX_HEADER = 4096, BLOCK = 4096 };
 
@@ -27,8 +28,7 @@ pags_result pags_sky_create(pags_sky *sky, int size) {
     return PAGS_OK;
   sky->texels = calloc(value_count(size), sizeof *sky->texels);
   if (!sky->texels)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side (%.1f MB)", size,
-                     (double)value_count(size) * 4e-6);
+    return pags_out_of_memory("a sky of %d texels a side (%.1f MB)", size, (double)value_count(size) * 4e-6);
   sky->size = size;
   return PAGS_OK;
 }

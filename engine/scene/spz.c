@@ -16,6 +16,7 @@
 
 #include "base/bytes.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "scene/splat_formats.h"
 
 enum { GZIP_HEADER = 16, V4_HEADER = 32, FLAG_ANTIALIASED = 1, FLAG_EXTENSIONS = 2, STREAMS = 6, SH_STREAM = 5 };
@@ -164,7 +165,7 @@ static pags_result inflate_exactly(const char *path, z_stream *stream, uint8_t *
     out += got;
     size -= got;
     if (code == Z_MEM_ERROR)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to inflate it", path);
+      return pags_out_of_memory("%s", path);
     if (size && (code != Z_OK || got == 0))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the gzip data %s, %llu bytes before the end of the Gaussians",
                        path, (unsigned long long)stream->total_in, code == Z_DATA_ERROR ? "is damaged" : "ends",
@@ -182,7 +183,7 @@ static pags_result inflate_growing(const char *path, z_stream *stream, uint64_t 
     capacity = next_capacity(capacity, file_size, size);
     uint8_t *grown = realloc(*out, (size_t)capacity + 1);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)capacity);
+      return pags_out_of_memory("%s: %llu bytes", path, (unsigned long long)capacity);
     *out = grown;
     PAGS_TRY(inflate_exactly(path, stream, grown + have, capacity - have));
   }
@@ -240,7 +241,7 @@ static pags_result decode_legacy(const char *path, const uint8_t *bytes, size_t 
   if (size > UINT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: SPZ files of more than 4 GB can't be read", path);
   if (inflateInit2(&stream, 16 + MAX_WBITS) != Z_OK)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to inflate it", path);
+    return pags_out_of_memory("%s", path);
   stream.next_in = (z_const Bytef *)(uintptr_t)bytes;
   stream.avail_in = (uInt)size;
   pags_result result = decode_gzip(path, &stream, size, h, out);
@@ -259,11 +260,11 @@ static pags_result decode_stream(const char *path, const spz_header *h, int inde
     capacity = next_capacity(capacity, packed, size);
     plain = malloc((size_t)capacity + 1);
     if (!plain)
-      return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for %llu bytes", path, (unsigned long long)capacity);
+      return pags_out_of_memory("%s: %llu bytes", path, (unsigned long long)capacity);
     got = ZSTD_decompress(plain, (size_t)capacity, bytes, (size_t)packed);
   } while (ZSTD_getErrorCode(got) == ZSTD_error_dstSize_tooSmall && capacity < size);
   if (ZSTD_getErrorCode(got) == ZSTD_error_memory_allocation)
-    result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to decompress it", path);
+    result = pags_out_of_memory("%s", path);
   else if (ZSTD_isError(got))
     result = pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: the zstd data of the %s are damaged: %s", path,
                        (unsigned long long)offset, stream_names[index], ZSTD_getErrorName(got));

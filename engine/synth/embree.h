@@ -9,12 +9,14 @@
 #include <embree4/rtcore.h>
 #else
 #include <embree3/rtcore.h>
+
+#include "base/memory.h"
 #endif
 
 static inline pags_result pags_embree_failed(RTCDevice device) {
   const enum RTCError code = rtcGetDeviceError(device);
   if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+    return pags_out_of_memory("Embree");
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 

@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "synth/street_labels.h"
 
 struct pags_street_truth {
@@ -63,7 +64,7 @@ pags_result pags_street_read_truth(const char *folder, pags_street_options *out,
   *out = pags_street_options_default();
   char *path = pags_path_join(folder, truth_file);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   *found = pags_file_exists(path);
   const pags_result result = *found ? read_options(path, out) : PAGS_OK;
   free(path);
@@ -79,7 +80,7 @@ pags_result pags_street_truth_open(const char *folder, pags_street_truth **out) 
     return PAGS_OK;
   pags_street_truth *truth = calloc(1, sizeof *truth);
   if (!truth)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a street");
+    return pags_out_of_memory("a street");
   truth->options = options;
   const pags_result result = pags_street_build(&truth->options, &truth->street);
   if (result == PAGS_OK)
@@ -131,7 +132,7 @@ static pags_result make_grid(const pags_street *street, const float *points, int
   g->start = calloc((size_t)cells + 2, sizeof *g->start);
   g->order = malloc((size_t)(count > 0 ? count : 1) * sizeof *g->order);
   if (!g->start || !g->order)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)count);
+    return pags_out_of_memory("%lld points", (long long)count);
   for (int64_t i = 0; i < count; i++) /* counts two places on, so that filling leaves the starts */
     if (cell_of(g, points + 3 * i) >= 0)
       g->start[cell_of(g, points + 3 * i) + 2]++;

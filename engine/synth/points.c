@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/rng.h"
 #include "synth/render.h"
 
@@ -54,7 +55,7 @@ pags_result pags_points_write(const char *path, const pags_tracer *tracer, const
   const size_t size = (size_t)length + VERTEX_BYTES * (size_t)options->points;
   uint8_t *bytes = malloc(size);
   if (!bytes)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory for %lld points", path, (long long)options->points);
+    return pags_out_of_memory("%s: %lld points", path, (long long)options->points);
   memcpy(bytes, header, (size_t)length);
   for (int64_t i = 0; i < options->points; i++)
     make_point(tracer, room, options, i, bytes + length + VERTEX_BYTES * i);

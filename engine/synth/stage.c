@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "synth/embree.h"
 
 struct pags_stage {
@@ -23,7 +24,7 @@ static pags_result check(const pags_stage *stage) {
   if (code == RTC_ERROR_NONE)
     return PAGS_OK;
   if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+    return pags_out_of_memory("Embree");
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 
@@ -62,7 +63,7 @@ static pags_result build(pags_stage *stage) {
   stage->parts = calloc((size_t)stage->mesh_count + 1, sizeof(RTCScene));
   stage->instances = calloc((size_t)stage->placement_count + 1, sizeof(RTCGeometry));
   if (!stage->parts || !stage->instances)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ray tracer");
+    return pags_out_of_memory("the ray tracer");
   if (!stage->device)
     return pags_embree_failed(NULL);
   for (int i = 0; i < stage->mesh_count; i++)
@@ -81,7 +82,7 @@ pags_result pags_stage_create(const pags_mesh *meshes, int mesh_count, const pag
   *out = NULL;
   pags_stage *stage = calloc(1, sizeof *stage);
   if (!stage)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ray tracer");
+    return pags_out_of_memory("the ray tracer");
   *stage = (pags_stage){
       .meshes = meshes, .placements = placements, .mesh_count = mesh_count, .placement_count = placement_count};
   const pags_result result = build(stage);

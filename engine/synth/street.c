@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "synth/layout.h"
 
 #define TWO_PI 6.283185307179586
@@ -75,8 +76,7 @@ pags_result pags_street_build(const pags_street_options *options, pags_street *s
   street->markings = (pags_markings){.first_crossing = (float)street->end + 22.0f, .spacing = 84.0f};
   pags_scenery_add(street);
   pags_actors_add(street);
-  return complete(street) ? PAGS_OK
-                          : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a street of %d frames", options->frames);
+  return complete(street) ? PAGS_OK : pags_out_of_memory("a street of %d frames", options->frames);
 }
 
 void pags_street_destroy(pags_street *street) {

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "synth/range.h"
 #include "synth/street_labels.h"
 #include "synth/sweep.h"
@@ -63,7 +64,7 @@ static pags_result check_options(const pags_street_options *o) {
 
 static pags_result join(const writer *w, const char *relative, char **out) {
   *out = pags_path_join(w->folder, relative);
-  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+  return *out ? PAGS_OK : pags_out_of_memory("%s", w->folder);
 }
 
 static pags_result make_folders(const writer *w) {
@@ -121,7 +122,7 @@ static pags_result make_views(writer *w) {
     view->actors = malloc(pixels * sizeof *view->actors);
     complete &= view->depth && view->labels && view->actors;
   }
-  return complete ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for pictures of %dx%d", o->width, o->height);
+  return complete ? PAGS_OK : pags_out_of_memory("pictures of %dx%d", o->width, o->height);
 }
 
 static void free_views(writer *w) {
@@ -252,7 +253,7 @@ static pags_result save_views(const writer *w) {
   const int files = (PLANES + 2) * w->street->options->cameras + w->view_count - w->street->options->cameras;
   save_job *job = calloc(1, sizeof *job);
   if (!job)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+    return pags_out_of_memory("%s", w->folder);
   job->writer = w;
   pags_result result =
       pags_parallel_for(w->tasks, files, 1, save_files, job) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
@@ -340,7 +341,7 @@ static pags_result write_shift_path(const writer *w, const struct shift *shift) 
   char relative[48], *path = NULL;
   cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
   if (!cameras.cameras)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", w->folder);
+    return pags_out_of_memory("%s", w->folder);
   for (int f = 0; f < o->frames; f++)
     if (is_shift_frame(o, f))
       cameras.cameras[cameras.count++] = pags_street_camera(o, f / o->fps, 0, shift->right, shift->up);

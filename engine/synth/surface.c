@@ -9,6 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/rng.h"
 #include "synth/layout.h"
 #include "synth/size_tables.h"
@@ -95,7 +96,7 @@ static pags_result add_up_mesh(const pags_street *town, int index, pags_surface 
     return PAGS_OK;
   out->face_area[index] = malloc((size_t)(mesh->face_count + 1) * sizeof(double));
   if (!out->face_area[index])
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the faces of a town");
+    return pags_out_of_memory("the faces of a town");
   for (int64_t f = 0; f < mesh->face_count; f++)
     out->face_area[index][f] = sum += face_weight(town, mesh, f);
   return PAGS_OK;
@@ -107,7 +108,7 @@ pags_result pags_surface_create(const pags_street *town, const pags_town_plan *p
   out->placement_area = malloc((size_t)(town->placement_count + 1) * sizeof(double));
   out->face_area = calloc((size_t)town->mesh_count + 1, sizeof *out->face_area);
   if (!out->placement_area || !out->face_area)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the faces of a town");
+    return pags_out_of_memory("the faces of a town");
   for (int i = 0; i < town->placement_count; i++) {
     const pags_stage_placement *p = &town->placements[i];
     const int64_t faces = town->meshes[p->mesh].face_count;

@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "synth/points.h"
 #include "synth/range.h"
 #include "synth/render.h"
@@ -41,7 +42,7 @@ static pags_result make_path(const char *folder, const char *name, int number, c
   else
     snprintf(relative, sizeof relative, "%s", name);
   *out = pags_path_join(folder, relative);
-  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", folder);
+  return *out ? PAGS_OK : pags_out_of_memory("%s", folder);
 }
 
 static pags_result make_folder(const char *folder, const char *name) {
@@ -158,7 +159,7 @@ static pags_result write_all(writer *w, pags_progress_fn *progress, void *user) 
   if (o->depth) {
     w->depth = malloc((size_t)o->width * (size_t)o->height * sizeof *w->depth);
     if (!w->depth)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a picture of %dx%d", o->width, o->height);
+      return pags_out_of_memory("a picture of %dx%d", o->width, o->height);
   }
   PAGS_TRY(make_folders(w));
   PAGS_TRY(write_points(w));

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "synth/layout.h"
 
 enum { STREAM_HOUSES = 101, STREAM_KINDS, STREAM_PLANTS, STREAM_PARKED, STREAM_PEOPLE };
@@ -144,7 +145,5 @@ pags_result pags_town_build(const pags_street_options *options, const pags_town_
   bool failed = town->failed || town->materials.failed;
   for (int i = 0; i < town->mesh_count; i++)
     failed |= town->meshes[i].failed;
-  return failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town of %d blocks",
-                            (plan->streets + 1) * plan->columns)
-                : PAGS_OK;
+  return failed ? pags_out_of_memory("a town of %d blocks", (plan->streets + 1) * plan->columns) : PAGS_OK;
 }

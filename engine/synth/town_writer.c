@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "synth/layout.h"
 #include "synth/range.h"
@@ -99,7 +100,7 @@ static pags_camera camera_at(const town_maker *m, int frame, int camera) {
 static pags_result add_views(const town_maker *m, pags_scene *scene) {
   scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
   if (!scene->views)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the views of a town");
+    return pags_out_of_memory("the views of a town");
   for (int i = 0; i < m->options->frames * CAMERAS; i++) {
     pags_scene_view *view = &scene->views[scene->view_count];
     char name[32];
@@ -110,7 +111,7 @@ static pags_result add_views(const town_maker *m, pags_scene *scene) {
     snprintf(name, sizeof name, "%03d_%d.png", i / CAMERAS, i % CAMERAS);
     view->name = pags_text_copy(name);
     if (!view->name)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the views of a town");
+      return pags_out_of_memory("the views of a town");
     scene->view_count++;
   }
   return PAGS_OK;
@@ -143,14 +144,14 @@ static pags_result add_background(const town_maker *m, pags_scene *scene, pags_t
                                   void *user) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town");
+    return pags_out_of_memory("a town");
   scene->model_count = 1;
   pags_model *model = &scene->models[0];
   const int64_t count = (int64_t)((double)m->options->gaussians * m->options->density + 0.5);
   model->name = pags_text_copy("background");
   model->file = pags_text_copy("background.ply");
   if (!model->name || !model->file)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a town");
+    return pags_out_of_memory("a town");
   PAGS_TRY(pags_gaussians_create(&model->gaussians, count, 1));
   PAGS_TRY(pags_gaussians_add_s_sem(&model->gaussians));
   return pags_surface_sample(&m->surface, &model->gaussians, tasks, progress, user);

@@ -5,6 +5,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "synth/embree.h"
 
 enum { QUADS = 0, BALLS = 1 }; /* geometry ids, in the order of attaching */
@@ -79,7 +80,7 @@ pags_result pags_tracer_create(const pags_room *room, pags_tracer **out) {
   *out = NULL;
   pags_tracer *tracer = calloc(1, sizeof *tracer);
   if (!tracer)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ray tracer");
+    return pags_out_of_memory("the ray tracer");
   tracer->room = room;
   const pags_result result = build(tracer);
   if (result == PAGS_OK)

@@ -14,6 +14,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "simd/kernels.h"
 
 enum { REPLAY_CHUNK = 64, GROUPS = PAGS_RATE_GROUPS, MOST_ROWS = 256 };
@@ -90,7 +91,7 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   if (!correction || !position) {
     free(correction);
     free(position);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the rates of %lld steps", (long long)last_step);
+    return pags_out_of_memory("the rates of %lld steps", (long long)last_step);
   }
   free(adam->correction);
   free(adam->position_rate);
@@ -107,7 +108,7 @@ static pags_result make_decay(pags_adam *adam) {
   adam->reach = q > 0.0 ? (int)ceil(log(1e-9) / log(q)) : 0;
   adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
   if (!adam->decay)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the optimiser");
+    return pags_out_of_memory("the optimiser");
   adam->decay[0] = 1.0;
   for (int j = 1; j <= adam->reach; j++)
     adam->decay[j] = adam->decay[j - 1] * q;
@@ -126,7 +127,7 @@ static pags_result reserve_clusters(pags_adam *adam, int64_t capacity) {
   if (param)
     adam->param_step = param;
   if (!moment || !param)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld clusters", (long long)clusters);
+    return pags_out_of_memory("%lld clusters", (long long)clusters);
   adam->cluster_capacity = clusters;
   return PAGS_OK;
 }

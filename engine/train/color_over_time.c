@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "train/trainer.h"
 
 enum { TERMS = 5, SHRINK = 2 };
@@ -144,7 +145,7 @@ pags_result pags_color_over_time_decide(pags_trainer *t) {
   size_t models = (size_t)t->state.model_count;
   object_error *errors = calloc(models, sizeof *errors);
   object_fit *fits = calloc(models, sizeof *fits);
-  pags_result result = errors && fits ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %zu fits", models);
+  pags_result result = errors && fits ? PAGS_OK : pags_out_of_memory("%zu fits", models);
   for (size_t i = 0; result == PAGS_OK && i < models; i++)
     fits[i].last_frame = -1;
   for (int64_t i = 0; result == PAGS_OK && i < t->view_count; i++)

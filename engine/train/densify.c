@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/rng.h"
 #include "base/sort.h"
 
@@ -96,7 +97,7 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
   candidate *list = malloc((size_t)edits->wanted * sizeof *list);
   int64_t n = 0;
   if (!list)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to rank %lld Gaussians", (long long)edits->wanted);
+    return pags_out_of_memory("%lld Gaussians", (long long)edits->wanted);
   for (int64_t row = 0; row < edits->count; row++)
     if (edits->kind[row] == PAGS_EDIT_CLONE || edits->kind[row] == PAGS_EDIT_SPLIT)
       list[n++] = (candidate){mean_gradient(model, row), row};
@@ -125,7 +126,7 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits
   int64_t count = model->gaussians.count;
   *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
   if (!edits->kind)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify %lld Gaussians", (long long)count);
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
   thresholds t = thresholds_of(model);
   for (int64_t row = 0; row < count; row++) {
     pags_edit kind = decide_row(model, &t, row);
@@ -197,7 +198,7 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
   int64_t count = kept + edits->cloned + 2 * edits->split;
   int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!source)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to densify to %lld Gaussians", (long long)count);
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
   list_sources(edits, source, kept);
   pags_result result = pags_model_gather(model, source, count, kept, tasks);
   int64_t half = kept + edits->cloned;

@@ -15,6 +15,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "simd/kernels.h"
 #include "train/photometric_loss.h"
 
@@ -67,7 +68,7 @@ static pags_result sum_term(pags_tasks *tasks, term *t, double weight, double *v
   const pags_arena_mark mark = pags_arena_save(arena);
   t->sums = pags_arena_alloc(arena, (size_t)t->photo->height, sizeof *t->sums);
   if (!t->sums)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels high", t->photo->height);
+    return pags_out_of_memory("the loss of a picture %d pixels high", t->photo->height);
   const bool done = pags_parallel_for(tasks, t->photo->height, 16, sum_rows, t);
   double sum = 0.0;
   for (int y = 0; done && y < t->photo->height; y++)
@@ -156,7 +157,7 @@ pags_result pags_driving_loss_depth(const pags_picture *picture, const pags_phot
     return PAGS_OK;
   depth_hit *const hits = (uint64_t)count <= SIZE_MAX / sizeof *hits ? malloc((size_t)count * sizeof *hits) : NULL;
   if (!hits)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld depth samples", (long long)count);
+    return pags_out_of_memory("%lld depth samples", (long long)count);
   const int64_t found = find_hits(picture, photo, samples, count, shrink, hits),
                 kept = (int64_t)ceil(share * (double)found);
   if (kept > 0) {

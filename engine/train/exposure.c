@@ -5,6 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 static const double final_share = 0.1; /* of the rate, at the schedule's end; log-linear */
 
 static int64_t camera_of(const pags_dataset *dataset, int64_t view) {
@@ -20,7 +22,7 @@ pags_result pags_exposures_create(pags_exposures *exposures, const pags_dataset 
   }
   exposures->items = calloc((size_t)(exposures->count + exposures->sensors), sizeof(pags_exposure));
   if (!exposures->items)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for exposures of %lld views", (long long)exposures->count);
+    return pags_out_of_memory("exposures of %lld views", (long long)exposures->count);
   for (int64_t i = 0; i < exposures->count; i++)
     for (int c = 0; c < 3; c++)
       exposures->items[i].value[c] = 1.0;

@@ -4,6 +4,7 @@
 
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "init/z_buffer.h"
 
 static int64_t find_sweep(const pags_dataset *dataset, int frame) {
@@ -51,7 +52,7 @@ static pags_result choose(const pags_seen_point *points, int64_t visible, int64_
     return PAGS_OK;
   *samples = malloc((size_t)taken * sizeof **samples);
   if (!*samples)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld depths", (long long)taken);
+    return pags_out_of_memory("%lld depths", (long long)taken);
   for (int64_t i = 0; i < taken; i++) {
     const pags_seen_point *p = &points[(int64_t)((double)i * (double)visible / (double)taken)];
     (*samples)[i] = (pags_lidar_depth_sample){p->u, p->v, p->z};
@@ -71,7 +72,7 @@ pags_result pags_lidar_depth_samples(const pags_dataset *dataset, int64_t view, 
     return PAGS_OK;
   PAGS_TRY(pags_dataset_sweep_load(dataset, sweep, &points, &xyz));
   pags_seen_point *seen = malloc((size_t)(points > 0 ? points : 1) * sizeof *seen);
-  pags_result result = seen ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points);
+  pags_result result = seen ? PAGS_OK : pags_out_of_memory("%lld points", (long long)points);
   if (result == PAGS_OK) {
     double inverse[12], camera_from_sweep[12];
     pags_rigid_inverse(v->camera.world_from_camera, inverse);

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "base/rng.h"
 
 static const double dead_opacity = 0.005; /* a Gaussian at or under it is teleported, and shaken most */
@@ -63,7 +64,7 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
                  .count = model->gaussians.count};
   if (!l->total || !l->dead || !l->drawn) {
     free_lottery(l);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to relocate %lld Gaussians", (long long)l->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)l->count);
   }
   double sum = 0.0;
   for (int64_t i = 0; i < l->count; i++) {
@@ -128,7 +129,7 @@ static pags_result relocate(pags_train_model *model) {
   lottery l;
   PAGS_TRY(make_lottery(model, &l));
   int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
-  pags_result result = rows ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to relocate Gaussians");
+  pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
   if (rows && l.dead_count < l.count) {
     draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
     for (int64_t i = 0; i < l.dead_count; i++)
@@ -148,8 +149,7 @@ static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
   lottery l;
   PAGS_TRY(make_lottery(model, &l));
   int64_t *source = malloc((size_t)target * sizeof *source);
-  pags_result result =
-      source ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld Gaussians", (long long)target);
+  pags_result result = source ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)target);
   if (source && l.dead_count < l.count) {
     for (int64_t i = 0; i < count; i++)
       source[i] = i;

@@ -7,10 +7,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 static pags_result reserve_squared(pags_density *density, int64_t capacity) {
   float *squared = calloc((size_t)capacity, sizeof *squared);
   if (!squared)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for statistics of %lld Gaussians", (long long)capacity);
+    return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
   if (density->squared)
     memcpy(squared, density->squared, (size_t)density->capacity * sizeof *squared);
   free(density->squared);
@@ -28,7 +30,7 @@ static pags_result reserve_density(pags_density *density, int64_t capacity, int 
   if (!gradient || !seen) {
     free(gradient);
     free(seen);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for statistics of %lld Gaussians", (long long)capacity);
+    return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
   }
   if (density->capacity > 0) {
     memcpy(gradient, density->gradient, (size_t)density->capacity * sizeof(float));
@@ -155,7 +157,7 @@ pags_result pags_model_gather(pags_train_model *model, const int64_t *source, in
   if (!job || !scratch) {
     free(job);
     free(scratch);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to reorder %lld Gaussians", (long long)count);
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
   }
   int n = list_columns(model, job->columns);
   job->source = source;
@@ -176,7 +178,7 @@ pags_result pags_model_sort(pags_train_model *model, pags_tasks *tasks) {
   int64_t count = model->gaussians.count;
   int64_t *order = malloc((size_t)(count > 0 ? count : 1) * sizeof(int64_t));
   if (!order)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to sort %lld Gaussians", (long long)count);
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
   pags_result result = pags_gaussians_morton_order(&model->gaussians, order);
   if (result == PAGS_OK)
     result = pags_model_gather(model, order, count, count, tasks);

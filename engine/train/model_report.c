@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 static void put_sky(pags_json_writer *w, const pags_train_state *s) {
@@ -89,7 +90,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   *text = NULL;
   if (result == PAGS_OK) {
     *text = malloc(w.size + 1);
-    result = *text ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for the notes of a scene");
+    result = *text ? PAGS_OK : pags_out_of_memory("the notes of a scene");
   }
   for (size_t i = 0; *text && i < w.size; i++)
     (*text)[i] = w.data[i];

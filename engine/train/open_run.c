@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "init/driving_points.h"
 #include "init/from_points.h"
@@ -52,7 +53,7 @@ pags_result pags_trainer_list_views(pags_trainer *t) {
   t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
   t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
   if (!t->views || !t->order)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)all);
+    return pags_out_of_memory("%lld views", (long long)all);
   for (int64_t i = 0; i < all; i++)
     if (!pags_dataset_view(t->dataset, i)->test)
       t->views[t->view_count++] = i;
@@ -143,8 +144,8 @@ static int by_position(const void *a, const void *b) {
 
 static pags_result mark_rows(const pags_start_points *points, pags_gaussians *g) {
   point_key *keys = malloc((size_t)(points->count > 0 ? points->count : 1) * sizeof *keys);
-  pags_result result = keys ? pags_gaussians_add_object_id(g)
-                            : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld points", (long long)points->count);
+  pags_result result =
+      keys ? pags_gaussians_add_object_id(g) : pags_out_of_memory("%lld points", (long long)points->count);
   if (result == PAGS_OK)
     result = pags_gaussians_add_s_sem(g);
   for (int64_t i = 0; result == PAGS_OK && i < points->count; i++)

@@ -14,6 +14,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "scene/scene_json.h"
 #include "simd/kernels.h"
@@ -25,7 +26,7 @@ static const char *const preview_prefix = "preview_";
 static pags_result has_scene(const pags_output *output, bool *out) {
   char *path = pags_path_join(output->folder, "scene.json");
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+    return pags_out_of_memory("a path");
   *out = pags_path_exists(path);
   free(path);
   return PAGS_OK;
@@ -54,7 +55,7 @@ pags_result pags_output_find(pags_output *output, const pags_train_options *opti
   output->log = pags_path_join(options->output, "log.jsonl");
   output->report = pags_path_join(options->output, "report.json");
   if (!output->folder || !output->checkpoint || !output->log || !output->report)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for paths in %s", options->output);
+    return pags_out_of_memory("paths in %s", options->output);
   if (pags_path_exists(options->output) && !pags_dir_exists(options->output))
     return pags_fail(PAGS_ERROR_IO, "%s: a file; expected a folder to write the scene to", options->output);
   PAGS_TRY(pags_dir_is_empty(options->output, &empty));
@@ -79,7 +80,7 @@ static int is_ours(const char *name) {
 static pags_result remove_file(const pags_output *output, const char *name, bool follow) {
   char *path = pags_path_join(output->folder, name), *target = NULL;
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+    return pags_out_of_memory("a path");
   bool straight = false;
   pags_result result = PAGS_OK;
   if (pags_file_exists(path)) {
@@ -98,7 +99,7 @@ static pags_result remove_scene(const pags_output *output) {
   pags_scene scene = {0};
   pags_scene_files files = {0};
   char *path = pags_path_join(output->folder, "scene.json"), *objects = pags_path_join(output->folder, "objects");
-  pags_result result = path && objects ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+  pags_result result = path && objects ? PAGS_OK : pags_out_of_memory("a path");
   if (result == PAGS_OK && pags_file_exists(path) && pags_scene_json_read(path, &scene, &files) == PAGS_OK) {
     for (int64_t i = 0; i < scene.model_count && result == PAGS_OK; i++)
       result = remove_file(output, scene.models[i].file, false);
@@ -249,7 +250,7 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
   snprintf(name, sizeof name, "%s%07lld.png", preview_prefix, (long long)step);
   char *path = pags_path_join(output->folder, name);
   if (!path)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a path");
+    return pags_out_of_memory("a path");
   pags_result result = pags_image_create(&image, 2 * picture->width, picture->height, 3, PAGS_U8);
   for (int y = 0; result == PAGS_OK && y < picture->height; y++) {
     uint8_t *row = (uint8_t *)image.data + (int64_t)y * image.width * 3;
@@ -285,7 +286,7 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   scene->view_count = pags_dataset_view_count(dataset);
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
   if (!scene->views)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)scene->view_count);
+    return pags_out_of_memory("%lld views", (long long)scene->view_count);
   for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     scene->views[i] = (pags_scene_view){.name = borrow(view->name),
@@ -312,7 +313,7 @@ static pags_result list_objects(const pags_dataset *dataset, const pags_train_st
   scene->object_count = state->tracks.count;
   scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
   if (!scene->objects)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld objects", (long long)scene->object_count);
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
                                             .model = -1,
@@ -332,8 +333,7 @@ typedef struct description {
 /* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
 static pags_result split_background(const pags_gaussians *g, pags_gaussians parts[4], int *count) {
   int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
-  pags_result result =
-      index ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to write %lld Gaussians", (long long)g->count);
+  pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
     int64_t rows = 0;
     for (int64_t i = 0; i < g->count; i++)
@@ -357,7 +357,7 @@ static pags_result add_model(pags_scene *scene, const char *name, const char *fi
   *model = (pags_model){.name = borrow(name), .gaussians = *g};
   model->file = file ? pags_text_copy(file) : pags_scene_model_file(scene, name);
   scene->model_count++;
-  return model->file ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for the name of a model");
+  return model->file ? PAGS_OK : pags_out_of_memory("the name of a model");
 }
 
 static pags_result add_background(const pags_train_state *state, description *d) {
@@ -390,7 +390,7 @@ static pags_result list_models(const pags_train_state *state, description *d) {
   pags_scene *scene = &d->scene;
   scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
   if (!scene->models)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)state->model_count);
+    return pags_out_of_memory("%lld models", (long long)state->model_count);
   PAGS_TRY(add_background(state, d));
   for (int64_t i = 1; i < state->model_count; i++) {
     const pags_train_model *m = &state->models[i];
@@ -441,7 +441,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
 pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
   description *d = calloc(1, sizeof *d);
   if (!d)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the description of a scene");
+    return pags_out_of_memory("the description of a scene");
   d->by_degree = state->schedule.config.sh_error > 0.0;
   pags_result result = describe(dataset, state, d);
   if (result == PAGS_OK)
@@ -454,7 +454,7 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
 pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
   description *d = calloc(1, sizeof *d);
   if (!d)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the description of a scene");
+    return pags_out_of_memory("the description of a scene");
   pags_result result = describe(dataset, state, d);
   d->scene.dataset = NULL; /* where the data set lies must not decide how many Gaussians a run has */
   if (result == PAGS_OK)

@@ -6,6 +6,7 @@
 #include <assert.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "simd/kernels.h"
 
 /* Rows of a band: few enough to share out, enough that the 20 around a band cost little. */
@@ -79,7 +80,7 @@ static pags_result add_up(const loss_job *job, int64_t blocks, int64_t counted, 
   double by_exposure[6] = {0.0}, l1 = 0.0, squared = 0.0, ssim = 0.0, more_l1 = 0.0, more_dssim = 0.0;
   for (int64_t b = 0; b < blocks; b++) {
     if (!job->sums[b].done)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels wide", job->photo->width);
+      return pags_out_of_memory("the loss of a picture %d pixels wide", job->photo->width);
     l1 += job->sums[b].l1;
     squared += job->sums[b].squared;
     ssim += job->sums[b].ssim;
@@ -111,7 +112,7 @@ static pags_result evaluate(loss_job *job, pags_photometric_loss *out) {
   }
   job->sums = pags_arena_alloc(pags_tasks_arena(job->tasks, 0), (size_t)blocks, sizeof *job->sums);
   if (!job->sums)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the loss of a picture %d pixels high", job->photo->height);
+    return pags_out_of_memory("the loss of a picture %d pixels high", job->photo->height);
   for (int64_t b = 0; b < blocks; b++)
     job->sums[b].done = 0;
   if (!pags_parallel_for(job->tasks, blocks, 1, run_blocks, job))

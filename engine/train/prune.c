@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/rng.h"
 #include "base/sort.h"
 #include "train/score_pass.h"
@@ -38,7 +39,7 @@ static int by_value(const void *a, const void *b) {
 
 static pags_result make_list(int64_t count, ranked **out) {
   *out = malloc((size_t)(count > 0 ? count : 1) * sizeof **out);
-  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory to rank %lld Gaussians", (long long)count);
+  return *out ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
 }
 
 static void rank_list(const ranked *list, int64_t count, float *out) {
@@ -109,7 +110,7 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
   int64_t *members = calloc((size_t)r->groups + 1, sizeof *members);
   if (!members) {
     free(list);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld groups", (long long)r->groups);
+    return pags_out_of_memory("%lld groups", (long long)r->groups);
   }
   for (int64_t i = 0; i < r->count; i++) {
     uint32_t bits[4];
@@ -144,9 +145,7 @@ static pags_result create_lists(row_lists *l, int64_t count) {
   size_t room = (size_t)(count > 0 ? count : 1);
   *l = (row_lists){malloc(room * sizeof(float)), malloc(room * sizeof(int32_t)), malloc(room),
                    malloc(room * sizeof(double))};
-  return l->score && l->group && l->drop && l->raw
-             ? PAGS_OK
-             : pags_fail(PAGS_ERROR_MEMORY, "no memory to prune %lld Gaussians", (long long)count);
+  return l->score && l->group && l->drop && l->raw ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
 }
 
 static void destroy_lists(row_lists *l) {
@@ -193,7 +192,7 @@ static pags_result keep_rows(pags_train_model *m, const uint8_t *drop, pags_task
   int64_t count = m->gaussians.count, kept = 0;
   int64_t *source = malloc((size_t)(count > 0 ? count : 1) * sizeof *source);
   if (!source)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to prune %lld Gaussians", (long long)count);
+    return pags_out_of_memory("%lld Gaussians", (long long)count);
   for (int64_t row = 0; row < count; row++)
     if (!drop[row])
       source[kept++] = row;

@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 typedef struct score_pass {
   pags_trainer *trainer;
   pags_score_pass *scores;
@@ -27,7 +29,7 @@ static pags_result create(pags_score_pass *scores, int64_t count) {
   *scores = (pags_score_pass){.count = count};
   scores->seen = calloc(4 * (size_t)(count > 0 ? count : 1), sizeof *scores->seen);
   if (!scores->seen)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld Gaussians", (long long)count);
+    return pags_out_of_memory("the scores of %lld Gaussians", (long long)count);
   scores->critical = scores->seen + count;
   scores->squared = scores->critical + count;
   scores->drawn = scores->squared + count;
@@ -53,8 +55,7 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   p->plane_floats = 0;
   p->counted = calloc(2 * (size_t)floats, sizeof *p->counted);
   if (!p->counted)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the masks of a picture of %dx%d", picture->width,
-                     picture->height);
+    return pags_out_of_memory("the masks of a picture of %dx%d", picture->width, picture->height);
   p->plane_floats = floats;
   return PAGS_OK;
 }
@@ -120,8 +121,7 @@ pags_result pags_score_pass_measure(pags_trainer *t, int rough, pags_score_pass 
   score_pass p = {.trainer = t, .scores = out, .first = list_first_rows(&t->state)};
   *out = (pags_score_pass){0};
   pags_result result = p.first ? create(out, pags_state_gaussian_count(&t->state))
-                               : pags_fail(PAGS_ERROR_MEMORY, "no memory for the scores of %lld models",
-                                           (long long)t->state.model_count);
+                               : pags_out_of_memory("the scores of %lld models", (long long)t->state.model_count);
   if (result == PAGS_OK)
     result = add_views(&p, rough);
   free(p.first);

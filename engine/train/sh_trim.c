@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 
 enum { TRIM_GRAIN = 256, MOST_DEGREE = 3 };
 
@@ -210,7 +211,7 @@ pags_result pags_sh_trim(pags_trainer *t) {
     return PAGS_OK;
   pags_sh_view *views = malloc((size_t)(t->view_count > 0 ? t->view_count : 1) * sizeof *views);
   if (!views)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld views", (long long)t->view_count);
+    return pags_out_of_memory("%lld views", (long long)t->view_count);
   for (int64_t i = 0; i < s->model_count; i++) {
     trim_context context = {&s->models[i].gaussians, views, list_views(t, &s->models[i], views), error};
     int64_t blocks = (context.g->count + TRIM_GRAIN - 1) / TRIM_GRAIN;

@@ -8,6 +8,7 @@
 #include <pags/scene.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "train/output.h"
 
 enum {
@@ -78,7 +79,7 @@ static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *ta
   int64_t count = m->gaussians.count;
   int64_t *source = malloc((size_t)kept * sizeof *source);
   if (!source)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to choose from %lld Gaussians", (long long)count);
+    return pags_out_of_memory("from %lld Gaussians", (long long)count);
   for (int64_t i = 0; i < kept; i++)
     source[i] = i * count / kept;
   pags_result result = pags_model_gather(m, source, kept, kept, tasks);

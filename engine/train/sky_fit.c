@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { LOOK_SHRINK = 8, LEAST_SIZE = 64, MOST_SIZE = 1024 };
 static const double least_share = 1e-3;
 static const double final_share = 0.01; /* of the rate, at the schedule's end */
@@ -75,7 +77,7 @@ pags_result pags_sky_fit_prepare(pags_sky_fit *fit, int size) {
   fit->visits = calloc(floats / 3, sizeof *fit->visits);
   if (!fit->first || !fit->second || !fit->visits) {
     pags_sky_fit_destroy(fit);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a sky of %d texels a side", size);
+    return pags_out_of_memory("a sky of %d texels a side", size);
   }
   return PAGS_OK;
 }
@@ -153,7 +155,7 @@ static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *
   double power1 = 1.0, power2 = 1.0;
   fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
   if (!fit->correction)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the sky's optimiser");
+    return pags_out_of_memory("the sky's optimiser");
   fit->correction[0][0] = fit->correction[0][1] = 1.0f;
   for (int k = 1; k < CORRECTIONS; k++) {
     power1 *= c->beta1;

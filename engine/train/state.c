@@ -5,11 +5,13 @@
 #include <assert.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models) {
   *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians};
   pags_nonfinite_init(&state->guard);
   state->models = calloc((size_t)(models > 0 ? models : 1), sizeof *state->models);
-  return state->models ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld models", (long long)models);
+  return state->models ? PAGS_OK : pags_out_of_memory("%lld models", (long long)models);
 }
 
 void pags_state_destroy(pags_train_state *state) {

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "base/memory.h"
 #include "train/driving_losses.h"
 #include "train/dropout.h"
 #include "train/mcmc.h"
@@ -42,7 +43,7 @@ pags_result pags_pass_create(pags_trainer *t) {
   p->depth = calloc(views, sizeof *p->depth);
   if (!p->parts || !p->part_model || !p->part_knot || !p->pose || !p->pose_room || !p->dc || !p->dc_stride ||
       !p->factor || !p->factor_room || !p->basis || !p->held || !p->held_step || !p->held_room || !p->depth)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for the parts of %lld models", (long long)models);
+    return pags_out_of_memory("the parts of %lld models", (long long)models);
   PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
   return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
 }
@@ -82,15 +83,13 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
     free(p->plane[i]);
     p->plane[i] = aligned_alloc(64, (size_t)floats * sizeof(float)); /* stride is a multiple of 16 */
     if (!p->plane[i])
-      return pags_fail(PAGS_ERROR_MEMORY, "no memory for gradients of a picture of %d x %d", picture->width,
-                       picture->height);
+      return pags_out_of_memory("gradients of a picture of %d x %d", picture->width, picture->height);
     memset(p->plane[i], 0, (size_t)floats * sizeof(float));
   }
   free(p->emphasis);
   p->emphasis = calloc((size_t)floats, 1);
   if (!p->emphasis)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for what counts of a picture of %d x %d", picture->width,
-                     picture->height);
+    return pags_out_of_memory("what counts of a picture of %d x %d", picture->width, picture->height);
   for (int64_t i = 0; i < floats; i++)
     p->plane[ONES][i] = 1.0f;
   p->plane_floats = floats;
@@ -107,14 +106,14 @@ static pags_result reserve_model(pags_trainer *t, int64_t model) {
     p->pose_room[model] = clusters + clusters / 2;
     p->pose[model] = calloc((size_t)p->pose_room[model], sizeof *p->pose[model]);
     if (!p->pose[model])
-      return p->pose_room[model] = 0, pags_fail(PAGS_ERROR_MEMORY, "no memory for pose gradients");
+      return p->pose_room[model] = 0, pags_out_of_memory("pose gradients");
   }
   if (m->gaussians.fourier && p->dc_stride[model] != m->gaussians.stride) {
     free(p->dc[model]);
     p->dc_stride[model] = m->gaussians.stride;
     p->dc[model] = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
     if (!p->dc[model])
-      return p->dc_stride[model] = 0, pags_fail(PAGS_ERROR_MEMORY, "no memory for colours over time");
+      return p->dc_stride[model] = 0, pags_out_of_memory("colours over time");
     memset(p->dc[model], 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
   }
   return PAGS_OK;
@@ -131,7 +130,7 @@ static pags_result reserve_factors(pags_trainer *t, int64_t step) {
       p->factor_room[model] = 0;
       p->factor[model] = aligned_alloc(64, (size_t)stride * sizeof(float));
       if (!p->factor[model])
-        return pags_fail(PAGS_ERROR_MEMORY, "no memory for the dropout of %lld Gaussians", (long long)stride);
+        return pags_out_of_memory("the dropout of %lld Gaussians", (long long)stride);
       memset(p->factor[model], 0, (size_t)stride * sizeof(float));
       p->factor_room[model] = stride;
     }
@@ -154,7 +153,7 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
   p->held[model] = aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
   p->held_step[model] = calloc((size_t)clusters, sizeof(int32_t));
   if (!p->held[model] || !p->held_step[model])
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for gradients of an object");
+    return pags_out_of_memory("gradients of an object");
   p->held_room[model] = clusters * planes * m->clusters.size;
   return PAGS_OK;
 }

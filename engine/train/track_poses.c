@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/text.h"
 
 /* As the positions' rates, log-linear over the schedule, but to a tenth (Street Gaussians ends at a fifth to a
@@ -21,7 +22,7 @@ static pags_result copy_object(const pags_object *from, pags_object *to, pags_ad
   to->knots = malloc(knots * sizeof *to->knots);
   *moments = calloc(knots, sizeof **moments);
   if (!to->id || !to->class_name || !to->knots || !*moments)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a track of %lld knots", (long long)from->knot_count);
+    return pags_out_of_memory("a track of %lld knots", (long long)from->knot_count);
   memcpy(to->knots, from->knots, (size_t)from->knot_count * sizeof *to->knots);
   return PAGS_OK;
 }
@@ -33,7 +34,7 @@ pags_result pags_track_poses_create(pags_track_poses *tracks, const pags_dataset
                                .moments = calloc(room, sizeof *tracks->moments)};
   if (!tracks->objects || !tracks->moments) {
     pags_track_poses_destroy(tracks);
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for %lld tracks", (long long)count);
+    return pags_out_of_memory("%lld tracks", (long long)count);
   }
   for (int64_t i = 0; i < count; i++) {
     tracks->count = i + 1;

@@ -14,6 +14,7 @@
 #include <pags/camera.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "train/track_poses.h"
 
@@ -239,7 +240,7 @@ static pags_result list_all(run_list *list, pags_track_poses *tracks) {
                      .smooth = malloc(knots * sizeof *list->smooth),
                      .band = malloc(knots * sizeof *list->band)};
   if (!list->items || !list->knots || !list->label || !list->smooth || !list->band)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to smooth tracks of %zu knots", knots);
+    return pags_out_of_memory("tracks of %zu knots", knots);
   for (int64_t i = 0; i < tracks->count; i++)
     if (tracks->objects[i].moving)
       list_runs(list, &tracks->objects[i]);

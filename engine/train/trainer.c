@@ -14,6 +14,7 @@
 
 #include "base/clock.h"
 #include "base/log.h"
+#include "base/memory.h"
 #include "train/checkpoint.h"
 #include "train/color_over_time.h"
 #include "train/config.h"
@@ -399,7 +400,7 @@ static pags_result drop_spoiled(pags_trainer *t) {
     dropped = rows < 0 ? -1 : dropped + rows;
   }
   if (dropped < 0)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory to write the scene");
+    return pags_out_of_memory("the scene");
   if (dropped > 0)
     pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
              (long long)dropped);
@@ -485,7 +486,7 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   *result = (pags_train_result){0};
   pags_trainer *t = calloc(1, sizeof *t);
   if (!t)
-    return pags_fail(PAGS_ERROR_MEMORY, "no memory for a trainer");
+    return pags_out_of_memory("a trainer");
   t->options = options;
   t->dataset = options->dataset;
   t->tasks = options->tasks;

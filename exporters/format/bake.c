@@ -10,6 +10,7 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/memory.h"
 
 static const double sh_c0 = 0.28209479177387814;
 
@@ -113,7 +114,7 @@ static void rotation_of(const pags_gaussians *g, int64_t i, double q[4]) {
 pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
   uint8_t *bytes = calloc((size_t)g->count + 1, 32);
   if (!bytes)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; ++i) {
     uint8_t *row = bytes + 32 * i;
     double q[4];
@@ -199,7 +200,7 @@ static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
     whole = whole && s->bytes[k];
   }
   if (!whole)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; ++i)
     pack_row(g, i, s);
   return PAGS_OK;
@@ -219,7 +220,7 @@ static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const uint8
   enum { BLOCK = 1 << 16 };
   uint8_t *out = malloc(BLOCK);
   if (!out)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   pags_result result = PAGS_OK;
   for (int k = -1; k < SPZ_STREAMS && result == PAGS_OK; ++k) {
     const uint8_t *from = k < 0 ? header : s->bytes[k];
@@ -247,7 +248,7 @@ static pags_result save_gzip(const char *path, const spz_streams *s, const uint8
   pags_file_writer file = {0};
   z_stream z = {0};
   if (deflateInit2(&z, Z_DEFAULT_COMPRESSION, Z_DEFLATED, 16 + MAX_WBITS, 8, Z_DEFAULT_STRATEGY) != Z_OK)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to deflate it", path);
+    return pags_out_of_memory("%s", path);
   pags_result result = pags_file_writer_begin(&file, path);
   if (result == PAGS_OK)
     result = deflate_pieces(&z, s, header, &file);
@@ -273,7 +274,7 @@ static pags_result save_zstd(const char *path, const spz_streams *s, uint8_t hea
     packed[k] = malloc(bound);
     sizes[k] = packed[k] ? ZSTD_compress(packed[k], bound, s->bytes[k], s->sizes[k], 9) : 0;
     if (!packed[k] || ZSTD_isError(sizes[k]))
-      result = pags_fail(PAGS_ERROR_MEMORY, "%s: no memory to compress it", path);
+      result = pags_out_of_memory("%s", path);
     pags_store_u64(table + 16 * k, sizes[k]);
     pags_store_u64(table + 16 * k + 8, s->sizes[k]);
   }

@@ -15,6 +15,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 
 struct pags_gltf {
   tinygltf::Model model;
@@ -235,7 +236,7 @@ pags_result pags_gltf_create(pags_gltf **out) {
   } catch (...) {
     delete *out;
     *out = nullptr;
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a glTF file");
+    return pags_out_of_memory("a glTF file");
   }
 }
 
@@ -415,13 +416,13 @@ void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double
 
 pags_result pags_gltf_save(pags_gltf *gltf, const char *path) {
   if (gltf->failed)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory building it", path);
+    return pags_out_of_memory("%s", path);
   try {
     std::string glb = serialize(gltf);
     return std::strcmp(pags_path_extension(path), ".gltf") == 0 ? save_apart(glb, path)
                                                                 : pags_file_write(path, glb.data(), glb.size());
   } catch (...) {
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory building it", path);
+    return pags_out_of_memory("%s", path);
   }
 }
 

@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/sort.h"
 
 typedef struct kind { /* of camera: views of one sensor share it */
@@ -97,9 +98,8 @@ static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene,
   const pags_scene_view **list = malloc((size_t)scene->view_count * sizeof *list);
   double *times = malloc((size_t)scene->view_count * sizeof *times);
   double(*poses)[12] = malloc((size_t)scene->view_count * sizeof *poses);
-  pags_result result = list && times && poses
-                           ? PAGS_OK
-                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+  pags_result result =
+      list && times && poses ? PAGS_OK : pags_out_of_memory("%lld views", (long long)scene->view_count);
   for (int64_t i = 1; i < scene->view_count; ++i)
     sensor = scene->views[i].sensor < sensor ? scene->views[i].sensor : sensor;
   for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
@@ -128,7 +128,7 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
   int64_t kind_count = 0;
   kind *kinds = malloc((size_t)scene->view_count * sizeof *kinds);
   if (!kinds)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)scene->view_count);
+    return pags_out_of_memory("%lld views", (long long)scene->view_count);
   int group = pags_gltf_node(gltf, parent, "cameras");
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)

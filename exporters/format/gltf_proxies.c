@@ -8,6 +8,7 @@
 #include <pags/export.h>
 
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/gltf_cameras.h"
@@ -169,7 +170,7 @@ static pags_result place(exporter *self, int node, const pags_object *object) {
     return PAGS_OK;
   double *times = malloc((size_t)object->knot_count * sizeof *times);
   double(*poses)[12] = malloc((size_t)object->knot_count * sizeof *poses);
-  pags_result result = times && poses ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
+  pags_result result = times && poses ? PAGS_OK : pags_out_of_memory("a track");
   for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; ++i) {
     times[i] = object->knots[i].time - self->time_zero;
     pose_at(self, object, &object->knots[i], poses[i]);
@@ -333,7 +334,7 @@ static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, i
     triangles += b->chunks[i].shell.triangle_count;
   *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
   if (!*group_of)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)triangles);
+    return pags_out_of_memory("%lld triangles", (long long)triangles);
   for (int64_t i = 0; i < b->chunk_count; ++i) {
     const pags_proxy_mesh *s = &b->chunks[i].shell;
     uint32_t first = (uint32_t)all->vertex_count;
@@ -392,8 +393,7 @@ static pags_result add_background(exporter *self) {
   pags_background b;
   PAGS_TRY(pags_background_make(&self->workshop, tell_background, self, &b));
   pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
-  pags_result result =
-      facts ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b.chunk_count);
+  pags_result result = facts ? PAGS_OK : pags_out_of_memory("%lld chunks", (long long)b.chunk_count);
   if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
     self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
   if (result == PAGS_OK)

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "exporters/format/bake.h"
 
 /* Where a parked object stands: its middle label, which its proxy is made by. Relative to the origin. */
@@ -65,7 +66,7 @@ pags_result pags_object_gaussians_track_make(const pags_composition *composition
                                        .poses = malloc((size_t)count * sizeof *out->poses)};
   if (!out->times || !out->poses) {
     pags_object_gaussians_track_destroy(out);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a track");
+    return pags_out_of_memory("a track");
   }
   for (int64_t i = 0; i < count; ++i) {
     const pags_knot *knot = &record->knots[i];

@@ -10,6 +10,7 @@
 #include <pags/packed.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/gltf.h"
 #include "exporters/format/object_gaussians.h"
@@ -91,7 +92,7 @@ static pags_result add_points(pags_gltf *gltf, int node, const char *name, const
     c->block = malloc(((size_t)g->count * (15 + 3 * (size_t)pags_sh_coefficients(g->sh_degree)) + 1) * sizeof(float));
   if (!c || !c->block) {
     free(c);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   }
   c->rows = (size_t)g->count;
   fill_columns(g, c);

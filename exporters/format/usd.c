@@ -12,6 +12,7 @@
 
 #include <pags/export.h>
 
+#include "base/memory.h"
 #include "exporters/format/bake.h"
 #include "exporters/format/object_gaussians.h"
 #include "exporters/format/usd_text.h"
@@ -99,7 +100,7 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   if (colors)
     pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, shell->vertex_count, 3, "vertex");
   else
-    usd->result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh's colours");
+    usd->result = pags_out_of_memory("a mesh's colours");
   pags_usd_line(usd, "uniform token subdivisionScheme = \"none\"");
   pags_usd_line(usd, "token visibility = \"invisible\"");
   pags_usd_line(usd, "uniform token purpose = \"default\"");
@@ -119,7 +120,7 @@ static pags_result fill_columns(const pags_gaussians *g, int degree, columns *c)
   size_t count = (size_t)g->count, coefficients = (size_t)pags_sh_coefficients(degree);
   c->block = malloc((count * (12 + 3 * coefficients) + 1) * sizeof *c->block);
   if (!c->block)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   c->positions = c->block;
   c->orientations = c->positions + 3 * count;
   c->scales = c->orientations + 4 * count;

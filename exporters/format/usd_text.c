@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/text.h"
 
 enum { INDENT = 4, PIECE = 1 << 16 };
@@ -90,7 +91,7 @@ void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64
   char *piece = malloc(PIECE);
   size_t used = 0;
   if (!piece) {
-    usd->result = pags_fail(PAGS_ERROR_MEMORY, "out of memory writing numbers");
+    usd->result = pags_out_of_memory("writing numbers");
     return;
   }
   indent(usd);

@@ -13,6 +13,7 @@
 
 #include "base/file.h"
 #include "base/log.h"
+#include "base/memory.h"
 #ifdef PAGS_WITH_IMAGES
 #include <pags/image.h>
 #endif
@@ -49,7 +50,7 @@ static pags_result gather_background(const pags_workshop *w, pags_gaussians *out
   if (!taken || !index) {
     free(taken);
     free(index);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+    return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   }
   for (int64_t o = 0; o < w->scene->object_count; ++o)
     if (w->scene->objects[o].model < 0)
@@ -141,7 +142,7 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
     pags_chunk *grown = realloc(b->chunks, (size_t)capacity * sizeof *grown);
     if (!grown) {
       pags_proxy_mesh_destroy(shell);
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)capacity);
+      return pags_out_of_memory("%lld chunks", (long long)capacity);
     }
     b->chunks = grown;
     b->chunk_capacity = capacity;
@@ -165,9 +166,9 @@ static double *path_of(const pags_scene *scene) {
 
 static pags_result add_ground(const pags_workshop *w, pags_background *out, pags_ground *ground) {
   double *path = path_of(w->scene);
-  pags_result result =
-      path ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
-           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)w->scene->view_count);
+  pags_result result = path
+                           ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
+                           : pags_out_of_memory("%lld views", (long long)w->scene->view_count);
   free(path);
   PAGS_TRY(result);
   if (!ground->nx)
@@ -237,7 +238,7 @@ static pags_result find_classes(const pags_workshop *w, const pags_background *b
                : pags_fail(PAGS_CANCELLED, "interrupted");
   float *normals = malloc(((size_t)shell->vertex_count + 1) * 3 * sizeof *normals);
   if (!normals)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)shell->vertex_count);
+    return pags_out_of_memory("%lld vertices", (long long)shell->vertex_count);
   pags_proxy_mesh_normals(shell, normals);
   for (int64_t i = 0; i < shell->vertex_count; ++i)
     class_of[i] = guess(normals + 3 * i, shell->colors + 3 * i);
@@ -274,7 +275,7 @@ static pags_result take_class(const pags_proxy_mesh *whole, const uint8_t *class
   *part = (pags_proxy_mesh){0};
   view.triangles = malloc(((size_t)whole->triangle_count + 1) * 3 * sizeof *view.triangles);
   if (!view.triangles)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)whole->triangle_count);
+    return pags_out_of_memory("%lld triangles", (long long)whole->triangle_count);
   view.triangle_count = 0;
   for (int64_t i = 0; i < whole->triangle_count; ++i) {
     const uint32_t *t = whole->triangles + 3 * i;
@@ -301,7 +302,7 @@ static pags_result cut_by_class(const pags_workshop *w, const pags_background *b
     return pags_fail(PAGS_CANCELLED, "interrupted");
   uint8_t *class_of = calloc((size_t)whole->vertex_count, 1);
   if (!class_of)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)whole->vertex_count);
+    return pags_out_of_memory("%lld vertices", (long long)whole->vertex_count);
   pags_result result = find_classes(w, b, whole, class_of);
   for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
     result = take_class(whole, class_of, class, &out->parts[class]);
@@ -361,7 +362,7 @@ static pags_result sort_depths(tiling *t) {
   }
   t->points = malloc(((size_t)total + 1) * 3 * sizeof *t->points);
   if (!t->points)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)total);
+    return pags_out_of_memory("%lld points", (long long)total);
   visit_depths(t);
   return PAGS_OK;
 }
@@ -412,7 +413,7 @@ static pags_result find_extent(const pags_workshop *w, const pags_depth_views *s
   int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   if (!bins)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory");
+    return pags_out_of_memory(NULL);
   for (int64_t i = 0; i < sights->count; ++i)
     for (int k = 0; k < 3; ++k) {
       double c = sights->list[i].camera.world_from_camera[4 * k + 3];
@@ -475,7 +476,7 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
   int64_t count = t.count[0] * t.count[1];
   t.tiles = calloc((size_t)count, sizeof *t.tiles);
   if (!t.tiles)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld tiles", (long long)count);
+    return pags_out_of_memory("%lld tiles", (long long)count);
   for (int64_t i = 0; i < count; ++i) {
     const int64_t at[2] = {t.origin[0] + i % t.count[0], t.origin[1] + i / t.count[0]};
     for (int k = 0; k < 2; ++k) {
@@ -530,7 +531,7 @@ static pags_result decimate(const pags_workshop *w, pags_background *b) {
     return PAGS_OK;
   d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
   if (!d.results)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld chunks", (long long)b->chunk_count);
+    return pags_out_of_memory("%lld chunks", (long long)b->chunk_count);
   pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
                            ? PAGS_OK
                            : pags_fail(PAGS_CANCELLED, "interrupted");

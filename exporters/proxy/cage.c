@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "exporters/proxy/mesh_query.h"
 #include "exporters/proxy/subdiv.h"
 
@@ -72,7 +73,7 @@ static pags_result build_box(cage *c, const double lo[3], const double hi[3], in
   c->positions = malloc(points * 3 * sizeof *c->positions);
   c->quads = malloc(quads * 4 * sizeof *c->quads);
   if (!c->lattice || !c->positions || !c->quads)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a cage");
+    return pags_out_of_memory("a cage");
   for (int z = 0; z <= c->n[2]; ++z)
     for (int y = 0; y <= c->n[1]; ++y)
       for (int x = 0; x <= c->n[0]; ++x) {
@@ -232,9 +233,7 @@ static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query 
   f.limit = malloc((size_t)f.stencils.count * 3 * sizeof *f.limit);
   f.equations.matrix = malloc(n * n * sizeof(double));
   f.equations.right = malloc(3 * n * sizeof(double));
-  pags_result result = f.limit && f.equations.matrix && f.equations.right
-                           ? PAGS_OK
-                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a cage");
+  pags_result result = f.limit && f.equations.matrix && f.equations.right ? PAGS_OK : pags_out_of_memory("a cage");
   for (int round = 0; round < ROUNDS && result == PAGS_OK; ++round)
     result = round_of(&f, round);
   free(f.limit);

@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { SOLID = 166, CLEAR = 51 }; /* alpha over 0.65: a surface; under 0.2: nothing */
 
 /* Depths of neighbours that differ by more than this share are of different surfaces. A plane seen at 3 degrees changes
@@ -131,7 +133,7 @@ static pags_result make_cells(pags_depth_view *sight) {
   int64_t count = (int64_t)sight->cells_x * sight->cells_y;
   sight->lo = malloc(2 * (size_t)count * sizeof *sight->lo);
   if (!sight->lo)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", w, h);
+    return pags_out_of_memory("a view of %dx%d", w, h);
   sight->hi = sight->lo + count;
   pags_depth_view_bound(sight);
   return PAGS_OK;
@@ -160,7 +162,7 @@ static pags_result reserve(pags_depth_views *sights) {
   int64_t capacity = 2 * sights->capacity + 16;
   pags_depth_view *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
   if (!grown)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld views", (long long)capacity);
+    return pags_out_of_memory("%lld views", (long long)capacity);
   sights->list = grown;
   sights->capacity = capacity;
   return PAGS_OK;
@@ -184,7 +186,7 @@ pags_result pags_depth_views_add(pags_depth_views *sights, pags_frame *frame, co
   float *scratch = malloc(pixels * sizeof *scratch);
   if (!sight->depth || !sight->cover || (planes && !sight->plane) || !sight->rgb || !scratch) {
     free(scratch);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", camera->width, camera->height);
+    return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
   }
   pags_rigid_inverse(camera->world_from_camera, sight->camera_from_model);
   read_pixels(&picture, sight);

@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 
 static const double cell = 0.2; /* metres */
@@ -126,7 +127,7 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   }
   if (!out->values) {
     free(next);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
   }
   visit(g, from, next, out->values);
   free(next);
@@ -263,7 +264,7 @@ static pags_result weigh(const pags_ground *g, const heights *laser, const heigh
   double of_pixel = laser->first[cells] ? 0.004 : 0.5;
   float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
   if (!weights)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
   for (int64_t i = 0; i < cells; ++i) {
     double by_laser = (double)(laser->first[i + 1] - laser->first[i]),
            count = (double)(all->first[i + 1] - all->first[i]);
@@ -286,7 +287,7 @@ static pags_result find(const pags_depth_views *sights, const pags_lidar *laser,
   double height = camera_height(g, &sources[2], path, path_count);
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
   if (!queue)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+    return pags_out_of_memory("the ground's %lld cells", (long long)cells);
   int64_t planted = isnan(height) ? 0 : plant(g, sources, path, path_count, height, queue);
   grow(g, sources, queue, planted);
   leap(g, sources, queue);
@@ -325,7 +326,7 @@ pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *l
   out->known = calloc((size_t)(nx * ny), 1);
   heights sources[3] = {{0}};
   pags_result result = out->z && out->known ? find(sights, laser, path, path_count, reach, sources, out)
-                                            : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+                                            : pags_out_of_memory("the ground");
   for (int i = 0; i < 3; ++i) {
     free(sources[i].first);
     free(sources[i].values);
@@ -357,7 +358,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
   uint32_t *place = malloc((size_t)nx * (size_t)ny * sizeof *place);
   *out = (pags_proxy_mesh){0};
   if (!place)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground");
+    return pags_out_of_memory("the ground");
   for (int j = 0; j < ny; ++j)
     for (int i = 0; i < nx; ++i) {
       int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;

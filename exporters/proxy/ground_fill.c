@@ -8,6 +8,8 @@
 
 #include "exporters/proxy/ground.h"
 
+#include "base/memory.h"
+
 enum { SWEEPS = 300, NEIGHBOURS = 8 };
 static const int dx[NEIGHBOURS] = {1, -1, 0, 0, 1, -1, 1, -1}, dy[NEIGHBOURS] = {0, 0, 1, -1, 1, -1, -1, 1};
 static const double bend = 8;      /* metres of path about a place that tell its direction */
@@ -134,9 +136,7 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
   float *measured = malloc(((size_t)cells + 1) * sizeof *measured);
   stiffness *stiff = malloc(((size_t)path_count + 1) * sizeof *stiff);
   pags_result result =
-      queue && owner && measured && stiff
-          ? PAGS_OK
-          : pags_fail(PAGS_ERROR_MEMORY, "out of memory for the ground's %lld cells", (long long)cells);
+      queue && owner && measured && stiff ? PAGS_OK : pags_out_of_memory("the ground's %lld cells", (long long)cells);
   if (result == PAGS_OK) {
     extend(ground, path, path_count, reach, queue);
     find_owners(ground, path, path_count, owner, queue);

@@ -8,6 +8,8 @@
 
 #include "exporters/proxy/mesh.h"
 
+#include "base/memory.h"
+
 /* The vertices farthest in evenly spread directions (a spherical Fibonacci lattice, stretched as the body is): their
  * hull has at most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
 static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen) {
@@ -71,7 +73,7 @@ static pags_result run_qhull(const pags_proxy_mesh *from, const int64_t *chosen,
   size_t said_size = 0;
   FILE *errors = open_memstream(&said, &said_size);
   if (!errors)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
+    return pags_out_of_memory("a convex hull");
   qhT qh;
   int left, total;
   qh_zero(&qh, errors);
@@ -97,15 +99,14 @@ pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pa
   int64_t *chosen = malloc((size_t)most * sizeof *chosen);
   double *points = malloc((size_t)most * 3 * sizeof *points);
   uint32_t *place = malloc((size_t)most * sizeof *place);
-  pags_result result =
-      chosen && points && place ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
+  pags_result result = chosen && points && place ? PAGS_OK : pags_out_of_memory("a convex hull");
   if (result == PAGS_OK) {
     count = farthest(from, most, chosen);
     for (int64_t i = 0; i < 3 * count; ++i)
       points[i] = (double)from->positions[3 * chosen[i / 3] + i % 3];
     memset(place, 0xff, (size_t)most * sizeof *place);
     if (count < 0)
-      result = pags_fail(PAGS_ERROR_MEMORY, "out of memory for a convex hull");
+      result = pags_out_of_memory("a convex hull");
     else
       result = count < 4 ? pags_fail(PAGS_ERROR_ARGUMENT, "no convex hull of %lld points", (long long)count)
                          : run_qhull(from, chosen, count, points, place, out);

@@ -8,6 +8,8 @@
 
 #include "exporters/proxy/tsdf.h"
 
+#include "base/memory.h"
+
 /* Corners of the six tetrahedra as bits (1: +x, 2: +y, 4: +z), all of positive volume. */
 static const int tetrahedra[6][4] = {{0, 1, 3, 7}, {0, 2, 6, 7}, {0, 4, 5, 7},
                                      {0, 3, 2, 7}, {0, 6, 4, 7}, {0, 5, 1, 7}};
@@ -113,7 +115,7 @@ pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_
   size_t layer_bytes = (size_t)self.layer * 7 * sizeof *self.edges;
   self.edges = calloc(2, layer_bytes);
   if (!self.edges)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a surface");
+    return pags_out_of_memory("a surface");
   int cell[3];
   for (cell[2] = 0; cell[2] + 1 < grid->n[2] && !out->failed; ++cell[2]) {
     for (cell[1] = 0; cell[1] + 1 < grid->n[1]; ++cell[1])

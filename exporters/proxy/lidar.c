@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/log.h"
+#include "base/memory.h"
 
 void pags_lidar_destroy(pags_lidar *laser) {
   for (int64_t i = 0; laser->objects && i < laser->object_count; ++i)
@@ -87,7 +88,7 @@ static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int
   float *grown = realloc(out->points, (size_t)(out->count + count + 1) * 3 * sizeof *grown);
   if (!grown) {
     free(xyz);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)(out->count + count));
+    return pags_out_of_memory("%lld points", (long long)(out->count + count));
   }
   out->points = grown;
   int64_t box_count = find_boxes(scene, sweep->time, boxes);
@@ -112,9 +113,8 @@ static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, i
   box *boxes = malloc(((size_t)scene->object_count + 1) * sizeof *boxes);
   out->object_count = scene->object_count;
   out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
-  pags_result result = boxes && out->objects ? PAGS_OK
-                                             : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld boxes",
-                                                         (long long)scene->object_count);
+  pags_result result =
+      boxes && out->objects ? PAGS_OK : pags_out_of_memory("%lld boxes", (long long)scene->object_count);
   for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; ++i)
     result = add_sweep(scene, dataset, i, held_out, boxes, out);
   free(boxes);

@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 /* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt
  * / radius^2, the more the finer it is, or noise (of cars that move while a laser turns, 5 to 10 cm) would be modelled.
  */
@@ -22,7 +24,7 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
     int64_t capacity = 2 * cloud->capacity + 256;
     float *grown = realloc(cloud->points, (size_t)capacity * 3 * sizeof *grown);
     if (!grown)
-      return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points", (long long)capacity);
+      return pags_out_of_memory("%lld points", (long long)capacity);
     cloud->points = grown;
     cloud->capacity = capacity;
   }
@@ -79,7 +81,7 @@ pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, do
     return PAGS_OK;
   float *sum = malloc(2 * count * sizeof *sum);
   if (!sum)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+    return pags_out_of_memory("a grid");
   float *weight = sum + count;
   for (size_t level = 0; level < sizeof radii / sizeof *radii; ++level) {
     double residual, r = radii[level];

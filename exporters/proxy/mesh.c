@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "exporters/proxy/mesh_query.h"
 
@@ -18,9 +19,7 @@ void pags_proxy_mesh_destroy(pags_proxy_mesh *surface) {
 }
 
 pags_result pags_proxy_mesh_check(const pags_proxy_mesh *surface) {
-  return surface->failed ? pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh of %lld triangles",
-                                     (long long)surface->triangle_count)
-                         : PAGS_OK;
+  return surface->failed ? pags_out_of_memory("a mesh of %lld triangles", (long long)surface->triangle_count) : PAGS_OK;
 }
 
 /* Makes `*array` hold `count` items of `size`; false when memory is out. */
@@ -86,7 +85,7 @@ pags_result pags_proxy_mesh_compact(pags_proxy_mesh *surface) {
   pags_proxy_mesh out = {0};
   uint32_t *place = malloc(((size_t)surface->vertex_count + 1) * sizeof *place);
   if (!place)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)surface->vertex_count);
+    return pags_out_of_memory("%lld vertices", (long long)surface->vertex_count);
   memset(place, 0xff, ((size_t)surface->vertex_count + 1) * sizeof *place);
   for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
     uint32_t v = surface->triangles[i];
@@ -213,7 +212,7 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
   *out = (parts){.parent = malloc(room * sizeof *out->parent), .area = calloc(room, sizeof *out->area)};
   if (!out->parent || !out->area) {
     forget_parts(out);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld vertices", (long long)s->vertex_count);
+    return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
   }
   find_parts(s, out->parent);
   for (int64_t i = 0; i < s->triangle_count; ++i) {
@@ -233,7 +232,7 @@ static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large,
   main.triangle_count = 0;
   main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
   if (!main.triangles)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
+    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; ++i)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
@@ -302,7 +301,7 @@ pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *surface, pags_proxy_m
   uint64_t *edges = surface->vertex_count < INT32_MAX ? sorted_edges(surface) : NULL;
   *out = (pags_proxy_mesh_topology){0};
   if (!edges)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+    return pags_out_of_memory("%lld edges", (long long)count);
   for (int64_t i = 0, end; i < count; i = end) {
     int64_t backward = 0;
     for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; ++end)

@@ -10,6 +10,8 @@
 #include <embree4/rtcore.h>
 #else
 #include <embree3/rtcore.h>
+
+#include "base/memory.h"
 #endif
 
 struct pags_mesh_query {
@@ -94,7 +96,7 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
 static pags_result failed(const pags_mesh_query *solid) {
   enum RTCError code = rtcGetDeviceError(solid->device);
   if (code == RTC_ERROR_OUT_OF_MEMORY)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory in Embree");
+    return pags_out_of_memory("Embree");
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 
@@ -154,7 +156,7 @@ pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_qu
   *out = NULL;
   pags_mesh_query *solid = calloc(1, sizeof *solid);
   if (!solid)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a mesh");
+    return pags_out_of_memory("a mesh");
   solid->points = surface->positions;
   solid->triangles = surface->triangles;
   pags_result result = add_triangles(solid, surface);
@@ -169,7 +171,7 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
   *out = NULL;
   pags_mesh_query *solid = calloc(1, sizeof *solid);
   if (!solid)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for points");
+    return pags_out_of_memory("points");
   solid->points = points;
   pags_result result = add_points(solid, count);
   if (result == PAGS_OK)

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "exporters/proxy/shadow_filter.h"
 
 enum { LEAST_PIXELS = 64, CLUSTER = 64 };
@@ -71,8 +72,7 @@ static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_ga
   const pags_gaussians *g = &w->scene->models[0].gaussians;
   int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
   uint8_t *taken = calloc((size_t)g->count + 1, 1);
-  pags_result result =
-      index && taken ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld Gaussians", (long long)g->count);
+  pags_result result = index && taken ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
   if (result == PAGS_OK) {
     pags_object_mark(w, object, taken);
     for (int64_t i = 0; i < g->count; ++i)

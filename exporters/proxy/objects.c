@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
 #include "exporters/proxy/proxy_error.h"
 
 enum { MOST_FORMS = 24 };
@@ -92,7 +93,7 @@ static pags_result choose_forms(forming *self) {
   const pags_scene *scene = self->workshop->scene;
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   if (!pixels)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)scene->object_count);
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; ++i)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
       pixels[i] = pags_object_pixels(self->workshop, i);
@@ -141,9 +142,7 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
   *out = NULL;
   self.objects = calloc((size_t)count + 1, sizeof *self.objects);
   self.frames = calloc((size_t)workers, sizeof(pags_frame *));
-  pags_result result = self.objects && self.frames
-                           ? PAGS_OK
-                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld objects", (long long)count);
+  pags_result result = self.objects && self.frames ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)count);
   forming rough = {.workshop = workshop, .frames = self.frames};
   if (result == PAGS_OK && count && workshop->options->level != PAGS_PROXY_BOX)
     result = find_forms(&rough);

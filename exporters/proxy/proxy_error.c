@@ -11,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "exporters/proxy/mesh_query.h"
 
@@ -133,7 +134,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
   if (!points || !kept) {
     free(points);
     free(kept);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+    return pags_out_of_memory("%lld samples", (long long)count);
   }
   for (int64_t i = 0; i < count; ++i)
     if (self->samples[i].has_seen)
@@ -202,9 +203,8 @@ static pags_result run(const pags_proxy_mesh *proxy, comparison *self, pags_task
   self->samples = malloc((size_t)count * sizeof *self->samples);
   self->to = malloc((size_t)count * sizeof *self->to);
   self->from = malloc((size_t)count * sizeof *self->from);
-  pags_result result = self->samples && self->to && self->from
-                           ? compare(self, count, tasks, facts)
-                           : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld samples", (long long)count);
+  pags_result result = self->samples && self->to && self->from ? compare(self, count, tasks, facts)
+                                                               : pags_out_of_memory("%lld samples", (long long)count);
   free(self->samples);
   free(self->to);
   free(self->from);

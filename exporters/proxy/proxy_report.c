@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/text.h"
 
 pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_facts *facts) {
@@ -15,7 +16,7 @@ pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_fa
   if (!grown || !name || !class_name) {
     free(name);
     free(class_name);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a report");
+    return pags_out_of_memory("a report");
   }
   grown[report->count] = *facts;
   grown[report->count].name = name;

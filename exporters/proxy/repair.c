@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
 #include "base/sort.h"
 #include "exporters/proxy/mesh.h"
 
@@ -62,7 +63,7 @@ static void swap_if(face_key *key, int a, int b) {
 static pags_result drop_flaps(pags_proxy_mesh *s) {
   face_key *keys = malloc(((size_t)s->triangle_count + 1) * sizeof *keys);
   if (!keys)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld triangles", (long long)s->triangle_count);
+    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
   for (int64_t i = 0; i < s->triangle_count; ++i) {
     keys[i] = (face_key){.triangle = i};
     memcpy(keys[i].v, s->triangles + 3 * i, sizeof keys[i].v);
@@ -156,7 +157,7 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   int64_t corners = 3 * s->triangle_count;
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld corners", (long long)corners);
+    return pags_out_of_memory("%lld corners", (long long)corners);
   for (int64_t i = 0; i < corners; ++i) { /* a root is the smallest of its class and comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
     place[i] =
@@ -174,8 +175,7 @@ static pags_result cut_edges(pags_proxy_mesh *s) {
   int64_t count = 3 * s->triangle_count;
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
-  pags_result result =
-      halves && parent ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+  pags_result result = halves && parent ? PAGS_OK : pags_out_of_memory("%lld edges", (long long)count);
   for (int64_t i = 0; i < count && result == PAGS_OK; ++i) {
     uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
     parent[i] = i;
@@ -239,7 +239,7 @@ static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
   if (!halves || !split) {
     free(halves);
     free(split);
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld edges", (long long)count);
+    return pags_out_of_memory("%lld edges", (long long)count);
   }
   for (int64_t i = 0; i < count; ++i) {
     uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];

@@ -5,6 +5,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "base/memory.h"
+
 /* Under vehicles it is dark, and Gaussians that go along with them show their shadow: from behind a wall between the
  * wheels, from the side level on the ground. What is dark (display-referred), low and well within the box's sides is no
  * part of them, nor is what is level near the box's lower face; metres. */
@@ -60,7 +62,7 @@ pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[
   int64_t count = (int64_t)s->camera.width * s->camera.height;
   uint8_t *marked = calloc((size_t)count, 1);
   if (!marked)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a view of %dx%d", s->camera.width, s->camera.height);
+    return pags_out_of_memory("a view of %dx%d", s->camera.width, s->camera.height);
   for (int64_t i = 0; i < count; ++i)
     marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
   for (int64_t i = 0; i < count; ++i)

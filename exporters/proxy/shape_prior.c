@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 enum { NX = 112, NY = 56, NZ = 48, POINTS = NX * NY * NZ }; /* 4 to 5 cm on a car: a wing mirror is 10 */
 static const double reach = 0.55;                           /* of the lattice, in sizes of the box */
 
@@ -61,7 +63,7 @@ static pags_result make_room(const double size[3], int64_t object, pags_shape_pr
   if (out->distance && out->known)
     return PAGS_OK;
   pags_shape_prior_destroy(out);
-  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for the form of an object");
+  return pags_out_of_memory("the form of an object");
 }
 
 static void point_of(const double size[3], int i, double p[3]) {
@@ -191,7 +193,7 @@ static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, 
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
   if (!fits)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld points of the laser", (long long)cloud->count);
+    return pags_out_of_memory("%lld points of the laser", (long long)cloud->count);
   for (int64_t i = 0; i < cloud->count * count; ++i)
     if (like[i % count] > 0)
       fits[i] = fit_point(&forms[i % count], size, cloud->points + 3 * (i / count));
@@ -235,7 +237,7 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *forms, int64_t count,
   float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
   *out = (pags_shape_prior){0};
   if (!like)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for %lld forms", (long long)count);
+    return pags_out_of_memory("%lld forms", (long long)count);
   for (int64_t f = 0; f < count; ++f) {
     like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
     total += like[f];
@@ -269,7 +271,7 @@ static pags_result smooth(pags_tsdf *grid) {
   int64_t strides[3] = {1, grid->n[0], (int64_t)grid->n[0] * grid->n[1]}, count = strides[2] * grid->n[2];
   float *from = malloc((size_t)count * sizeof *from);
   if (!from)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+    return pags_out_of_memory("a grid");
   for (int axis = 0; axis < 3; ++axis) {
     memcpy(from, grid->distance, (size_t)count * sizeof *from);
     for (int64_t i = 0; i < count; ++i) {
@@ -387,7 +389,7 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
   float *own = malloc(count * sizeof *own);
   int at[3];
   if (!own)
-    return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid");
+    return pags_out_of_memory("a grid");
   memcpy(own, grid->distance, count * sizeof *own);
   for (at[2] = 0; at[2] < grid->n[2]; ++at[2])
     for (at[1] = 0; at[1] < grid->n[1]; ++at[1])

@@ -11,6 +11,8 @@
 #include <opensubdiv/far/stencilTableFactory.h>
 #include <opensubdiv/far/topologyDescriptor.h>
 
+#include "base/memory.h"
+
 namespace far = OpenSubdiv::Far;
 namespace sdc = OpenSubdiv::Sdc;
 
@@ -48,7 +50,7 @@ T *copy(const std::vector<T> &from) {
 }
 
 pags_result failed() {
-  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a subdivision surface");
+  return pags_out_of_memory("a subdivision surface");
 }
 
 } /* namespace */

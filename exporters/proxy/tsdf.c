@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+
 static const int64_t most_points = (int64_t)1 << 28;
 
 pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse) {
@@ -28,7 +30,7 @@ pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double h
   if (grid->distance && grid->weight && (!sparse || grid->active))
     return PAGS_OK;
   pags_tsdf_destroy(grid);
-  return pags_fail(PAGS_ERROR_MEMORY, "out of memory for a grid of %lld points", (long long)points);
+  return pags_out_of_memory("a grid of %lld points", (long long)points);
 }
 
 void pags_tsdf_destroy(pags_tsdf *grid) {

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/text.h"
 #include "dataset/colmap.h"
 #include "dataset/driving/reader.h"
 
@@ -255,7 +256,7 @@ static int run_driving(const uint8_t *data, size_t size) {
   pags_driving *const driving = draft.driving;
   if (!driving)
     abort();
-  driving->root = pags_draft_text("%s", root);
+  driving->root = pags_text_format("%s", root);
   driving->sensor_count = 1;
   driving->sensors = calloc(1, sizeof *driving->sensors);
   driving->step_count = STEPS;

@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
@@ -137,7 +138,8 @@ static pags_result take_list(pags_driving *driving, char *list) {
 static pags_result take_all(pags_driving *driving, const char *list) {
   char *copy = pags_text_copy(list);
   driving->critical.list = pags_text_copy(list);
-  pags_result result = copy && driving->critical.list ? take_list(driving, copy) : pags_draft_memory(driving->root);
+  pags_result result =
+      copy && driving->critical.list ? take_list(driving, copy) : pags_out_of_memory("%s", driving->root);
   free(copy);
   return result;
 }
@@ -170,7 +172,7 @@ static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *draf
 pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *draft) {
   driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
   if (!driving->critical.objects)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   prepare_classes(driving);
   if (list)
     PAGS_TRY(take_all(driving, list));

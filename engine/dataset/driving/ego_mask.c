@@ -12,6 +12,8 @@
 #include "image/resample.h"
 
 #include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -32,8 +34,8 @@ static pags_result load_mask(const char *path, pags_sensor *sensor) {
 static pags_result load_given(const pags_driving *driving, const char *given, pags_sensor *sensor, int *loaded) {
   if (!pags_dir_exists(given))
     return load_mask(given, sensor);
-  char *path = pags_draft_text("%s/%d.png", given, sensor->number);
-  pags_result result = path ? PAGS_OK : pags_draft_memory(driving->root);
+  char *path = pags_text_format("%s/%d.png", given, sensor->number);
+  pags_result result = path ? PAGS_OK : pags_out_of_memory("%s", driving->root);
   *loaded = path && pags_file_exists(path);
   if (*loaded)
     result = load_mask(path, sensor);
@@ -252,7 +254,8 @@ static pags_result begin_search(search *s) {
   s->still = malloc(pixels);
   s->scratch = malloc(pixels);
   s->stack = malloc(pixels * sizeof *s->stack);
-  return s->sum && s->square && s->still && s->scratch && s->stack ? PAGS_OK : pags_draft_memory(s->dataset->path);
+  return s->sum && s->square && s->still && s->scratch && s->stack ? PAGS_OK
+                                                                   : pags_out_of_memory("%s", s->dataset->path);
 }
 
 static void end_search(search *s) {
@@ -293,7 +296,7 @@ pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_option
     return take_given(dataset, options->ego_mask);
   char *folder = pags_path_join(dataset->draft.driving->root, "ego_masks");
   if (!folder)
-    return pags_draft_memory(dataset->path);
+    return pags_out_of_memory("%s", dataset->path);
   pags_result result = pags_dir_exists(folder) ? take_given(dataset, folder) : search_all(dataset);
   free(folder);
   return result;

@@ -7,6 +7,7 @@
 #include "dataset/driving/critical.h"
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -52,11 +53,11 @@ pags_result pags_driving_note(pags_driving *driving, const char *format, ...) {
   va_end(arguments);
   char **notes = realloc(driving->notes, ((size_t)driving->note_count + 1) * sizeof *notes);
   if (!notes)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   driving->notes = notes;
   notes[driving->note_count] = pags_text_copy(line);
   if (!notes[driving->note_count])
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   driving->note_count++;
   return PAGS_OK;
 }
@@ -206,12 +207,12 @@ static pags_result add_sensor(pags_driving *driving, int number) {
     return PAGS_OK;
   pags_sensor *sensors = realloc(driving->sensors, ((size_t)driving->sensor_count + 1) * sizeof *sensors);
   if (!sensors)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   driving->sensors = sensors;
   pags_sensor *sensor = &sensors[driving->sensor_count];
-  *sensor = (pags_sensor){.number = number, .name = pags_draft_text("%d", number)};
+  *sensor = (pags_sensor){.number = number, .name = pags_text_format("%d", number)};
   if (!sensor->name)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   driving->sensor_count++;
   return PAGS_OK;
 }
@@ -219,7 +220,7 @@ static pags_result add_sensor(pags_driving *driving, int number) {
 static pags_result make_steps(pags_driving *driving, const picture *pictures, int64_t count, int every) {
   driving->steps = calloc((size_t)count, sizeof *driving->steps);
   if (!driving->steps)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   for (int64_t i = 0; i < count; i++) {
     int frame = pictures[i].frame;
     PAGS_TRY(add_sensor(driving, pictures[i].camera));
@@ -257,9 +258,9 @@ static pags_result choose_holdout(pags_driving *driving, const char *text) {
 static pags_result read_intrinsics(const pags_driving *driving, pags_sensor *sensor) {
   double n[9];
   int count = 0;
-  char *path = pags_draft_text("%s/intrinsics/%d.txt", driving->root, sensor->number);
+  char *path = pags_text_format("%s/intrinsics/%d.txt", driving->root, sensor->number);
   if (!path)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   pags_result result = pags_text_matrix_read(path, 9, n, &count);
   if (result == PAGS_OK && count != 9)
     result =
@@ -291,9 +292,9 @@ static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor)
   PAGS_TRY(read_intrinsics(driving, sensor));
   if (driving->rules.per_frame)
     return PAGS_OK;
-  char *path = pags_draft_text("%s/extrinsics/%d.txt", driving->root, sensor->number);
+  char *path = pags_text_format("%s/extrinsics/%d.txt", driving->root, sensor->number);
   pags_result result =
-      path ? read_extrinsics(driving, path, sensor->ego_from_camera) : pags_draft_memory(driving->root);
+      path ? read_extrinsics(driving, path, sensor->ego_from_camera) : pags_out_of_memory("%s", driving->root);
   free(path);
   return result;
 }
@@ -302,10 +303,10 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
   const char *root = driving->root;
   int digits = driving->digits;
   char *path = driving->rules.per_frame
-                   ? pags_draft_text("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
-                   : pags_draft_text("%s/ego_pose/%0*d.txt", root, digits, frame);
+                   ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
+                   : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
   if (!path)
-    return pags_draft_memory(root);
+    return pags_out_of_memory("%s", root);
   pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, out) : pags_text_pose_read(path, out);
   if (result == PAGS_OK && !driving->rules.per_frame)
     pags_rigid_multiply(out, sensor->ego_from_camera, out);
@@ -317,9 +318,9 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
 
 pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
                                    char **out) {
-  *out = pags_draft_text("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
+  *out = pags_text_format("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
   if (!*out)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   if (!pags_file_exists(*out)) {
     free(*out);
     *out = NULL;
@@ -342,17 +343,17 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
                             const char *extension, pags_parsed_dataset *draft) {
   pags_parsed_view *view = pags_parsed_add(draft);
   if (!view)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   view->frame = frame;
   view->sensor = sensor->number;
   view->missing = !name;
   view->sized = true;
   view->image_path =
-      name ? pags_draft_text("%s/images/%s", driving->root, name)
-           : pags_draft_text("%s/images/%0*d_%d%s", driving->root, driving->digits, frame, sensor->number, extension);
-  view->where = pags_draft_text("%s/images", driving->root);
+      name ? pags_text_format("%s/images/%s", driving->root, name)
+           : pags_text_format("%s/images/%0*d_%d%s", driving->root, driving->digits, frame, sensor->number, extension);
+  view->where = pags_text_format("%s/images", driving->root);
   if (!view->image_path || !view->where)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   if (!name)
     return PAGS_OK;
   view->lens = sensor->lens;
@@ -384,15 +385,15 @@ static pags_result name_sensor(void *context, int number, const char *name) {
   if (!sensor)
     return PAGS_OK;
   if (!copy)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   free(sensor->name);
   sensor->name = copy;
   return PAGS_OK;
 }
 
 static bool has_per_frame_extrinsics(const pags_driving *driving) {
-  char *path = pags_draft_text("%s/extrinsics/%0*d_%d.txt", driving->root, driving->digits, driving->steps[0].frame,
-                               driving->sensors[0].number);
+  char *path = pags_text_format("%s/extrinsics/%0*d_%d.txt", driving->root, driving->digits, driving->steps[0].frame,
+                                driving->sensors[0].number);
   bool found = path && pags_file_exists(path);
   free(path);
   return found;
@@ -429,7 +430,7 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   PAGS_TRY(make_selection(options, &selected));
   picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
   if (!pictures)
-    return pags_draft_memory(folder);
+    return pags_out_of_memory("%s", folder);
   int64_t count = choose_pictures(list, &selected, pictures);
   pags_result result = check_pictures(folder, pictures, count);
   if (result == PAGS_OK)
@@ -448,7 +449,7 @@ static pags_result read_set(const char *root, const pags_dataset_options *option
   driving->root = pags_text_copy(root);
   draft->source = pags_text_copy(root);
   pags_dir_list list = {0};
-  pags_result result = folder && driving->root && draft->source ? PAGS_OK : pags_draft_memory(root);
+  pags_result result = folder && driving->root && draft->source ? PAGS_OK : pags_out_of_memory("%s", root);
   if (result == PAGS_OK)
     result = pags_dir_list_read(folder, &list);
   if (result == PAGS_OK)
@@ -464,7 +465,7 @@ pags_result pags_driving_read(const char *root, const pags_dataset_options *opti
   memset(draft, 0, sizeof *draft);
   draft->driving = calloc(1, sizeof *draft->driving);
   if (!draft->driving)
-    return pags_draft_memory(root);
+    return pags_out_of_memory("%s", root);
   pags_result result = read_set(root, options, draft);
   if (result != PAGS_OK)
     pags_parsed_destroy(draft);

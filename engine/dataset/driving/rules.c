@@ -7,6 +7,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "scene/place_json.h"
 
 #include <math.h>
@@ -180,7 +181,7 @@ pags_result pags_rules_read(const char *root, const char *kind, bool per_frame_f
                             pags_camera_name_fn *name, void *context) {
   char *path = pags_path_join(root, "dataset.json");
   if (!path)
-    return pags_draft_memory(root);
+    return pags_out_of_memory("%s", root);
   source s = {NULL, NULL};
   pags_result result = pags_file_exists(path) ? pags_json_parse_file(path, &s.json) : PAGS_OK;
   if (s.json) {

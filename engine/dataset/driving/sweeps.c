@@ -4,6 +4,8 @@
 
 #include "base/bytes.h"
 #include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
 
 #include <assert.h>
 #include <math.h>
@@ -25,8 +27,8 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
 
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12]) {
   const char *folder = driving->rules.laser_frame ? "lidar_pose" : "ego_pose";
-  char *path = pags_draft_text("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
-  pags_result result = path ? pags_text_pose_read(path, out) : pags_draft_memory(driving->root);
+  char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
+  pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);
   free(path);
   return result;
 }
@@ -72,11 +74,11 @@ static pags_result note_sweeps(pags_driving *driving) {
 pags_result pags_sweeps_find(pags_driving *driving) {
   driving->sweeps = calloc((size_t)driving->step_count, sizeof *driving->sweeps);
   if (!driving->sweeps)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   for (int64_t i = 0; i < driving->step_count; i++) {
-    char *path = pags_draft_text("%s/lidar/%0*d.bin", driving->root, driving->digits, driving->steps[i].frame);
+    char *path = pags_text_format("%s/lidar/%0*d.bin", driving->root, driving->digits, driving->steps[i].frame);
     if (!path)
-      return pags_draft_memory(driving->root);
+      return pags_out_of_memory("%s", driving->root);
     int64_t before = driving->sweep_count;
     pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path) : PAGS_OK;
     if (driving->sweep_count == before)
@@ -115,7 +117,7 @@ pags_result pags_sweep_read(const pags_driving *driving, int64_t index, int64_t 
   if (*xyz)
     *count = take_points(&driving->rules, bytes, rows, *xyz);
   else if (result == PAGS_OK)
-    result = pags_draft_memory(path);
+    result = pags_out_of_memory("%s", path);
   free(bytes);
   return result;
 }

@@ -3,6 +3,7 @@
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 #include <math.h>
@@ -53,8 +54,8 @@ pags_result pags_text_pose_read(const char *path, double out[12]) {
     if (fabs(numbers[12 + i] - last[i]) > 1e-6)
       return pags_fail(PAGS_ERROR_FORMAT, "%s:4: expected 0 0 0 1 as the matrix's last row", path);
   memcpy(out, numbers, 12 * sizeof *out);
-  char *what = pags_draft_text("%s:1", path);
-  pags_result result = what ? pags_rigid_check(out, what) : pags_draft_memory(path);
+  char *what = pags_text_format("%s:1", path);
+  pags_result result = what ? pags_rigid_check(out, what) : pags_out_of_memory("%s", path);
   free(what);
   return result;
 }

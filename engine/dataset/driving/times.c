@@ -5,6 +5,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -85,7 +86,7 @@ static void measure_fps(pags_driving *driving) {
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *draft) {
   char *path = pags_path_join(driving->root, "timestamps.json");
   if (!path)
-    return pags_draft_memory(driving->root);
+    return pags_out_of_memory("%s", driving->root);
   pags_json *json = NULL;
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < draft->count; i++)

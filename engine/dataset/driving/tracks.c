@@ -9,6 +9,7 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
 
@@ -58,8 +59,8 @@ static pags_result take_pose(const reader *r, const pags_json_value *value, doub
   double numbers[16];
   PAGS_TRY(take_array(r->info, value, "obj_to_world", 16, numbers));
   memcpy(out, numbers, 12 * sizeof *out);
-  char *what = pags_draft_text("%s:%d: obj_to_world", pags_json_path(r->info), value->line);
-  pags_result result = what ? pags_rigid_check(out, what) : pags_draft_memory(pags_json_path(r->info));
+  char *what = pags_text_format("%s:%d: obj_to_world", pags_json_path(r->info), value->line);
+  pags_result result = what ? pags_rigid_check(out, what) : pags_out_of_memory("%s", pags_json_path(r->info));
   free(what);
   if (result == PAGS_OK && r->driving->rules.forward_y) {
     static const double turn[12] = {0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0}; /* columns: our x, y, z in the file's axes */
@@ -134,7 +135,7 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
   PAGS_TRY(begin_annotations(r, instance, &at, &count));
   object->knots = calloc((size_t)count + 1, sizeof *object->knots);
   if (!object->knots)
-    return pags_draft_memory(pags_json_path(r->info));
+    return pags_out_of_memory("%s", pags_json_path(r->info));
   for (; at.frame; at.frame = at.frame->next, at.pose = at.pose->next, at.size = at.size->next) {
     double frame;
     PAGS_TRY(pags_json_as_number(r->info, at.frame, "frame_idx", &frame));
@@ -160,7 +161,7 @@ static pags_result classify(const reader *r, const pags_json_value *instance, pa
   PAGS_TRY(begin_annotations(r, instance, &at, &count));
   whole.knots = calloc((size_t)count + 1, sizeof *whole.knots);
   if (!whole.knots)
-    return pags_draft_memory(pags_json_path(r->info));
+    return pags_out_of_memory("%s", pags_json_path(r->info));
   pags_result result = PAGS_OK;
   for (; at.frame && result == PAGS_OK; at.frame = at.frame->next, at.pose = at.pose->next) {
     pags_knot *knot = &whole.knots[whole.knot_count++];
@@ -187,7 +188,7 @@ static pags_result take_id(const reader *r, const pags_json_value *instance, cha
     *out = pags_text_copy(id->text);
   else
     return pags_json_fail(r->info, id, "expected a text or a number for 'id'");
-  return *out ? PAGS_OK : pags_draft_memory(pags_json_path(r->info));
+  return *out ? PAGS_OK : pags_out_of_memory("%s", pags_json_path(r->info));
 }
 
 static pags_result read_instance(const reader *r, const pags_json_value *instance, int64_t number,
@@ -198,7 +199,7 @@ static pags_result read_instance(const reader *r, const pags_json_value *instanc
   PAGS_TRY(take_id(r, instance, &object->id));
   object->class_name = pags_text_copy(class_name);
   if (!object->class_name)
-    return pags_draft_memory(pags_json_path(r->info));
+    return pags_out_of_memory("%s", pags_json_path(r->info));
   object->category = pags_category_of(class_name);
   PAGS_TRY(read_knots(r, instance, number, object));
   return object->knot_count > 0 ? classify(r, instance, object) : PAGS_OK;
@@ -226,7 +227,7 @@ static pags_result read_instances(const reader *r) {
   pags_driving *driving = r->driving;
   driving->objects = calloc((size_t)r->instances + 1, sizeof *driving->objects);
   if (!driving->objects)
-    return pags_draft_memory(pags_json_path(r->info));
+    return pags_out_of_memory("%s", pags_json_path(r->info));
   for (const pags_json_value *item = pags_json_root(r->info)->first; item; item = item->next) {
     int64_t number = 0;
     pags_object object = {0};
@@ -263,7 +264,7 @@ static pags_result read_presence(reader *r) {
   PAGS_TRY(pags_json_as_object(r->frames, root, "the instances of frames"));
   r->present = calloc((size_t)r->instances + 1, (size_t)r->driving->step_count);
   if (!r->present)
-    return pags_draft_memory(pags_json_path(r->frames));
+    return pags_out_of_memory("%s", pags_json_path(r->frames));
   for (const pags_json_value *list = root->first; list; list = list->next) {
     char *end;
     long long frame = strtoll(list->key, &end, 10);
@@ -303,7 +304,7 @@ pags_result pags_tracks_read(pags_driving *driving) {
   char *frames = pags_path_join(driving->root, "instances/frame_instances.json");
   pags_result result = PAGS_OK;
   if (!info || !frames)
-    result = pags_draft_memory(driving->root);
+    result = pags_out_of_memory("%s", driving->root);
   else if (pags_file_exists(info))
     result = read_files(&r, info, frames);
   else

@@ -11,6 +11,7 @@
 #include "base/bytes.h"
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "base/text.h"
 
 static const char *const folders[] = {"images",        "ego_pose",  "extrinsics", "intrinsics", "lidar",
@@ -39,7 +40,7 @@ void pags_layout_track_destroy(pags_layout_track *track) {
 
 static pags_result join(const pags_layout *layout, const char *name, char **out) {
   *out = pags_path_join(layout->folder, name);
-  return *out ? PAGS_OK : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  return *out ? PAGS_OK : pags_out_of_memory("%s", layout->folder);
 }
 
 /* folder/TTT_C.extension, folder/TTT.extension or folder/C.extension. */
@@ -149,7 +150,7 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   assert(info->frame_count > 0 && info->camera_count > 0 && info->camera_count <= PAGS_LAYOUT_CAMERAS);
   *layout = (pags_layout){.folder = pags_text_copy(folder), .info = info};
   if (!layout->folder)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", folder);
+    return pags_out_of_memory("%s", folder);
   pags_result result = describe_work(info, &writer);
   if (result == PAGS_OK)
     result = join(layout, "import.json", &marker);
@@ -171,7 +172,7 @@ void pags_layout_destroy(pags_layout *layout) {
 
 pags_result pags_layout_make_room(const char *path) {
   char *parent = pags_path_folder(path);
-  const pags_result result = parent ? pags_make_dirs(parent) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", path);
+  const pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s", path);
   free(parent);
   return result;
 }
@@ -243,7 +244,7 @@ pags_result pags_layout_put_lidar(const pags_layout *layout, int64_t frame, int6
   const size_t count = (size_t)rows * columns;
   uint8_t *bytes = malloc(count ? 4 * count : 1);
   if (!bytes)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for a sweep of %lld points", layout->folder, (long long)rows);
+    return pags_out_of_memory("%s: a sweep of %lld points", layout->folder, (long long)rows);
   for (size_t i = 0; i < count; i++)
     pags_store_f32(bytes + 4 * i, values[i]);
   const pags_result result = put_file(layout, "lidar", frame, -1, ".bin", bytes, 4 * count);

@@ -7,14 +7,14 @@
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
 #include "dataset/driving/writer.h"
 #include "scene/place_json.h"
 
 /* Saves the writer's document under `name` and destroys it. */
 static pags_result save(const pags_layout *layout, const char *name, pags_json_writer *writer) {
   char *path = pags_path_join(layout->folder, name);
-  pags_result result =
-      path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
   if (result == PAGS_OK)
     result = pags_json_writer_save(writer, path);
   free(path);
@@ -100,8 +100,7 @@ static pags_result put_intrinsics(const pags_layout *layout) {
       at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
     snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
     char *path = pags_path_join(layout->folder, name);
-    pags_result result =
-        path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+    pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
     if (result == PAGS_OK)
       result = pags_file_write(path, text, (size_t)at);
     free(path);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/file.h"
+#include "base/memory.h"
 #include "dataset/driving/writer.h"
 
 enum { ALL, VEHICLE, HUMAN, MASKS };
@@ -20,8 +21,7 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
   snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
   char *path = pags_path_join(layout->folder, name);
   pags_image image = {0};
-  pags_result result =
-      path ? pags_layout_make_room(path) : pags_fail(PAGS_ERROR_MEMORY, "%s: out of memory", layout->folder);
+  pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
   if (result == PAGS_OK)
     result = pags_image_create(&image, width, height, 1, PAGS_U8);
   if (result == PAGS_OK) {
@@ -81,8 +81,7 @@ pags_result pags_layout_put_dynamic_masks_through(const pags_layout *layout, int
   const size_t seen = lens ? (size_t)lens->width * (size_t)lens->height : 0;
   uint8_t *block = calloc(1, MASKS * pixels + seen);
   if (!block)
-    return pags_fail(PAGS_ERROR_MEMORY, "%s: no memory for masks of %dx%d", layout->folder, camera->width,
-                     camera->height);
+    return pags_out_of_memory("%s: masks of %dx%d", layout->folder, camera->width, camera->height);
   uint8_t *planes[MASKS] = {block, block + pixels, block + 2 * pixels};
   for (int64_t i = 0; i < track_count; i++)
     draw_track(camera, &tracks[i], frame, planes);
