@@ -70,14 +70,14 @@ pags_result pags_glb_mesh(const pags_glb *file, int64_t mesh, pags_proxy_mesh *o
   *out = (pags_proxy_mesh){0};
   if (!positions || !corners)
     return pags_fail(PAGS_ERROR_FORMAT, "mesh %lld can't be read", (long long)mesh);
-  for (int64_t i = 0; i < vertices; ++i) {
+  for (int64_t i = 0; i < vertices; i++) {
     float p[3];
     memcpy(p, positions + 12 * i, sizeof p);
     pags_proxy_mesh_vertex(out, p, grey, 1);
   }
   for (int64_t i = 0; i + 2 < indices; i += 3) {
     uint32_t c[3];
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       uint16_t narrow;
       memcpy(&narrow, corners + 2 * (i + k), 2);
       c[k] = component == 5123 ? narrow : word_at(corners + 4 * (i + k));

@@ -30,14 +30,14 @@ static int is_level(const patch *c) {
 }
 
 static int in_box(const pags_scene *scene, double time, const double p[3]) {
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     double pose[12], back[12];
     const pags_object *record = &scene->objects[o].record;
     int inside = pags_object_pose(record, time, pose);
     if (!inside || hypot(pose[3] - p[0], pose[7] - p[1]) > record->size[0] + record->size[1])
       continue;
     pags_rigid_inverse(pose, back);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       inside = inside && fabs(back[4 * k] * p[0] + back[4 * k + 1] * p[1] + back[4 * k + 2] * p[2] + back[4 * k + 3]) <
                              0.5 * record->size[k] + box_margin;
     if (inside)
@@ -50,13 +50,13 @@ static int in_box(const pags_scene *scene, double time, const double p[3]) {
 static int find_middle(const pags_scene *scene, int frame, double middle[3]) {
   int count = 0;
   memset(middle, 0, 3 * sizeof *middle);
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (scene->views[i].frame == frame) {
-      ++count;
-      for (int k = 0; k < 3; ++k)
+      count++;
+      for (int k = 0; k < 3; k++)
         middle[k] += scene->views[i].camera.world_from_camera[4 * k + 3];
     }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     middle[k] /= count ? count : 1;
   return count;
 }
@@ -66,7 +66,7 @@ static void grow(patch *patches) {
   static double heights[SIDE * SIDE];
   static int queue[SIDE * SIDE];
   int count = 0, head = 0;
-  for (int i = 0; i < SIDE * SIDE; ++i)
+  for (int i = 0; i < SIDE * SIDE; i++)
     if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds)
       heights[count++] = patches[i].sum / (double)patches[i].count;
   if (!count)
@@ -74,15 +74,15 @@ static void grow(patch *patches) {
   pags_sort_doubles(heights, count);
   double below = heights[count / 4];
   count = 0;
-  for (int i = 0; i < SIDE * SIDE; ++i)
+  for (int i = 0; i < SIDE * SIDE; i++)
     if (is_level(&patches[i]) && hypot(i % SIDE - SIDE / 2, i / SIDE - SIDE / 2) * cell < seeds &&
         fabs(patches[i].sum / (double)patches[i].count - below) < 0.2) {
       patches[i].ground = 1;
       queue[count++] = i;
     }
-  for (; head < count; ++head)
-    for (int dy = -WINDOW; dy <= WINDOW; ++dy)
-      for (int dx = -WINDOW; dx <= WINDOW; ++dx) {
+  for (; head < count; head++)
+    for (int dy = -WINDOW; dy <= WINDOW; dy++)
+      for (int dx = -WINDOW; dx <= WINDOW; dx++) {
         int x = queue[head] % SIDE + dx, y = queue[head] / SIDE + dy, at = y * SIDE + x;
         if (x < 0 || y < 0 || x >= SIDE || y >= SIDE || patches[at].ground || !is_level(&patches[at]) ||
             fabs(patches[at].sum / (double)patches[at].count -
@@ -95,7 +95,7 @@ static void grow(patch *patches) {
 
 static void to_world(const pags_sweep *sweep, const float *xyz, double out[3]) {
   const double *m = sweep->world_from_sweep;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[k] = m[4 * k] * (double)xyz[0] + m[4 * k + 1] * (double)xyz[1] + m[4 * k + 2] * (double)xyz[2] + m[4 * k + 3];
 }
 
@@ -111,7 +111,7 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query 
     return pags_out_of_memory("%lld heights", (long long)(*error_count + count));
   *errors = grown;
   memset(patches, 0, sizeof patches);
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     to_world(sweep, xyz + 3 * i, p);
     int64_t at = patch_of(middle, p);
     if (at < 0 || in_box(scene, sweep->time, p))
@@ -120,22 +120,22 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query 
     c->lo = c->count ? fmin(c->lo, p[2]) : p[2];
     c->hi = c->count ? fmax(c->hi, p[2]) : p[2];
     c->sum += p[2];
-    ++c->count;
+    c->count++;
   }
   grow(patches);
-  ++out->sweeps;
-  for (int64_t i = 0; i < count; ++i) {
+  out->sweeps++;
+  for (int64_t i = 0; i < count; i++) {
     to_world(sweep, xyz + 3 * i, p);
     int64_t at = patch_of(middle, p);
     if (at < 0 || !patches[at].ground || in_box(scene, sweep->time, p))
       continue;
     const double from[3] = {p[0] - scene->origin[0], p[1] - scene->origin[1], 1000}, down[3] = {0, 0, -1};
     double t = pags_mesh_query_ray(ground, from, down, NULL);
-    ++out->points;
+    out->points++;
     if (t > 0)
       (*errors)[(*error_count)++] = fabs(1000 - t + scene->origin[2] - p[2]);
     else
-      ++out->missed;
+      out->missed++;
   }
   return PAGS_OK;
 }
@@ -150,7 +150,7 @@ pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_mesh_q
     return PAGS_OK;
   PAGS_TRY(pags_dataset_open(scene->dataset, &options, &dataset));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; i++) {
     const pags_sweep *sweep = pags_dataset_sweep(dataset, i);
     float *xyz = NULL;
     int64_t count;

@@ -58,7 +58,7 @@ static void put(pags_plot *plot, const char *format, ...) {
 /* Text with what XML keeps for itself written out. `anchor`: start, middle or end. */
 static void put_text(pags_plot *plot, double x, double y, const char *anchor, const char *more, const char *text) {
   put(plot, "<text x=\"%.1f\" y=\"%.1f\" text-anchor=\"%s\"%s>", x, y, anchor, more);
-  for (const char *c = text; *c; ++c) {
+  for (const char *c = text; *c; c++) {
     if (*c == '<' || *c == '>' || *c == '&')
       put(plot, *c == '<' ? "&lt;" : *c == '>' ? "&gt;" : "&amp;");
     else
@@ -71,7 +71,7 @@ static void begin_panel(pags_plot *plot, const char *title) {
   int column = plot->panels % plot->columns, row = plot->panels / plot->columns;
   put(plot, "<g transform=\"translate(%d %d)\">\n", column * PANEL_WIDTH, row * PANEL_HEIGHT);
   put_text(plot, (LEFT + RIGHT) / 2.0, 20, "middle", " class=\"h\"", title);
-  ++plot->panels;
+  plot->panels++;
 }
 
 static void end_panel(pags_plot *plot) {
@@ -104,7 +104,7 @@ static axis make_axis(double least, double largest, double begin, double end) {
     largest += more;
   }
   double raw = (largest - least) / 5, power = pow(10, floor(log10(raw))), step = 10 * power;
-  for (int i = 2; i >= 0; --i)
+  for (int i = 2; i >= 0; i--)
     if (raw <= (double[]){1, 2, 5}[i] * power)
       step = (double[]){1, 2, 5}[i] * power;
   double margin = 0.04 * (largest - least);
@@ -113,8 +113,8 @@ static axis make_axis(double least, double largest, double begin, double end) {
 
 static axis span_axis(const pags_plot_line *lines, int count, bool vertical, double begin, double end) {
   double least = HUGE_VAL, largest = -HUGE_VAL;
-  for (int i = 0; i < count; ++i)
-    for (int k = 0; k < lines[i].count; ++k) {
+  for (int i = 0; i < count; i++)
+    for (int k = 0; k < lines[i].count; k++) {
       if (!isfinite(lines[i].x[k]) || !isfinite(lines[i].y[k]))
         continue;
       double value = vertical ? lines[i].y[k] : lines[i].x[k];
@@ -126,7 +126,7 @@ static axis span_axis(const pags_plot_line *lines, int count, bool vertical, dou
 
 static void put_ticks(pags_plot *plot, const axis *a, bool vertical) {
   int decimals = (int)fmax(0, ceil(-log10(a->step) - 1e-9));
-  for (double k = ceil(a->least / a->step); k * a->step <= a->largest; ++k) {
+  for (double k = ceil(a->least / a->step); k * a->step <= a->largest; k++) {
     char label[32];
     double at = place(a, k * a->step);
     snprintf(label, sizeof label, "%.*f", decimals, k == 0 ? 0.0 : k * a->step); /* no "-0" */
@@ -146,7 +146,7 @@ static void put_style(pags_plot *plot, int number) {
 
 static void put_line(pags_plot *plot, const pags_plot_line *line, int number, const axis *x, const axis *y) {
   bool pen = false, any = false;
-  for (int k = 0; k < line->count; ++k) {
+  for (int k = 0; k < line->count; k++) {
     bool finite = isfinite(line->x[k]) && isfinite(line->y[k]);
     if (finite && !any)
       put(plot, "<path class=\"l\" d=\"");
@@ -160,14 +160,14 @@ static void put_line(pags_plot *plot, const pags_plot_line *line, int number, co
   put(plot, "\"");
   put_style(plot, number);
   put(plot, "/>\n");
-  for (int k = 0; k < line->count; ++k)
+  for (int k = 0; k < line->count; k++)
     if (isfinite(line->x[k]) && isfinite(line->y[k]))
       put(plot, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2\" fill=\"%s\"/>\n", place(x, line->x[k]), place(y, line->y[k]),
           colours[number % COLOURS]);
 }
 
 static void put_legend(pags_plot *plot, const pags_plot_line *lines, int count) {
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     double x = 20 + i % LEGEND_COLUMNS * (PANEL_WIDTH - 20.0) / LEGEND_COLUMNS;
     double y = LEGEND + i / LEGEND_COLUMNS * LEGEND_STEP;
     if (y > PANEL_HEIGHT - 6)
@@ -191,7 +191,7 @@ void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, con
   put_ticks(plot, &y, true);
   put(plot, "<path class=\"a\" d=\"M%d %dV%dH%d\"/>\n", LEFT, TOP, BOTTOM, RIGHT);
   put_axis_names(plot, x_name, y_name);
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     put_line(plot, &lines[i], i, &x, &y);
   put_legend(plot, lines, count);
   end_panel(plot);

@@ -50,7 +50,7 @@ static int true_height(const pags_proxy_bench *self, double x, double y, double 
 }
 
 static int near_path(const pags_proxy_bench *self, double x, double y) {
-  for (int64_t i = 0; i < self->scene.view_count; ++i) {
+  for (int64_t i = 0; i < self->scene.view_count; i++) {
     const double *m = self->scene.views[i].camera.world_from_camera;
     if (!self->scene.views[i].test && hypot(m[3] - x, m[7] - y) < ground_reach)
       return 1;
@@ -63,8 +63,8 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
   pags_mesh_query *solid = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   pags_result result = open_mesh(self, node, &ground, &solid);
-  for (int64_t i = 0; i < ground.vertex_count; ++i)
-    for (int k = 0; k < 2; ++k) {
+  for (int64_t i = 0; i < ground.vertex_count; i++)
+    for (int k = 0; k < 2; k++) {
       lo[k] = fmin(lo[k], (double)ground.positions[3 * i + k]);
       hi[k] = fmax(hi[k], (double)ground.positions[3 * i + k]);
     }
@@ -86,7 +86,7 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
       all[count] = fabs(1000 - t + self->scene.origin[2] - z);
       if (close_by)
         close[close_count++] = all[count];
-      ++count;
+      count++;
     }
   if (result == PAGS_OK) {
     pags_proxy_distance far = pags_distance_summary(all, count), near = pags_distance_summary(close, close_count);
@@ -143,7 +143,7 @@ static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *
   pags_proxy_mesh shell = {0};
   pags_mesh_query *solid = NULL;
   pags_result result = open_mesh(self, node, &shell, &solid);
-  for (int64_t i = 0; i < cloud->count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < cloud->count && result == PAGS_OK; i++) {
     const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1],
                          (double)cloud->points[3 * i + 2]};
     distances[i] = pags_mesh_query_distance(solid, p, NULL);
@@ -156,7 +156,7 @@ static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *
 /* Parked ones, then moving ones, against the laser where nothing was trained. */
 static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_lidar *laser) {
   static const char *const kinds[] = {"parked", "moving"};
-  for (int moving = 0; moving < 2; ++moving) {
+  for (int moving = 0; moving < 2; moving++) {
     double *distances = NULL;
     int64_t count = 0, objects = 0;
     for (const pags_json_value *node = nodes ? nodes->first : NULL; node; node = node->next) {
@@ -177,7 +177,7 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
         return result;
       }
       count += cloud->count;
-      ++objects;
+      objects++;
     }
     pags_proxy_distance d = pags_distance_summary(distances, count);
     if (count)

@@ -25,16 +25,16 @@ static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_prox
   pags_actor_pose(&self->street.actors[actor], self->stage_time, world_from_box);
   pags_rigid_inverse(world_from_box, box_from_world);
   *out = (pags_proxy_mesh){0};
-  for (int i = 0; i < self->street.placement_count; ++i) {
+  for (int i = 0; i < self->street.placement_count; i++) {
     const pags_stage_placement *placed = &self->street.placements[i];
     if (placed->actor != actor)
       continue;
     const pags_mesh *mesh = &self->street.meshes[placed->mesh];
     double pose[12];
     uint32_t first = (uint32_t)out->vertex_count;
-    for (int k = 0; k < 12; ++k)
+    for (int k = 0; k < 12; k++)
       pose[k] = (double)placed->pose[k];
-    for (int64_t v = 0; v < mesh->vertex_count; ++v) {
+    for (int64_t v = 0; v < mesh->vertex_count; v++) {
       const float *p = mesh->vertices[v].position;
       const double local[3] = {(double)p[0], (double)p[1], (double)p[2]};
       double world[3], box[3];
@@ -43,7 +43,7 @@ static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_prox
       const float q[3] = {(float)box[0], (float)box[1], (float)box[2]};
       pags_proxy_mesh_vertex(out, q, grey, 0);
     }
-    for (int64_t f = 0; f < mesh->face_count; ++f) {
+    for (int64_t f = 0; f < mesh->face_count; f++) {
       const uint32_t *c = mesh->faces + 4 * f;
       pags_proxy_mesh_triangle(out, first + c[0], first + c[1], first + c[2]);
       pags_proxy_mesh_triangle(out, first + c[0], first + c[2], first + c[3]);
@@ -73,7 +73,7 @@ typedef struct frames {
 static void bring(const double m[12], const double origin[3], const double direction[3], double from[3],
                   double along[3]) {
   pags_rigid_point(m, origin, from);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     along[k] = m[4 * k] * direction[0] + m[4 * k + 1] * direction[1] + m[4 * k + 2] * direction[2];
 }
 
@@ -94,13 +94,13 @@ static pags_result take_ray(vehicle *v, const frames *f, const double origin[3],
   v->seen_either += is_it || shows;
   if (!is_it)
     return PAGS_OK;
-  ++v->pixels;
+  v->pixels++;
   if (!v->truth_solid && proxy > 0) {
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       p[k] = from[k] + proxy * along[k];
     PAGS_TRY(pags_lidar_fit_add(&v->met, p));
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     p[k] = from[k] + distance * along[k];
   return pags_lidar_fit_add(&v->cloud, p);
 }
@@ -135,12 +135,12 @@ static pags_result take_pictures(const pags_proxy_bench *self, vehicle *v, const
   const double origin[3] = {m[3], m[7], m[11]};
   pags_result result = load_pictures(self, view, &p);
   int x0 = (int)floor(camera->cx - crop->cx + 0.5), y0 = (int)floor(camera->cy - crop->cy + 0.5);
-  for (int y = 0; y < crop->height && result == PAGS_OK; ++y)
-    for (int x = 0; x < crop->width && result == PAGS_OK; ++x) {
+  for (int y = 0; y < crop->height && result == PAGS_OK; y++)
+    for (int x = 0; x < crop->width && result == PAGS_OK; x++) {
       size_t at = (size_t)(y0 + y) * (size_t)p.ids.width + (size_t)(x0 + x);
       double depth = (double)((const float *)p.depth.data)[at], direction[3];
       const double d[3] = {(x + 0.5 - crop->cx) / crop->fx, (y + 0.5 - crop->cy) / crop->fy, 1};
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         direction[k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
       int is_it = ((const uint16_t *)p.ids.data)[at] == number_of(v->record->id) + 1;
       result = take_ray(v, f, origin, direction, depth, depth > 0, is_it);
@@ -168,7 +168,7 @@ static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scen
   }
   pags_rigid_inverse(world_from_box, f.proxy_from_world);
   pags_rigid_multiply(f.proxy_from_world, camera->world_from_camera, own.world_from_camera);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     hi[k] = 0.55 * v->record->size[k] + 0.15;
     lo[k] = -hi[k];
   }
@@ -183,18 +183,18 @@ static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scen
     pags_rays rays = {.active = 0};
     pags_touch touches[PAGS_PACKET];
     double directions[PAGS_PACKET][3];
-    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r) {
+    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; r++) {
       int x = (2 * ((i + r) % nx) + 1) * crop.width / (2 * nx), y = (2 * ((i + r) / nx) + 1) * crop.height / (2 * ny);
       const double d[3] = {(x + 0.5 - crop.cx) / crop.fx, (y + 0.5 - crop.cy) / crop.fy, 1};
       rays.active |= 1u << r;
-      for (int k = 0; k < 3; ++k) {
+      for (int k = 0; k < 3; k++) {
         directions[r][k] = m[4 * k] * d[0] + m[4 * k + 1] * d[1] + m[4 * k + 2] * d[2];
         rays.origin[r][k] = (float)origin[k];
         rays.direction[r][k] = (float)directions[r][k];
       }
     }
     unsigned met = pags_stage_trace(self->stage, &rays, touches);
-    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; ++r)
+    for (int r = 0; r < PAGS_PACKET && i + r < nx * ny; r++)
       PAGS_TRY(take_ray(v, &f, origin, directions[r], (double)touches[r].distance, met >> r & 1,
                         met >> r & 1 && self->street.placements[touches[r].placement].actor == v->actor));
   }
@@ -203,7 +203,7 @@ static pags_result take_view(pags_proxy_bench *self, vehicle *v, const pags_scen
 
 static int compare_points(const void *left, const void *right) {
   const float *a = left, *b = right;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double x = floor((double)a[k] / cloud_cell), y = floor((double)b[k] / cloud_cell);
     if (x != y)
       return x < y ? -1 : 1;
@@ -215,7 +215,7 @@ static int compare_points(const void *left, const void *right) {
 static void thin(vehicle *v) {
   int64_t kept = 0;
   pags_sort(v->cloud.points, v->cloud.count, 3 * sizeof(float), compare_points);
-  for (int64_t i = 0; i < v->cloud.count; ++i)
+  for (int64_t i = 0; i < v->cloud.count; i++)
     if (!kept || compare_points(v->cloud.points + 3 * (kept - 1), v->cloud.points + 3 * i) != 0)
       memmove(v->cloud.points + 3 * kept++, v->cloud.points + 3 * i, 3 * sizeof(float));
   v->cloud.count = kept;
@@ -224,13 +224,13 @@ static void thin(vehicle *v) {
 static double triangle_area(const pags_proxy_mesh *s, int64_t triangle) {
   const float *c[3];
   double u[3], w[3], n[3];
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     c[i] = s->positions + 3 * (int64_t)s->triangles[3 * triangle + i];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     u[k] = (double)c[1][k] - (double)c[0][k];
     w[k] = (double)c[2][k] - (double)c[0][k];
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     n[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
   return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
@@ -243,7 +243,7 @@ static void place_in(const pags_proxy_mesh *s, int64_t triangle, int64_t n, doub
     b = 1 - b;
   }
   const uint32_t *t = s->triangles + 3 * triangle;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double p = (double)s->positions[3 * (int64_t)t[0] + k];
     out[k] = p + a * ((double)s->positions[3 * (int64_t)t[1] + k] - p) +
              b * ((double)s->positions[3 * (int64_t)t[2] + k] - p);
@@ -268,7 +268,7 @@ static void measure_proxy(const vehicle *v, spread *out) {
   }
   double area = pags_proxy_mesh_area(&v->proxy), owed = 0;
   int64_t n = 0;
-  for (int64_t t = 0; t < v->proxy.triangle_count; ++t)
+  for (int64_t t = 0; t < v->proxy.triangle_count; t++)
     for (owed += PROXY_SAMPLES * triangle_area(&v->proxy, t) / area; owed >= 1; --owed, ++n) {
       double p[3], q[3], foot[3], back[12];
       place_in(&v->proxy, t, n, p);
@@ -288,7 +288,7 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   pags_proxy_mesh_topology topology;
   if (!from)
     return pags_out_of_memory("%lld distances", (long long)v->cloud.count);
-  for (int64_t i = 0; i < v->cloud.count; ++i) {
+  for (int64_t i = 0; i < v->cloud.count; i++) {
     const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1],
                          (double)v->cloud.points[3 * i + 2]};
     from[i] = pags_mesh_query_distance(v->proxy_solid, p, NULL);
@@ -325,7 +325,7 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
 }
 
 static pags_result measure(pags_proxy_bench *self, vehicle *v) {
-  for (int64_t i = 0; i < self->scene.view_count; ++i)
+  for (int64_t i = 0; i < self->scene.view_count; i++)
     if (!self->scene.views[i].test)
       PAGS_TRY(take_view(self, v, &self->scene.views[i]));
   if (!v->cloud.count) {
@@ -348,7 +348,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
 
 /* Ids end with the number of the street's list. */
 static int actor_of(const pags_proxy_bench *self, const char *id) {
-  for (int i = 0; i < self->street.actor_count; ++i)
+  for (int i = 0; i < self->street.actor_count; i++)
     if (self->street.actors[i].number == number_of(id))
       return i;
   return -1;

@@ -111,17 +111,17 @@ static bool nearest_to_axes(const pags_scene *scene, vec3 *out) {
   double a[6] = {0};
   vec3 b = {0, 0, 0}, base = column(&scene->views[0].camera, 3);
   int64_t ahead = 0;
-  for (int64_t i = 0; i < scene->view_count; ++i) {
+  for (int64_t i = 0; i < scene->view_count; i++) {
     vec3 d = column(&scene->views[i].camera, 2), p = sub(column(&scene->views[i].camera, 3), base);
     double m[6] = {1 - d.x * d.x, -d.x * d.y, -d.x * d.z, 1 - d.y * d.y, -d.y * d.z, 1 - d.z * d.z};
-    for (int k = 0; k < 6; ++k)
+    for (int k = 0; k < 6; k++)
       a[k] += m[k];
     b = add(b, sub(p, scale(d, dot(d, p))));
   }
   if (!solve3(a, b, out))
     return false;
   *out = add(*out, base);
-  for (int64_t i = 0; i < scene->view_count; ++i) {
+  for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_camera *camera = &scene->views[i].camera;
     ahead += dot(sub(*out, column(camera, 3)), column(camera, 2)) > 0;
   }
@@ -135,9 +135,9 @@ static pags_result gaussian_middle(const pags_scene *scene, vec3 *centre, double
       *values = malloc(((size_t)(total / step) + 1 + (size_t)scene->model_count) * sizeof *values);
   if (!values)
     return pags_out_of_memory(NULL);
-  for (int axis = 0; axis < 3; ++axis) {
+  for (int axis = 0; axis < 3; axis++) {
     int64_t count = 0;
-    for (int64_t m = 0; m < scene->model_count; ++m) {
+    for (int64_t m = 0; m < scene->model_count; m++) {
       const pags_gaussians *gaussians = &scene->models[m].gaussians;
       for (int64_t i = 0; i < gaussians->count; i += step)
         values[count++] = (double)pags_plane(gaussians, PAGS_MEAN + axis)[i];
@@ -176,7 +176,7 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
 static void covered_arc(double *angles, int64_t count, double *middle, double *half_arc) {
   pags_sort_doubles(angles, count);
   double widest = angles[0] + 2 * pi - angles[count - 1], start = angles[0];
-  for (int64_t i = 1; i < count; ++i)
+  for (int64_t i = 1; i < count; i++)
     if (angles[i] - angles[i - 1] > widest) {
       widest = angles[i] - angles[i - 1];
       start = angles[i];
@@ -187,7 +187,7 @@ static void covered_arc(double *angles, int64_t count, double *middle, double *h
 
 static vec3 mean_up(const pags_scene *scene) {
   vec3 sum = {0, 0, 0};
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     sum = sub(sum, column(&scene->views[i].camera, 1));
   return length(sum) > 0.3 * (double)scene->view_count ? normalized(sum) : scene_up(scene);
 }
@@ -203,7 +203,7 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   out->up = mean_up(scene);
   vec3 u, v;
   horizontal_axes(out->up, &u, &v);
-  for (size_t i = 0; i < count; ++i) {
+  for (size_t i = 0; i < count; i++) {
     vec3 offset = sub(column(&scene->views[i].camera, 3), out->centre);
     heights[i] = dot(offset, out->up);
     radii[i] = hypot(dot(offset, u), dot(offset, v));
@@ -222,7 +222,7 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
 static pags_result orbit_of_drive(const pags_scene *scene, orbit *out) {
   enum { AHEAD = 6, RADIUS = 14, HEIGHT = 9 }; /* metres; low enough for the sides that cameras saw */
   vec3 base = column(&scene->views[0].camera, 3), sum = {0, 0, 0};
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     sum =
         add(sum, add(sub(column(&scene->views[i].camera, 3), base), scale(column(&scene->views[i].camera, 2), AHEAD)));
   *out = (orbit){.centre = add(base, scale(sum, 1.0 / (double)scene->view_count)),
@@ -242,7 +242,7 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
   PAGS_TRY(create_path(frames, out));
   vec3 u, v;
   horizontal_axes(around.up, &u, &v);
-  for (int64_t i = 0; i < frames; ++i) {
+  for (int64_t i = 0; i < frames; i++) {
     double turn = 2 * pi * (double)i / (double)frames;
     bool full = around.half_arc >= pi;
     double angle = around.middle_angle + (full ? turn : around.half_arc * sin(turn));
@@ -268,7 +268,7 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
   double cosine = a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3], sign = cosine < 0 ? -1 : 1;
   double angle = acos(fmin(1, fabs(cosine))), sine = sin(angle);
   double wa = sine > 1e-9 ? sin((1 - t) * angle) / sine : 1 - t, wb = sine > 1e-9 ? sin(t * angle) / sine : t;
-  for (int i = 0; i < 4; ++i)
+  for (int i = 0; i < 4; i++)
     out[i] = wa * a[i] + sign * wb * b[i];
 }
 
@@ -281,8 +281,8 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   pags_camera camera = *lens;
   const pags_camera *a = knots[1], *b = knots[2];
   double ra[9], rb[9], r[9], qa[4], qb[4], q[4];
-  for (int row = 0; row < 3; ++row)
-    for (int c = 0; c < 3; ++c) {
+  for (int row = 0; row < 3; row++)
+    for (int c = 0; c < 3; c++) {
       ra[3 * row + c] = a->world_from_camera[4 * row + c];
       rb[3 * row + c] = b->world_from_camera[4 * row + c];
     }
@@ -290,7 +290,7 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   pags_quaternion_from_rotation(rb, qb);
   slerp(qa, qb, t, q);
   pags_rotation_from_quaternion(q, r);
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     set_column(&camera, c, (vec3){r[c], r[3 + c], r[6 + c]});
   set_column(&camera, 3, catmull_rom3(column(knots[0], 3), column(a, 3), column(b, 3), column(knots[3], 3), t));
   camera.time = mix(a->time, b->time, t);
@@ -301,7 +301,7 @@ pags_result pags_camera_path_views(const pags_scene *scene, pags_camera_path *ou
   *out = (pags_camera_path){.cameras = malloc((size_t)(scene->view_count + 1) * sizeof *out->cameras)};
   if (!out->cameras)
     return pags_out_of_memory("%lld cameras", (long long)scene->view_count);
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (!scene->views[i].test)
       out->cameras[out->count++] = scene->views[i].camera;
   return PAGS_OK;
@@ -313,7 +313,7 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
   double *reached = calloc(views + 1, sizeof *reached); /* metres flown up to each knot */
   int64_t count = 0;
   pags_result result = knots && reached ? PAGS_OK : pags_out_of_memory(NULL);
-  for (size_t i = 0; result == PAGS_OK && i < views; ++i)
+  for (size_t i = 0; result == PAGS_OK && i < views; i++)
     if (!scene->views[i].test)
       knots[count++] = &scene->views[i].camera;
   if (result == PAGS_OK && count < 2)
@@ -321,13 +321,13 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
                        (long long)count);
   if (result == PAGS_OK)
     result = create_path(frames, out);
-  for (int64_t i = 1; result == PAGS_OK && i < count; ++i)
+  for (int64_t i = 1; result == PAGS_OK && i < count; i++)
     reached[i] = reached[i - 1] + fmax(length(sub(column(knots[i], 3), column(knots[i - 1], 3))), 1e-9);
   int64_t knot = 0;
-  for (int64_t i = 0; result == PAGS_OK && i < frames; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < frames; i++) {
     double at = frames > 1 ? reached[count - 1] * (double)i / (double)(frames - 1) : 0;
     while (knot + 2 < count && reached[knot + 1] < at)
-      ++knot;
+      knot++;
     const pags_camera *around[4] = {knots[knot > 0 ? knot - 1 : 0], knots[knot], knots[knot + 1],
                                     knots[knot + 2 < count ? knot + 2 : knot + 1]};
     double t = (at - reached[knot]) / (reached[knot + 1] - reached[knot]);
@@ -343,7 +343,7 @@ static bool is_recorded(const pags_scene_view *view) {
 }
 
 bool pags_scene_is_drive(const pags_scene *scene) {
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (is_recorded(&scene->views[i]))
       return true;
   return false;
@@ -357,7 +357,7 @@ static int compare_times(const void *a, const void *b) {
 
 int pags_camera_path_drive_sensor(const pags_scene *scene) {
   int sensor = -1;
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (is_recorded(&scene->views[i]) && (sensor < 0 || scene->views[i].sensor < sensor))
       sensor = scene->views[i].sensor;
   return sensor;
@@ -367,11 +367,11 @@ int pags_camera_path_drive_sensor(const pags_scene *scene) {
 static int64_t first_sensor(const pags_scene *scene, const pags_camera **knots) {
   int64_t count = 0, kept = 0;
   const int sensor = pags_camera_path_drive_sensor(scene);
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (is_recorded(&scene->views[i]) && scene->views[i].sensor == sensor)
       knots[count++] = &scene->views[i].camera;
   pags_sort(knots, count, sizeof *knots, compare_times);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     if (kept == 0 || knots[i]->time > knots[kept - 1]->time)
       knots[kept++] = knots[i];
   return kept;
@@ -401,7 +401,7 @@ static pags_result drive(const pags_camera *const *knots, int64_t count, int64_t
   int64_t total = frames ? frames : recorded ? count : (int64_t)(even + 1e-6) + 1;
   PAGS_TRY(create_path(total, out));
   int64_t knot = 0;
-  for (int64_t i = 0; i < total; ++i) {
+  for (int64_t i = 0; i < total; i++) {
     double share = total > 1 ? (double)i / (double)(total - 1) : 0;
     double time = recorded ? knots[i]->time : frames ? begin + share * span : begin + (double)i / fps;
     out->cameras[i] = driven(knots, count, fmin(time, begin + span), &knot);
@@ -419,7 +419,7 @@ pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, doub
 }
 
 void pags_camera_path_shift(pags_camera_path *path, double metres) {
-  for (int64_t i = 0; i < path->count; ++i) {
+  for (int64_t i = 0; i < path->count; i++) {
     pags_camera *camera = &path->cameras[i];
     set_column(camera, 3, add(column(camera, 3), scale(column(camera, 0), metres)));
   }

@@ -26,7 +26,7 @@ static int step_along(const pags_picture *picture, const pags_camera *camera, in
     if (fabs(behind[2] - here[2]) < fabs(ahead[2] - here[2]))
       has_ahead = 0;
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     step[k] = has_ahead ? ahead[k] - here[k] : here[k] - behind[k];
   return has_ahead || has_behind;
 }
@@ -42,18 +42,18 @@ static void normal_at(const pags_picture *picture, const pags_camera *camera, in
                      down[0] * right[1] - down[1] * right[0]};
   double length = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]);
   double towards = -(cross[0] * here[0] + cross[1] * here[1] + cross[2] * here[2]);
-  for (int k = 0; k < 3 && length > 0; ++k)
+  for (int k = 0; k < 3 && length > 0; k++)
     n[k] = cross[k] / (towards < 0 ? -length : length);
 }
 
 void pags_normals_from_depth(const pags_picture *picture, const pags_camera *camera, float *const out[3]) {
   const double *m = camera->world_from_camera;
-  for (int y = 0; y < picture->height; ++y)
-    for (int x = 0; x < picture->stride; ++x) {
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->stride; x++) {
       double n[3] = {0, 0, 0};
       if (x < picture->width)
         normal_at(picture, camera, x, y, n);
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         out[k][(int64_t)y * picture->stride + x] = (float)(m[4 * k] * n[0] + m[4 * k + 1] * n[1] + m[4 * k + 2] * n[2]);
     }
 }

@@ -38,7 +38,7 @@ static void add_sample(pags_depth_errors *self, const pags_lidar_depth_sample *s
     return;
   float depth = picture->depth[(size_t)y * (size_t)picture->stride + (size_t)x];
   if (!(depth > 0)) {
-    ++self->unblended;
+    self->unblended++;
     return;
   }
   double error = fabs((double)depth - (double)sample->depth);
@@ -52,7 +52,7 @@ pags_result pags_depth_errors_add(pags_depth_errors *self, const pags_dataset *d
   int64_t count;
   PAGS_TRY(pags_lidar_depth_samples(dataset, view, MOST_SAMPLES, &count, &samples));
   pags_result result = reserve(self, count);
-  for (int64_t i = 0; result == PAGS_OK && i < count; ++i)
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++)
     add_sample(self, &samples[i], picture, mask);
   free(samples);
   return result;
@@ -65,7 +65,7 @@ pags_depth_figures pags_depth_errors_figures(pags_depth_errors *self) {
     return out;
   pags_sort_doubles(self->errors, self->count);
   int64_t most = self->count - self->count / 20;
-  for (int64_t i = 0; i < self->count; ++i) {
+  for (int64_t i = 0; i < self->count; i++) {
     sum += self->errors[i];
     if (i + 1 == most)
       out.mean95 = sum / (double)most;

@@ -48,7 +48,7 @@ enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 static void print_help(void) {
   printf("usage: pags VERB [arguments]\n\n");
   printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
-  for (int i = 0; i < VERB_COUNT; ++i)
+  for (int i = 0; i < VERB_COUNT; i++)
     printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].run ? "" : "; this build lacks ",
            verbs[i].run ? "" : verbs[i].lacking);
   printf("\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
@@ -62,7 +62,7 @@ static int unknown_verb(const char *name) {
     return PAGS_EXIT_USAGE;
   }
   const char *names[VERB_COUNT + 1];
-  for (int i = 0; i < VERB_COUNT; ++i)
+  for (int i = 0; i < VERB_COUNT; i++)
     names[i] = verbs[i].name;
   names[VERB_COUNT] = NULL;
   const char *nearest = pags_nearest_name(name, names);
@@ -88,7 +88,7 @@ int main(int argc, char **argv) {
     printf("pags %s\n", PAGS_VERSION_STRING);
     return PAGS_EXIT_OK;
   }
-  for (int i = 0; i < VERB_COUNT; ++i)
+  for (int i = 0; i < VERB_COUNT; i++)
     if (!strcmp(argv[1], verbs[i].name)) {
       if (verbs[i].run)
         return verbs[i].run(argc - 2, argv + 2);

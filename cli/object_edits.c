@@ -11,7 +11,7 @@
 enum { VALUES = 4 };
 
 static bool parse_values(const char *text, double out[VALUES]) {
-  for (int i = 0; i < VALUES; ++i) {
+  for (int i = 0; i < VALUES; i++) {
     char *end;
     out[i] = strtod(text, &end);
     if (end == text || !isfinite(out[i]) || *end != (i < VALUES - 1 ? ',' : 0))
@@ -24,8 +24,8 @@ static bool parse_values(const char *text, double out[VALUES]) {
 const char *pags_object_edits_misspelt(const pags_object_edits *words) {
   const pags_words *const lists[] = {&words->move, &words->add};
   double values[VALUES];
-  for (int l = 0; l < 2; ++l)
-    for (int i = 0; i < lists[l]->count; ++i)
+  for (int l = 0; l < 2; l++)
+    for (int i = 0; i < lists[l]->count; i++)
       if (!parse_values(lists[l]->items[i].value, values))
         return lists[l]->items[i].value;
   return NULL;
@@ -64,7 +64,7 @@ static pags_result append(edit_list *list, const pags_edit *edit) {
 
 /* One edit for each object that `name` means. */
 static pags_result find_any(const pags_scene *scene, const char *name, size_t length, pags_edit edit, edit_list *list) {
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     edit.object = o;
     if (is_meant(&scene->objects[o].record, name, length))
       PAGS_TRY(append(list, &edit));
@@ -102,13 +102,13 @@ static pags_result find_listed(const pags_scene *scene, const char *word, edit_l
 }
 
 static pags_result find_hidden(const pags_scene *scene, const pags_words *words, edit_list *list) {
-  for (int i = 0; i < words->count; ++i)
+  for (int i = 0; i < words->count; i++)
     PAGS_TRY(find_listed(scene, words->items[i].name, list));
   return PAGS_OK;
 }
 
 static pags_result find_placed(const pags_scene *scene, const pags_words *words, pags_edit_kind kind, edit_list *list) {
-  for (int i = 0; i < words->count; ++i) {
+  for (int i = 0; i < words->count; i++) {
     double values[VALUES];
     if (!parse_values(words->items[i].value, values))
       return pags_fail(PAGS_ERROR_ARGUMENT, "expected X,Y,Z,YAW, found '%s'", words->items[i].value);

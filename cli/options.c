@@ -34,12 +34,12 @@ static int edit_distance(const char *a, const char *b) {
   size_t na = strlen(a), nb = strlen(b);
   if (na > LONGEST || nb > LONGEST)
     return LONGEST;
-  for (size_t j = 0; j <= nb; ++j)
+  for (size_t j = 0; j <= nb; j++)
     row[j] = (int)j;
-  for (size_t i = 1; i <= na; ++i) {
+  for (size_t i = 1; i <= na; i++) {
     int diagonal = row[0];
     row[0] = (int)i;
-    for (size_t j = 1; j <= nb; ++j) {
+    for (size_t j = 1; j <= nb; j++) {
       int replaced = diagonal + (a[i - 1] != b[j - 1]);
       int shorter = row[j] < row[j - 1] ? row[j] : row[j - 1];
       diagonal = row[j];
@@ -52,7 +52,7 @@ static int edit_distance(const char *a, const char *b) {
 const char *pags_nearest_name(const char *word, const char *const *names) {
   const char *best = NULL;
   int best_distance = 1 + (int)strlen(word) / 3;
-  for (; *names; ++names) {
+  for (; *names; names++) {
     int distance = edit_distance(word, *names);
     if (distance <= best_distance && (!best || distance < best_distance)) {
       best = *names;
@@ -63,14 +63,14 @@ const char *pags_nearest_name(const char *word, const char *const *names) {
 }
 
 static const pags_option *find_long(const pags_verb *verb, const char *name, size_t length) {
-  for (const pags_option *option = verb->options; !is_end(option); ++option)
+  for (const pags_option *option = verb->options; !is_end(option); option++)
     if (option->name && strlen(option->name) == length && !strncmp(option->name, name, length))
       return option;
   return NULL;
 }
 
 static const pags_option *find_short(const pags_verb *verb, char name) {
-  for (const pags_option *option = verb->options; !is_end(option); ++option)
+  for (const pags_option *option = verb->options; !is_end(option); option++)
     if (option->short_name == name && name)
       return option;
   return NULL;
@@ -80,7 +80,7 @@ static pags_parse_status unknown_option(const pags_verb *verb, const char *name,
   const char *names[MAX_ROWS + 2];
   char word[80];
   int count = 0;
-  for (const pags_option *option = verb->options; !is_end(option); ++option)
+  for (const pags_option *option = verb->options; !is_end(option); option++)
     if (option->name && count < MAX_ROWS)
       names[count++] = option->name;
   names[count++] = "help";
@@ -166,7 +166,7 @@ static bool parse_size(const char *text, uint64_t *value) {
     default: break;
   }
   if (unit > 1)
-    ++end;
+    end++;
   if (unit > 1 && (*end == 'i' || *end == 'B')) /* 2GiB, 2GB: the same, as memory is counted here */
     end += end[0] == 'i' && end[1] == 'B' ? 2 : 1;
   if (*end || number * unit >= 9.2e18)
@@ -195,7 +195,7 @@ static bool parse_duration(const char *text, double *seconds) {
 }
 
 static bool parse_color(const char *text, double *rgb) {
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; c++) {
     double value;
     const char *end;
     if (!parse_real(text, &end, &value) || *end != (c < 2 ? ',' : '\0') || value < 0 || value > 1)
@@ -228,7 +228,7 @@ static bool parse_span(const char *text, int64_t span[2]) {
 
 static bool parse_enum(const char *choices, const char *text, int *value) {
   size_t length = strlen(text);
-  for (int index = 0;; ++index) {
+  for (int index = 0;; index++) {
     size_t n = strcspn(choices, "|");
     if (n == length && !strncmp(choices, text, n)) {
       *value = index;
@@ -394,7 +394,7 @@ static int take_short(pags_parsed *parsed, const char *argument, char **next, vo
 static int positional_count(const pags_verb *verb) {
   int count = 0;
   while (verb->positionals[count].metavar)
-    ++count;
+    count++;
   assert(count <= PAGS_MAX_POSITIONALS);
   return count;
 }
@@ -406,7 +406,7 @@ static pags_parse_status check_complete(const pags_parsed *parsed, int positiona
                      verb->name, verb->usage);
     return PAGS_PARSE_USAGE;
   }
-  for (const pags_option *option = verb->options; !is_end(option); ++option)
+  for (const pags_option *option = verb->options; !is_end(option); option++)
     if (option->required && !was_given(parsed, option)) {
       pags_usage_error(verb, "%s%c%s%s %s is missing; usage: %s %s %s", option->short_name ? "-" : "",
                        option->short_name ? option->short_name : '-', option->short_name ? "" : "-",
@@ -418,7 +418,7 @@ static pags_parse_status check_complete(const pags_parsed *parsed, int positiona
 }
 
 static bool wants_help(int argc, char **argv) {
-  for (int i = 0; i < argc && strcmp(argv[i], "--"); ++i)
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++)
     if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
       return true;
   return false;
@@ -433,7 +433,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     pags_options_help(verb, values);
     return PAGS_PARSE_HELP;
   }
-  for (int i = 0; i < argc; ++i) {
+  for (int i = 0; i < argc; i++) {
     const char *argument = argv[i];
     char *next[2] = {i + 1 < argc ? argv[i + 1] : NULL, i + 2 < argc ? argv[i + 2] : NULL};
     if (!options_end && !strcmp(argument, "--")) {
@@ -462,7 +462,7 @@ static void print_size(char *text, size_t size, uint64_t bytes) {
   int k = 0;
   while (k < 3 && bytes && bytes % 1024 == 0) {
     bytes /= 1024;
-    ++k;
+    k++;
   }
   snprintf(text, size, "%llu%.1s", (unsigned long long)bytes, k ? &suffix[k] : "");
 }
@@ -473,7 +473,7 @@ static void print_real(char *text, size_t size, double value, bool single) {
     snprintf(text, size, "%.0f", value);
     return;
   }
-  for (int digits = 1; digits <= 17; ++digits) {
+  for (int digits = 1; digits <= 17; digits++) {
     snprintf(text, size, "%.*g", digits, value);
     double back = strtod(text, NULL);
     if (single ? (float)back == (float)value : back == value)
@@ -503,7 +503,7 @@ static void print_default(const pags_option *option, const void *defaults, char 
     }
     case PAGS_OPTION_ENUM: {
       const char *choice = option->metavar;
-      for (int i = *(const int *)slot; i > 0; --i)
+      for (int i = *(const int *)slot; i > 0; i--)
         choice += strcspn(choice, "|") + 1;
       snprintf(text, size, "%.*s", (int)strcspn(choice, "|"), choice);
       break;
@@ -534,13 +534,13 @@ static void print_wrapped(const char *text, int used, int column) {
       at = column;
     } else if (at > column) {
       putchar(' ');
-      ++at;
+      at++;
     }
     printf("%.*s", length, text);
     at += length;
     text += length;
     while (*text == ' ')
-      ++text;
+      text++;
   }
   putchar('\n');
 }
@@ -577,12 +577,12 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
   putchar('\n');
   print_wrapped(verb->about, 0, 0);
   putchar('\n');
-  for (const pags_positional *positional = verb->positionals; positional->metavar; ++positional) {
+  for (const pags_positional *positional = verb->positionals; positional->metavar; positional++) {
     char left[80];
     snprintf(left, sizeof left, "  %s", positional->metavar);
     print_entry(left, positional->help);
   }
-  for (const pags_option *option = verb->options; !is_end(option); ++option) {
+  for (const pags_option *option = verb->options; !is_end(option); option++) {
     if (option->type == PAGS_OPTION_GROUP)
       printf("\n%s\n", option->help);
     else

@@ -50,16 +50,16 @@ static const uint8_t parked_colour[3] = {110, 150, 150};
 /* Boxes. */
 
 static void draw_boxes(overlay *o, const pags_view *view, pags_image *image) {
-  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); ++i) {
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
     const pags_object *object = pags_dataset_object(o->dataset, i);
     double pose[12], corners[32];
     if (!pags_object_pose(object, view->camera.time, pose))
       continue;
     int count = pags_box_outline(&view->camera, pose, object->size, corners);
-    ++o->boxes.of;
+    o->boxes.of++;
     if (!count)
       continue;
-    ++o->boxes.hits;
+    o->boxes.hits++;
     pags_draw_box(image, &view->camera, pose, object->size, object->moving ? colours[object->category] : parked_colour);
     if (object->moving)
       pags_outline_fill(corners, count, image->width, image->height, image->width, 1, o->outlines);
@@ -67,8 +67,8 @@ static void draw_boxes(overlay *o, const pags_view *view, pags_image *image) {
 }
 
 static void compare_outlines(overlay *o, const pags_photo *photo) {
-  for (int y = 0; y < photo->height; ++y)
-    for (int x = 0; x < photo->width; ++x) {
+  for (int y = 0; y < photo->height; y++)
+    for (int x = 0; x < photo->width; x++) {
       bool box = o->outlines[(size_t)y * (size_t)photo->width + (size_t)x] != 0;
       bool mask = (photo->labels[(size_t)y * (size_t)photo->stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
       o->union_.of += box || mask;
@@ -81,7 +81,7 @@ static void compare_outlines(overlay *o, const pags_photo *photo) {
 static void unproject(const pags_camera *camera, const pags_lidar_depth_sample *sample, double world[3]) {
   double z = (double)sample->depth, x = ((double)sample->x - camera->cx) / camera->fx * z,
          y = ((double)sample->y - camera->cy) / camera->fy * z;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     const double *m = camera->world_from_camera + 4 * k;
     world[k] = m[0] * x + m[1] * y + m[2] * z + m[3];
   }
@@ -91,7 +91,7 @@ static void unproject(const pags_camera *camera, const pags_lidar_depth_sample *
 static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
   double inverse[12], beyond = -HUGE_VAL, p[3];
   pags_rigid_inverse(pose, inverse);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     const double *m = inverse + 4 * k;
     p[k] = m[0] * world[0] + m[1] * world[1] + m[2] * world[2] + m[3];
     beyond = fmax(beyond, fabs(p[k]) - 0.5 * object->size[k]);
@@ -104,7 +104,7 @@ static int place_in_box(const pags_object *object, const double pose[12], const 
 /* The best place that any moving vehicle offers. */
 static int place_of(const overlay *o, double time, const double world[3]) {
   int best = 0;
-  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; ++i) {
+  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset) && best < 2; i++) {
     const pags_object *object = pags_dataset_object(o->dataset, i);
     double pose[12];
     if (!object->moving || object->category != PAGS_CATEGORY_VEHICLE || !pags_object_pose(object, time, pose))
@@ -123,10 +123,10 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
   int place = place_of(o, view->camera.time, world);
   o->in_boxes.of += place > 0;
   o->in_boxes.hits += place == 2;
-  ++o->points;
+  o->points++;
   if (!photo->labels)
     return;
-  ++o->under_sky.of;
+  o->under_sky.of++;
   o->under_sky.hits += (labels & PAGS_LABEL_SKY) != 0;
   o->on_vehicles.of += place == 2;
   o->on_vehicles.hits += place == 2 && labels & PAGS_LABEL_CRITICAL;
@@ -137,7 +137,7 @@ static pags_result draw_points(overlay *o, int64_t index, const pags_photo *phot
   pags_lidar_depth_sample *samples;
   int64_t count;
   PAGS_TRY(pags_lidar_depth_samples(o->dataset, index, MOST_SAMPLES, &count, &samples));
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     uint8_t rgb[3];
     pags_depth_colour((double)samples[i].depth, rgb);
     pags_draw_dot(image, (double)samples[i].x, (double)samples[i].y, image->width >= 800, rgb);
@@ -153,9 +153,9 @@ static pags_result copy_photo(const pags_photo *photo, pags_image *image) {
   size_t plane = (size_t)photo->height * (size_t)photo->stride;
   PAGS_TRY(pags_image_create(image, photo->width, photo->height, 3, PAGS_U8));
   uint8_t *out = image->data;
-  for (int y = 0; y < photo->height; ++y)
-    for (int x = 0; x < photo->width; ++x)
-      for (size_t c = 0; c < 3; ++c)
+  for (int y = 0; y < photo->height; y++)
+    for (int x = 0; x < photo->width; x++)
+      for (size_t c = 0; c < 3; c++)
         *out++ = photo->rgb[c * plane + (size_t)y * (size_t)photo->stride + (size_t)x];
   return PAGS_OK;
 }
@@ -185,7 +185,7 @@ static pags_result draw_view(overlay *o, int64_t index) {
     draw_boxes(o, view, &image);
     if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
       compare_outlines(o, &photo);
-    ++o->pictures;
+    o->pictures++;
     result = save(o, view, &image);
   }
   pags_image_destroy(&image);
@@ -202,14 +202,14 @@ static pags_result draw_all(overlay *o, const pags_session *session) {
   int64_t count = pags_dataset_view_count(o->dataset);
   int first = INT32_MAX, last = 0;
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     int frame = pags_dataset_view(o->dataset, i)->frame;
     first = frame < first ? frame : first;
     last = frame > last ? frame : last;
   }
   pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
     if (pags_interrupted())
       result = pags_fail(PAGS_CANCELLED, "interrupted after %lld pictures", (long long)o->pictures);
     else if (is_drawn(pags_dataset_view(o->dataset, i)->frame, first, last))
@@ -225,19 +225,19 @@ static pags_result draw_all(overlay *o, const pags_session *session) {
 static double front_cosine(const pags_dataset *dataset) {
   double sum = 0;
   int64_t count = 0;
-  for (int64_t i = 0; i < pags_dataset_object_count(dataset); ++i) {
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
-    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->knot_count; ++n) {
+    for (int64_t n = 0; object->category == PAGS_CATEGORY_VEHICLE && n + 1 < object->knot_count; n++) {
       const pags_knot *a = &object->knots[n], *b = &object->knots[n + 1];
       double way[3], dot = 0, square = 0;
-      for (int k = 0; k < 3; ++k) {
+      for (int k = 0; k < 3; k++) {
         way[k] = b->world_from_object[4 * k + 3] - a->world_from_object[4 * k + 3];
         dot += way[k] * a->world_from_object[4 * k];
         square += way[k] * way[k];
       }
       if (b->time > a->time && sqrt(square) > least_speed * (b->time - a->time)) {
         sum += dot / sqrt(square);
-        ++count;
+        count++;
       }
     }
   }
@@ -279,7 +279,7 @@ static void put_warnings(const overlay *o, double cosine, pags_report *facts) {
                    "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
                   {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
   pags_report_begin_list(facts, "warnings");
-  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; ++i)
+  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; i++)
     if (warnings[i].holds)
       pags_report_sentence(facts, warnings[i].text);
   pags_report_end_list(facts);

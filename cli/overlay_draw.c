@@ -10,8 +10,8 @@ static const double near_plane = 0.1;
 void pags_draw_dot(pags_image *image, double x, double y, int half, const uint8_t rgb[3]) {
   uint8_t *data = image->data;
   int left = (int)floor(x) - half, top = (int)floor(y) - half;
-  for (int j = top; j <= top + 2 * half; ++j)
-    for (int i = left; i <= left + 2 * half; ++i)
+  for (int j = top; j <= top + 2 * half; j++)
+    for (int i = left; i <= left + 2 * half; i++)
       if (i >= 0 && j >= 0 && i < image->width && j < image->height)
         memcpy(data + 3 * ((size_t)j * (size_t)image->width + (size_t)i), rgb, 3);
 }
@@ -33,7 +33,7 @@ static void draw_line(pags_image *image, const double a[2], const double b[2], c
   if (!cut(a[0], dx, image->width, &lo, &hi) || !cut(a[1], dy, image->height, &lo, &hi))
     return;
   int steps = 1 + (int)(fmax(fabs(dx), fabs(dy)) * (hi - lo));
-  for (int i = 0; i <= steps; ++i) {
+  for (int i = 0; i <= steps; i++) {
     double s = lo + (hi - lo) * i / steps, x = a[0] + s * dx, y = a[1] + s * dy;
     pags_draw_dot(image, x, y, 0, rgb);
     pags_draw_dot(image, x + 1, y, 0, rgb);
@@ -47,12 +47,12 @@ static void draw_edge(pags_image *image, const pags_camera *camera, const double
   double ends[2][3], pixels[2][2];
   if (a[2] < near_plane && b[2] < near_plane)
     return;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double to_near = (near_plane - a[2]) / (b[2] - a[2]), on_plane = a[k] + to_near * (b[k] - a[k]);
     ends[0][k] = a[2] < near_plane ? on_plane : a[k];
     ends[1][k] = b[2] < near_plane ? on_plane : b[k];
   }
-  for (int e = 0; e < 2; ++e) {
+  for (int e = 0; e < 2; e++) {
     pixels[e][0] = camera->fx * ends[e][0] / ends[e][2] + camera->cx;
     pixels[e][1] = camera->fy * ends[e][1] / ends[e][2] + camera->cy;
   }
@@ -64,14 +64,14 @@ void pags_draw_box(pags_image *image, const pags_camera *camera, const double wo
   double inverse[12], m[12], corners[8][3];
   pags_rigid_inverse(camera->world_from_camera, inverse);
   pags_rigid_multiply(inverse, world_from_object, m);
-  for (int i = 0; i < 8; ++i) { /* bit k: on the far side along axis k */
+  for (int i = 0; i < 8; i++) { /* bit k: on the far side along axis k */
     double p[3];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       p[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
     pags_rigid_point(m, p, corners[i]);
   }
-  for (int i = 0; i < 8; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int i = 0; i < 8; i++)
+    for (int k = 0; k < 3; k++)
       if (!(i >> k & 1))
         draw_edge(image, camera, corners[i], corners[i | 1 << k], rgb);
   draw_edge(image, camera, corners[1], corners[7], rgb);

@@ -12,14 +12,14 @@
 static const double pose_tolerance = 1e-5;
 
 static const pags_scene_view *find_view(const pags_scene *scene, const char *name) {
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (!strcmp(scene->views[i].name, name))
       return &scene->views[i];
   return NULL;
 }
 
 static int64_t find_dataset_view(const pags_dataset *dataset, const char *name) {
-  for (int64_t i = 0; i < pags_dataset_view_count(dataset); ++i)
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++)
     if (!strcmp(pags_dataset_view(dataset, i)->name, name))
       return i;
   return -1;
@@ -40,7 +40,7 @@ static pags_result scene_downscale(const pags_scene *scene, const pags_dataset *
 static bool same_camera(const pags_camera *a, const pags_camera *b) {
   if (a->width != b->width || a->height != b->height)
     return false;
-  for (int i = 0; i < 12; ++i) {
+  for (int i = 0; i < 12; i++) {
     double size = i % 4 == 3 ? 1 + fabs(a->world_from_camera[i]) : 1;
     if (fabs(a->world_from_camera[i] - b->world_from_camera[i]) > pose_tolerance * size)
       return false;
@@ -64,7 +64,7 @@ static pags_result choose_views(const pags_scene *scene, pags_photographs *truth
   truth->views = calloc((size_t)count + 1, sizeof *truth->views);
   if (!truth->views)
     return pags_out_of_memory("%lld views", (long long)count);
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const pags_view *view = pags_dataset_view(truth->dataset, i);
     const pags_scene_view *mine = find_view(scene, view->name);
     if (scene->view_count && !mine)
@@ -73,7 +73,7 @@ static pags_result choose_views(const pags_scene *scene, pags_photographs *truth
       PAGS_TRY(check_same_camera(truth->dataset, mine, &view->camera));
     truth->views[truth->count++] = (pags_photographs_view){i, mine ? mine->test : view->test, mine};
   }
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (find_dataset_view(truth->dataset, scene->views[i].name) < 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', on which the scene was trained, is missing",
                        pags_dataset_path(truth->dataset), scene->views[i].name);
@@ -123,10 +123,10 @@ void pags_photographs_close(pags_photographs *truth) {
 static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask) {
   float *out = image->data;
   size_t plane = (size_t)photo->height * (size_t)photo->stride;
-  for (int y = 0; y < photo->height; ++y) {
+  for (int y = 0; y < photo->height; y++) {
     const uint8_t *row = photo->rgb + (size_t)y * (size_t)photo->stride;
-    for (int x = 0; x < photo->width; ++x)
-      for (size_t c = 0; c < 3; ++c)
+    for (int x = 0; x < photo->width; x++)
+      for (size_t c = 0; c < 3; c++)
         *out++ = (float)row[c * plane + (size_t)x] / 255.0f;
     if (mask)
       memcpy(mask + (size_t)y * (size_t)photo->width, photo->mask + (size_t)y * (size_t)photo->stride,

@@ -20,7 +20,7 @@ static bool has(const pags_picture_writer *writer, pags_channel channel) {
 }
 
 static int find_channel(const char *name, size_t length) {
-  for (int c = 0; c < PAGS_CHANNEL_COUNT; ++c)
+  for (int c = 0; c < PAGS_CHANNEL_COUNT; c++)
     if (strlen(channel_names[c]) == length && !strncmp(channel_names[c], name, length))
       return c;
   return -1;
@@ -83,8 +83,8 @@ static float clamp01(float v) {
 /* Interleaves planes into an image, rounding to nearest. */
 static void fill(const float *const *planes, int stride, pags_image *image) {
   int channels = image->channels;
-  for (int y = 0; y < image->height; ++y)
-    for (int c = 0; c < channels; ++c) {
+  for (int y = 0; y < image->height; y++)
+    for (int c = 0; c < channels; c++) {
       const float *row = planes[c] + (size_t)y * (size_t)stride;
       size_t at = (size_t)y * (size_t)image->width * (size_t)channels + (size_t)c;
       for (int x = 0; x < image->width; ++x, at += (size_t)channels) {
@@ -125,7 +125,7 @@ static pags_result save_png(const pags_picture *picture, const float *const *pla
 static void fill_values(const pags_picture_writer *writer, const pags_picture *picture, pags_channel channel,
                         float *out) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
-  for (size_t i = 0; i < count; ++i) {
+  for (size_t i = 0; i < count; i++) {
     int32_t id = channel == PAGS_CHANNEL_ALPHA ? 0 : picture->id[i];
     out[i] = channel == PAGS_CHANNEL_ALPHA    ? 1 - picture->transmittance[i]
              : channel == PAGS_CHANNEL_ID     ? (float)id
@@ -136,11 +136,11 @@ static void fill_values(const pags_picture_writer *writer, const pags_picture *p
 
 static void fill_heat(const pags_picture_writer *writer, const pags_picture *picture, float *const out[3]) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
-  for (size_t i = 0; i < count; ++i) {
+  for (size_t i = 0; i < count; i++) {
     float rgb[3] = {0, 0, 0}, shown = 1 - picture->transmittance[i];
     if (picture->id[i] >= 0)
       pags_colormap_heat(writer->priority_of[picture->id[i]], rgb);
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; c++)
       out[c][i] = shown * rgb[c];
   }
 }
@@ -150,7 +150,7 @@ static int channel_planes(const pags_picture_writer *writer, const pags_picture 
                           pags_channel channel, float *scratch, const float *planes[3]) {
   size_t count = (size_t)picture->stride * (size_t)picture->height;
   float *own[3] = {scratch, scratch + count, scratch + 2 * count};
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     planes[c] = channel == PAGS_CHANNEL_COLOR ? picture->rgb[c] : own[c];
   if (channel == PAGS_CHANNEL_NORMAL)
     pags_normals_from_depth(picture, camera, own);
@@ -190,7 +190,7 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
                                const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
                                const char *name) {
   PAGS_TRY(reserve(scratch, picture));
-  for (int c = 0; c < PAGS_CHANNEL_COUNT; ++c) {
+  for (int c = 0; c < PAGS_CHANNEL_COUNT; c++) {
     pags_channel channel = (pags_channel)c;
     const float *planes[3];
     char file[320];

@@ -26,7 +26,7 @@ struct pags_picture_slot {
 static void write_slots(void *context, int64_t begin, int64_t end, int worker) {
   const pags_picture_queue *queue = context;
   (void)worker;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     pags_picture_slot *slot = &queue->slots[i];
     slot->result =
         pags_picture_write(queue->writer, &slot->picture, &slot->camera, &slot->scratch, queue->folder, slot->name);
@@ -47,7 +47,7 @@ pags_result pags_picture_queue_create(const pags_picture_writer *writer, pags_ta
 }
 
 void pags_picture_queue_destroy(pags_picture_queue *queue) {
-  for (int i = 0; queue->slots && i < queue->count; ++i) {
+  for (int i = 0; queue->slots && i < queue->count; i++) {
     free(queue->slots[i].planes);
     free(queue->slots[i].scratch.data);
   }
@@ -75,7 +75,7 @@ static pags_result copy_picture(const pags_picture *picture, pags_picture_slot *
   }
   float *to = slot->planes;
   slot->picture = *picture;
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     slot->picture.rgb[c] = copy_plane(picture->rgb[c], bytes, &to, slot->capacity);
   slot->picture.transmittance = copy_plane(picture->transmittance, bytes, &to, slot->capacity);
   slot->picture.depth = copy_plane(picture->depth, bytes, &to, slot->capacity);
@@ -91,7 +91,7 @@ pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture
   slot->picture.depth_sum = NULL;
   snprintf(slot->name, sizeof slot->name, "%s", name);
   slot->written = false;
-  ++queue->used;
+  queue->used++;
   return queue->used == queue->count ? pags_picture_queue_finish(queue) : PAGS_OK;
 }
 
@@ -99,7 +99,7 @@ pags_result pags_picture_queue_finish(pags_picture_queue *queue) {
   int used = queue->used;
   queue->used = 0;
   pags_parallel_for(queue->tasks, used, 1, write_slots, queue);
-  for (int i = 0; i < used; ++i) {
+  for (int i = 0; i < used; i++) {
     if (!queue->slots[i].written) /* the loop was cancelled before it came to this one */
       write_slots(queue, i, i + 1, 0);
     if (queue->slots[i].result != PAGS_OK)

@@ -36,14 +36,14 @@ static void add_offset(pags_pose_error *sum, int labelled, const double p[3], do
 /* Sums of what the offsets of a track are, and of what they are about their mean. */
 static void add_track(const offset *offsets, int64_t count, int labelled, pags_pose_errors *out) {
   offset mean = {{0, 0, 0}, 0};
-  for (int64_t i = 0; i < count; ++i) {
-    for (int k = 0; k < 3; ++k)
+  for (int64_t i = 0; i < count; i++) {
+    for (int k = 0; k < 3; k++)
       mean.p[k] += offsets[i].p[k] / (double)count;
     mean.degrees += offsets[i].degrees / (double)count;
   }
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     double rest[3];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       rest[k] = offsets[i].p[k] - mean.p[k];
     add_offset(&out->absolute, labelled, offsets[i].p, offsets[i].degrees);
     add_offset(&out->relative, labelled, rest, offsets[i].degrees - mean.degrees);
@@ -69,11 +69,11 @@ static pags_result read_pose(const reading *r, const pags_json_value *matrix, do
       PAGS_TRY(pags_json_as_number(r->json, v, "an entry of 'obj_to_world'", &value));
       if (n < 12)
         out[n] = value;
-      ++n;
+      n++;
     }
   if (n != 16)
     return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
-  for (int k = 0; r->forward_y && k < 3; ++k) { /* forward is its y, left its -x */
+  for (int k = 0; r->forward_y && k < 3; k++) { /* forward is its y, left its -x */
     double x = out[4 * k];
     out[4 * k] = out[4 * k + 1];
     out[4 * k + 1] = -x;
@@ -138,7 +138,7 @@ static pags_result add_object(reading *r, const pags_scene *scene, const pags_js
   }
   if (!r->count)
     return PAGS_OK;
-  ++out->objects;
+  out->objects++;
   out->knots += r->count;
   add_track(r->labelled, r->count, 1, out);
   add_track(r->trained, r->count, 0, out);
@@ -165,7 +165,7 @@ static pags_result read_forward(const char *dataset, int *forward_y) {
 
 static void divide(pags_pose_error *sum, int64_t knots) {
   double *sums[] = {&sum->label_metres, &sum->label_degrees, &sum->metres, &sum->degrees};
-  for (size_t i = 0; knots && i < sizeof sums / sizeof sums[0]; ++i)
+  for (size_t i = 0; knots && i < sizeof sums / sizeof sums[0]; i++)
     *sums[i] /= (double)knots;
 }
 

@@ -42,7 +42,7 @@ static int64_t id_of(const pags_part *part, int64_t row) {
 static void add_weights(void *user, const pags_cluster_score *c, int worker) {
   measuring *m = user;
   (void)worker;
-  for (int i = 0; i < c->count; ++i) {
+  for (int i = 0; i < c->count; i++) {
     int64_t id = id_of(&m->parts[c->part], c->first + i);
     m->weight[id] += c->seen[i];
     if ((float)c->seen[i] > m->most[id]) {
@@ -61,7 +61,7 @@ static pags_result reserve_planes(measuring *m, const pags_picture *picture) {
   m->plane_floats = m->ones ? floats : 0;
   if (!m->ones)
     return pags_out_of_memory("a picture of %dx%d", picture->width, picture->height);
-  for (int64_t i = 0; i < floats; ++i)
+  for (int64_t i = 0; i < floats; i++)
     m->ones[i] = 1;
   m->zeros = m->ones + floats;
   return PAGS_OK;
@@ -81,9 +81,9 @@ static pags_result weigh_view(measuring *m, int64_t i) {
 /* World position of the row; the parts are those of its time. */
 static void put_point(measuring *m, const pags_part *part, int64_t row, int64_t at) {
   const double *w = part->world_from_model;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double x = w[4 * k + 3] + m->options.origin[k];
-    for (int j = 0; j < 3; ++j)
+    for (int j = 0; j < 3; j++)
       x += w[4 * k + j] * (double)pags_plane(part->gaussians, PAGS_MEAN + j)[row];
     m->points[3 * at + k] = (float)x;
   }
@@ -93,8 +93,8 @@ static void put_point(measuring *m, const pags_part *part, int64_t row, int64_t 
 static int64_t list_points(measuring *m, double time) {
   int64_t count = 0;
   pags_compose(m->composition, time, &m->parts, &m->part_count);
-  for (int p = 0; p < m->part_count; ++p)
-    for (int64_t row = 0; row < m->parts[p].gaussians->count; ++row) {
+  for (int p = 0; p < m->part_count; p++)
+    for (int64_t row = 0; row < m->parts[p].gaussians->count; row++) {
       int64_t id = id_of(&m->parts[p], row);
       if (m->weight[id] < least_weight || m->view[id] < 0)
         continue;
@@ -116,23 +116,23 @@ static void judge(const measuring *m, int64_t i, double *left_out, double *all, 
   int64_t id = m->id[i];
   double critical = (double)m->critical[i], other = (double)m->other[i];
   int high = m->priority[id] > 0.5f;
-  ++out->seen;
+  out->seen++;
   *all += m->weight[id];
   if (fmin(critical, other) > near_metres || fmax(critical, other) <= far_metres) {
     *left_out += m->weight[id];
     ++*(fmin(critical, other) > near_metres ? &out->astray : &out->between);
   } else if (critical < other) {
-    ++out->critical;
+    out->critical++;
     out->critical_high += high;
   } else {
-    ++out->other;
+    out->other++;
     out->other_high += high;
   }
 }
 
 static pags_result judge_times(measuring *m, pags_priority_truth *out) {
   double left_out = 0, all = 0, before = (double)NAN;
-  for (int64_t v = 0; v < m->truth->count; ++v) { /* views are in the order of time */
+  for (int64_t v = 0; v < m->truth->count; v++) { /* views are in the order of time */
     double time = pags_dataset_view(m->truth->dataset, m->truth->views[v].index)->camera.time;
     if (m->truth->views[v].test || time == before)
       continue;
@@ -140,7 +140,7 @@ static pags_result judge_times(measuring *m, pags_priority_truth *out) {
     PAGS_TRY(check_interrupted());
     int64_t count = list_points(m, time);
     PAGS_TRY(pags_street_truth_distances(m->street, time, m->points, count, 2 * far_metres, m->critical, m->other));
-    for (int64_t i = 0; i < count; ++i)
+    for (int64_t i = 0; i < count; i++)
       judge(m, i, &left_out, &all, out);
   }
   out->counted = out->critical + out->other;
@@ -162,9 +162,9 @@ static pags_result measure(measuring *m, pags_priority_truth *out) {
     return pags_out_of_memory("the owners of %lld Gaussians", (long long)m->count);
   if (!pags_composition_priorities(m->composition, m->priority))
     return PAGS_OK;
-  for (int64_t i = 0; i < m->count; ++i)
+  for (int64_t i = 0; i < m->count; i++)
     m->view[i] = -1;
-  for (int64_t i = 0; i < m->truth->count; ++i) {
+  for (int64_t i = 0; i < m->truth->count; i++) {
     PAGS_TRY(check_interrupted());
     if (!m->truth->views[i].test)
       PAGS_TRY(weigh_view(m, i));
@@ -186,7 +186,7 @@ pags_result pags_priority_truth_measure(pags_composition *composition, const pag
   pags_result result = m.street ? measure(&m, out) : PAGS_OK;
   pags_street_truth_close(m.street);
   void *const arrays[] = {m.priority, m.most, m.weight, m.view, m.ones, m.points, m.critical, m.other, m.id};
-  for (size_t i = 0; i < sizeof arrays / sizeof *arrays; ++i)
+  for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
     free(arrays[i]);
   return result;
 }

@@ -102,7 +102,7 @@ const char *pags_format_bytes(double bytes, char *text, size_t size) {
   int unit = 0;
   while (bytes >= 1000 && unit < 4) {
     bytes /= 1000;
-    ++unit;
+    unit++;
   }
   snprintf(text, size, unit ? "%.1f %s" : "%.0f %s", bytes, units[unit]);
   return text;

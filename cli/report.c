@@ -32,7 +32,7 @@ static void line_of(pags_report *facts, const char *key, const char *format, va_
   char buffer[1280], value[1100], name[64];
   vsnprintf(value, sizeof value, format, list);
   snprintf(name, sizeof name, "%s", key);
-  for (char *c = name; *c; ++c)
+  for (char *c = name; *c; c++)
     if (*c == '_')
       *c = ' ';
   int length = *value ? snprintf(buffer, sizeof buffer, "%*s%-*s %s\n", facts->indent, "", KEY_WIDTH, name, value)
@@ -109,7 +109,7 @@ void pags_report_flag(pags_report *facts, const char *key, bool value) {
 void pags_report_vector(pags_report *facts, const char *key, const double *values, int count) {
   char text[256];
   size_t used = 0;
-  for (int i = 0; i < count && used < sizeof text; ++i)
+  for (int i = 0; i < count && used < sizeof text; i++)
     used += (size_t)snprintf(text + used, sizeof text - used, "%s%.9g", i ? " " : "", values[i]);
   line(facts, key, "%s", text);
   pags_json_put_numbers(&facts->json, key, values, count);

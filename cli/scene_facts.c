@@ -22,20 +22,20 @@ static void put_degrees(pags_report *facts, const pags_scene *scene) {
   static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
   int64_t count[4] = {0};
   int most = 0;
-  for (int64_t m = 0; m < scene->model_count; ++m) {
+  for (int64_t m = 0; m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
     most = g->sh_degree > most ? g->sh_degree : most;
-    for (int64_t i = 0; i < g->count; ++i)
+    for (int64_t i = 0; i < g->count; i++)
       ++count[pags_gaussians_row_degree(g, i)];
   }
   pags_report_begin_group(facts, "gaussians_by_colour");
-  for (int degree = 0; degree <= most; ++degree)
+  for (int degree = 0; degree <= most; degree++)
     pags_report_count(facts, names[degree], count[degree]);
   pags_report_end_group(facts);
 }
 
 static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
-  for (int64_t o = 0; o < scene->object_count; ++o)
+  for (int64_t o = 0; o < scene->object_count; o++)
     if (scene->objects[o].model == model)
       return &scene->objects[o];
   return NULL;
@@ -43,12 +43,12 @@ static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model)
 
 /* Bounding box of the means of what stands in the world, absolute; false when there are none. */
 static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
-  for (int axis = 0; axis < 3; ++axis) {
+  for (int axis = 0; axis < 3; axis++) {
     lo[axis] = HUGE_VAL;
     hi[axis] = -HUGE_VAL;
-    for (int64_t m = 0; m < scene->model_count; ++m) {
+    for (int64_t m = 0; m < scene->model_count; m++) {
       const pags_gaussians *gaussians = &scene->models[m].gaussians;
-      for (int64_t i = 0; i < gaussians->count && !owner_of(scene, m); ++i) {
+      for (int64_t i = 0; i < gaussians->count && !owner_of(scene, m); i++) {
         double at = scene->origin[axis] + (double)pags_plane(gaussians, PAGS_MEAN + axis)[i];
         lo[axis] = fmin(lo[axis], at);
         hi[axis] = fmax(hi[axis], at);
@@ -95,7 +95,7 @@ static pags_result put_models(pags_report *facts, const char *path, const pags_s
   bool folder = pags_dir_exists(path);
   *total = 0;
   pags_report_begin_list(facts, "models");
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];
     const pags_scene_object *owner = owner_of(scene, i);
     uint64_t bytes;
@@ -120,11 +120,11 @@ static pags_result put_models(pags_report *facts, const char *path, const pags_s
 /* How many objects of a category there are, and what became of them. */
 static void put_category(pags_report *facts, const pags_scene *scene, pags_category category) {
   int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
     if (object->record.category != category)
       continue;
-    ++count;
+    count++;
     moving += object->record.moving != 0;
     critical += object->critical != 0;
     own += object->model >= 0;
@@ -147,11 +147,11 @@ static void put_category(pags_report *facts, const pags_scene *scene, pags_categ
 /* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
 static int64_t *count_parked(const pags_scene *scene) {
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
-  for (int64_t m = 0; counts && m < scene->model_count; ++m) {
+  for (int64_t m = 0; counts && m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
-    for (int64_t i = 0; g->object_id && !owner_of(scene, m) && i < g->count; ++i)
+    for (int64_t i = 0; g->object_id && !owner_of(scene, m) && i < g->count; i++)
       if (g->object_id[i] >= 0)
-        ++counts[g->object_id[i]];
+        counts[g->object_id[i]]++;
   }
   return counts;
 }
@@ -161,7 +161,7 @@ static pags_result list_objects(pags_report *facts, const pags_scene *scene) {
   if (!parked)
     return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   pags_report_begin_list(facts, "every_object");
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
     const pags_object *record = &object->record;
     double seen[2] = {record->knots[0].time - scene->time_begin,
@@ -190,16 +190,16 @@ static double norm(const double v[3]) {
 static void put_tracks(pags_report *facts, const pags_scene *scene) {
   int64_t tracks = 0, knots = 0, trained = 0;
   double metres = 0, radians = 0;
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_object *record = &scene->objects[o].record;
     if (scene->objects[o].model < 0)
       continue;
-    ++tracks;
+    tracks++;
     knots += record->knot_count;
-    for (int64_t k = 0; k < record->knot_count; ++k) {
+    for (int64_t k = 0; k < record->knot_count; k++) {
       if (!record->knots[k].trained)
         continue;
-      ++trained;
+      trained++;
       metres += norm(record->knots[k].translation);
       radians += norm(record->knots[k].rotation);
     }
@@ -219,7 +219,7 @@ static pags_result put_objects(pags_report *facts, const pags_scene *scene, bool
   if (!scene->object_count)
     return PAGS_OK;
   pags_report_begin_list(facts, "objects");
-  for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; ++c)
+  for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; c++)
     put_category(facts, scene, (pags_category)c);
   put_category(facts, scene, PAGS_CATEGORY_OTHER);
   pags_report_end_list(facts);
@@ -230,10 +230,10 @@ static pags_result put_objects(pags_report *facts, const pags_scene *scene, bool
 static void put_exposure(pags_report *facts, const pags_scene *scene) {
   int64_t exposed = 0;
   double lo = HUGE_VAL, hi = -HUGE_VAL;
-  for (int64_t i = 0; i < scene->view_count; ++i) {
+  for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_scene_view *view = &scene->views[i];
     bool changed = false;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       changed = changed || view->gain[k] != 1 || view->offset[k] != 0;
       lo = fmin(lo, view->gain[k]);
       hi = fmax(hi, view->gain[k]);
@@ -267,7 +267,7 @@ static void put_drive(pags_report *facts, const pags_scene *scene) {
 
 static void put_views(pags_report *facts, const pags_scene *scene) {
   int64_t held_out = 0;
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     held_out += scene->views[i].test != 0;
   if (!scene->view_count)
     return;
@@ -350,7 +350,7 @@ static pags_result put_modelled(pags_report *facts, const pags_scene *scene) {
 static double stored_bytes(const pags_scene *scene, int *degree) {
   double stored = 0;
   *degree = 0;
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_gaussians *g = &scene->models[i].gaussians;
     int planes = pags_plane_count(g->sh_degree) + (g->s_sem ? 1 : 0) + (g->object_id ? 1 : 0) + (g->fourier ? 12 : 0);
     stored += (double)g->count * 4.0 * planes;
@@ -420,12 +420,12 @@ static void put_priorities(pags_report *facts, const pags_scene *scene) {
   static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
   int64_t known = 0, over[3] = {0};
   double sum = 0;
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_gaussians *g = &scene->models[i].gaussians;
     known += g->s_sem ? g->count : 0;
-    for (int64_t row = 0; g->s_sem && row < g->count; ++row) {
+    for (int64_t row = 0; g->s_sem && row < g->count; row++) {
       sum += (double)g->s_sem[row];
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         over[k] += g->s_sem[row] > bounds[k];
     }
   }
@@ -434,7 +434,7 @@ static void put_priorities(pags_report *facts, const pags_scene *scene) {
   pags_report_begin_group(facts, "priority");
   pags_report_count(facts, "gaussians", known);
   pags_report_number(facts, "mean", sum / (double)known);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     pags_report_number(facts, names[k], (double)over[k] / (double)known);
   pags_report_end_group(facts);
 }

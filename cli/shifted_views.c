@@ -46,7 +46,7 @@ static pags_result load_truth(const char *path, const pags_camera *full, const p
   if (result == PAGS_OK)
     result = pags_image_create(out, bytes.width, bytes.height, 3, PAGS_F32);
   if (result == PAGS_OK)
-    for (size_t i = 0; i < (size_t)bytes.width * (size_t)bytes.height * 3; ++i)
+    for (size_t i = 0; i < (size_t)bytes.width * (size_t)bytes.height * 3; i++)
       ((float *)out->data)[i] = (float)((const uint8_t *)bytes.data)[i] / 255.0f;
   pags_image_destroy(&bytes);
   return result;
@@ -65,7 +65,7 @@ static pags_result compare(const shifting *s, const pags_image *render, const pa
   PAGS_TRY(pags_eval_ssim(render, truth, NULL, s->session->tasks, &ssim));
   score->psnr += psnr;
   score->ssim += ssim;
-  ++score->views;
+  score->views++;
   if (!s->images)
     return PAGS_OK;
   PAGS_TRY(save(s, score->name, i, "render", render));
@@ -114,7 +114,7 @@ static pags_result measure_path(const shifting *s, const char *folder, pags_shif
   if (result != PAGS_OK)
     return result;
   pags_progress progress = pags_progress_begin(s->session->people);
-  for (int64_t i = 0; result == PAGS_OK && i < cameras.count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < cameras.count; i++) {
     if (pags_interrupted())
       result = pags_fail(PAGS_CANCELLED, "interrupted");
     else
@@ -133,7 +133,7 @@ static pags_result measure_all(const shifting *s, const pags_dir_list *list, pag
   out->items = calloc((size_t)list->count + 1, sizeof *out->items);
   if (!out->items)
     return pags_out_of_memory(NULL);
-  for (int64_t i = 0; i < list->count; ++i) {
+  for (int64_t i = 0; i < list->count; i++) {
     char *folder = pags_path_join(s->folder, list->names[i]);
     pags_shifted_view_score *score = &out->items[out->count];
     if (!folder)
@@ -142,7 +142,7 @@ static pags_result measure_all(const shifting *s, const pags_dir_list *list, pag
     if (pags_dir_exists(folder)) {
       snprintf(score->name, sizeof score->name, "%s", list->names[i]);
       result = measure_path(s, folder, score);
-      ++out->count;
+      out->count++;
     }
     free(folder);
     PAGS_TRY(result);

@@ -109,7 +109,7 @@ static void copy_masked(pags_image *render, const pags_image *photo, const uint8
   float *to = render->data;
   const float *from = photo->data;
   size_t count = (size_t)render->width * (size_t)render->height;
-  for (size_t i = 0; i < count; ++i)
+  for (size_t i = 0; i < count; i++)
     if (!mask[i])
       memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
 }
@@ -153,7 +153,7 @@ static pags_result compare_picture(evaluation *self, const pags_photographs_view
     result =
         pags_depth_errors_add(&self->depth_errors[at->test != 0], self->truth.dataset, at->index, picture, photo->mask);
   if (result == PAGS_OK)
-    ++self->count;
+    self->count++;
   return result;
 }
 
@@ -209,10 +209,10 @@ static pags_result compare_all(evaluation *self) {
   pags_progress progress = pags_progress_begin(self->arguments->session.people);
   pags_result result = PAGS_OK;
   int64_t number = 0, count = 0;
-  for (int64_t i = 0; i < self->truth.count; ++i)
+  for (int64_t i = 0; i < self->truth.count; i++)
     count += wanted(self->arguments, self->truth.views[i].test);
   pags_interrupt_install(self->arguments->session.tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < self->truth.count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < self->truth.count; i++) {
     if (pags_interrupted())
       result = PAGS_CANCELLED;
     else if (wanted(self->arguments, self->truth.views[i].test) && chosen(self->arguments, number++, count))
@@ -234,7 +234,7 @@ static void put_split(pags_json_writer *writer, const evaluation *self, const ch
   pags_view_scores_put_json(writer, &mean.mean);
   pags_depth_figures_put_json(writer, &self->depth[test]);
   pags_json_begin_array(writer, "per_view");
-  for (int64_t i = 0; i < self->count; ++i) {
+  for (int64_t i = 0; i < self->count; i++) {
     if (self->scores[i].test != test)
       continue;
     pags_json_begin_object(writer, NULL);
@@ -252,7 +252,7 @@ static void put_shifts(pags_json_writer *writer, const evaluation *self) {
     return;
   }
   pags_json_begin_array(writer, "shift");
-  for (int64_t i = 0; i < self->shifts.count; ++i) {
+  for (int64_t i = 0; i < self->shifts.count; i++) {
     const pags_shifted_view_score *score = &self->shifts.items[i];
     pags_json_begin_object(writer, NULL);
     pags_json_put_string(writer, "name", score->name);
@@ -317,14 +317,14 @@ static void print_owners(const pags_session *session, const pags_priority_truth 
 static void print_more(const evaluation *self) {
   static const char *const sets[2] = {"training views", "held-out views"};
   const pags_session *session = &self->arguments->session;
-  for (int test = 0; test < 2; ++test)
+  for (int test = 0; test < 2; test++)
     if (self->depth[test].samples)
       pags_say(session,
                "depth beside LiDAR, %s: off by %.3f m (median), %.3f m (mean), %.3f m (mean of the best 95 %%); "
                "%.1f %% within 5 %%\n",
                sets[test], self->depth[test].median, self->depth[test].mean, self->depth[test].mean95,
                100 * self->depth[test].within);
-  for (int64_t i = 0; i < self->shifts.count; ++i)
+  for (int64_t i = 0; i < self->shifts.count; i++)
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
              self->shifts.items[i].ssim);
   print_poses(session, &self->poses);
@@ -361,7 +361,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
   if (!self->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s views to compare", scene_path,
                      arguments->split == 2 ? "held-out" : "training");
-  for (int test = 0; test < 2; ++test)
+  for (int test = 0; test < 2; test++)
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
   const char *dataset = pags_dataset_path(self->truth.dataset);
   PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
@@ -382,7 +382,7 @@ static void destroy(evaluation *self) {
     pags_lpips_destroy(self->lpips);
   pags_composition_destroy(self->composition);
   pags_shifted_view_scores_destroy(&self->shifts);
-  for (int test = 0; test < 2; ++test)
+  for (int test = 0; test < 2; test++)
     pags_depth_errors_destroy(&self->depth_errors[test]);
   free(self->scores);
 }

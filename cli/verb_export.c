@@ -96,7 +96,7 @@ static pags_result write_json(const export_arguments *arguments, const char *fil
   pags_json_put_string(&writer, "file", file);
   pags_json_put_number(&writer, "seconds", seconds);
   pags_json_begin_array(&writer, "proxies");
-  for (int64_t i = 0; i < report->count; ++i) {
+  for (int64_t i = 0; i < report->count; i++) {
     pags_json_begin_object(&writer, NULL);
     pags_json_put_string(&writer, "name", report->proxies[i].name);
     pags_proxy_facts_put(&writer, &report->proxies[i]);
@@ -120,7 +120,7 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   if (result != PAGS_OK)
     return result;
   int64_t triangles = 0;
-  for (int64_t i = 0; i < report.count; ++i) {
+  for (int64_t i = 0; i < report.count; i++) {
     say_proxy(&arguments->session, &report.proxies[i]);
     triangles += report.proxies[i].triangles;
   }
@@ -142,7 +142,7 @@ static pags_result choose(const export_arguments *arguments, const pags_scene *s
     return PAGS_OK;
   PAGS_TRY(pags_object_edits_find(&words, scene, &edits, &count));
   *chosen = calloc((size_t)scene->object_count + 1, 1);
-  for (int64_t i = 0; *chosen && i < count; ++i)
+  for (int64_t i = 0; *chosen && i < count; i++)
     (*chosen)[edits[i].object] = 1;
   free(edits);
   return *chosen ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)scene->object_count);

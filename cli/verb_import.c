@@ -85,7 +85,7 @@ int pags_verb_import(int argc, char **argv) {
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  for (int i = 0; i < KIND_COUNT; ++i)
+  for (int i = 0; i < KIND_COUNT; i++)
     if (!strcmp(kinds[i].name, parsed.positionals[0]))
       kind = &kinds[i];
   if (!kind)

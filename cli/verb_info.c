@@ -70,14 +70,14 @@ static pags_result describe_splat(pags_report *facts, const info_arguments *argu
 
 static void put_categories(pags_report *facts, const char *key, const pags_dataset *dataset, int moving) {
   int64_t counts[4] = {0}, sum = 0;
-  for (int64_t i = 0; i < pags_dataset_object_count(dataset); ++i) {
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
     counts[object->category] += (object->moving != 0) == moving;
     sum += (object->moving != 0) == moving;
   }
   pags_report_begin_group(facts, key);
   pags_report_count(facts, "all", sum);
-  for (int c = 0; c < 4; ++c)
+  for (int c = 0; c < 4; c++)
     if (counts[c])
       pags_report_count(facts, pags_category_name((pags_category)c), counts[c]);
   pags_report_end_group(facts);
@@ -93,7 +93,7 @@ static void put_driving(pags_report *facts, const pags_dataset *dataset) {
   put_categories(facts, "objects_parked", dataset, 0);
   pags_report_count(facts, "lidar_sweeps", sweeps);
   pags_report_begin_list(facts, "notes");
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); ++i)
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
     pags_report_sentence(facts, pags_dataset_note(dataset, i));
   pags_report_end_list(facts);
 }
@@ -107,7 +107,7 @@ static pags_result describe_dataset(pags_report *facts, const info_arguments *ar
   PAGS_TRY(pags_dataset_open(path, &arguments->options, &dataset));
   const pags_place place = pags_dataset_place(dataset);
   int64_t count = pags_dataset_view_count(dataset);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   pags_report_text(facts, "kind", "data set");
@@ -207,7 +207,7 @@ static bool is_image(const unsigned char *head) {
     const char *magic;
     size_t length;
   } kinds[] = {{"\x89PNG", 4}, {"\xff\xd8\xff", 3}, {"\x76\x2f\x31\x01", 4}, {"II*\0", 4}, {"MM\0*", 4}};
-  for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; ++i)
+  for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
     if (!memcmp(head, kinds[i].magic, kinds[i].length))
       return true;
   return false;
@@ -223,7 +223,7 @@ static pags_result describe(pags_report *facts, const info_arguments *arguments,
     return describe_image(facts, path);
   if (!memcmp(head, "PAGSRUN", 7))
     return describe_checkpoint(facts, path);
-  for (int i = 0; i < 16; ++i) {
+  for (int i = 0; i < 16; i++) {
     if (head[i] == '{')
       return describe_json(facts, arguments, path);
     if (!strchr(" \t\r\n", head[i]) || !head[i])

@@ -153,14 +153,14 @@ static pags_result set_time(double time, const pags_scene *scene, pags_viewpoint
   double span = scene->time_end - scene->time_begin;
   if (time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
     return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, time);
-  for (int64_t i = 0; i < viewpoints->count; ++i)
+  for (int64_t i = 0; i < viewpoints->count; i++)
     viewpoints->items[i].camera.time = scene->time_begin + time;
   return PAGS_OK;
 }
 
 /* As the sensor whose drive it is exposed at that moment. */
 static void expose_drive(const pags_scene *scene, pags_viewpoints *viewpoints) {
-  for (int64_t i = 0; i < viewpoints->count && pags_scene_is_drive(scene); ++i) {
+  for (int64_t i = 0; i < viewpoints->count && pags_scene_is_drive(scene); i++) {
     pags_viewpoint *v = &viewpoints->items[i];
     pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
   }
@@ -197,7 +197,7 @@ static void choose_options(renderer *self, const pags_parsed *parsed) {
   const render_arguments *arguments = self->arguments;
   pags_frame_options *frame = &self->options;
   *frame = pags_composition_options(self->composition);
-  for (int c = 0; c < 3 && pags_option_given(parsed, "background"); ++c) {
+  for (int c = 0; c < 3 && pags_option_given(parsed, "background"); c++) {
     frame->background[c] = (float)arguments->background[c];
     frame->sky = NULL;
   }
@@ -252,7 +252,7 @@ static void put_stats(pags_json_writer *writer, const pags_frame_stats *s) {
 static pags_frame_stats mean_stats(const pags_frame_stats *stats, int64_t count) {
   pags_frame_stats mean = {0};
   double n = count ? (double)count : 1;
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     pags_frame_stats_add(&mean, &stats[i]);
   pags_frame_stats_divide(&mean, n);
   return mean;
@@ -267,7 +267,7 @@ static pags_result write_json(const renderer *self) {
   pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
   pags_json_put_integer(&writer, "bytes", (int64_t)pags_composition_bytes(self->composition));
   pags_json_begin_array(&writer, "frames");
-  for (int64_t i = 0; i < self->done; ++i) {
+  for (int64_t i = 0; i < self->done; i++) {
     pags_json_begin_object(&writer, NULL);
     pags_json_put_string(&writer, "name", self->viewpoints.items[i].name);
     pags_json_put_integer(&writer, "width", self->viewpoints.items[i].camera.width);
@@ -315,7 +315,7 @@ static pags_result draw_all(renderer *self) {
   pags_progress progress = pags_progress_begin(session->people);
   pags_interrupt_install(session->tasks);
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < self->viewpoints.count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < self->viewpoints.count; i++) {
     pags_camera *camera = &self->viewpoints.items[i].camera;
     *camera = pags_camera_downscale(camera, self->arguments->downscale);
     result = draw(self, i);

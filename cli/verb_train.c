@@ -340,11 +340,11 @@ static void report(const train_arguments *arguments, const pags_train_result *re
 
 static void describe_driving(const train_arguments *arguments, const pags_dataset *dataset) {
   int64_t objects = pags_dataset_object_count(dataset), moving = 0;
-  for (int64_t i = 0; i < objects; ++i)
+  for (int64_t i = 0; i < objects; i++)
     moving += pags_dataset_object(dataset, i)->moving;
   pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
            (long long)moving, (long long)pags_dataset_sweep_count(dataset));
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); ++i)
+  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
     pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
 }
 
@@ -353,7 +353,7 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
   const float *xyz;
   const uint8_t *rgb;
   int random;
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;

@@ -13,7 +13,7 @@ static const char *const suffixes[PAGS_REGION_COUNT] = {"",          "_critical"
 
 pags_view_score pags_view_score_make(const char *name, int test) {
   pags_view_score score = {.name = name, .test = test, .lpips = (double)NAN, .psnr_unexposed = (double)NAN};
-  for (int r = 0; r < PAGS_REGION_COUNT; ++r)
+  for (int r = 0; r < PAGS_REGION_COUNT; r++)
     score.psnr[r] = score.ssim[r] = (double)NAN;
   return score;
 }
@@ -29,8 +29,8 @@ static unsigned regions_of(unsigned labels) {
 
 void pags_regions_fill(int width, int height, const uint8_t *mask, const uint8_t *labels, int stride,
                        uint16_t *regions) {
-  for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) {
+  for (int y = 0; y < height; y++)
+    for (int x = 0; x < width; x++) {
       size_t at = (size_t)y * (size_t)width + (size_t)x;
       unsigned bits = 1u << PAGS_REGION_WHOLE;
       if (labels)
@@ -49,7 +49,7 @@ static void mean_add(running_mean *m, double value) {
   if (isnan(value))
     return;
   m->sum += value;
-  ++m->count;
+  m->count++;
 }
 
 static double mean_of(const running_mean *m) {
@@ -59,18 +59,18 @@ static double mean_of(const running_mean *m) {
 pags_mean_score pags_view_scores_mean(const pags_view_score *scores, int64_t count, int test) {
   pags_mean_score out = {.mean = pags_view_score_make(NULL, test)};
   running_mean psnr[PAGS_REGION_COUNT] = {{0}}, ssim[PAGS_REGION_COUNT] = {{0}}, lpips = {0}, unexposed = {0};
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     if (scores[i].test != test)
       continue;
-    ++out.views;
-    for (int r = 0; r < PAGS_REGION_COUNT; ++r) {
+    out.views++;
+    for (int r = 0; r < PAGS_REGION_COUNT; r++) {
       mean_add(&psnr[r], scores[i].psnr[r]);
       mean_add(&ssim[r], scores[i].ssim[r]);
     }
     mean_add(&lpips, scores[i].lpips);
     mean_add(&unexposed, scores[i].psnr_unexposed);
   }
-  for (int r = 0; r < PAGS_REGION_COUNT; ++r) {
+  for (int r = 0; r < PAGS_REGION_COUNT; r++) {
     out.mean.psnr[r] = mean_of(&psnr[r]);
     out.mean.ssim[r] = mean_of(&ssim[r]);
   }
@@ -85,7 +85,7 @@ void pags_view_scores_put_json(pags_json_writer *writer, const pags_view_score *
   pags_json_put_number(writer, "ssim", score->ssim[PAGS_REGION_WHOLE]);
   pags_json_put_number(writer, "lpips", score->lpips);
   pags_json_put_number(writer, "psnr_unexposed", score->psnr_unexposed);
-  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; ++r) {
+  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
     snprintf(key, sizeof key, "psnr%s", suffixes[r]);
     pags_json_put_number(writer, key, score->psnr[r]);
     snprintf(key, sizeof key, "ssim%s", suffixes[r]);
@@ -106,7 +106,7 @@ static void print_mean(const pags_session *session, const pags_mean_score *mean,
   char name[48];
   snprintf(name, sizeof name, "mean of %lld", (long long)mean->views);
   print_row(session, name, set, m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
-  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; ++r) {
+  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
     snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
     if (!isnan(m->psnr[r]))
       print_row(session, name, set, m->psnr[r], m->ssim[r], (double)NAN);
@@ -118,12 +118,12 @@ static void print_mean(const pags_session *session, const pags_mean_score *mean,
 void pags_view_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {
   static const char *const sets[2] = {"train", "test"};
   pags_say(session, "%-32s %-5s %9s %8s %8s\n", "view", "set", "PSNR dB", "SSIM", "LPIPS");
-  for (int test = 0; test < 2; ++test)
-    for (int64_t i = 0; i < count; ++i)
+  for (int test = 0; test < 2; test++)
+    for (int64_t i = 0; i < count; i++)
       if (scores[i].test == test)
         print_row(session, scores[i].name, sets[test], scores[i].psnr[PAGS_REGION_WHOLE],
                   scores[i].ssim[PAGS_REGION_WHOLE], scores[i].lpips);
-  for (int test = 0; test < 2; ++test) {
+  for (int test = 0; test < 2; test++) {
     pags_mean_score mean = pags_view_scores_mean(scores, count, test);
     if (mean.views)
       print_mean(session, &mean, sets[test]);

@@ -14,7 +14,7 @@ static pags_result create(int64_t capacity, pags_viewpoints *out) {
 }
 
 void pags_viewpoints_destroy(pags_viewpoints *viewpoints) {
-  for (int64_t i = 0; i < viewpoints->count; ++i)
+  for (int64_t i = 0; i < viewpoints->count; i++)
     free(viewpoints->items[i].name);
   free(viewpoints->items);
   memset(viewpoints, 0, sizeof *viewpoints);
@@ -24,16 +24,16 @@ static pags_result append(pags_viewpoints *viewpoints, const char *name, const p
   pags_viewpoint *item = &viewpoints->items[viewpoints->count];
   item->name = strdup(name);
   item->camera = *camera;
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     item->gain[c] = 1;
   if (!item->name)
     return pags_out_of_memory(NULL);
-  ++viewpoints->count;
+  viewpoints->count++;
   return PAGS_OK;
 }
 
 static bool taken(const pags_viewpoints *viewpoints, const char *name) {
-  for (int64_t i = 0; i < viewpoints->count; ++i)
+  for (int64_t i = 0; i < viewpoints->count; i++)
     if (!strcmp(viewpoints->items[i].name, name))
       return true;
   return false;
@@ -66,7 +66,7 @@ static pags_result check_any(const pags_viewpoints *viewpoints, pags_split split
 pags_result pags_viewpoints_of_scene(const pags_scene *scene, pags_split split, pags_viewpoints *out) {
   PAGS_TRY(create(scene->view_count, out));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < scene->view_count; i++) {
     const pags_scene_view *view = &scene->views[i];
     if (!wanted(split, view->test))
       continue;
@@ -87,7 +87,7 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
   int64_t count = pags_dataset_view_count(dataset);
   PAGS_TRY(create(count, out));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < count; i++) {
     const pags_view *view = pags_dataset_view(dataset, i);
     if (wanted(split, view->test))
       result = append_view(out, view->name, &view->camera);
@@ -102,7 +102,7 @@ pags_result pags_viewpoints_of_dataset(const pags_dataset *dataset, pags_split s
 pags_result pags_viewpoints_of_path(const pags_camera_path *path, pags_viewpoints *out) {
   PAGS_TRY(create(path->count, out));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; result == PAGS_OK && i < path->count; ++i) {
+  for (int64_t i = 0; result == PAGS_OK && i < path->count; i++) {
     char name[24];
     snprintf(name, sizeof name, "%05lld", (long long)i);
     result = append(out, name, &path->cameras[i]);

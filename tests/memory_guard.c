@@ -82,7 +82,7 @@ int memory_guard_allows(size_t size) {
 
 static void *made(void *block) {
   if (block && watching) {
-    ++live;
+    live++;
     const int64_t size = (int64_t)malloc_usable_size(block), now = atomic_fetch_add(&bytes, size) + size;
     int64_t before = peak;
     while (now > before && !atomic_compare_exchange_weak(&peak, &before, now)) {
@@ -93,7 +93,7 @@ static void *made(void *block) {
 
 static void gone(void *block) {
   if (block && watching) {
-    --live;
+    live--;
     bytes -= (int64_t)malloc_usable_size(block);
   }
 }
@@ -113,7 +113,7 @@ void *__wrap_realloc(void *block, size_t size) {
     return NULL;
   void *const grown = __real_realloc(block, size);
   if (watching && block && grown) {
-    --live;
+    live--;
     bytes -= (int64_t)before;
   }
   return made(grown);

@@ -18,7 +18,7 @@ static void *need(void *block) {
 static void add_objects(pags_scene *scene) {
   scene->object_count = OBJECTS;
   scene->objects = need(calloc(OBJECTS, sizeof *scene->objects));
-  for (int i = 0; i < OBJECTS; ++i) {
+  for (int i = 0; i < OBJECTS; i++) {
     scene->objects[i] = (pags_scene_object){.model = i ? 1 : -1, .critical = i, .rigid = !i};
     scene->objects[i].record = (pags_object){.id = need(pags_text_copy(i ? "a/b" : "parked")),
                                              .class_name = need(pags_text_copy("car")),
@@ -27,7 +27,7 @@ static void add_objects(pags_scene *scene) {
                                              .moving = i,
                                              .knot_count = 2,
                                              .knots = need(calloc(2, sizeof(pags_knot)))};
-    for (int k = 0; k < 2; ++k)
+    for (int k = 0; k < 2; k++)
       scene->objects[i].record.knots[k] = (pags_knot){.frame = k,
                                                       .trained = 1,
                                                       .time = 0.5 * k,
@@ -53,7 +53,7 @@ static void add_view(pags_scene *scene) {
 void small_scene_make(pags_scene *scene) {
   *scene = (pags_scene){.up = PAGS_UP_Z, .time_end = 0.5, .model_count = 2, .fps = 2, .iterations = 10, .seed = 3};
   scene->models = need(calloc(2, sizeof *scene->models));
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     scene->models[i] = (pags_model){.name = need(pags_text_copy(i ? "a/b" : "background")),
                                     .file = need(pags_text_copy(i ? "objects/a_b.ply" : "background.ply"))};
     sample_gaussians(&scene->models[i].gaussians, i ? MOVING : STILL, 1, 5);

@@ -38,7 +38,7 @@ void bytes_u8(file_bytes *bytes, unsigned value) {
 }
 
 void bytes_u32(file_bytes *bytes, uint32_t value) {
-  for (int i = 0; i < 4; ++i)
+  for (int i = 0; i < 4; i++)
     bytes_u8(bytes, value >> (8 * i) & 255);
 }
 
@@ -61,8 +61,8 @@ void bytes_free(file_bytes *bytes) {
 void sample_gaussians(pags_gaussians *g, int64_t count, int sh_degree, uint64_t seed) {
   if (pags_gaussians_create(g, count, sh_degree) != PAGS_OK)
     abort();
-  for (int p = 0; p < pags_plane_count(sh_degree); ++p)
-    for (int64_t i = 0; i < count; ++i) {
+  for (int p = 0; p < pags_plane_count(sh_degree); p++)
+    for (int64_t i = 0; i < count; i++) {
       double z[2];
       pags_rng_normal2(seed, (uint64_t)p, (uint64_t)i, z);
       double value = p < PAGS_SCALE ? 2 * z[0] : p < PAGS_ROTATION ? z[0] - 4.6 : z[0];
@@ -97,13 +97,13 @@ file_bytes make_ply(const pags_gaussians *g) {
   char name[24];
   int rest = pags_sh_coefficients(g->sh_degree) - 1;
   bytes_text(&out, "ply\nformat binary_little_endian 1.0\nelement vertex %d\n", (int)g->count);
-  for (int k = 0; k < properties(g); ++k) {
+  for (int k = 0; k < properties(g); k++) {
     property(k, rest, name);
     bytes_text(&out, "property float %s\n", name);
   }
   bytes_text(&out, "end_header\n");
-  for (int64_t i = 0; i < g->count; ++i)
-    for (int k = 0; k < properties(g); ++k) {
+  for (int64_t i = 0; i < g->count; i++)
+    for (int k = 0; k < properties(g); k++) {
       int plane = property(k, rest, name);
       bytes_f32(&out, plane < 0 ? 0.0f : pags_plane(g, plane)[i]);
     }
@@ -119,7 +119,7 @@ static void put_number(file_bytes *out, const char *format, int is_double, float
   uint8_t bytes[8];
   int size = is_double ? 8 : 4;
   memcpy(bytes, is_double ? (const void *)&wide : (const void *)&value, (size_t)size);
-  for (int i = 0; i < size; ++i) /* the machine itself is little-endian */
+  for (int i = 0; i < size; i++) /* the machine itself is little-endian */
     bytes_u8(out, bytes[format[7] == 'b' ? size - 1 - i : i]);
 }
 
@@ -129,7 +129,7 @@ file_bytes make_scrambled_ply(const pags_gaussians *g, const char *format) {
   int count = properties(g), rest = pags_sh_coefficients(g->sh_degree) - 1;
   bytes_text(&out, "ply\r\nformat %s\r\ncomment of no account\r\nelement camera 2\r\nproperty uchar id\r\n", format);
   bytes_text(&out, "element vertex %d\r\nproperty float unknown\r\n", (int)g->count);
-  for (int k = count - 1; k >= 0; --k) {
+  for (int k = count - 1; k >= 0; k--) {
     int plane = property(k, rest, name);
     bytes_text(&out, "property %s %s\r\n", plane >= 0 && plane < 3 ? "double" : "float32", name);
   }
@@ -138,9 +138,9 @@ file_bytes make_scrambled_ply(const pags_gaussians *g, const char *format) {
     bytes_text(&out, "1\n2\n");
   else
     bytes_put(&out, "\1\2", 2);
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     put_number(&out, format, 0, 99);
-    for (int k = count - 1; k >= 0; --k) {
+    for (int k = count - 1; k >= 0; k--) {
       int plane = property(k, rest, name);
       put_number(&out, format, plane >= 0 && plane < 3, plane < 0 ? 7.0f : pags_plane(g, plane)[i]);
     }
@@ -157,10 +157,10 @@ static uint32_t random_word(uint64_t seed, uint64_t a, uint64_t b) {
 
 file_bytes make_splat(int64_t count, uint64_t seed) {
   file_bytes out = {0};
-  for (int64_t i = 0; i < count; ++i) {
-    for (uint64_t k = 0; k < 3; ++k)
+  for (int64_t i = 0; i < count; i++) {
+    for (uint64_t k = 0; k < 3; k++)
       bytes_f32(&out, (float)(pags_rng_uniform(seed, k, (uint64_t)i) * 4 - 2));
-    for (uint64_t k = 3; k < 6; ++k)
+    for (uint64_t k = 3; k < 6; k++)
       bytes_f32(&out, (float)(pags_rng_uniform(seed, k, (uint64_t)i) * 0.1));
     bytes_u32(&out, random_word(seed, 6, (uint64_t)i));
     bytes_u32(&out, random_word(seed, 7, (uint64_t)i));
@@ -173,26 +173,26 @@ file_bytes make_compressed_ply(int64_t count, int sh_degree, int colour_bounds, 
   file_bytes out = {0};
   int chunks = (int)((count + 255) / 256), rest = 3 * (pags_sh_coefficients(sh_degree) - 1);
   bytes_text(&out, "ply\nformat binary_little_endian 1.0\nelement chunk %d\n", chunks);
-  for (int s = 0; stems[s]; ++s)
-    for (int k = 0; k < 6; ++k)
+  for (int s = 0; stems[s]; s++)
+    for (int k = 0; k < 6; k++)
       bytes_text(&out, "property float %s_%s%c\n", k < 3 ? "min" : "max", stems[s], "xyz"[k % 3]);
-  for (int k = 0; k < 6 && colour_bounds; ++k)
+  for (int k = 0; k < 6 && colour_bounds; k++)
     bytes_text(&out, "property float %s_%c\n", k < 3 ? "min" : "max", "rgb"[k % 3]);
   bytes_text(&out, "element vertex %d\nproperty uint packed_position\nproperty uint packed_rotation\n", (int)count);
   bytes_text(&out, "property uint packed_scale\nproperty uint packed_color\n");
   if (rest)
     bytes_text(&out, "element sh %d\n", (int)count);
-  for (int k = 0; k < rest; ++k)
+  for (int k = 0; k < rest; k++)
     bytes_text(&out, "property uchar f_rest_%d\n", k);
   bytes_text(&out, "end_header\n");
-  for (int c = 0; c < chunks; ++c)
-    for (int k = 0; k < (colour_bounds ? 18 : 12); ++k) /* lower bounds below zero, upper ones above */
+  for (int c = 0; c < chunks; c++)
+    for (int k = 0; k < (colour_bounds ? 18 : 12); k++) /* lower bounds below zero, upper ones above */
       bytes_f32(&out, (float)((k / 3 % 2 ? 1 : -1) * pags_rng_uniform(seed, (uint64_t)k, (uint64_t)c)));
-  for (int64_t i = 0; i < count; ++i)
-    for (uint64_t k = 0; k < 4; ++k)
+  for (int64_t i = 0; i < count; i++)
+    for (uint64_t k = 0; k < 4; k++)
       bytes_u32(&out, random_word(seed, 100 + k, (uint64_t)i));
-  for (int64_t i = 0; i < count; ++i)
-    for (int k = 0; k < rest; ++k)
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < rest; k++)
       bytes_u8(&out, random_word(seed, 200 + (uint64_t)k, (uint64_t)i) & 255);
   return out;
 }
@@ -200,14 +200,14 @@ file_bytes make_compressed_ply(int64_t count, int sh_degree, int colour_bounds, 
 spz_parts make_spz_parts(int version, uint32_t count, int sh_degree, uint64_t seed) {
   spz_parts parts = {version, sh_degree, 12, 0, count, {{0}}};
   int sizes[6] = {9, 1, 3, 3, version == 2 ? 3 : 4, 3 * ((sh_degree + 1) * (sh_degree + 1) - 1)};
-  for (uint64_t s = 0; s < 6; ++s)
-    for (uint64_t i = 0; i < count * (uint64_t)sizes[s]; ++i)
+  for (uint64_t s = 0; s < 6; s++)
+    for (uint64_t i = 0; i < count * (uint64_t)sizes[s]; i++)
       bytes_u8(&parts.stream[s], random_word(seed, s, i) & 255);
   return parts;
 }
 
 void free_spz_parts(spz_parts *parts) {
-  for (int s = 0; s < 6; ++s)
+  for (int s = 0; s < 6; s++)
     bytes_free(&parts->stream[s]);
 }
 
@@ -255,17 +255,17 @@ static file_bytes pack_v4(const spz_parts *parts) {
   int streams = parts->sh_degree ? 6 : 5;
   file_bytes out = spz_header(parts, streams), packed[6] = {{0}};
   bytes_u32(&out, 32 + 8); /* eight bytes of extensions before the table */
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     bytes_u32(&out, 0);
   bytes_u64(&out, 0x1234);
-  for (int s = 0; s < streams; ++s) {
+  for (int s = 0; s < streams; s++) {
     packed[s].capacity = ZSTD_compressBound(parts->stream[s].size);
     packed[s].data = malloc(packed[s].capacity);
     packed[s].size = ZSTD_compress(packed[s].data, packed[s].capacity, parts->stream[s].data, parts->stream[s].size, 3);
     bytes_u64(&out, packed[s].size);
     bytes_u64(&out, parts->stream[s].size);
   }
-  for (int s = 0; s < streams; ++s) {
+  for (int s = 0; s < streams; s++) {
     bytes_put(&out, packed[s].data, packed[s].size);
     bytes_free(&packed[s]);
   }
@@ -274,7 +274,7 @@ static file_bytes pack_v4(const spz_parts *parts) {
 
 file_bytes spz_plain(const spz_parts *parts) {
   file_bytes plain = spz_header(parts, 0);
-  for (int s = 0; s < 6; ++s)
+  for (int s = 0; s < 6; s++)
     bytes_put(&plain, parts->stream[s].data, parts->stream[s].size);
   return plain;
 }

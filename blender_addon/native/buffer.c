@@ -31,7 +31,7 @@ static PyObject *create(const native_state *state, PyObject *owner, void *data, 
   self->dimensions = dimensions;
   self->item = item_size(format);
   Py_ssize_t stride = self->item;
-  for (int d = dimensions - 1; d >= 0; --d) {
+  for (int d = dimensions - 1; d >= 0; d--) {
     self->shape[d] = shape[d];
     self->strides[d] = stride;
     stride *= shape[d];
@@ -71,7 +71,7 @@ static int buffer_get(PyObject *object, Py_buffer *view, int flags) {
   }
   *view = (Py_buffer){.buf = self->data, .itemsize = self->item, .readonly = 1, .ndim = self->dimensions};
   view->len = self->item;
-  for (int d = 0; d < self->dimensions; ++d)
+  for (int d = 0; d < self->dimensions; d++)
     view->len *= self->shape[d];
   view->format = flags & PyBUF_FORMAT ? self->format : NULL;
   view->shape = flags & PyBUF_ND ? self->shape : NULL;
@@ -85,7 +85,7 @@ static PyObject *buffer_shape(PyObject *object, void *closure) {
   native_buffer *self = (native_buffer *)object;
   (void)closure;
   PyObject *shape = PyTuple_New(self->dimensions);
-  for (int d = 0; shape && d < self->dimensions; ++d)
+  for (int d = 0; shape && d < self->dimensions; d++)
     PyTuple_SetItem(shape, d, PyLong_FromSsize_t(self->shape[d]));
   return shape;
 }

@@ -12,7 +12,7 @@ typedef struct found {
 static void ray_through(const pags_camera *camera, int x, int y, double origin[3], double direction[3]) {
   const double *m = camera->world_from_camera;
   double across = (x + 0.5 - camera->cx) / camera->fx, down = (y + 0.5 - camera->cy) / camera->fy;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     origin[k] = m[4 * k + 3];
     direction[k] = m[4 * k] * across + m[4 * k + 1] * down + m[4 * k + 2]; /* z of 1: the ray's length is depth */
   }

@@ -25,7 +25,7 @@ static float decode_exactly(float v) {
 }
 
 static void decoder_init(decoder *d) {
-  for (int i = 0; i < TABLE + 2; ++i)
+  for (int i = 0; i < TABLE + 2; i++)
     d->table[i] = decode_exactly((float)i / TABLE);
 }
 
@@ -80,7 +80,7 @@ static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
 
 static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3], float *out) {
   float cover = f->layout->transparent ? alpha : 1;
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; c++) {
     /* Premultiplied as it is; light is decoded of the colour itself. */
     float own = f->layout->transparent && cover > 0 ? rgb[c] / cover : rgb[c];
     float light = f->layout->linear ? decode(&f->decoder, own) : own;
@@ -97,7 +97,7 @@ static void put_color(const fill *f, int64_t at, float *out) {
     float shown[3] = {0, 0, 0};
     if (p->id[at] >= 0)
       mode_color(f, at, p->id[at], shown);
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; c++)
       rgb[c] = alpha * shown[c];
   }
   put_rgba(f, at, alpha, rgb, out);
@@ -113,7 +113,7 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
   if (id >= 0)
     pags_colormap_heat(f->scene->priority_of[id], rgb);
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     rgb[c] *= alpha;
   put_rgba(f, at, alpha, rgb, out);
 }
@@ -163,7 +163,7 @@ static void fill_row(const fill *f, int y) {
 
 static void fill_rows(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
-  for (int64_t y = begin; y < end; ++y)
+  for (int64_t y = begin; y < end; y++)
     fill_row(context, (int)y);
 }
 
@@ -175,7 +175,7 @@ static bool allocate(const native_layout *layout, native_planes *out) {
   } wanted[] = {{OUTPUT_RGBA, 4, NULL},   {OUTPUT_HEAT, 4, NULL},     {OUTPUT_DEPTH, 1, NULL},
                 {OUTPUT_OBJECT, 1, NULL}, {OUTPUT_PRIORITY, 1, NULL}, {OUTPUT_ID, 1, NULL}};
   bool good = true;
-  for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; ++i)
+  for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++)
     if (layout->outputs & wanted[i].output) {
       wanted[i].block = malloc((size_t)layout->width * (size_t)layout->height * wanted[i].floats * sizeof(float));
       good = good && wanted[i].block;

@@ -116,7 +116,7 @@ static pags_result parts_of(native_scene *scene, int64_t object, const pags_part
   pags_placement placement = {.object = object};
   const double *origin = pags_composition_scene(scene->composition)->origin;
   memcpy(placement.world_from_object, identity, sizeof identity);
-  for (int k = 0; k < 3 && object >= 0; ++k)
+  for (int k = 0; k < 3 && object >= 0; k++)
     placement.world_from_object[4 * k + 3] = origin[k]; /* parts are relative to it */
   return pags_compose_placed(scene->composition, (double)NAN, &placement, 1, parts, count);
 }
@@ -129,9 +129,9 @@ pags_result native_scene_need_sizes(native_scene *scene) {
     return PAGS_OK;
   PAGS_TRY(allocate(scene, &table));
   pags_result result = PAGS_OK;
-  for (int64_t o = -1; o < pags_composition_scene(scene->composition)->object_count && result == PAGS_OK; ++o) {
+  for (int64_t o = -1; o < pags_composition_scene(scene->composition)->object_count && result == PAGS_OK; o++) {
     result = parts_of(scene, o, &parts, &count);
-    for (int p = 0; p < count && result == PAGS_OK; ++p)
+    for (int p = 0; p < count && result == PAGS_OK; p++)
       fill_sizes(&parts[p], table);
   }
   if (result == PAGS_OK)
@@ -187,7 +187,7 @@ static int64_t count_gaussians(native_scene *self, int64_t object) {
   pthread_mutex_lock(&self->lock);
   if (parts_of(self, object, &parts, &count) != PAGS_OK)
     count = 0;
-  for (int p = 0; p < count; ++p)
+  for (int p = 0; p < count; p++)
     sum += parts[p].gaussians->count;
   pthread_mutex_unlock(&self->lock);
   return sum;
@@ -219,7 +219,7 @@ static PyObject *scene_objects(PyObject *self, void *closure) {
   int64_t count = scene_of(self)->object_count;
   PyObject *list = PyList_New((Py_ssize_t)count);
   (void)closure;
-  for (int64_t i = 0; list && i < count; ++i) {
+  for (int64_t i = 0; list && i < count; i++) {
     PyObject *dict = object_dict((native_scene *)self, i);
     if (!dict)
       Py_CLEAR(list);
@@ -247,7 +247,7 @@ static PyObject *scene_views(PyObject *self, void *closure) {
   const pags_scene *s = scene_of(self);
   PyObject *list = PyList_New((Py_ssize_t)s->view_count);
   (void)closure;
-  for (int64_t i = 0; list && i < s->view_count; ++i) {
+  for (int64_t i = 0; list && i < s->view_count; i++) {
     PyObject *dict = view_dict(&s->views[i]);
     if (!dict)
       Py_CLEAR(list);
@@ -302,7 +302,7 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
   double *rows = malloc((size_t)record->knot_count * 13 * sizeof *rows);
   if (!rows)
     return PyErr_NoMemory();
-  for (int64_t i = 0; i < record->knot_count; ++i) {
+  for (int64_t i = 0; i < record->knot_count; i++) {
     rows[13 * i] = record->knots[i].time;
     pags_object_pose(record, record->knots[i].time, rows + 13 * i + 1);
   }

@@ -11,7 +11,7 @@ bool native_read_numbers(PyObject *value, const char *what, Py_ssize_t count, do
     PyErr_Format(PyExc_ValueError, "%s: expected %zd numbers", what, count);
     return false;
   }
-  for (Py_ssize_t i = 0; i < count; ++i) {
+  for (Py_ssize_t i = 0; i < count; i++) {
     PyObject *item = PySequence_GetItem(value, i);
     out[i] = item ? PyFloat_AsDouble(item) : 0;
     Py_XDECREF(item);
@@ -70,7 +70,7 @@ bool native_put(PyObject *dict, const char *key, PyObject *value) {
 
 PyObject *native_numbers(const double *values, Py_ssize_t count) {
   PyObject *tuple = PyTuple_New(count);
-  for (Py_ssize_t i = 0; tuple && i < count; ++i)
+  for (Py_ssize_t i = 0; tuple && i < count; i++)
     PyTuple_SetItem(tuple, i, PyFloat_FromDouble(values[i]));
   return tuple;
 }

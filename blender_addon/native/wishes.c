@@ -9,7 +9,7 @@ enum { MOST_CUT = 1000 }; /* pixels; already leaves out all but walls */
 
 static unsigned output_named(const char *name) {
   static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
-  for (unsigned i = 0; i < OUTPUT_KINDS; ++i)
+  for (unsigned i = 0; i < OUTPUT_KINDS; i++)
     if (!strcmp(name, names[i]))
       return 1u << i;
   PyErr_Format(PyExc_ValueError, "outputs: expected rgba, depth, object, id, priority or heat, found \"%s\"", name);
@@ -19,7 +19,7 @@ static unsigned output_named(const char *name) {
 static bool read_outputs(PyObject *value, unsigned *outputs) {
   *outputs = 0;
   Py_ssize_t count = PySequence_Size(value);
-  for (Py_ssize_t i = 0; i < count; ++i) {
+  for (Py_ssize_t i = 0; i < count; i++) {
     PyObject *item = PySequence_GetItem(value, i), *bytes = item ? PyUnicode_AsUTF8String(item) : NULL;
     unsigned output = bytes ? output_named(PyBytes_AsString(bytes)) : 0;
     Py_XDECREF(bytes);
@@ -33,7 +33,7 @@ static bool read_outputs(PyObject *value, unsigned *outputs) {
 
 static bool read_mode(const char *name, native_mode *mode) {
   static const char *const names[MODE_COUNT] = {"rgb", "priority", "critical", "depth", "size"};
-  for (int i = 0; i < MODE_COUNT; ++i)
+  for (int i = 0; i < MODE_COUNT; i++)
     if (!strcmp(name, names[i])) {
       *mode = (native_mode)i;
       return true;
@@ -53,7 +53,7 @@ static bool read_placements(PyObject *value, native_job *job) {
     return false;
   }
   job->placement_count = count;
-  for (Py_ssize_t i = 0; i < count; ++i) {
+  for (Py_ssize_t i = 0; i < count; i++) {
     PyObject *item = PySequence_GetItem(value, i), *object = item ? PySequence_GetItem(item, 0) : NULL;
     PyObject *pose = object ? PySequence_GetItem(item, 1) : NULL;
     if (pose) {
@@ -97,7 +97,7 @@ static bool read_object_values(PyObject *value, native_job *job) {
   if (!good)
     PyErr_NoMemory();
   good = good && native_read_numbers(value, "object_values: one for each object", count, numbers);
-  for (Py_ssize_t i = 0; good && i < count; ++i)
+  for (Py_ssize_t i = 0; good && i < count; i++)
     job->object_values[i] = (float)numbers[i];
   free(numbers);
   job->layout.object_values = job->object_values;
@@ -125,7 +125,7 @@ static bool read_options(const native_wishes *w, const native_scene *scene, nati
     if (!native_read_numbers(w->background, "background", 3, background))
       return false;
     o->sky = NULL;
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; c++)
       o->background[c] = (float)background[c];
   }
   if (w->transparent) {

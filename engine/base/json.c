@@ -47,9 +47,9 @@ static pags_result syntax_error(const reader *r, const char *expected) {
 }
 
 static void skip_space(reader *r) {
-  for (; r->at < r->end; ++r->at) {
+  for (; r->at < r->end; r->at++) {
     if (*r->at == '\n')
-      ++r->line;
+      r->line++;
     else if (*r->at != ' ' && *r->at != '\t' && *r->at != '\r')
       return;
   }
@@ -75,27 +75,27 @@ static bool skip_digits(reader *r) {
   if (!is_digit(r))
     return false;
   while (is_digit(r))
-    ++r->at;
+    r->at++;
   return true;
 }
 
 static pags_result read_number(reader *r, pags_json_value *value) {
   const char *begin = r->at;
   if (*r->at == '-')
-    ++r->at;
+    r->at++;
   if (r->at < r->end && *r->at == '0')
-    ++r->at;
+    r->at++;
   else if (!skip_digits(r))
     return syntax_error(r, "a digit");
   if (r->at < r->end && *r->at == '.') {
-    ++r->at;
+    r->at++;
     if (!skip_digits(r))
       return syntax_error(r, "a digit after the point");
   }
   if (r->at < r->end && (*r->at == 'e' || *r->at == 'E')) {
-    ++r->at;
+    r->at++;
     if (r->at < r->end && (*r->at == '+' || *r->at == '-'))
-      ++r->at;
+      r->at++;
     if (!skip_digits(r))
       return syntax_error(r, "a digit of the exponent");
   }
@@ -178,11 +178,11 @@ static pags_result read_escape(reader *r) {
   const char *found = r->at < r->end && *r->at ? strchr(names, *r->at) : NULL;
   if (found) {
     *r->string_at++ = values[found - names];
-    ++r->at;
+    r->at++;
     return PAGS_OK;
   }
   if (r->at < r->end && *r->at == 'u') {
-    ++r->at;
+    r->at++;
     return read_unicode_escape(r);
   }
   return syntax_error(r, "an escape sequence");
@@ -190,7 +190,7 @@ static pags_result read_escape(reader *r) {
 
 static pags_result read_string(reader *r, const char **out) {
   *out = r->string_at;
-  ++r->at;
+  r->at++;
   for (;;) {
     if (r->at >= r->end || (unsigned char)*r->at < 0x20)
       return syntax_error(r, "the end of a string");
@@ -224,16 +224,16 @@ static pags_result read_key(reader *r, const char **key) {
   skip_space(r);
   if (r->at >= r->end || *r->at != ':')
     return syntax_error(r, "':'");
-  ++r->at;
+  r->at++;
   return PAGS_OK;
 }
 
 static pags_result read_children(reader *r, pags_json_value *parent, char close) {
   const pags_json_value **link = &parent->first;
-  ++r->at;
+  r->at++;
   skip_space(r);
   if (r->at < r->end && *r->at == close) {
-    ++r->at;
+    r->at++;
     return PAGS_OK;
   }
   for (;;) {
@@ -244,15 +244,15 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
     PAGS_TRY(read_value(r, key, &child));
     *link = child;
     link = &child->next;
-    ++parent->count;
+    parent->count++;
     skip_space(r);
     if (r->at < r->end && *r->at == close) {
-      ++r->at;
+      r->at++;
       return PAGS_OK;
     }
     if (r->at >= r->end || *r->at != ',')
       return syntax_error(r, close == '}' ? "',' or '}'" : "',' or ']'");
-    ++r->at;
+    r->at++;
   }
 }
 
@@ -286,7 +286,7 @@ static pags_result read_value(reader *r, const char *key, pags_json_value **out)
   value->source_begin = r->at;
   PAGS_TRY(read_content(r, value));
   value->source_end = r->at;
-  --r->depth;
+  r->depth--;
   *out = value;
   return PAGS_OK;
 }

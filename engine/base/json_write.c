@@ -39,13 +39,13 @@ static void put_line_break(pags_json_writer *w) {
   if (!w->indent || w->flat)
     return;
   put(w, "\n", 1);
-  for (int i = 0; i < w->depth * w->indent; ++i)
+  for (int i = 0; i < w->depth * w->indent; i++)
     put(w, " ", 1);
 }
 
 static void put_quoted(pags_json_writer *w, const char *text) {
   put(w, "\"", 1);
-  for (const char *at = text; *at; ++at) {
+  for (const char *at = text; *at; at++) {
     unsigned char c = (unsigned char)*at;
     char escape[8];
     if (c == '"' || c == '\\')
@@ -78,13 +78,13 @@ static void begin_value(pags_json_writer *w, const char *key) {
 static void begin_nested(pags_json_writer *w, const char *key, const char *open) {
   begin_value(w, key);
   put_text(w, open);
-  ++w->depth;
+  w->depth++;
   w->has_sibling = false;
 }
 
 static void end_nested(pags_json_writer *w, const char *close) {
   assert(w->depth > 0);
-  --w->depth;
+  w->depth--;
   if (w->has_sibling)
     put_line_break(w);
   put_text(w, close);
@@ -155,7 +155,7 @@ void pags_json_put_numbers(pags_json_writer *writer, const char *key, const doub
   bool outer = writer->flat;
   begin_nested(writer, key, "[");
   writer->flat = true;
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     pags_json_put_number(writer, NULL, values[i]);
   end_nested(writer, "]");
   writer->flat = outer;

@@ -148,7 +148,7 @@ pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
 }
 
 void pags_dir_list_destroy(pags_dir_list *list) {
-  for (int64_t i = 0; i < list->count; ++i)
+  for (int64_t i = 0; i < list->count; i++)
     free(list->names[i]);
   free(list->names);
   *list = (pags_dir_list){0};
@@ -169,7 +169,7 @@ static pags_result remove_children(const char *path) {
   pags_dir_list list;
   PAGS_TRY(pags_dir_list_read(path, &list));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
     char *child = pags_path_join(path, list.names[i]);
     result = child ? pags_remove_tree(child) : fail_memory(path);
     free(child);

@@ -13,7 +13,7 @@ static uint32_t multiply_high_low(uint32_t a, uint32_t b, uint32_t *low) {
 void pags_rng_u32x4(uint64_t seed, uint64_t a, uint64_t b, uint32_t out[4]) {
   uint32_t k0 = (uint32_t)seed, k1 = (uint32_t)(seed >> 32);
   uint32_t c0 = (uint32_t)a, c1 = (uint32_t)(a >> 32), c2 = (uint32_t)b, c3 = (uint32_t)(b >> 32);
-  for (int round = 0; round < 10; ++round) {
+  for (int round = 0; round < 10; round++) {
     uint32_t low0, low1;
     uint32_t high0 = multiply_high_low(0xD2511F53u, c0, &low0);
     uint32_t high1 = multiply_high_low(0xCD9E8D57u, c2, &low1);
@@ -69,9 +69,9 @@ uint64_t pags_rng_below(uint64_t seed, uint64_t a, uint64_t b, uint64_t n) {
 }
 
 void pags_rng_permutation(uint64_t seed, uint64_t a, int64_t *index, int64_t count) {
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     index[i] = i;
-  for (int64_t i = count - 1; i > 0; --i) {
+  for (int64_t i = count - 1; i > 0; i--) {
     int64_t j = (int64_t)pags_rng_below(seed, a, (uint64_t)i, (uint64_t)i + 1);
     int64_t swapped = index[i];
     index[i] = index[j];

@@ -38,7 +38,7 @@ double pags_text_to_double(const char *text, char **end) {
 int pags_text_from_double(double value, char out[PAGS_DOUBLE_TEXT]) {
   c_locale scope = c_locale_enter();
   int length = 0;
-  for (int digits = 15; digits <= 17; ++digits) {
+  for (int digits = 15; digits <= 17; digits++) {
     length = snprintf(out, PAGS_DOUBLE_TEXT, "%.*g", digits, value);
     double back = strtod(out, NULL);
     if (memcmp(&back, &value, sizeof back) == 0)

@@ -10,6 +10,6 @@ void pags_colormap_heat(float value, float rgb[3]) {
                                     {0.99f, 0.97f, 0.65f}};
   float at = value > 0 ? (value < 1 ? 4 * value : 4) : 0; /* NaN: 0 */
   int first = at < 3 ? (int)at : 3;
-  for (int c = 0; c < 3; ++c)
+  for (int c = 0; c < 3; c++)
     rgb[c] = stops[first][c] + (at - (float)first) * (stops[first + 1][c] - stops[first][c]);
 }

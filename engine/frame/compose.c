@@ -75,7 +75,7 @@ static pags_result fill_group(const pags_composition *c, const pags_gaussians *m
   out->id = malloc((size_t)(count + 1) * sizeof *out->id);
   if (!out->id)
     return out_of_memory(c);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     out->id[i] = first_id + (int32_t)index[i];
   if (out->gaussians.fourier) {
     out->dc = aligned_alloc(ALIGNMENT, (size_t)out->gaussians.stride * 3 * sizeof *out->dc);
@@ -96,11 +96,11 @@ static int64_t bucket_of(int32_t object_id, int64_t object_count) {
  * `end` (object_count + 2 entries, zeros at first) says where each bucket ends in `sorted`. */
 static void sort_by_object(const int32_t *object_id, const int64_t *order, int64_t count, int64_t object_count,
                            int64_t *end, int64_t *sorted) {
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     ++end[bucket_of(object_id[i], object_count) + 1];
-  for (int64_t b = 1; b < object_count + 2; ++b)
+  for (int64_t b = 1; b < object_count + 2; b++)
     end[b] += end[b - 1];
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     sorted[end[bucket_of(object_id[order[i]], object_count)]++] = order[i];
 }
 
@@ -122,7 +122,7 @@ static pags_result split_by_object(pags_composition *c, const pags_gaussians *mo
   pags_result result = end && sorted ? PAGS_OK : out_of_memory(c);
   if (result == PAGS_OK)
     sort_by_object(model->object_id, order, model->count, objects, end, sorted);
-  for (int64_t b = 0; b <= objects && result == PAGS_OK; ++b) {
+  for (int64_t b = 0; b <= objects && result == PAGS_OK; b++) {
     if (end[b] > begin)
       result = add_one_group(c, model, first_id, sorted + begin, end[b] - begin, b - 1, false);
     begin = end[b];
@@ -148,9 +148,9 @@ static pags_result add_model(pags_composition *c, const pags_model *model, int32
 
 static int64_t *list_owners(const pags_scene *scene) {
   int64_t *owners = malloc((size_t)(scene->model_count + 1) * sizeof *owners);
-  for (int64_t m = 0; owners && m < scene->model_count; ++m)
+  for (int64_t m = 0; owners && m < scene->model_count; m++)
     owners[m] = -1;
-  for (int64_t o = 0; owners && o < scene->object_count; ++o)
+  for (int64_t o = 0; owners && o < scene->object_count; o++)
     if (scene->objects[o].model >= 0)
       owners[scene->objects[o].model] = o;
   return owners;
@@ -164,7 +164,7 @@ static pags_result build(pags_composition *c) {
   int64_t *owners = list_owners(&c->scene);
   pags_result result = owners ? PAGS_OK : out_of_memory(c);
   int32_t first_id = 0;
-  for (int64_t m = 0; m < c->scene.model_count && result == PAGS_OK; ++m) {
+  for (int64_t m = 0; m < c->scene.model_count && result == PAGS_OK; m++) {
     pags_model *model = &c->scene.models[m];
     int32_t count = (int32_t)model->gaussians.count;
     result = add_model(c, model, first_id, owners[m]);
@@ -204,7 +204,7 @@ pags_result pags_composition_load(const char *path, pags_composition **out) {
 void pags_composition_destroy(pags_composition *composition) {
   if (!composition)
     return;
-  for (int64_t i = 0; i < composition->group_count; ++i) {
+  for (int64_t i = 0; i < composition->group_count; i++) {
     pags_gaussians_destroy(&composition->groups[i].gaussians);
     pags_clusters_destroy(&composition->groups[i].clusters);
     pags_packed_destroy(&composition->groups[i].packed);
@@ -229,7 +229,7 @@ int64_t pags_composition_gaussian_count(const pags_composition *composition) {
 
 size_t pags_composition_bytes(const pags_composition *composition) {
   size_t bytes = 0;
-  for (int64_t i = 0; i < composition->group_count; ++i) {
+  for (int64_t i = 0; i < composition->group_count; i++) {
     const group *g = &composition->groups[i];
     int planes = pags_plane_count(g->gaussians.sh_degree) + (g->gaussians.s_sem ? 1 : 0) +
                  (g->gaussians.object_id ? 1 : 0) + (g->gaussians.fourier ? 15 : 0);
@@ -258,7 +258,7 @@ static void read_config(const pags_scene *scene, pags_frame_options *options) {
 pags_frame_options pags_composition_options(const pags_composition *composition) {
   const pags_scene *scene = &composition->scene;
   pags_frame_options options = pags_frame_options_default();
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     options.origin[i] = scene->origin[i];
     options.background[i] = scene->background[i];
   }
@@ -283,7 +283,7 @@ static void edit_motion(const pags_edit *edit, double out[12]) {
 }
 
 static pags_result check_edits(const pags_composition *c, const pags_edit *edits, int64_t count) {
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const pags_edit *e = &edits[i];
     if (e->object < 0 || e->object >= c->scene.object_count)
       return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected one of the scene's %lld objects, found number %lld",
@@ -297,8 +297,8 @@ static pags_result check_edits(const pags_composition *c, const pags_edit *edits
 /* Makes room for every part that these edits can ask for. */
 static pags_result reserve_parts(pags_composition *c, const pags_edit *edits, int64_t count) {
   int64_t additions = 0;
-  for (int64_t i = 0; i < count; ++i)
-    for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < c->group_count; ++g)
+  for (int64_t i = 0; i < count; i++)
+    for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < c->group_count; g++)
       additions += follows_edits(c, &c->groups[g], edits[i].object);
   addition *list = malloc((size_t)(additions + 1) * sizeof *list);
   pags_part *parts = calloc((size_t)(c->group_count + additions) + 1, sizeof *parts);
@@ -316,7 +316,7 @@ static pags_result reserve_parts(pags_composition *c, const pags_edit *edits, in
 }
 
 static void apply_edit(pags_composition *c, const pags_edit *edit) {
-  for (int64_t i = 0; i < c->group_count; ++i) {
+  for (int64_t i = 0; i < c->group_count; i++) {
     group *g = &c->groups[i];
     if (edit->kind == PAGS_EDIT_HIDE) {
       g->hidden = g->hidden || g->object == edit->object;
@@ -332,9 +332,9 @@ static void apply_edit(pags_composition *c, const pags_edit *edit) {
 pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count) {
   PAGS_TRY(check_edits(composition, edits, count));
   PAGS_TRY(reserve_parts(composition, edits, count));
-  for (int64_t i = 0; i < composition->group_count; ++i)
+  for (int64_t i = 0; i < composition->group_count; i++)
     composition->groups[i].hidden = composition->groups[i].moved = false;
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     apply_edit(composition, &edits[i]);
   return PAGS_OK;
 }
@@ -342,7 +342,7 @@ pags_result pags_composition_edit(pags_composition *composition, const pags_edit
 /* Where a parked object is when its label says nothing of `time`: at its nearest label. */
 static void nearest_pose(const pags_object *object, double time, double out[12]) {
   double best = object->knots[0].time;
-  for (int64_t i = 1; i < object->knot_count; ++i)
+  for (int64_t i = 1; i < object->knot_count; i++)
     if (fabs(object->knots[i].time - time) < fabs(best - time))
       best = object->knots[i].time;
   if (!pags_object_pose(object, best, out))
@@ -362,7 +362,7 @@ static bool place(const pags_composition *c, const group *g, const double *motio
       return false;
     nearest_pose(object, time, box);
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     box[4 * k + 3] -= c->scene.origin[k];
   pags_rigid_multiply(box, motion ? motion : identity, out);
   if (!g->tracked) {
@@ -424,10 +424,10 @@ void pags_compose(pags_composition *composition, double time, const pags_part **
   pags_composition *c = composition;
   double when = isnan(time) ? c->scene.time_begin : time;
   *part_count = 0;
-  for (int64_t i = 0; i < c->group_count; ++i)
+  for (int64_t i = 0; i < c->group_count; i++)
     if (!c->groups[i].hidden)
       put_part(c, &c->groups[i], c->groups[i].moved ? c->groups[i].motion : NULL, when, part_count);
-  for (int64_t i = 0; i < c->addition_count; ++i)
+  for (int64_t i = 0; i < c->addition_count; i++)
     put_part(c, &c->groups[c->additions[i].group], c->additions[i].motion, when, part_count);
   *parts = c->parts;
 }
@@ -448,7 +448,7 @@ static bool is_placed_by(const pags_composition *c, const group *g, int64_t obje
 }
 
 static pags_result check_placements(const pags_composition *c, const pags_placement *placements, int64_t count) {
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     double pose[12];
     char what[64];
     if (placements[i].object < -1 || placements[i].object >= c->scene.object_count)
@@ -464,8 +464,8 @@ static pags_result check_placements(const pags_composition *c, const pags_placem
 
 static pags_result reserve_placed(pags_composition *c, const pags_placement *placements, int64_t count) {
   int64_t needed = 0;
-  for (int64_t i = 0; i < count; ++i)
-    for (int64_t g = 0; g < c->group_count; ++g)
+  for (int64_t i = 0; i < count; i++)
+    for (int64_t g = 0; g < c->group_count; g++)
       needed += is_placed_by(c, &c->groups[g], placements[i].object);
   if (needed > INT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%lld parts are more than can be drawn at once", (long long)needed);
@@ -485,16 +485,16 @@ static void place_at(const pags_composition *c, const group *g, const pags_place
   double there[12], rest[12], back[12];
   memcpy(there, placement->world_from_object, sizeof there);
   pags_rigid_check(there, "placement");
-  for (int k = 0; k < 3; ++k)
-    for (int j = 0; placement->object < 0 && j < 3; ++j) /* p -> R (p + origin) + t - origin */
+  for (int k = 0; k < 3; k++)
+    for (int j = 0; placement->object < 0 && j < 3; j++) /* p -> R (p + origin) + t - origin */
       there[4 * k + 3] += there[4 * k + j] * c->scene.origin[j];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     there[4 * k + 3] -= c->scene.origin[k];
   memcpy(out, there, sizeof there);
   if (placement->object < 0 || g->tracked)
     return;
   pags_composition_rest_pose(c, g->object, rest);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     rest[4 * k + 3] -= c->scene.origin[k];
   pags_rigid_inverse(rest, back);
   pags_rigid_multiply(there, back, out);
@@ -508,8 +508,8 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   *part_count = 0;
   PAGS_TRY(check_placements(c, placements, count));
   PAGS_TRY(reserve_placed(c, placements, count));
-  for (int64_t i = 0; i < count; ++i)
-    for (int64_t k = 0; k < c->group_count; ++k) {
+  for (int64_t i = 0; i < count; i++)
+    for (int64_t k = 0; k < c->group_count; k++) {
       group *g = &c->groups[k];
       if (group_rows(g) == 0 || !is_placed_by(c, g, placements[i].object))
         continue;
@@ -527,27 +527,27 @@ static int64_t id_of(const group *g, int64_t row) {
 
 /* Its clusters are a group's. */
 int64_t pags_composition_part_object(const pags_composition *composition, const pags_part *part) {
-  for (int64_t i = 0; i < composition->group_count; ++i)
+  for (int64_t i = 0; i < composition->group_count; i++)
     if (part->clusters == &composition->groups[i].clusters || part->clusters == &composition->groups[i].packed.clusters)
       return composition->groups[i].object;
   return -1;
 }
 
 void pags_composition_objects(const pags_composition *composition, int32_t *object_of) {
-  for (int64_t k = 0; k < composition->group_count; ++k) {
+  for (int64_t k = 0; k < composition->group_count; k++) {
     const group *g = &composition->groups[k];
-    for (int64_t i = 0; i < group_rows(g); ++i)
+    for (int64_t i = 0; i < group_rows(g); i++)
       object_of[id_of(g, i)] = g->object < 0 && g->gaussians.object_id ? g->gaussians.object_id[i] : (int32_t)g->object;
   }
 }
 
 int pags_composition_priorities(const pags_composition *composition, float *priority_of) {
   bool known = composition->scene.object_count > 0;
-  for (int64_t k = 0; k < composition->group_count; ++k) {
+  for (int64_t k = 0; k < composition->group_count; k++) {
     const group *g = &composition->groups[k];
     float rest = priority_of_object(composition, g);
     known = known || g->gaussians.s_sem || g->packed.has_s_sem;
-    for (int64_t i = 0; i < group_rows(g); ++i)
+    for (int64_t i = 0; i < group_rows(g); i++)
       priority_of[id_of(g, i)] = g->gaussians.s_sem    ? g->gaussians.s_sem[i]
                                  : g->packed.has_s_sem ? pags_packed_s_sem(&g->packed, i)
                                                        : rest;
@@ -558,7 +558,7 @@ int pags_composition_priorities(const pags_composition *composition, float *prio
 /* Rows are in Morton order already. Where ids of objects are kept for rows without an object of the scene, they are
  * lost. */
 pags_result pags_composition_pack(pags_composition *composition) {
-  for (int64_t k = 0; k < composition->group_count; ++k) {
+  for (int64_t k = 0; k < composition->group_count; k++) {
     group *g = &composition->groups[k];
     if (g->gaussians.count == 0 || g->gaussians.fourier)
       continue;
@@ -584,7 +584,7 @@ pags_result pags_composition_open_packed(const char *path, pags_composition **ou
   c->gaussian_count = packed.shape.count;
   c->scene.up = (pags_up)packed.up;
   c->scene.antialiased = packed.antialiased;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     c->scene.origin[i] = packed.origin[i];
     c->scene.background[i] = packed.background[i];
   }

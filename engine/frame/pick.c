@@ -70,7 +70,7 @@ static double reach_of(const pags_part *part) {
 static double enter(const picking *self, const pags_clusters *clusters, int64_t i, double reach) {
   double begin = self->options->nearest, end = self->options->farthest,
          pad = reach * (double)clusters->sigma[i] * 1.0001 + 1e-9;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double lo = (double)clusters->lo[k][i] - pad - self->origin[k],
            hi = (double)clusters->hi[k][i] + pad - self->origin[k];
     double d = self->direction[k];
@@ -90,7 +90,7 @@ static pags_result find_entries(picking *self) {
   const pags_part *part = &self->parts[self->part];
   const pags_clusters *clusters = part->clusters;
   double reach = reach_of(part);
-  for (int64_t i = 0; i < clusters->count && reach >= 0; ++i) {
+  for (int64_t i = 0; i < clusters->count && reach >= 0; i++) {
     if (clusters->runs && i % RUN == 0 && enter(self, clusters->runs, i / RUN, reach) < 0) {
       i += RUN - 1;
       continue;
@@ -122,10 +122,10 @@ static void enter_part(picking *self, int part, const double origin[3], const do
   self->part = part;
   pags_rigid_inverse(self->parts[part].world_from_model, model_from_world);
   const double *m = model_from_world;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     self->origin[k] = m[4 * k + 3];
     self->direction[k] = 0;
-    for (int j = 0; j < 3; ++j) {
+    for (int j = 0; j < 3; j++) {
       self->origin[k] += m[4 * k + j] * (origin[j] - self->options->origin[j]);
       self->direction[k] += m[4 * k + j] * direction[j];
     }
@@ -139,9 +139,9 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
                        (double)p[(PAGS_ROTATION + 2) * stride], (double)p[(PAGS_ROTATION + 3) * stride]};
   double r[9], away[3], unit_away[3], unit_along[3], dot = 0, along = 0, off = 0;
   pags_rotation_from_quaternion(q, r);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     away[k] = self->origin[k] - (double)p[(PAGS_MEAN + k) * stride];
-  for (int k = 0; k < 3; ++k) { /* in sigmas along the Gaussian's own axes, the columns of r */
+  for (int k = 0; k < 3; k++) { /* in sigmas along the Gaussian's own axes, the columns of r */
     double inverse = exp(-(double)p[(PAGS_SCALE + k) * stride]);
     unit_away[k] = (r[k] * away[0] + r[3 + k] * away[1] + r[6 + k] * away[2]) * inverse;
     unit_along[k] =
@@ -150,7 +150,7 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
     along += unit_along[k] * unit_along[k];
   }
   *t = -dot / along;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double d = unit_away[k] + *t * unit_along[k];
     off += d * d;
   }
@@ -166,7 +166,7 @@ static pags_result read_cluster(picking *self, const entry *at) {
   end = end < part->gaussians->count ? end : part->gaussians->count;
   if (part->packed)
     pags_packed_geometry(part->packed, at->cluster, unpacked);
-  for (int64_t row = first; row < end; ++row) {
+  for (int64_t row = first; row < end; row++) {
     double t, factor = part->opacity_factor ? (double)part->opacity_factor[row] : 1;
     double alpha = part->packed ? meet(self, unpacked, PAGS_PACKED_ROWS, row - first, factor, &t)
                                 : meet(self, part->gaussians->data, part->gaussians->stride, row, factor, &t);
@@ -195,7 +195,7 @@ static int compare_meetings(const void *left, const void *right) {
 static const meeting *settle(picking *self, double end, double *blocked) {
   double left = 1;
   pags_sort(self->meetings, self->meeting_count, sizeof *self->meetings, compare_meetings);
-  for (int64_t i = 0; i < self->meeting_count && self->meetings[i].t < end; ++i) {
+  for (int64_t i = 0; i < self->meeting_count && self->meetings[i].t < end; i++) {
     left *= 1 - self->meetings[i].alpha;
     if (1 - left >= self->options->blocked) {
       *blocked = 1 - left;
@@ -211,7 +211,7 @@ static pags_result walk(picking *self, const double origin[3], const double dire
                         double *blocked) {
   int64_t looked = 0;
   pags_sort(self->entries, self->entry_count, sizeof *self->entries, compare_entries);
-  for (int64_t i = 0; i < self->entry_count; ++i) {
+  for (int64_t i = 0; i < self->entry_count; i++) {
     if (self->meeting_count > looked + looked / 2) {
       looked = self->meeting_count;
       *found = settle(self, self->entries[i].t, blocked);
@@ -235,7 +235,7 @@ static void report(const picking *self, const meeting *found, const double origi
   out->depth = found->t;
   out->alpha = found->alpha;
   out->blocked = blocked;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out->point[k] = origin[k] + found->t * direction[k];
   if (g->object_id && !self->parts[found->part].packed)
     out->object = g->object_id[found->row];
@@ -247,12 +247,12 @@ pags_result pags_pick(const pags_part *parts, int part_count, const double origi
   picking self = {.parts = parts, .options = options ? options : &fallback, .part = -1};
   double length = 0, blocked = 0;
   *out = (pags_picked){.part = -1, .id = -1, .object = -1};
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     length += direction[k] * direction[k] + 0 * origin[k];
   if (!(length > 0 && isfinite(length)))
     return pags_fail(PAGS_ERROR_ARGUMENT, "a ray: expected finite numbers and a direction of some length");
   pags_result result = PAGS_OK;
-  for (int i = 0; i < part_count && result == PAGS_OK; ++i) {
+  for (int i = 0; i < part_count && result == PAGS_OK; i++) {
     enter_part(&self, i, origin, direction);
     result = find_entries(&self);
   }

@@ -7,8 +7,8 @@
 
 void pags_rigid_inverse(const double m[12], double out[12]) {
   double inverse[12];
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j)
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++)
       inverse[4 * i + j] = m[4 * j + i];
     inverse[4 * i + 3] = -(m[i] * m[3] + m[4 + i] * m[7] + m[8 + i] * m[11]);
   }
@@ -17,8 +17,8 @@ void pags_rigid_inverse(const double m[12], double out[12]) {
 
 void pags_rigid_multiply(const double a[12], const double b[12], double out[12]) {
   double product[12];
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 4; ++j)
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 4; j++)
       product[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j];
     product[4 * i + 3] += a[4 * i + 3];
   }
@@ -26,7 +26,7 @@ void pags_rigid_multiply(const double a[12], const double b[12], double out[12])
 }
 
 void pags_rigid_point(const double m[12], const double p[3], double out[3]) {
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[k] = m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3];
 }
 
@@ -74,7 +74,7 @@ void pags_quaternion_from_rotation(const double r[9], double q[4]) {
   double square[4] = {trace, r[0], r[4],
                       r[8]}; /* in the order of q_k^2 = (1 + 2 r_kk - trace) / 4, w^2 = (1 + trace) / 4 */
   int largest = 0;
-  for (int k = 1; k < 4; ++k)
+  for (int k = 1; k < 4; k++)
     if (square[k] > square[largest])
       largest = k;
   double sums[4] = {0, r[7] - r[5], r[2] - r[6], r[3] - r[1]}; /* 4 w x, 4 w y, 4 w z */
@@ -82,7 +82,7 @@ void pags_quaternion_from_rotation(const double r[9], double q[4]) {
   if (largest == 0) {
     double root = sqrt(1 + trace);
     out[0] = 0.5 * root;
-    for (int k = 1; k < 4; ++k)
+    for (int k = 1; k < 4; k++)
       out[k] = 0.5 * sums[k] / root;
   } else {
     int i = largest - 1, j = (i + 1) % 3, k = (i + 2) % 3;
@@ -93,15 +93,15 @@ void pags_quaternion_from_rotation(const double r[9], double q[4]) {
     out[1 + k] = 0.5 * (r[3 * i + k] + r[3 * k + i]) / root;
   }
   double sign = out[0] < 0 ? -1 : 1;
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = sign * out[k];
 }
 
 /* Largest entry of |R R^T - I|. */
 static double orthonormal_error(const double m[12]) {
   double error = 0;
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
       double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
       error = fmax(error, fabs(dot - (i == j)));
     }
@@ -110,7 +110,7 @@ static double orthonormal_error(const double m[12]) {
 
 /* Rows of cofactors: for a rotation they are its own rows. */
 static double cofactors(const double m[12], double c[9]) {
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     const double *a = m + (i + 1) % 3 * 4, *b = m + (i + 2) % 3 * 4;
     c[3 * i] = a[1] * b[2] - a[2] * b[1];
     c[3 * i + 1] = a[2] * b[0] - a[0] * b[2];
@@ -122,17 +122,17 @@ static double cofactors(const double m[12], double c[9]) {
 /* The nearest rotation: Newton's iteration for the polar factor, R <- (R + R^-T) / 2 (Higham 1986), quadratic from
  * within 1e-3. An already orthonormal matrix is left alone: cameras keep their bits from one check to the next. */
 static void make_orthonormal(double m[12]) {
-  for (int step = 0; step < 4 && orthonormal_error(m) > 1e-15; ++step) {
+  for (int step = 0; step < 4 && orthonormal_error(m) > 1e-15; step++) {
     double c[9];
     double determinant = cofactors(m, c);
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++)
         m[4 * i + j] = 0.5 * (m[4 * i + j] + c[3 * i + j] / determinant);
   }
 }
 
 pags_result pags_rigid_check(double m[12], const char *what) {
-  for (int i = 0; i < 12; ++i)
+  for (int i = 0; i < 12; i++)
     if (!isfinite(m[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the pose is not finite", what);
   double c[9];

@@ -22,8 +22,8 @@ static pags_result read_pose(const pags_json *json, const pags_json_value *objec
                           "'camera_from_world_quaternion_wxyz', found one of length %g",
                           norm);
   pags_rotation_from_quaternion(q, r);
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j)
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++)
       pose[4 * i + j] = r[3 * i + j];
     pose[4 * i + 3] = t[i];
   }
@@ -51,8 +51,8 @@ pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *
 void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
   double pose[12], r[9], q[4], t[3];
   pags_rigid_inverse(camera->world_from_camera, pose);
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j)
+  for (int i = 0; i < 3; i++) {
+    for (int j = 0; j < 3; j++)
       r[3 * i + j] = pose[4 * i + j];
     t[i] = pose[4 * i + 3];
   }
@@ -116,7 +116,7 @@ pags_result pags_camera_path_save(const char *path, const pags_camera_path *came
   if (cameras->fps > 0) {
     pags_json_put_number(&writer, "fps", cameras->fps);
     pags_json_begin_array(&writer, "frames");
-    for (int64_t i = 0; i < cameras->count; ++i) {
+    for (int64_t i = 0; i < cameras->count; i++) {
       pags_json_begin_object(&writer, NULL);
       pags_camera_to_json(&writer, &cameras->cameras[i]);
       pags_json_end_object(&writer);

@@ -34,12 +34,12 @@ static pags_result bind(reader *r, const ply_table *table) {
                 {0}};
   if (!r->chunk)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected an element 'chunk' of a compressed PLY", table->path);
-  for (int i = 0; i < BOUNDS; ++i) {
+  for (int i = 0; i < BOUNDS; i++) {
     r->bounds[i] = pags_ply_property_find(table, r->chunk, bound_names[i]);
     if (!r->bounds[i] && (i < 12 || r->bounds[12]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'chunk'", table->path, bound_names[i]);
   }
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     r->words[i] = pags_ply_property_find(table, r->vertex, word_names[i]);
     if (!r->words[i] || r->words[i]->type != PLY_UINT)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' of type uint in element 'vertex'", table->path,
@@ -79,14 +79,14 @@ static double mix(double lo, double hi, double t) {
 static void unpack_vector(uint32_t word, const double *lo, const double *hi, int plane, int64_t row,
                           pags_gaussians *out) {
   static const int shifts[3] = {21, 11, 0}, bits[3] = {11, 10, 11};
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     pags_plane(out, plane + k)[row] = (float)mix(lo[k], hi[k], unit(word, shifts[k], bits[k]));
 }
 
 static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   int largest = (int)(word >> 30), shift = 20;
   double sum = 0;
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     if (k == largest)
       continue;
     double component = (unit(word, shift, 10) - 0.5) * 1.4142135623730951;
@@ -98,7 +98,7 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
 }
 
 static void unpack_colour(uint32_t word, const double *lo, const double *hi, int64_t row, pags_gaussians *out) {
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double colour = mix(lo[k], hi[k], unit(word, 24 - 8 * k, 8));
     pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
   }
@@ -107,12 +107,12 @@ static void unpack_colour(uint32_t word, const double *lo, const double *hi, int
 
 static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
   double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
-  for (int i = 0; i < BOUNDS; ++i)
+  for (int i = 0; i < BOUNDS; i++)
     if (r->bounds[i])
       bounds[i] = pags_ply_value(r->table, r->chunk, r->bounds[i], chunk);
-  for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; ++row) {
+  for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; row++) {
     uint32_t words[4];
-    for (int i = 0; i < 4; ++i)
+    for (int i = 0; i < 4; i++)
       words[i] = (uint32_t)pags_ply_value(r->table, r->vertex, r->words[i], row);
     unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
     unpack_rotation(words[1], row, out);
@@ -124,14 +124,14 @@ static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
 /* Bytes over -4 .. 4, channel-major as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
   int rest = pags_sh_coefficients(out->sh_degree) - 1;
-  for (int i = 0; i < 3 * rest; ++i) {
+  for (int i = 0; i < 3 * rest; i++) {
     char name[24];
     snprintf(name, sizeof name, "f_rest_%d", i);
     const ply_property *property = pags_ply_property_find(r->table, r->sh, name);
     if (!property)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'sh'", r->table->path, name);
     float *plane = pags_plane(out, PAGS_SH + 3 * (1 + i % rest) + i / rest);
-    for (int64_t row = 0; row < out->count; ++row)
+    for (int64_t row = 0; row < out->count; row++)
       plane[row] = (float)(pags_ply_value(r->table, r->sh, property, row) * (8.0 / 255.0) - 4.0);
   }
   return PAGS_OK;
@@ -143,7 +143,7 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
   PAGS_TRY(bind(&r, table));
   PAGS_TRY(find_degree(&r, &degree));
   PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree));
-  for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; ++chunk)
+  for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++)
     unpack_chunk(&r, chunk, out);
   return r.sh ? unpack_sh(&r, out) : PAGS_OK;
 }

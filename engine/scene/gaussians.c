@@ -79,7 +79,7 @@ pags_result pags_gaussians_add_s_sem(pags_gaussians *g) {
 }
 
 static void fill_object_id(int32_t *object_id, int64_t first, int64_t last) {
-  for (int64_t i = first; i < last; ++i)
+  for (int64_t i = first; i < last; i++)
     object_id[i] = -1;
 }
 
@@ -114,11 +114,11 @@ void pags_fourier_basis(double u, double basis[5]) {
 
 int pags_gaussians_row_degree(const pags_gaussians *g, int64_t row) {
   int degree = g->sh_degree;
-  for (int k = 3 * pags_sh_coefficients(degree) - 1; k >= 3; --k) {
+  for (int k = 3 * pags_sh_coefficients(degree) - 1; k >= 3; k--) {
     if (pags_plane(g, PAGS_SH + k)[row] != 0)
       return degree;
     if (k == 3 * pags_sh_coefficients(degree - 1))
-      --degree;
+      degree--;
   }
   return 0;
 }
@@ -130,12 +130,12 @@ double pags_fourier_phase(double begin, double end, double time) {
 /* Summed in double and held within what a float can say, so that no terms add up to infinity. */
 void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t first, int64_t last, float *dc) {
   const double most = (double)FLT_MAX;
-  for (int channel = 0; channel < 3; ++channel) {
+  for (int channel = 0; channel < 3; channel++) {
     const float *constant = pags_plane(g, PAGS_SH + channel), *terms = g->fourier + channel * g->stride;
     float *out = dc + channel * g->stride;
-    for (int64_t i = first; i < last; ++i) {
+    for (int64_t i = first; i < last; i++) {
       double sum = (double)constant[i];
-      for (int k = 1; k < 5; ++k)
+      for (int k = 1; k < 5; k++)
         sum += basis[k] * (double)terms[3 * (k - 1) * g->stride + i];
       out[i] = (float)fmin(fmax(sum, -most), most);
     }
@@ -144,7 +144,7 @@ void pags_fourier_colour(const pags_gaussians *g, const double basis[5], int64_t
 
 /* Moves planes of `count` used floats to a wider stride, the rest zero. */
 static void widen(const float *from, int64_t from_stride, float *to, int64_t to_stride, int64_t count, int planes) {
-  for (int p = 0; p < planes; ++p) {
+  for (int p = 0; p < planes; p++) {
     float *plane = to + p * to_stride;
     if (count)
       memcpy(plane, from + p * from_stride, (size_t)count * sizeof *plane);
@@ -191,39 +191,39 @@ pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
 }
 
 static void gather_plane(const float *from, const int64_t *index, int64_t count, float *to) {
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     to[i] = from[index[i]];
 }
 
 void pags_gaussians_gather(const pags_gaussians *from, const int64_t *index, int64_t count, pags_gaussians *to) {
   assert(from != to && to->count == count && to->sh_degree == from->sh_degree);
-  for (int p = 0; p < pags_plane_count(from->sh_degree) && count; ++p)
+  for (int p = 0; p < pags_plane_count(from->sh_degree) && count; p++)
     gather_plane(pags_plane(from, p), index, count, pags_plane(to, p));
   if (from->s_sem && to->s_sem)
     gather_plane(from->s_sem, index, count, to->s_sem);
-  for (int p = 0; p < FOURIER_PLANES && from->fourier && to->fourier; ++p)
+  for (int p = 0; p < FOURIER_PLANES && from->fourier && to->fourier; p++)
     gather_plane(from->fourier + p * from->stride, index, count, to->fourier + p * to->stride);
-  for (int64_t i = 0; i < count && from->object_id && to->object_id; ++i)
+  for (int64_t i = 0; i < count && from->object_id && to->object_id; i++)
     to->object_id[i] = from->object_id[index[i]];
 }
 
 enum { BLOCK = 256 };
 
 static void mark_not_finite(const float *plane, int count, uint8_t bad[BLOCK]) {
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     bad[i] = bad[i] || !isfinite(plane[i]);
 }
 
 static void mark_bad(const pags_gaussians *g, int64_t first, int count, uint8_t bad[BLOCK]) {
   memset(bad, 0, BLOCK);
-  for (int p = 0; p < pags_plane_count(g->sh_degree); ++p)
+  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
     mark_not_finite(pags_plane(g, p) + first, count, bad);
-  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p)
+  for (int p = 0; p < FOURIER_PLANES && g->fourier; p++)
     mark_not_finite(g->fourier + p * g->stride + first, count, bad);
   const float *q[4];
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = pags_plane(g, PAGS_ROTATION + k) + first;
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     bad[i] = bad[i] || (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0);
 }
 
@@ -233,9 +233,9 @@ int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
   for (int64_t first = 0; first < g->count; first += BLOCK) {
     int count = g->count - first < BLOCK ? (int)(g->count - first) : BLOCK;
     mark_bad(g, first, count, bad);
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
       if (bad[i])
-        ++bad_count;
+        bad_count++;
       else if (index)
         index[good_count++] = first + i;
     }

@@ -26,10 +26,10 @@ static int is_finite_mean(const pags_gaussians *g, int64_t i) {
 
 static cube bounding_cube(const pags_gaussians *g) {
   double lo[3] = {INFINITY, INFINITY, INFINITY}, hi[3] = {-INFINITY, -INFINITY, -INFINITY};
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     if (!is_finite_mean(g, i))
       continue;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       double x = pags_plane(g, PAGS_MEAN + k)[i];
       lo[k] = fmin(lo[k], x);
       hi[k] = fmax(hi[k], x);
@@ -52,7 +52,7 @@ static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
   if (!is_finite_mean(g, i))
     return UINT64_MAX; /* above every code, which has 63 bits */
   uint64_t code = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double cell = (pags_plane(g, PAGS_MEAN + k)[i] - box->lo[k]) * box->cells_per_metre;
     uint64_t whole = (uint64_t)fmin(cell, (double)((1 << AXIS_BITS) - 1));
     code |= spread(whole) << k;
@@ -63,17 +63,17 @@ static uint64_t code_of(const pags_gaussians *g, int64_t i, const cube *box) {
 /* One stable pass by the digit at `shift`; false when all rows share it and nothing was moved. */
 static int scatter(const keyed_row *from, keyed_row *to, int64_t count, int shift) {
   int64_t start[DIGITS] = {0};
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     ++start[from[i].code >> shift & (DIGITS - 1)];
   if (start[from[0].code >> shift & (DIGITS - 1)] == count)
     return 0;
   int64_t sum = 0;
-  for (int d = 0; d < DIGITS; ++d) {
+  for (int d = 0; d < DIGITS; d++) {
     int64_t rows = start[d];
     start[d] = sum;
     sum += rows;
   }
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     to[start[from[i].code >> shift & (DIGITS - 1)]++] = from[i];
   return 1;
 }
@@ -86,16 +86,16 @@ pags_result pags_gaussians_morton_order(const pags_gaussians *g, int64_t *index)
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   keyed_row *rows = block, *other = block + g->count;
   cube box = bounding_cube(g);
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     rows[i] = (keyed_row){code_of(g, i, &box), i};
-  for (int pass = 0; pass < PASSES; ++pass) {
+  for (int pass = 0; pass < PASSES; pass++) {
     if (scatter(rows, other, g->count, pass * DIGIT_BITS)) {
       keyed_row *sorted = other;
       other = rows;
       rows = sorted;
     }
   }
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     index[i] = rows[i].row;
   free(block);
   return PAGS_OK;

@@ -121,7 +121,7 @@ void pags_object_classify_motion(pags_object *object) {
 }
 
 const pags_knot *pags_object_knot(const pags_object *object, int64_t frame) {
-  for (int64_t i = 0; i < object->knot_count; ++i)
+  for (int64_t i = 0; i < object->knot_count; i++)
     if (object->knots[i].frame == frame)
       return &object->knots[i];
   return NULL;

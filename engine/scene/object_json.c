@@ -28,11 +28,11 @@ pags_result pags_json_names_differ(const pags_json *json, const pags_json_value 
   const char **sorted = malloc((size_t)(count + 1) * sizeof *sorted);
   if (!sorted)
     return fail_memory(json);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     sorted[i] = names[i];
   pags_sort(sorted, count, sizeof *sorted, compare_names);
   pags_result result = PAGS_OK;
-  for (int64_t i = 1; i < count && result == PAGS_OK; ++i)
+  for (int64_t i = 1; i < count && result == PAGS_OK; i++)
     if (strcmp(sorted[i - 1], sorted[i]) == 0)
       result = pags_json_fail(json, value, "two %s are named \"%.80s\"", what, sorted[i]);
   free(sorted);
@@ -41,8 +41,8 @@ pags_result pags_json_names_differ(const pags_json *json, const pags_json_value 
 
 static pags_result check_rigid(const pags_json *json, const pags_json_value *value, const double m[12]) {
   double error = 0;
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < 3; ++j) {
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < 3; j++) {
       double dot = m[4 * i] * m[4 * j] + m[4 * i + 1] * m[4 * j + 1] + m[4 * i + 2] * m[4 * j + 2];
       error = fmax(error, fabs(dot - (i == j)));
     }
@@ -90,7 +90,7 @@ static pags_result read_knots(const pags_json *json, const pags_json_value *obje
 static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
   const char *name;
   PAGS_TRY(pags_json_string(json, object, "category", &name));
-  for (int i = 0; i < CATEGORIES; ++i) {
+  for (int i = 0; i < CATEGORIES; i++) {
     if (strcmp(name, pags_category_name((pags_category)i)) == 0) {
       *category = (pags_category)i;
       return PAGS_OK;
@@ -122,7 +122,7 @@ static pags_result read_model(const pags_json *json, const pags_json_value *obje
   PAGS_TRY(pags_json_string_or(json, object, "model", NULL, &name));
   if (!name)
     return PAGS_OK;
-  for (int64_t i = 1; i < scene->model_count; ++i) {
+  for (int64_t i = 1; i < scene->model_count; i++) {
     if (!taken[i] && strcmp(scene->models[i].name, name) == 0) {
       taken[i] = true;
       *model = i;
@@ -152,7 +152,7 @@ static pags_result check_ids(const pags_json *json, const pags_json_value *objec
   const char **ids = malloc((size_t)(scene->object_count + 1) * sizeof *ids);
   if (!ids)
     return fail_memory(json);
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     ids[i] = scene->objects[i].record.id;
   pags_result result = pags_json_names_differ(json, objects, "objects", ids, scene->object_count);
   free(ids);
@@ -175,7 +175,7 @@ pags_result pags_scene_objects_from_json(const pags_json *json, const pags_json_
 
 static void write_knots(pags_json_writer *w, const pags_object *record) {
   pags_json_begin_array(w, "knots");
-  for (int64_t i = 0; i < record->knot_count; ++i) {
+  for (int64_t i = 0; i < record->knot_count; i++) {
     const pags_knot *knot = &record->knots[i];
     pags_json_begin_object(w, NULL);
     pags_json_put_integer(w, "frame", knot->frame);
@@ -191,7 +191,7 @@ static void write_knots(pags_json_writer *w, const pags_object *record) {
 
 void pags_scene_objects_to_json(pags_json_writer *writer, const pags_scene *scene) {
   pags_json_begin_array(writer, "objects");
-  for (int64_t i = 0; i < scene->object_count; ++i) {
+  for (int64_t i = 0; i < scene->object_count; i++) {
     const pags_scene_object *object = &scene->objects[i];
     const pags_object *record = &object->record;
     pags_json_begin_object(writer, NULL);

@@ -53,7 +53,7 @@ static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
 }
 
 int pags_sh_degree_of(int rest_per_channel) {
-  for (int degree = 0; degree <= 3; ++degree)
+  for (int degree = 0; degree <= 3; degree++)
     if (rest_per_channel == pags_sh_coefficients(degree) - 1)
       return degree;
   return -1;
@@ -61,7 +61,7 @@ int pags_sh_degree_of(int rest_per_channel) {
 
 static pags_result find_degree(const ply_table *table, const ply_element *vertex, int *degree) {
   int rest = 0;
-  for (int i = 0; i < vertex->property_count; ++i)
+  for (int i = 0; i < vertex->property_count; i++)
     rest += strncmp(table->properties[vertex->first_property + i].name, "f_rest_", 7) == 0;
   *degree = rest % 3 == 0 ? pags_sh_degree_of(rest / 3) : -1;
   if (*degree < 0)
@@ -71,7 +71,7 @@ static pags_result find_degree(const ply_table *table, const ply_element *vertex
 
 static pags_result bind_columns(const ply_table *table, const ply_element *vertex, int count, const column columns[],
                                 const ply_property *properties[]) {
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
     if (!properties[i] && columns[i].plane >= 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
@@ -84,12 +84,12 @@ static pags_result bind_columns(const ply_table *table, const ply_element *verte
 static bool read_block(const ply_table *table, const ply_element *vertex, int count, const column columns[],
                        const ply_property *const properties[], int64_t first, int64_t rows, pags_gaussians *out) {
   bool finite = true;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     if (columns[i].plane < 0)
       continue;
     float *values = pags_plane(out, columns[i].plane) + first;
     pags_ply_column(table, vertex, properties[i], first, rows, values);
-    for (int64_t row = 0; row < rows; ++row)
+    for (int64_t row = 0; row < rows; row++)
       finite = finite && isfinite(values[row]);
   }
   return finite;
@@ -97,8 +97,8 @@ static bool read_block(const ply_table *table, const ply_element *vertex, int co
 
 static pags_result fail_not_finite(const ply_table *table, const ply_element *vertex, int count, const column columns[],
                                    const ply_property *const properties[], int64_t first, const pags_gaussians *g) {
-  for (int64_t row = first;; ++row)
-    for (int i = 0; i < count; ++i) {
+  for (int64_t row = first;; row++)
+    for (int i = 0; i < count; i++) {
       float value = columns[i].plane < 0 ? 0 : pags_plane(g, columns[i].plane)[row];
       if (!isfinite(value))
         return pags_fail(
@@ -114,7 +114,7 @@ static pags_result read_s_sem(const ply_table *table, const ply_element *vertex,
     return PAGS_OK;
   PAGS_TRY(pags_gaussians_add_s_sem(out));
   pags_ply_column(table, vertex, s_sem, 0, out->count, out->s_sem);
-  for (int64_t i = 0; i < out->count; ++i)
+  for (int64_t i = 0; i < out->count; i++)
     if (!(out->s_sem[i] >= 0 && out->s_sem[i] <= 1))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 's_sem' from 0 to 1, found %g", table->path,
                        (long long)i, (double)out->s_sem[i]);
@@ -126,7 +126,7 @@ static pags_result read_object_id(const ply_table *table, const ply_element *ver
   if (!object_id)
     return PAGS_OK;
   PAGS_TRY(pags_gaussians_add_object_id(out));
-  for (int64_t i = 0; i < out->count; ++i) {
+  for (int64_t i = 0; i < out->count; i++) {
     double id = pags_ply_value(table, vertex, object_id, i);
     if (!(id >= -1 && id <= INT32_MAX))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected 'object_id' from -1 to 2147483647, found %g",
@@ -145,7 +145,7 @@ static pags_result read_fourier(const ply_table *table, const ply_element *verte
   const ply_property *properties[FOURIER_PLANES];
   char names[FOURIER_PLANES][NAME_SIZE];
   int found = 0, missing = 0;
-  for (int p = 0; p < FOURIER_PLANES; ++p) {
+  for (int p = 0; p < FOURIER_PLANES; p++) {
     name_fourier(p, names[p]);
     properties[p] = pags_ply_property_find(table, vertex, names[p]);
     found += properties[p] != NULL;
@@ -157,10 +157,10 @@ static pags_result read_fourier(const ply_table *table, const ply_element *verte
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected all of 'f_dc_t1_0' to 'f_dc_t4_2' or none, no '%s'", table->path,
                      names[missing]);
   PAGS_TRY(pags_gaussians_add_fourier(out));
-  for (int p = 0; p < FOURIER_PLANES && out->count; ++p) {
+  for (int p = 0; p < FOURIER_PLANES && out->count; p++) {
     float *values = out->fourier + p * out->stride;
     pags_ply_column(table, vertex, properties[p], 0, out->count, values);
-    for (int64_t i = 0; i < out->count; ++i)
+    for (int64_t i = 0; i < out->count; i++)
       if (!isfinite(values[i]))
         return pags_fail(PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s", table->path,
                          (long long)i, names[p], isnan(values[i]) ? "nan" : "inf");
@@ -229,11 +229,11 @@ static pags_result write_header(pags_file_writer *writer, const pags_gaussians *
   char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
   int length =
       snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n", (long long)g->count);
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
   length += snprintf(text + length, sizeof text - (size_t)length, "%s%s", g->s_sem ? "property float s_sem\n" : "",
                      g->object_id ? "property int object_id\n" : "");
-  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p) {
+  for (int p = 0; p < FOURIER_PLANES && g->fourier; p++) {
     name_fourier(p, name);
     length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", name);
   }
@@ -256,7 +256,7 @@ static void pack_rows(const pags_gaussians *g, int count, const column columns[]
     out += 4;
   }
   if (g->object_id) {
-    for (int64_t row = 0; row < rows; ++row)
+    for (int64_t row = 0; row < rows; row++)
       pags_store_u32(out + (size_t)row * stride, (uint32_t)g->object_id[first + row]);
     out += 4;
   }

@@ -38,7 +38,7 @@ static int split(char *line, char *words[MAX_WORDS]) {
 }
 
 static bool parse_type(const char *name, ply_type *type) {
-  for (size_t i = 0; i < sizeof type_names / sizeof *type_names; ++i) {
+  for (size_t i = 0; i < sizeof type_names / sizeof *type_names; i++) {
     if (strcmp(type_names[i].name, name) == 0) {
       *type = type_names[i].type;
       return true;
@@ -85,7 +85,7 @@ static pags_result add_property(ply_table *t, int line, const char *name, ply_ty
     t->property_capacity = capacity;
   }
   t->properties[t->property_count++] = (ply_property){name, type, element->stride};
-  ++element->property_count;
+  element->property_count++;
   element->stride += type_sizes[type];
   return PAGS_OK;
 }
@@ -130,7 +130,7 @@ static size_t header_length(const uint8_t *bytes, size_t size) {
       return 0;
     size_t next = (size_t)(line_end - bytes) + 1, length = next - 1 - at;
     if (length && bytes[at + length - 1] == '\r')
-      --length;
+      length--;
     if (length == mark_length && memcmp(bytes + at, mark, mark_length) == 0)
       return next;
     at = next;
@@ -186,8 +186,8 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
   if (!rows)
     return pags_out_of_memory("%s: %lld rows of '%s'", t->path, (long long)e->count, e->name);
   t->converted[index] = rows;
-  for (int64_t row = 0; row < e->count; ++row) {
-    for (int k = 0; k < e->property_count; ++k) {
+  for (int64_t row = 0; row < e->count; row++) {
+    for (int k = 0; k < e->property_count; k++) {
       const ply_property *property = &t->properties[e->first_property + k];
       char *end;
       double value = pags_text_to_double(*at, &end);
@@ -210,7 +210,7 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
 static pags_result find_rows(ply_table *t, size_t header) {
   uint64_t offset = header;
   const char *at = (const char *)t->bytes + header;
-  for (int i = 0; i < t->element_count; ++i) {
+  for (int i = 0; i < t->element_count; i++) {
     ply_element *e = &t->elements[i];
     e->offset = offset;
     if (e->has_list)
@@ -243,7 +243,7 @@ pags_result pags_ply_table_open(ply_table *table, const char *path, const uint8_
 }
 
 void pags_ply_table_close(ply_table *table) {
-  for (int i = 0; i < PLY_MAX_ELEMENTS; ++i)
+  for (int i = 0; i < PLY_MAX_ELEMENTS; i++)
     free(table->converted[i]);
   free(table->properties);
   free(table->header);
@@ -251,7 +251,7 @@ void pags_ply_table_close(ply_table *table) {
 }
 
 const ply_element *pags_ply_table_find(const ply_table *table, const char *element) {
-  for (int i = 0; i < table->element_count; ++i)
+  for (int i = 0; i < table->element_count; i++)
     if (strcmp(table->elements[i].name, element) == 0)
       return &table->elements[i];
   return NULL;
@@ -260,14 +260,14 @@ const ply_element *pags_ply_table_find(const ply_table *table, const char *eleme
 pags_result pags_ply_table_need(const ply_table *table, const ply_element *element) {
   if (element->rows)
     return PAGS_OK;
-  for (const ply_element *e = table->elements; e <= element; ++e)
+  for (const ply_element *e = table->elements; e <= element; e++)
     if (e->has_list)
       return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%s' can't be read: element '%s' has a list property", table->path,
                        element->name, e->name);
   if (table->ascii)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: truncated: expected %lld rows of '%s', the file ends at byte %zu",
                      table->path, (long long)element->count, element->name, table->size);
-  for (const ply_element *e = table->elements; e < element; ++e)
+  for (const ply_element *e = table->elements; e < element; e++)
     if (!e->rows)
       element = e;
   return pags_fail(PAGS_ERROR_FORMAT,
@@ -278,7 +278,7 @@ pags_result pags_ply_table_need(const ply_table *table, const ply_element *eleme
 }
 
 const ply_property *pags_ply_property_find(const ply_table *table, const ply_element *element, const char *property) {
-  for (int i = 0; i < element->property_count; ++i)
+  for (int i = 0; i < element->property_count; i++)
     if (strcmp(table->properties[element->first_property + i].name, property) == 0)
       return &table->properties[element->first_property + i];
   return NULL;
@@ -289,7 +289,7 @@ double pags_ply_value(const ply_table *table, const ply_element *element, const 
   int size = type_sizes[property->type];
   uint8_t swapped[8];
   if (table->big_endian) {
-    for (int i = 0; i < size; ++i)
+    for (int i = 0; i < size; i++)
       swapped[i] = at[size - 1 - i];
     at = swapped;
   }
@@ -308,7 +308,7 @@ double pags_ply_value(const ply_table *table, const ply_element *element, const 
 void pags_ply_column(const ply_table *table, const ply_element *element, const ply_property *property, int64_t first,
                      int64_t count, float *out) {
   if (property->type != PLY_FLOAT || table->big_endian) {
-    for (int64_t i = 0; i < count; ++i)
+    for (int64_t i = 0; i < count; i++)
       out[i] = (float)pags_ply_value(table, element, property, first + i);
     return;
   }

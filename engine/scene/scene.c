@@ -32,7 +32,7 @@ static pags_result load_model(const char *folder, pags_model *model, int64_t exp
 /* So that whoever has an object_id may use it as an index. Scenes without objects may number theirs as they like. */
 static pags_result check_object_ids(const char *folder, const pags_scene *scene, const pags_model *model) {
   const int32_t *id = model->gaussians.object_id;
-  for (int64_t i = 0; id && scene->object_count && i < model->gaussians.count; ++i)
+  for (int64_t i = 0; id && scene->object_count && i < model->gaussians.count; i++)
     if (id[i] >= scene->object_count)
       return pags_fail(PAGS_ERROR_FORMAT, "%s/%s: vertex %lld: expected 'object_id' of one of %lld objects, found %d",
                        folder, model->file, (long long)i, (long long)scene->object_count, id[i]);
@@ -54,7 +54,7 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   pags_result result = pags_file_exists(path)
                            ? pags_scene_json_read(path, scene, &files)
                            : pags_fail(PAGS_ERROR_IO, "%s: expected a scene, but the folder has no scene.json", folder);
-  for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < scene->model_count && result == PAGS_OK; i++) {
     result = load_model(folder, &scene->models[i], files.counts[i]);
     if (result == PAGS_OK)
       result = check_object_ids(folder, scene, &scene->models[i]);
@@ -72,7 +72,7 @@ static pags_result read_packed_head(const char *path, pags_scene *scene) {
   pags_packed packed;
   PAGS_TRY(pags_packed_open(path, &packed));
   scene->up = (pags_up)packed.up;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     scene->origin[k] = packed.origin[k];
     scene->background[k] = packed.background[k];
   }
@@ -138,7 +138,7 @@ static pags_result save_sky(const char *folder, const pags_sky *sky) {
 /* scene.json goes last: where it is new, all that it names is. */
 pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
   PAGS_TRY(pags_make_dirs(folder));
-  for (int64_t i = 0; i < scene->model_count; ++i)
+  for (int64_t i = 0; i < scene->model_count; i++)
     PAGS_TRY(save_model(folder, &scene->models[i]));
   if (scene->sky.size > 0)
     PAGS_TRY(save_sky(folder, &scene->sky));
@@ -153,11 +153,11 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
 /* `name` with what some file system or shell trips over made '_'. */
 static void make_safe(const char *id, char *name, size_t room) {
   size_t length = 0;
-  for (const char *c = id; *c && length + 1 < room; ++c) {
+  for (const char *c = id; *c && length + 1 < room; c++) {
     bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-' ||
                  (*c == '.' && length > 0);
     name[length] = plain ? *c : '_';
-    ++length;
+    length++;
   }
   if (length == 0)
     name[length++] = '_';
@@ -168,7 +168,7 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
   char safe[SAFE_NAME], file[SAFE_NAME + 64];
   make_safe(id, safe, sizeof safe);
   snprintf(file, sizeof file, "objects/%s.ply", safe);
-  for (int64_t i = 0, number = 2; i < scene->model_count; ++i) {
+  for (int64_t i = 0, number = 2; i < scene->model_count; i++) {
     if (scene->models[i].file && strcasecmp(scene->models[i].file, file) == 0) {
       snprintf(file, sizeof file, "objects/%s-%lld.ply", safe, (long long)number++);
       i = -1;
@@ -178,21 +178,21 @@ char *pags_scene_model_file(const pags_scene *scene, const char *id) {
 }
 
 const pags_scene_object *pags_scene_find_object(const pags_scene *scene, const char *id) {
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     if (!strcmp(scene->objects[i].record.id, id))
       return &scene->objects[i];
   return NULL;
 }
 
 void pags_scene_destroy(pags_scene *scene) {
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     free(scene->models[i].name);
     free(scene->models[i].file);
     pags_gaussians_destroy(&scene->models[i].gaussians);
   }
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     free(scene->views[i].name);
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     pags_object_destroy(&scene->objects[i].record);
   pags_sky_destroy(&scene->sky);
   free(scene->objects);
@@ -206,7 +206,7 @@ void pags_scene_destroy(pags_scene *scene) {
 
 int64_t pags_scene_gaussian_count(const pags_scene *scene) {
   int64_t count = 0;
-  for (int64_t i = 0; i < scene->model_count; ++i)
+  for (int64_t i = 0; i < scene->model_count; i++)
     count += scene->models[i].gaussians.count;
   return count;
 }

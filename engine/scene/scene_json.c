@@ -25,7 +25,7 @@ static pags_result fail_memory(const pags_json *json) {
 static pags_result read_up(const pags_json *json, const pags_json_value *root, pags_up *up) {
   const char *name;
   PAGS_TRY(pags_json_string(json, root, "up", &name));
-  for (int i = 0; i < (int)(sizeof up_names / sizeof *up_names); ++i) {
+  for (int i = 0; i < (int)(sizeof up_names / sizeof *up_names); i++) {
     if (strcmp(name, up_names[i]) == 0) {
       *up = (pags_up)i;
       return PAGS_OK;
@@ -52,7 +52,7 @@ static pags_result check_names(const pags_json *json, const pags_json_value *mod
   const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
   if (!names)
     return fail_memory(json);
-  for (int64_t i = 0; i < scene->model_count; ++i)
+  for (int64_t i = 0; i < scene->model_count; i++)
     names[i] = scene->models[i].name;
   pags_result result = pags_json_names_differ(json, models, "models", names, scene->model_count);
   free(names);
@@ -78,7 +78,7 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
 static pags_result read_three_or(const pags_json *json, const pags_json_value *object, const char *key, double fallback,
                                  double out[3]) {
   const pags_json_value *value = pags_json_member(object, key);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[k] = fallback;
   return value && value->type != PAGS_JSON_NULL ? pags_json_numbers(json, object, key, 3, out) : PAGS_OK;
 }
@@ -175,7 +175,7 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(pags_json_bool_or(json, root, "antialiased", false, &antialiased));
   scene->antialiased = antialiased;
   PAGS_TRY(pags_json_numbers(json, root, "background", 3, background));
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     scene->background[k] = (float)background[k];
   PAGS_TRY(pags_json_number_or(json, root, "fps", 0, &scene->fps));
   if (scene->fps < 0)
@@ -200,7 +200,7 @@ pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene
 
 static void write_models(pags_json_writer *w, const pags_scene *scene) {
   pags_json_begin_array(w, "models");
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];
     pags_json_begin_object(w, NULL);
     pags_json_put_string(w, "name", model->name);
@@ -213,7 +213,7 @@ static void write_models(pags_json_writer *w, const pags_scene *scene) {
 }
 
 static bool is_exposed(const pags_scene_view *view) {
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     if (view->gain[k] != 1 || view->offset[k] != 0)
       return true;
   return false;
@@ -233,7 +233,7 @@ static void write_driving(pags_json_writer *w, const pags_scene_view *view) {
 
 static void write_views(pags_json_writer *w, const pags_scene *scene) {
   pags_json_begin_array(w, "cameras");
-  for (int64_t i = 0; i < scene->view_count; ++i) {
+  for (int64_t i = 0; i < scene->view_count; i++) {
     const pags_scene_view *view = &scene->views[i];
     pags_json_begin_object(w, NULL);
     pags_json_put_string(w, "name", view->name);
@@ -252,10 +252,10 @@ static pags_result write_raw(pags_json_writer *w, const char *key, const char *t
     return PAGS_OK;
   }
   while (isspace((unsigned char)*text))
-    ++text;
+    text++;
   size_t length = strlen(text);
   while (length && isspace((unsigned char)text[length - 1]))
-    --length;
+    length--;
   char *trimmed = pags_text_copy(text);
   if (!trimmed)
     return pags_out_of_memory("'%s' of a scene", key);

@@ -88,7 +88,7 @@ static pags_result decode(const char *path, const uint8_t *bytes, size_t size, p
     return pags_fail(PAGS_ERROR_FORMAT, "%s: expected %zu bytes of texels from byte %zu, found %zu", path,
                      2 * value_count(texels), begin, size - begin);
   PAGS_TRY(pags_sky_create(sky, texels));
-  for (size_t i = 0; i < value_count(texels); ++i) {
+  for (size_t i = 0; i < value_count(texels); i++) {
     sky->texels[i] = pags_float_from_half(pags_load_u16(bytes + begin + 2 * i));
     if (!isfinite(sky->texels[i]))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: expected finite numbers, found %s at byte %zu", path,
@@ -130,7 +130,7 @@ static pags_result put_texels(pags_file_writer *writer, const char *path, const 
   size_t count = value_count(sky->size);
   for (size_t first = 0; first < count; first += BLOCK) {
     size_t n = count - first < BLOCK ? count - first : BLOCK;
-    for (size_t i = 0; i < n; ++i) {
+    for (size_t i = 0; i < n; i++) {
       uint16_t half = pags_half_from_float(sky->texels[first + i]);
       if ((half & 0x7C00) == 0x7C00) {
         pags_file_writer_abort(writer);
@@ -188,9 +188,9 @@ void pags_sky_sample(const pags_sky *sky, const double direction[3], float rgb[3
   int face = find_face(direction, &s, &t);
   double right = neighbours(s, sky->size, columns), below = neighbours(t, sky->size, rows);
   const float *texels = sky->texels + (size_t)face * CHANNELS * (size_t)sky->size * (size_t)sky->size;
-  for (int c = 0; c < CHANNELS; ++c) {
+  for (int c = 0; c < CHANNELS; c++) {
     double value[2];
-    for (int i = 0; i < 2; ++i) {
+    for (int i = 0; i < 2; i++) {
       const float *row = texels + (size_t)CHANNELS * (size_t)rows[i] * (size_t)sky->size + c;
       value[i] = (1 - right) * (double)row[CHANNELS * columns[0]] + right * (double)row[CHANNELS * columns[1]];
     }

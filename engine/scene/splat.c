@@ -12,7 +12,7 @@ enum { ROW_BYTES = 32 };
 static const double smallest_sigma = 1e-12;
 
 static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, pags_gaussians *out) {
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     float position = pags_load_f32(row + 4 * k), sigma = pags_load_f32(row + 12 + 4 * k);
     if (!isfinite(position) || !(sigma >= 0) || !isfinite(sigma))
       return pags_fail(PAGS_ERROR_FORMAT, "%s: byte %llu: expected a finite position and a sigma >= 0, found %g and %g",
@@ -22,7 +22,7 @@ static pags_result decode_row(const char *path, const uint8_t *row, int64_t i, p
     pags_plane(out, PAGS_SH + k)[i] = (float)((row[24 + k] / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(row[27]);
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     pags_plane(out, PAGS_ROTATION + k)[i] = (float)((row[28 + k] - 128) / 128.0);
   return PAGS_OK;
 }
@@ -34,7 +34,7 @@ pags_result pags_splat_decode(const char *path, const uint8_t *bytes, size_t siz
                      path, ROW_BYTES, size);
   PAGS_TRY(pags_gaussians_create(out, (int64_t)(size / ROW_BYTES), 0));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < out->count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < out->count && result == PAGS_OK; i++)
     result = decode_row(path, bytes + i * ROW_BYTES, i, out);
   if (result == PAGS_OK)
     result = pags_splat_accept(path, out);

@@ -26,8 +26,8 @@ static const char *plane_name(int plane) {
 }
 
 static pags_result fail_first_bad(const char *path, const pags_gaussians *g) {
-  for (int64_t i = 0; i < g->count; ++i)
-    for (int p = 0; p < pags_plane_count(g->sh_degree); ++p)
+  for (int64_t i = 0; i < g->count; i++)
+    for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
       if (!isfinite(pags_plane(g, p)[i]))
         return pags_fail(PAGS_ERROR_FORMAT, "%s: Gaussian %lld: expected finite numbers for its %s", path, (long long)i,
                          plane_name(p));
@@ -37,12 +37,12 @@ static pags_result fail_first_bad(const char *path, const pags_gaussians *g) {
 static int64_t fix_rotations(pags_gaussians *g) {
   int64_t fixed = 0;
   float *q[4];
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = pags_plane(g, PAGS_ROTATION + k);
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     if (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0) {
       q[0][i] = 1;
-      ++fixed;
+      fixed++;
     }
   }
   return fixed;

@@ -52,14 +52,14 @@ static pags_result read_header(const char *path, const uint8_t *bytes, spz_heade
     return pags_fail(PAGS_ERROR_FORMAT, "%s: byte 13: expected at most 24 fractional bits, found %d", path,
                      h->fractional_bits);
   int bytes_each[STREAMS] = {9, 1, 3, 3, h->version == 2 ? 3 : 4, 3 * rest_coefficients(h->sh_degree)};
-  for (int i = 0; i < STREAMS; ++i)
+  for (int i = 0; i < STREAMS; i++)
     h->sizes[i] = (uint64_t)h->count * (uint64_t)bytes_each[i];
   return PAGS_OK;
 }
 
 static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   double step = ldexp(1.0, -h->fractional_bits);
-  for (int64_t i = 0; i < out->count; ++i)
+  for (int64_t i = 0; i < out->count; i++)
     for (int k = 0; k < 3; ++k, bytes += 3) {
       int32_t fixed = bytes[0] | bytes[1] << 8 | bytes[2] << 16;
       fixed -= (fixed & 0x800000) << 1;
@@ -69,28 +69,28 @@ static void decode_positions(const spz_header *h, const uint8_t *bytes, pags_gau
 
 static void decode_opacities(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   (void)h;
-  for (int64_t i = 0; i < out->count; ++i)
+  for (int64_t i = 0; i < out->count; i++)
     pags_plane(out, PAGS_OPACITY)[i] = pags_logit_of_byte(bytes[i]);
 }
 
 static void decode_colours(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   (void)h;
-  for (int64_t i = 0; i < out->count; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int64_t i = 0; i < out->count; i++)
+    for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SH + k)[i] = (float)((bytes[3 * i + k] / 255.0 - 0.5) / 0.15);
 }
 
 static void decode_scales(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   (void)h;
-  for (int64_t i = 0; i < out->count; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int64_t i = 0; i < out->count; i++)
+    for (int k = 0; k < 3; k++)
       pags_plane(out, PAGS_SCALE + k)[i] = (float)(bytes[3 * i + k] / 16.0 - 10.0);
 }
 
 /* Version 2: x y z as bytes over -1 .. 1, w the rest of the unit length. */
 static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
   double sum = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     xyzw[k] = bytes[k] / 127.5 - 1.0;
     sum += xyzw[k] * xyzw[k];
   }
@@ -102,7 +102,7 @@ static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
 static void unpack_smallest_three(uint32_t word, double xyzw[4]) {
   int largest = (int)(word >> 30);
   double sum = 0;
-  for (int k = 3; k >= 0; --k) {
+  for (int k = 3; k >= 0; k--) {
     if (k == largest)
       continue;
     double magnitude = (word & 511) * (0.70710678118654752 / 511);
@@ -114,7 +114,7 @@ static void unpack_smallest_three(uint32_t word, double xyzw[4]) {
 }
 
 static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
-  for (int64_t i = 0; i < out->count; ++i) {
+  for (int64_t i = 0; i < out->count; i++) {
     double q[4];
     if (h->version == 2)
       unpack_first_three(bytes + 3 * i, q);
@@ -131,8 +131,8 @@ static void decode_sh(const spz_header *h, const uint8_t *bytes, pags_gaussians 
   /* Half a turn about x, in the order m = -l .. l of each degree. */
   static const signed char signs[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
   int stride = 3 * rest_coefficients(h->sh_degree), used = 3 * rest_coefficients(out->sh_degree);
-  for (int64_t i = 0; i < out->count; ++i)
-    for (int k = 0; k < used; ++k)
+  for (int64_t i = 0; i < out->count; i++)
+    for (int k = 0; k < used; k++)
       pags_plane(out, PAGS_SH + 3 + k)[i] = (float)(signs[k / 3] * (bytes[i * stride + k] - 128) / 128.0);
 }
 
@@ -215,7 +215,7 @@ static pags_result decode_gzip(const char *path, z_stream *stream, size_t file_s
   if (h->version == 4)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: SPZ version 4 inside of gzip, which only versions 2 and 3 are", path);
   uint64_t total = 0;
-  for (int i = 0; i < STREAMS; ++i)
+  for (int i = 0; i < STREAMS; i++)
     total += h->sizes[i];
   /* Deflate can't do better than 1032 to 1: a count beyond that is refused before memory is asked for it. */
   if (total / 1032 > file_size)
@@ -287,7 +287,7 @@ static pags_result check_table(const char *path, const uint8_t *bytes, size_t si
                      "%s: byte 16: expected the table of streams within the file's %zu bytes, found %llu", path, size,
                      (unsigned long long)table);
   uint64_t offset = table + 16u * (unsigned)streams;
-  for (int i = 0; i < streams; ++i) {
+  for (int i = 0; i < streams; i++) {
     const uint8_t *entry = bytes + table + 16 * i;
     uint64_t packed = pags_load_u64(entry), plain = pags_load_u64(entry + 8);
     if (plain != h->sizes[i])
@@ -319,7 +319,7 @@ static pags_result decode_v4(const char *path, const uint8_t *bytes, size_t size
                      h->sh_degree, streams);
   PAGS_TRY(check_table(path, bytes, size, h, table, streams));
   uint64_t offset = table + 16u * (unsigned)streams;
-  for (int i = 0; i < streams; ++i) {
+  for (int i = 0; i < streams; i++) {
     uint64_t packed = pags_load_u64(bytes + table + 16 * i);
     PAGS_TRY(decode_stream(path, h, i, bytes + offset, packed, offset, out));
     offset += packed;

@@ -20,37 +20,37 @@ static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const 
   const double *m = part->world_from_model;
   double p[3], q[4], rest[15];
   int degree = out->sh_degree < g->sh_degree ? out->sh_degree : g->sh_degree;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     p[k] = (double)pags_plane(g, PAGS_MEAN + k)[i];
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
   const double *t = turn_q;
   const double product[4] = {
       t[0] * q[0] - t[1] * q[1] - t[2] * q[2] - t[3] * q[3], t[0] * q[1] + t[1] * q[0] + t[2] * q[3] - t[3] * q[2],
       t[0] * q[2] - t[1] * q[3] + t[2] * q[0] + t[3] * q[1], t[0] * q[3] + t[1] * q[2] - t[2] * q[1] + t[3] * q[0]};
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     pags_plane(out, PAGS_MEAN + k)[at] =
         (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
     pags_plane(out, PAGS_SCALE + k)[at] = pags_plane(g, PAGS_SCALE + k)[i];
     pags_plane(out, PAGS_SH + k)[at] = part->dc ? part->dc[k * g->stride + i] : pags_plane(g, PAGS_SH + k)[i];
   }
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     pags_plane(out, PAGS_ROTATION + k)[at] = turn ? (float)product[k] : (float)q[k];
   pags_plane(out, PAGS_OPACITY)[at] = pags_plane(g, PAGS_OPACITY)[i];
-  for (int c = 0; c < 3 && degree; ++c) {
+  for (int c = 0; c < 3 && degree; c++) {
     int count = pags_sh_coefficients(degree) - 1;
-    for (int k = 0; k < count; ++k)
+    for (int k = 0; k < count; k++)
       rest[k] = (double)pags_plane(g, PAGS_SH + 3 * (k + 1) + c)[i];
     if (turn)
       pags_sh_rotation_apply(turn, degree, rest);
-    for (int k = 0; k < count; ++k)
+    for (int k = 0; k < count; k++)
       pags_plane(out, PAGS_SH + 3 * (k + 1) + c)[at] = (float)rest[k];
   }
 }
 
 static int is_turned(const double m[12]) {
   static const double identity[9] = {1, 0, 0, 0, 1, 0, 0, 0, 1};
-  for (int i = 0; i < 9; ++i)
+  for (int i = 0; i < 9; i++)
     if (m[4 * (i / 3) + i % 3] != identity[i])
       return 1;
   return 0;
@@ -64,7 +64,7 @@ static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first)
   int turned = is_turned(m);
   pags_quaternion_from_rotation(r, q);
   pags_sh_rotation_make(r, &turn);
-  for (int64_t i = 0; i < part->gaussians->count; ++i) {
+  for (int64_t i = 0; i < part->gaussians->count; i++) {
     bake_row(part, turned ? &turn : NULL, q, i, out, first + i);
     if (out->s_sem)
       out->s_sem[first + i] = part->gaussians->s_sem[i];
@@ -76,13 +76,13 @@ static void bake_part(const pags_part *part, pags_gaussians *out, int64_t first)
 pags_result pags_splats_bake(const pags_part *parts, int count, int sh_degree, pags_gaussians *out) {
   int64_t total = 0, first = 0;
   int s_sem = count > 0;
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     total += parts[i].gaussians->count;
     s_sem = s_sem && parts[i].gaussians->s_sem;
   }
   PAGS_TRY(pags_gaussians_create(out, total, sh_degree));
   pags_result result = s_sem ? pags_gaussians_add_s_sem(out) : PAGS_OK;
-  for (int i = 0; i < count && result == PAGS_OK; ++i) {
+  for (int i = 0; i < count && result == PAGS_OK; i++) {
     bake_part(&parts[i], out, first);
     first += parts[i].gaussians->count;
   }
@@ -102,11 +102,11 @@ static double opacity_of(const pags_gaussians *g, int64_t i) {
 /* Unit quaternion w x y z. */
 static void rotation_of(const pags_gaussians *g, int64_t i, double q[4]) {
   double length = 0;
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
     length += q[k] * q[k];
   }
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = length > 0 ? q[k] / sqrt(length) : k == 0;
 }
 
@@ -115,17 +115,17 @@ pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
   uint8_t *bytes = calloc((size_t)g->count + 1, 32);
   if (!bytes)
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     uint8_t *row = bytes + 32 * i;
     double q[4];
     rotation_of(g, i, q);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       pags_store_f32(row + 4 * k, pags_plane(g, PAGS_MEAN + k)[i]);
       pags_store_f32(row + 12 + 4 * k, (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]));
       row[24 + k] = to_byte(255 * (0.5 + sh_c0 * (double)pags_plane(g, PAGS_SH + k)[i]));
     }
     row[27] = to_byte(255 * opacity_of(g, i));
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       row[28 + k] = to_byte(128 + 128 * q[k]);
   }
   pags_result result = pags_file_write(path, bytes, 32 * (size_t)g->count);
@@ -145,11 +145,11 @@ typedef struct spz_streams {
 /* Largest left out; the others, the last lowest, ten bits each: nine of magnitude over 1 / sqrt 2, one of sign. */
 static uint32_t pack_rotation(const double xyzw[4]) {
   int largest = 0;
-  for (int k = 1; k < 4; ++k)
+  for (int k = 1; k < 4; k++)
     largest = fabs(xyzw[k]) > fabs(xyzw[largest]) ? k : largest;
   uint32_t word = (uint32_t)largest;
   int flip = xyzw[largest] < 0;
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     if (k == largest)
       continue;
     uint32_t magnitude = (uint32_t)fmin(floor(511 * fabs(xyzw[k]) / 0.70710678118654752 + 0.5), 511);
@@ -169,10 +169,10 @@ static void pack_row(const pags_gaussians *g, int64_t i, spz_streams *s) {
   static const signed char signs[15] = {-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1};
   double q[4];
   rotation_of(g, i, q);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double value = (double)pags_plane(g, PAGS_MEAN + k)[i] * (k ? -1 : 1);
     int32_t fixed = (int32_t)fmin(fmax(floor(ldexp(value, SPZ_FRACTION) + 0.5), -8388608), 8388607);
-    for (int b = 0; b < 3; ++b)
+    for (int b = 0; b < 3; b++)
       s->bytes[0][9 * i + 3 * k + b] = (uint8_t)((uint32_t)fixed >> 8 * b);
     s->bytes[2][3 * i + k] = to_byte((double)pags_plane(g, PAGS_SH + k)[i] * 0.15 * 255 + 127.5);
     s->bytes[3][3 * i + k] = to_byte(((double)pags_plane(g, PAGS_SCALE + k)[i] + 10) * 16);
@@ -181,27 +181,27 @@ static void pack_row(const pags_gaussians *g, int64_t i, spz_streams *s) {
   const double xyzw[4] = {q[1], -q[2], -q[3], q[0]};
   pags_store_u32(s->bytes[4] + 4 * i, pack_rotation(xyzw));
   int rest = pags_sh_coefficients(g->sh_degree) - 1;
-  for (int k = 0; k < 3 * rest; ++k)
+  for (int k = 0; k < 3 * rest; k++)
     s->bytes[5][(int64_t)3 * rest * i + k] =
         pack_sh(signs[k / 3] * (double)pags_plane(g, PAGS_SH + 3 + k)[i], k / 3 < 3 ? 8 : 16);
 }
 
 static void free_streams(spz_streams *s) {
-  for (int k = 0; k < SPZ_STREAMS; ++k)
+  for (int k = 0; k < SPZ_STREAMS; k++)
     free(s->bytes[k]);
 }
 
 static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   const size_t each[SPZ_STREAMS] = {9, 1, 3, 3, 4, 3 * ((size_t)pags_sh_coefficients(g->sh_degree) - 1)};
   int whole = 1;
-  for (int k = 0; k < SPZ_STREAMS; ++k) {
+  for (int k = 0; k < SPZ_STREAMS; k++) {
     s->sizes[k] = each[k] * (size_t)g->count;
     s->bytes[k] = malloc(s->sizes[k] + 1);
     whole = whole && s->bytes[k];
   }
   if (!whole)
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     pack_row(g, i, s);
   return PAGS_OK;
 }
@@ -222,7 +222,7 @@ static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const uint8
   if (!out)
     return pags_out_of_memory(NULL);
   pags_result result = PAGS_OK;
-  for (int k = -1; k < SPZ_STREAMS && result == PAGS_OK; ++k) {
+  for (int k = -1; k < SPZ_STREAMS && result == PAGS_OK; k++) {
     const uint8_t *from = k < 0 ? header : s->bytes[k];
     size_t left = k < 0 ? 16 : s->sizes[k];
     int last = k == SPZ_STREAMS - 1;
@@ -269,7 +269,7 @@ static pags_result save_zstd(const char *path, const spz_streams *s, uint8_t hea
   header[15] = (uint8_t)streams;
   memset(header + 16, 0, 16);
   pags_store_u32(header + 16, 32);
-  for (int k = 0; k < streams && result == PAGS_OK; ++k) {
+  for (int k = 0; k < streams && result == PAGS_OK; k++) {
     size_t bound = ZSTD_compressBound(s->sizes[k]);
     packed[k] = malloc(bound);
     sizes[k] = packed[k] ? ZSTD_compress(packed[k], bound, s->bytes[k], s->sizes[k], 9) : 0;
@@ -284,13 +284,13 @@ static pags_result save_zstd(const char *path, const spz_streams *s, uint8_t hea
     result = pags_file_writer_put(&file, header, 32);
   if (result == PAGS_OK)
     result = pags_file_writer_put(&file, table, 16 * (size_t)streams);
-  for (int k = 0; k < streams && result == PAGS_OK; ++k)
+  for (int k = 0; k < streams && result == PAGS_OK; k++)
     result = pags_file_writer_put(&file, packed[k], sizes[k]);
   if (result == PAGS_OK)
     result = pags_file_writer_commit(&file);
   else
     pags_file_writer_abort(&file);
-  for (int k = 0; k < streams; ++k)
+  for (int k = 0; k < streams; k++)
     free(packed[k]);
   return result;
 }

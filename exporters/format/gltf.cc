@@ -108,9 +108,9 @@ int put_floats(pags_gltf *gltf, const float *values, size_t count, int component
   int index = put_accessor(gltf, view, TINYGLTF_COMPONENT_TYPE_FLOAT, type_of(components), count);
   if (bounds) {
     tinygltf::Accessor &accessor = gltf->model.accessors[static_cast<size_t>(index)];
-    for (size_t k = 0; k < width; ++k) {
+    for (size_t k = 0; k < width; k++) {
       float lo = values[k], hi = values[k];
-      for (size_t i = 0; i < count; ++i) {
+      for (size_t i = 0; i < count; i++) {
         lo = std::min(lo, values[i * width + k]);
         hi = std::max(hi, values[i * width + k]);
       }
@@ -139,8 +139,8 @@ double linear(double v) {
 
 int put_colors(pags_gltf *gltf, const float *colors, size_t count) {
   std::vector<uint16_t> values(4 * count);
-  for (size_t i = 0; i < count; ++i) {
-    for (size_t c = 0; c < 3; ++c)
+  for (size_t i = 0; i < count; i++) {
+    for (size_t c = 0; c < 3; c++)
       values[4 * i + c] = static_cast<uint16_t>(std::lround(65535 * linear(static_cast<double>(colors[3 * i + c]))));
     values[4 * i + 3] = 65535;
   }
@@ -296,7 +296,7 @@ int pags_gltf_points(pags_gltf *gltf, const char *name, int64_t count, const pag
   return guarded(gltf, [&] {
     tinygltf::Primitive primitive;
     primitive.mode = TINYGLTF_MODE_POINTS;
-    for (int i = 0; i < attribute_count; ++i)
+    for (int i = 0; i < attribute_count; i++)
       primitive.attributes[attributes[i].name] =
           put_floats(gltf, attributes[i].values, static_cast<size_t>(count), attributes[i].components,
                      TINYGLTF_TARGET_ARRAY_BUFFER, std::strcmp(attributes[i].name, "POSITION") == 0);
@@ -388,7 +388,7 @@ void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double
   guarded(gltf, [&] {
     std::vector<float> seconds, places, turns;
     double before[4] = {0, 0, 0, 0};
-    for (int64_t i = 0; i < count; ++i) {
+    for (int64_t i = 0; i < count; i++) {
       float t = static_cast<float>(times[i]);
       if (!seconds.empty() && !(t > seconds.back()))
         continue;
@@ -396,11 +396,11 @@ void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double
       /* The shorter way round from the one before. */
       double along = q[0] * before[0] + q[1] * before[1] + q[2] * before[2] + q[3] * before[3];
       seconds.push_back(t);
-      for (size_t k = 0; k < 4; ++k) {
+      for (size_t k = 0; k < 4; k++) {
         before[k] = along < 0 ? -q[k] : q[k];
         turns.push_back(static_cast<float>(before[k]));
       }
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         places.push_back(static_cast<float>(poses[i][4 * k + 3]));
     }
     if (gltf->model.animations.empty()) {

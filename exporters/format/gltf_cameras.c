@@ -23,7 +23,7 @@ static int same_lens(const pags_camera *a, const pags_camera *b) {
 
 static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_scene_view *view) {
   char name[32];
-  for (int64_t i = 0; i < *count; ++i)
+  for (int64_t i = 0; i < *count; i++)
     if (same_lens(&kinds[i].camera, &view->camera))
       return kinds[i].index;
   snprintf(name, sizeof name, "camera_%lld", (long long)*count);
@@ -34,8 +34,8 @@ static int camera_of(pags_gltf *gltf, kind *kinds, int64_t *count, const pags_sc
 /* Columns of `from`'s rotation as `order` and `sign` say; relative to the origin. */
 static void turn(const pags_scene *scene, const double from[12], const int order[3], const double sign[3],
                  double out[12]) {
-  for (int k = 0; k < 3; ++k) {
-    for (int c = 0; c < 3; ++c)
+  for (int k = 0; k < 3; k++) {
+    for (int c = 0; c < 3; c++)
       out[4 * k + c] = sign[c] * from[4 * k + order[c]];
     out[4 * k + 3] = from[4 * k + 3] - scene->origin[k];
   }
@@ -100,14 +100,14 @@ static pags_result add_ego(pags_gltf *gltf, int parent, const pags_scene *scene,
   double(*poses)[12] = malloc((size_t)scene->view_count * sizeof *poses);
   pags_result result =
       list && times && poses ? PAGS_OK : pags_out_of_memory("%lld views", (long long)scene->view_count);
-  for (int64_t i = 1; i < scene->view_count; ++i)
+  for (int64_t i = 1; i < scene->view_count; i++)
     sensor = scene->views[i].sensor < sensor ? scene->views[i].sensor : sensor;
-  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; i++)
     if (scene->views[i].sensor == sensor)
       list[count++] = &scene->views[i];
   if (result == PAGS_OK) {
     pags_sort(list, count, sizeof *list, compare_times);
-    for (int64_t i = 0; i < count; ++i) {
+    for (int64_t i = 0; i < count; i++) {
       times[i] = list[i]->camera.time - time_zero;
       turn(scene, list[i]->camera.world_from_camera, order, sign, poses[i]);
     }
@@ -131,7 +131,7 @@ pags_result pags_gltf_add_views(pags_gltf *gltf, int parent, const pags_scene *s
     return pags_out_of_memory("%lld views", (long long)scene->view_count);
   int group = pags_gltf_node(gltf, parent, "cameras");
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < scene->view_count && result == PAGS_OK; i++)
     result = add_view(gltf, group, scene, &scene->views[i], camera_of(gltf, kinds, &kind_count, &scene->views[i]),
                       time_zero);
   free(kinds);

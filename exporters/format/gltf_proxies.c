@@ -66,7 +66,7 @@ static pags_result tell(const exporter *self, double fraction, const char *what)
 /* "Pedestrian with Object" -> "pedestrian_with_object" */
 static void plain_name(const char *name, char out[NAME_SIZE]) {
   size_t i = 0;
-  for (; name[i] && i + 16 < NAME_SIZE; ++i) {
+  for (; name[i] && i + 16 < NAME_SIZE; i++) {
     char c = name[i];
     out[i] = c >= 'A' && c <= 'Z' ? (char)(c - 'A' + 'a') : (c >= 'a' && c <= 'z') || (c >= '0' && c <= '9') ? c : '_';
   }
@@ -74,7 +74,7 @@ static void plain_name(const char *name, char out[NAME_SIZE]) {
 }
 
 static int group_node(exporter *self, int parent, const char *name) {
-  for (int i = 0; i < self->group_count; ++i)
+  for (int i = 0; i < self->group_count; i++)
     if (self->groups[i].parent == parent && !strcmp(self->groups[i].name, name))
       return self->groups[i].node;
   int node = pags_gltf_node(self->gltf, parent, name);
@@ -158,7 +158,7 @@ static pags_result put_extras(exporter *self, int node, const pags_proxy_facts *
 static void pose_at(const exporter *self, const pags_object *object, const pags_knot *knot, double out[12]) {
   if (!pags_object_pose(object, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= self->workshop.scene->origin[k];
 }
 
@@ -171,7 +171,7 @@ static pags_result place(exporter *self, int node, const pags_object *object) {
   double *times = malloc((size_t)object->knot_count * sizeof *times);
   double(*poses)[12] = malloc((size_t)object->knot_count * sizeof *poses);
   pags_result result = times && poses ? PAGS_OK : pags_out_of_memory("a track");
-  for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < object->knot_count && result == PAGS_OK; i++) {
     times[i] = object->knots[i].time - self->time_zero;
     pose_at(self, object, &object->knots[i], poses[i]);
   }
@@ -224,7 +224,7 @@ static pags_result add_level(exporter *self, int64_t object, pags_made_level *ma
 static pags_result add_coarser(exporter *self, int64_t object, pags_made_object *made, const char *name, int node) {
   char ids[96] = "", child_name[NAME_SIZE];
   int used = 0;
-  for (int level = 1; level < made->level_count; ++level) {
+  for (int level = 1; level < made->level_count; level++) {
     int mesh;
     PAGS_TRY(add_level(self, object, &made->levels[level], name, &mesh));
     snprintf(child_name, NAME_SIZE, "%.80s_lod%d", name, level);
@@ -309,7 +309,7 @@ static pags_result put_asset(const exporter *self) {
 static void find_time_zero(exporter *self) {
   const pags_scene *scene = self->workshop.scene;
   self->time_zero = scene->time_begin;
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
 }
 
@@ -330,17 +330,17 @@ static int tell_background(void *user, double fraction, const char *what) {
 /* All chunks as one mesh, and whose its triangles are. */
 static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, int32_t **group_of) {
   int64_t triangles = 0;
-  for (int64_t i = 0; i < b->chunk_count; ++i)
+  for (int64_t i = 0; i < b->chunk_count; i++)
     triangles += b->chunks[i].shell.triangle_count;
   *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
   if (!*group_of)
     return pags_out_of_memory("%lld triangles", (long long)triangles);
-  for (int64_t i = 0; i < b->chunk_count; ++i) {
+  for (int64_t i = 0; i < b->chunk_count; i++) {
     const pags_proxy_mesh *s = &b->chunks[i].shell;
     uint32_t first = (uint32_t)all->vertex_count;
-    for (int64_t v = 0; v < s->vertex_count; ++v)
+    for (int64_t v = 0; v < s->vertex_count; v++)
       pags_proxy_mesh_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
-    for (int64_t t = 0; t < s->triangle_count; ++t) {
+    for (int64_t t = 0; t < s->triangle_count; t++) {
       (*group_of)[all->triangle_count] = (int32_t)i;
       pags_proxy_mesh_triangle(all, first + s->triangles[3 * t], first + s->triangles[3 * t + 1],
                                first + s->triangles[3 * t + 2]);
@@ -398,7 +398,7 @@ static pags_result add_background(exporter *self) {
     self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
   if (result == PAGS_OK)
     result = measure_chunks(self, &b, facts);
-  for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; i++)
     result = add_chunk(self, &b, i, &facts[i]);
   free(facts);
   pags_background_destroy(&b);
@@ -415,7 +415,7 @@ static pags_result add_objects(exporter *self) {
   pags_made_object *made;
   PAGS_TRY(pags_objects_make(&self->workshop, 1, tell_objects, self, &made));
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; i++)
     if (made[i].level_count)
       result = add_object(self, i, &made[i]);
   pags_objects_destroy(made, scene->object_count);

@@ -14,7 +14,7 @@ static void parked_pose(const pags_scene *scene, const pags_object *record, doub
   const pags_knot *knot = &record->knots[record->knot_count / 2];
   if (!pags_object_pose(record, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= scene->origin[k];
 }
 
@@ -29,11 +29,11 @@ pags_result pags_object_gaussians(pags_composition *composition, int64_t object,
     parked_pose(scene, &scene->objects[object].record, parked);
     pags_rigid_inverse(parked, back);
     pags_composition_rest_pose(composition, object, rest);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       rest[4 * k + 3] -= scene->origin[k];
     pags_rigid_multiply(back, rest, placement.world_from_object);
   }
-  for (int k = 0; k < 3 && object >= 0; ++k)
+  for (int k = 0; k < 3 && object >= 0; k++)
     placement.world_from_object[4 * k + 3] += scene->origin[k];
   *out = (pags_gaussians){0};
   PAGS_TRY(pags_compose_placed(composition, time, &placement, 1, &parts, &count));
@@ -44,12 +44,12 @@ pags_result pags_object_gaussians_degree(pags_composition *composition, int most
   const pags_scene *scene = pags_composition_scene(composition);
   int degree = 0;
   *out = 0;
-  for (int64_t object = -1; object < scene->object_count && degree < most; ++object) {
+  for (int64_t object = -1; object < scene->object_count && degree < most; object++) {
     const pags_placement placement = {.object = object, .world_from_object = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
     const pags_part *parts;
     int count;
     PAGS_TRY(pags_compose_placed(composition, (double)NAN, &placement, 1, &parts, &count));
-    for (int i = 0; i < count; ++i)
+    for (int i = 0; i < count; i++)
       degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
   }
   *out = degree < most ? degree : most;
@@ -68,7 +68,7 @@ pags_result pags_object_gaussians_track_make(const pags_composition *composition
     pags_object_gaussians_track_destroy(out);
     return pags_out_of_memory("a track");
   }
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const pags_knot *knot = &record->knots[i];
     out->times[i] = knot->time - time_zero;
     if (!record->moving) {
@@ -77,7 +77,7 @@ pags_result pags_object_gaussians_track_make(const pags_composition *composition
     }
     if (!pags_object_pose(record, knot->time, out->poses[i]))
       memcpy(out->poses[i], knot->world_from_object, sizeof out->poses[i]);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       out->poses[i][4 * k + 3] -= scene->origin[k];
   }
   return PAGS_OK;

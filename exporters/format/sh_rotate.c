@@ -33,18 +33,18 @@ static void basis(const double d[3], double out[15]) {
 
 /* Solves a x = b for `columns` right sides, a being n x n and positive definite; b becomes x. */
 static void solve(int n, double a[7][7], double b[7][7]) {
-  for (int p = 0; p < n; ++p)
-    for (int i = 0; i < n; ++i) {
+  for (int p = 0; p < n; p++)
+    for (int i = 0; i < n; i++) {
       if (i == p)
         continue;
       double f = a[i][p] / a[p][p];
-      for (int k = 0; k < n; ++k) {
+      for (int k = 0; k < n; k++) {
         a[i][k] -= f * a[p][k];
         b[i][k] -= f * b[p][k];
       }
     }
-  for (int i = 0; i < n; ++i)
-    for (int k = 0; k < n; ++k)
+  for (int i = 0; i < n; i++)
+    for (int k = 0; k < n; k++)
       b[i][k] /= a[i][i];
 }
 
@@ -52,16 +52,16 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
   int n = 2 * degree + 1, first = degree * degree - 1;
   double normal[7][7] = {{0}};
   memset(out, 0, 49 * sizeof(double));
-  for (int i = 0; i < DIRECTIONS; ++i) {
+  for (int i = 0; i < DIRECTIONS; i++) {
     double z = 1 - (2 * i + 1.0) / DIRECTIONS, r = sqrt(1 - z * z), angle = 2.39996322972865332 * i;
     const double d[3] = {r * cos(angle), r * sin(angle), z};
     double back[3], here[15], there[15];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       back[k] = rotation[k] * d[0] + rotation[3 + k] * d[1] + rotation[6 + k] * d[2];
     basis(d, here);
     basis(back, there);
-    for (int a = 0; a < n; ++a)
-      for (int b = 0; b < n; ++b) {
+    for (int a = 0; a < n; a++)
+      for (int b = 0; b < n; b++) {
         normal[a][b] += here[first + a] * here[first + b];
         out[a][b] += here[first + a] * there[first + b];
       }
@@ -72,10 +72,10 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
 void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out) {
   double m[7][7];
   turn_degree(rotation, 1, m);
-  for (int a = 0; a < 3; ++a)
+  for (int a = 0; a < 3; a++)
     memcpy(out->m1[a], m[a], sizeof out->m1[a]);
   turn_degree(rotation, 2, m);
-  for (int a = 0; a < 5; ++a)
+  for (int a = 0; a < 5; a++)
     memcpy(out->m2[a], m[a], sizeof out->m2[a]);
   turn_degree(rotation, 3, m);
   memcpy(out->m3, m, sizeof out->m3);
@@ -83,12 +83,12 @@ void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out) {
 
 void pags_sh_rotation_apply(const pags_sh_rotation *turn, int degree, double *rest) {
   const double *const rows[3] = {turn->m1[0], turn->m2[0], turn->m3[0]};
-  for (int l = 1; l <= degree; ++l) {
+  for (int l = 1; l <= degree; l++) {
     int n = 2 * l + 1;
     double *band = rest + l * l - 1, turned[7];
-    for (int a = 0; a < n; ++a) {
+    for (int a = 0; a < n; a++) {
       turned[a] = 0;
-      for (int b = 0; b < n; ++b)
+      for (int b = 0; b < n; b++)
         turned[a] += rows[l - 1][a * n + b] * band[b];
     }
     memcpy(band, turned, (size_t)n * sizeof *turned);

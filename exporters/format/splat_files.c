@@ -46,7 +46,7 @@ static float *add_column(columns *c, const char *name, int components) {
   float *values = c->block + c->used;
   snprintf(c->names[c->count], sizeof c->names[0], "%.63s", name);
   c->list[c->count] = (pags_gltf_attribute){c->names[c->count], components, values};
-  ++c->count;
+  c->count++;
   c->used += c->rows * (size_t)components;
   return values;
 }
@@ -57,28 +57,28 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
   float *rotation = add_column(c, "KHR_gaussian_splatting:ROTATION", 4),
         *scale = add_column(c, "KHR_gaussian_splatting:SCALE", 3);
   float *opacity = add_column(c, "KHR_gaussian_splatting:OPACITY", 1);
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     double q[4], length = 0;
-    for (int k = 0; k < 4; ++k) {
+    for (int k = 0; k < 4; k++) {
       q[k] = (double)pags_plane(g, PAGS_ROTATION + (k + 1) % 4)[i];
       length += q[k] * q[k];
     }
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       rotation[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 3);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
       scale[3 * i + k] = (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
       color[4 * i + k] = (float)linear(0.5 + 0.28209479177387814 * (double)pags_plane(g, PAGS_SH + k)[i]);
     }
     opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
   }
-  for (int degree = 0, k = 0; degree <= g->sh_degree; ++degree)
+  for (int degree = 0, k = 0; degree <= g->sh_degree; degree++)
     for (int n = 0; n <= 2 * degree; ++n, ++k) {
       char name[64];
       snprintf(name, sizeof name, "KHR_gaussian_splatting:SH_DEGREE_%d_COEF_%d", degree, n);
       float *values = add_column(c, name, 3);
-      for (int64_t i = 0; i < g->count; ++i)
-        for (int channel = 0; channel < 3; ++channel)
+      for (int64_t i = 0; i < g->count; i++)
+        for (int channel = 0; channel < 3; channel++)
           values[3 * i + channel] = pags_plane(g, PAGS_SH + 3 * k + channel)[i];
     }
 }
@@ -159,11 +159,11 @@ static pags_result save_tracks(const char *path, pags_composition *composition, 
   PAGS_TRY(pags_gltf_create(&gltf));
   int root = pags_gltf_node(gltf, -1, "scene");
   pags_gltf_node_pose(gltf, root, scene->up == PAGS_UP_Z ? from_z : from_minus_y);
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     time_zero = fmin(time_zero, scene->objects[i].record.knots[0].time);
   pags_result result = PAGS_OK;
   *count = 0;
-  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; ++i)
+  for (int64_t i = -1; i < scene->object_count && result == PAGS_OK; i++)
     result = add_owned(gltf, root, composition, i, time_zero, options, degree, count);
   if (result == PAGS_OK && !*count)
     result = pags_fail(PAGS_ERROR_ARGUMENT, "%s: there is no Gaussian", path);
@@ -176,7 +176,7 @@ static pags_result save_tracks(const char *path, pags_composition *composition, 
 static pags_result save_packed(const char *path, const pags_scene *scene, const pags_gaussians *g) {
   pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
   memcpy(head.origin, scene->origin, sizeof head.origin);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     head.background[k] = scene->background[k];
   return pags_packed_export(path, g, &head);
 }
@@ -208,7 +208,7 @@ pags_result pags_export_splats(pags_scene *scene, const char *path, const pags_s
     return saved;
   }
   pags_compose(composition, options->time, &parts, &part_count);
-  for (int i = 0; i < part_count; ++i)
+  for (int i = 0; i < part_count; i++)
     degree = parts[i].gaussians->sh_degree > degree ? parts[i].gaussians->sh_degree : degree;
   pags_result result =
       pags_splats_bake(parts, part_count, degree < options->sh_degree ? degree : options->sh_degree, &baked);

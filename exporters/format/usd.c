@@ -71,8 +71,8 @@ static float linear(float v) {
 
 static void put_extent(pags_usd *usd, const float *positions, int64_t count, const float *reach) {
   float bounds[6] = {0};
-  for (int64_t i = 0; i < count; ++i)
-    for (int k = 0; k < 3; ++k) {
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < 3; k++) {
       float r = reach ? reach[i] : 0, p = positions[3 * i + k];
       bounds[k] = i == 0 || p - r < bounds[k] ? p - r : bounds[k];
       bounds[3 + k] = i == 0 || p + r > bounds[3 + k] ? p + r : bounds[3 + k];
@@ -90,12 +90,12 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
       "    prepend apiSchemas = [\"PhysicsCollisionAPI\", \"PhysicsMeshCollisionAPI\", \"SemanticsLabelsAPI:class\"]");
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
-  ++usd->depth;
+  usd->depth++;
   put_extent(usd, shell->positions, shell->vertex_count, NULL);
   pags_usd_repeat(usd, "int[] faceVertexCounts", 3, shell->triangle_count);
   pags_usd_integers(usd, "int[] faceVertexIndices", shell->triangles, 3 * shell->triangle_count);
   pags_usd_floats(usd, "point3f[] points", shell->positions, shell->vertex_count, 3, NULL);
-  for (int64_t i = 0; colors && i < 3 * shell->vertex_count; ++i)
+  for (int64_t i = 0; colors && i < 3 * shell->vertex_count; i++)
     colors[i] = linear(shell->colors[i]);
   if (colors)
     pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, shell->vertex_count, 3, "vertex");
@@ -127,22 +127,22 @@ static pags_result fill_columns(const pags_gaussians *g, int degree, columns *c)
   c->opacities = c->scales + 3 * count;
   c->reach = c->opacities + count;
   c->harmonics = c->reach + count;
-  for (int64_t i = 0; i < g->count; ++i) {
+  for (int64_t i = 0; i < g->count; i++) {
     double q[4], length = 0;
-    for (int k = 0; k < 4; ++k) {
+    for (int k = 0; k < 4; k++) {
       q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[i];
       length += q[k] * q[k];
     }
-    for (int k = 0; k < 4; ++k) /* w x y z, as USD's text has quaternions */
+    for (int k = 0; k < 4; k++) /* w x y z, as USD's text has quaternions */
       c->orientations[4 * i + k] = length > 0 ? (float)(q[k] / sqrt(length)) : (float)(k == 0);
     c->reach[i] = 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       c->positions[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
       c->scales[3 * i + k] = expf(pags_plane(g, PAGS_SCALE + k)[i]);
       c->reach[i] = fmaxf(c->reach[i], 3 * c->scales[3 * i + k]);
     }
     c->opacities[i] = (float)(1 / (1 + exp(-(double)pags_plane(g, PAGS_OPACITY)[i])));
-    for (size_t k = 0; k < 3 * coefficients; ++k)
+    for (size_t k = 0; k < 3 * coefficients; k++)
       c->harmonics[(size_t)i * 3 * coefficients + k] =
           (int)k < 3 * pags_sh_coefficients(g->sh_degree) ? pags_plane(g, PAGS_SH + (int)k)[i] : 0;
   }
@@ -179,14 +179,14 @@ static void put_samples(usd_export *self, const pags_object_gaussians_track *tra
   pags_usd *usd = &self->usd;
   double before[4] = {0};
   pags_usd_line(usd, "%s = {", turns ? "quatf xformOp:orient.timeSamples" : "double3 xformOp:translate.timeSamples");
-  for (int64_t i = 0; i < track->count; ++i) {
+  for (int64_t i = 0; i < track->count; i++) {
     const double *p = track->poses[i];
     const double r[9] = {p[0], p[1], p[2], p[4], p[5], p[6], p[8], p[9], p[10]};
     double q[4], along = 0;
     pags_quaternion_from_rotation(r, q);
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       along += q[k] * before[k];
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       before[k] = along < 0 ? -q[k] : q[k]; /* the shorter way round */
     if (turns)
       pags_usd_line(usd, "    %.9g: (%.9g, %.9g, %.9g, %.9g),", track->times[i] * self->rate, before[0], before[1],
@@ -237,7 +237,7 @@ static pags_result put_object(usd_export *self, int64_t object) {
   pags_object_gaussians_track track;
   char label[NAME_SIZE], name[NAME_SIZE];
   pags_usd_name(o->record.class_name, label, sizeof label - 16);
-  for (char *c = label; *c; ++c)
+  for (char *c = label; *c; c++)
     *c = *c >= 'A' && *c <= 'Z' ? (char)(*c - 'A' + 'a') : *c;
   snprintf(name, sizeof name, "%.60s_%04lld", label, (long long)object);
   PAGS_TRY(pags_object_gaussians_track_make(self->composition, object, self->time_zero, &track));
@@ -246,7 +246,7 @@ static pags_result put_object(usd_export *self, int64_t object) {
   pags_usd_line(usd, "    prepend apiSchemas = [\"PhysicsRigidBodyAPI\", \"SemanticsLabelsAPI:class\"]");
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
-  ++usd->depth;
+  usd->depth++;
   pags_usd_line(usd, "bool physics:kinematicEnabled = 1");
   pags_usd_line(usd, "token[] semantics:labels:class = [\"%s\"]", label);
   put_pose(self, &track);
@@ -263,7 +263,7 @@ static pags_result put_background(usd_export *self) {
   char name[NAME_SIZE];
   pags_usd_open(usd, "def Xform \"background\"");
   pags_result result = put_splats(self, -1);
-  for (int64_t i = 0; i < self->backdrop.chunk_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < self->backdrop.chunk_count && result == PAGS_OK; i++) {
     const pags_chunk *chunk = &self->backdrop.chunks[i];
     snprintf(name, sizeof name, "%s_%03d", chunk->class_name, chunk->number);
     put_mesh(self, name, chunk->class_name, &chunk->shell, "none");
@@ -301,7 +301,7 @@ static pags_result put_stage(usd_export *self) {
   pags_usd_line(usd, "    kind = \"assembly\"");
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
-  ++usd->depth;
+  usd->depth++;
   if (scene->up != PAGS_UP_Z) { /* -y is up: turned about x */
     pags_usd_line(usd, "float xformOp:rotateX = -90");
     pags_usd_line(usd, "uniform token[] xformOpOrder = [\"xformOp:rotateX\"]");
@@ -311,7 +311,7 @@ static pags_result put_stage(usd_export *self) {
   pags_usd_line(usd, "float physics:gravityMagnitude = 9.81");
   pags_usd_close(usd);
   pags_result result = self->proxies->background ? put_background(self) : PAGS_OK;
-  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; i++) {
     result = tell(self, 0.8 + 0.2 * (double)i / (double)scene->object_count, "writing");
     if (result == PAGS_OK && self->objects[i].level_count)
       result = put_object(self, i);
@@ -323,7 +323,7 @@ static pags_result put_stage(usd_export *self) {
 static pags_result write_stage(usd_export *self, const char *path) {
   const pags_scene *scene = pags_composition_scene(self->composition);
   self->time_zero = scene->time_begin;
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
   self->rate = scene->fps > 0 ? scene->fps : 24;
   PAGS_TRY(pags_object_gaussians_degree(self->composition, self->splats->sh_degree, &self->degree));

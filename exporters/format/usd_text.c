@@ -23,7 +23,7 @@ static void put_text(pags_usd *usd, const char *text) {
 }
 
 static void indent(pags_usd *usd) {
-  for (int i = 0; i < usd->depth * INDENT; ++i)
+  for (int i = 0; i < usd->depth * INDENT; i++)
     put(usd, " ", 1);
 }
 
@@ -64,11 +64,11 @@ void pags_usd_open(pags_usd *usd, const char *format, ...) {
   put_line(usd, format, arguments);
   va_end(arguments);
   pags_usd_line(usd, "{");
-  ++usd->depth;
+  usd->depth++;
 }
 
 void pags_usd_close(pags_usd *usd) {
-  --usd->depth;
+  usd->depth--;
   pags_usd_line(usd, "}");
 }
 
@@ -76,12 +76,12 @@ void pags_usd_close(pags_usd *usd) {
 static size_t put_float(float value, char *out) {
   char text[PAGS_DOUBLE_TEXT];
   int length = 0;
-  for (int digits = 6; digits <= 9; ++digits) {
+  for (int digits = 6; digits <= 9; digits++) {
     length = snprintf(text, sizeof text, "%.*g", digits, (double)value);
     if ((float)pags_text_to_double(text, NULL) == value)
       break;
   }
-  for (int i = 0; i < length; ++i) /* whatever the locale */
+  for (int i = 0; i < length; i++) /* whatever the locale */
     out[i] = text[i] == ',' ? '.' : text[i];
   return (size_t)length;
 }
@@ -97,14 +97,14 @@ void pags_usd_floats(pags_usd *usd, const char *head, const float *values, int64
   indent(usd);
   put_text(usd, head);
   put_text(usd, " = [");
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     if (used + 32 * (size_t)width + 8 > PIECE) {
       put(usd, piece, used);
       used = 0;
     }
     if (i)
       used += (size_t)snprintf(piece + used, 3, ", ");
-    for (int k = 0; k < width; ++k) {
+    for (int k = 0; k < width; k++) {
       if (width > 1)
         used += (size_t)snprintf(piece + used, 3, k ? ", " : "(");
       used += put_float(values[i * width + k], piece + used);
@@ -126,7 +126,7 @@ void pags_usd_integers(pags_usd *usd, const char *head, const uint32_t *values, 
   indent(usd);
   put_text(usd, head);
   put_text(usd, " = [");
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     int length = snprintf(text, sizeof text, "%s%u", i ? ", " : "", values[i]);
     put(usd, text, (size_t)length);
   }
@@ -138,7 +138,7 @@ void pags_usd_repeat(pags_usd *usd, const char *head, int value, int64_t count) 
   indent(usd);
   put_text(usd, head);
   put_text(usd, " = [");
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     int length = snprintf(text, sizeof text, "%s%d", i ? ", " : "", value);
     put(usd, text, (size_t)length);
   }
@@ -149,7 +149,7 @@ void pags_usd_name(const char *text, char *out, size_t size) {
   size_t used = 0;
   if (*text >= '0' && *text <= '9' && size > 1)
     out[used++] = '_';
-  for (; *text && used + 1 < size; ++text) {
+  for (; *text && used + 1 < size; text++) {
     char c = *text;
     out[used++] = (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') ? c : '_';
   }

@@ -29,7 +29,7 @@ static const double least_area = 0.4;  /* square metres of a part: less floats *
 
 void pags_background_destroy(pags_background *backdrop) {
   pags_depth_views_destroy(&backdrop->sights);
-  for (int64_t i = 0; i < backdrop->chunk_count; ++i)
+  for (int64_t i = 0; i < backdrop->chunk_count; i++)
     pags_proxy_mesh_destroy(&backdrop->chunks[i].shell);
   free(backdrop->chunks);
   memset(backdrop, 0, sizeof *backdrop);
@@ -52,10 +52,10 @@ static pags_result gather_background(const pags_workshop *w, pags_gaussians *out
     free(index);
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   }
-  for (int64_t o = 0; o < w->scene->object_count; ++o)
+  for (int64_t o = 0; o < w->scene->object_count; o++)
     if (w->scene->objects[o].model < 0)
       pags_object_mark(w, o, taken);
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     if (!taken[i])
       index[count++] = i;
   free(taken);
@@ -84,8 +84,8 @@ static void load_labels(const pags_workshop *w, const pags_scene_view *view, pag
   if (!pags_file_exists(path) || pags_image_load(path, PAGS_U8, 1, &image) != PAGS_OK)
     return;
   sight->labels = malloc((size_t)width * (size_t)height);
-  for (int y = 0; sight->labels && y < height; ++y)
-    for (int x = 0; x < width; ++x) {
+  for (int y = 0; sight->labels && y < height; y++)
+    for (int x = 0; x < width; x++) {
       int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
       sight->labels[(size_t)y * (size_t)width + (size_t)x] =
           class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
@@ -105,13 +105,13 @@ static int shows_training(const pags_scene_view *view) {
 static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user,
                         pags_background *out) {
   int64_t count = 0, taken = 0, seen = 0;
-  for (int64_t v = 0; v < w->scene->view_count; ++v)
+  for (int64_t v = 0; v < w->scene->view_count; v++)
     count += shows_training(&w->scene->views[v]);
-  for (int64_t v = 0; v < w->scene->view_count; ++v) {
+  for (int64_t v = 0; v < w->scene->view_count; v++) {
     const pags_scene_view *view = &w->scene->views[v];
     if (!shows_training(view) || (count > MOST_VIEWS && seen++ * MOST_VIEWS / count < taken))
       continue;
-    ++taken;
+    taken++;
     if (!tell(user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"))
       return pags_fail(PAGS_CANCELLED, "interrupted");
     const pags_camera *camera = &w->whole.views[v].camera;
@@ -148,7 +148,7 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
     b->chunk_capacity = capacity;
   }
   int number = 0;
-  for (int64_t i = 0; i < b->chunk_count; ++i)
+  for (int64_t i = 0; i < b->chunk_count; i++)
     number += !strcmp(b->chunks[i].class_name, class_name);
   b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .shell = *shell};
   *shell = (pags_proxy_mesh){0};
@@ -158,8 +158,8 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
 /* Where the cameras were, held-out views among them. */
 static double *path_of(const pags_scene *scene) {
   double *path = malloc(((size_t)scene->view_count + 1) * 3 * sizeof *path);
-  for (int64_t i = 0; path && i < scene->view_count; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int64_t i = 0; path && i < scene->view_count; i++)
+    for (int k = 0; k < 3; k++)
       path[3 * i + k] = scene->views[i].camera.world_from_camera[4 * k + 3] - scene->origin[k];
   return path;
 }
@@ -193,15 +193,15 @@ typedef struct naming {
 static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count, const double point[3]) {
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
-  for (int64_t s = 0; s < seen_count; ++s) {
+  for (int64_t s = 0; s < seen_count; s++) {
     const pags_depth_view *sight = &self->sights->list[seen[s]];
     if (!sight->labels || !pags_depth_view_project(sight, point, &x, &y, &z))
       continue;
     int64_t pixel = (int64_t)y * sight->camera.width + x;
     if (fabs((double)sight->depth[pixel] - z) < self->tolerance && sight->labels[pixel] < CLASSES)
-      ++votes[sight->labels[pixel]];
+      votes[sight->labels[pixel]]++;
   }
-  for (int c = 1; c < CLASSES; ++c)
+  for (int c = 1; c < CLASSES; c++)
     best = votes[c] > votes[best] ? c : best;
   return votes[best] ? (uint8_t)best : OTHER;
 }
@@ -221,7 +221,7 @@ static void name_vertices(void *context, int64_t begin, int64_t end, int worker)
   if (!seen)
     return; /* of class 0 */
   seen_count = pags_depth_views_of_run(self->sights, self->shell, begin, end, seen);
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     const float *p = self->shell->positions + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     self->class_of[i] = vote(self, seen, seen_count, point);
@@ -240,7 +240,7 @@ static pags_result find_classes(const pags_workshop *w, const pags_background *b
   if (!normals)
     return pags_out_of_memory("%lld vertices", (long long)shell->vertex_count);
   pags_proxy_mesh_normals(shell, normals);
-  for (int64_t i = 0; i < shell->vertex_count; ++i)
+  for (int64_t i = 0; i < shell->vertex_count; i++)
     class_of[i] = guess(normals + 3 * i, shell->colors + 3 * i);
   free(normals);
   return PAGS_OK;
@@ -249,10 +249,10 @@ static pags_result find_classes(const pags_workshop *w, const pags_background *b
 /* Leaves out triangles that are the ground, or below it. */
 static void drop_ground(pags_proxy_mesh *shell, const pags_ground *ground) {
   int64_t kept = 0;
-  for (int64_t i = 0; i < shell->triangle_count; ++i) {
+  for (int64_t i = 0; i < shell->triangle_count; i++) {
     double p[3] = {0}, z;
-    for (int c = 0; c < 3; ++c)
-      for (int k = 0; k < 3; ++k)
+    for (int c = 0; c < 3; c++)
+      for (int k = 0; k < 3; k++)
         p[k] += (double)shell->positions[3 * (int64_t)shell->triangles[3 * i + c] + k] / 3;
     if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
       continue;
@@ -277,7 +277,7 @@ static pags_result take_class(const pags_proxy_mesh *whole, const uint8_t *class
   if (!view.triangles)
     return pags_out_of_memory("%lld triangles", (long long)whole->triangle_count);
   view.triangle_count = 0;
-  for (int64_t i = 0; i < whole->triangle_count; ++i) {
+  for (int64_t i = 0; i < whole->triangle_count; i++) {
     const uint32_t *t = whole->triangles + 3 * i;
     /* The class of two corners, else of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
@@ -304,7 +304,7 @@ static pags_result cut_by_class(const pags_workshop *w, const pags_background *b
   if (!class_of)
     return pags_out_of_memory("%lld vertices", (long long)whole->vertex_count);
   pags_result result = find_classes(w, b, whole, class_of);
-  for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
+  for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
     result = take_class(whole, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
@@ -333,7 +333,7 @@ static int64_t tile_of(const tiling *t, double x, int axis) {
 /* Twice over all depths: first counting into `last`, then putting. */
 static void visit_depths(tiling *t) {
   const pags_depth_views *sights = &t->backdrop->sights;
-  for (int64_t i = 0; i < sights->count; ++i) {
+  for (int64_t i = 0; i < sights->count; i++) {
     const pags_depth_view *s = &sights->list[i];
     for (int y = 0; y < s->camera.height; y += 2)
       for (int x = 0; x < s->camera.width; x += 2) {
@@ -341,12 +341,12 @@ static void visit_depths(tiling *t) {
         if (!(depth > 0 && depth < t->workshop->options->range))
           continue;
         pags_depth_view_point(s, x, y, depth, p);
-        for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); ++v)
-          for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); ++u) {
+        for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); v++)
+          for (int64_t u = tile_of(t, p[0] - t->reach, 0); u <= tile_of(t, p[0] + t->reach, 0); u++) {
             tile *own = &t->tiles[v * t->count[0] + u];
-            for (int k = 0; k < 3 && t->points; ++k)
+            for (int k = 0; k < 3 && t->points; k++)
               t->points[3 * own->last + k] = (float)p[k];
-            ++own->last;
+            own->last++;
           }
       }
   }
@@ -355,7 +355,7 @@ static void visit_depths(tiling *t) {
 static pags_result sort_depths(tiling *t) {
   int64_t total = 0;
   visit_depths(t);
-  for (int64_t i = 0; i < t->count[0] * t->count[1]; ++i) {
+  for (int64_t i = 0; i < t->count[0] * t->count[1]; i++) {
     int64_t own = t->tiles[i].last;
     t->tiles[i].first = t->tiles[i].last = total;
     total += own;
@@ -374,7 +374,7 @@ static pags_result make_tile(const tiling *t, tile *own) {
   if (own->first == own->last)
     return PAGS_OK;
   PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, 1));
-  for (int64_t i = own->first; i < own->last; ++i) {
+  for (int64_t i = own->first; i < own->last; i++) {
     const float *p = t->points + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     pags_tsdf_touch(&grid, point, t->reach);
@@ -393,7 +393,7 @@ static pags_result make_tile(const tiling *t, tile *own) {
 
 static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
   tiling *t = context;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     tile *own = &t->tiles[i];
     if (!atomic_load(&t->stopped))
       own->result = make_tile(t, own);
@@ -414,13 +414,13 @@ static pags_result find_extent(const pags_workshop *w, const pags_depth_views *s
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   if (!bins)
     return pags_out_of_memory(NULL);
-  for (int64_t i = 0; i < sights->count; ++i)
-    for (int k = 0; k < 3; ++k) {
+  for (int64_t i = 0; i < sights->count; i++)
+    for (int k = 0; k < 3; k++) {
       double c = sights->list[i].camera.world_from_camera[4 * k + 3];
       from[k] = fmin(from[k], c - w->options->range * 1.5);
       to[k] = fmax(to[k], c + w->options->range * 1.5);
     }
-  for (int64_t i = 0; i < sights->count; ++i) {
+  for (int64_t i = 0; i < sights->count; i++) {
     const pags_depth_view *s = &sights->list[i];
     for (int y = 0; y < s->camera.height; y += 4)
       for (int x = 0; x < s->camera.width; x += 4) {
@@ -428,20 +428,20 @@ static pags_result find_extent(const pags_workshop *w, const pags_depth_views *s
         if (!(depth > 0 && depth < w->options->range))
           continue;
         pags_depth_view_point(s, x, y, depth, p);
-        ++count;
-        for (int k = 0; k < 3; ++k) {
+        count++;
+        for (int k = 0; k < 3; k++) {
           double bin = floor((p[k] - from[k]) / (to[k] - from[k]) * BINS);
           ++bins[k * BINS + (int)fmin(fmax(bin, 0), BINS - 1)];
         }
       }
   }
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     int64_t below = 0, above = 0;
     int a = 0, z = BINS - 1;
     while (a < BINS - 1 && (below += bins[k * BINS + a]) * 1000 < count)
-      ++a;
+      a++;
     while (z > a && (above += bins[k * BINS + z]) * 1000 < count)
-      --z;
+      z--;
     lo[k] = from[k] + (to[k] - from[k]) * a / BINS;
     hi[k] = from[k] + (to[k] - from[k]) * (z + 1) / BINS;
   }
@@ -451,10 +451,10 @@ static pags_result find_extent(const pags_workshop *w, const pags_depth_views *s
 
 static pags_result take_tiles(tiling *t, pags_background *b) {
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < t->count[0] * t->count[1] && result == PAGS_OK; i++) {
     if (t->tiles[i].result != PAGS_OK)
       result = pags_fail(t->tiles[i].result, "%s", t->tiles[i].message);
-    for (int class = 0; class < CLASSES && result == PAGS_OK; ++class)
+    for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
       if (t->tiles[i].parts[class].triangle_count)
         result = add_chunk(b, class_names[class], &t->tiles[i].parts[class]);
   }
@@ -469,7 +469,7 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
   PAGS_TRY(find_extent(w, &b->sights, lo, hi));
   t.step = t.side / ceil(t.side / w->options->voxel); /* tiles meet on points of both grids */
   t.reach = 3 * t.step;
-  for (int k = 0; k < 2; ++k) {
+  for (int k = 0; k < 2; k++) {
     t.origin[k] = (int64_t)floor(lo[k] / t.side);
     t.count[k] = (int64_t)floor(hi[k] / t.side) - t.origin[k] + 1;
   }
@@ -477,9 +477,9 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
   t.tiles = calloc((size_t)count, sizeof *t.tiles);
   if (!t.tiles)
     return pags_out_of_memory("%lld tiles", (long long)count);
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const int64_t at[2] = {t.origin[0] + i % t.count[0], t.origin[1] + i / t.count[0]};
-    for (int k = 0; k < 2; ++k) {
+    for (int k = 0; k < 2; k++) {
       t.tiles[i].lo[k] = (double)at[k] * t.side;
       t.tiles[i].hi[k] = (double)(at[k] + 1) * t.side - 0.01 * t.step;
     }
@@ -491,8 +491,8 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   if (result == PAGS_OK)
     result = take_tiles(&t, b);
-  for (int64_t i = 0; i < count; ++i)
-    for (int class = 0; class < CLASSES; ++class)
+  for (int64_t i = 0; i < count; i++)
+    for (int class = 0; class < CLASSES; class ++)
       pags_proxy_mesh_destroy(&t.tiles[i].parts[class]);
   free(t.tiles);
   free(t.points);
@@ -509,7 +509,7 @@ typedef struct decimation {
 static void decimate_chunks(void *context, int64_t begin, int64_t end, int worker) {
   const decimation *d = context;
   (void)worker;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     pags_proxy_mesh *shell = &d->backdrop->chunks[i].shell, simple = {0};
     if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
       continue;
@@ -525,7 +525,7 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
 static pags_result decimate(const pags_workshop *w, pags_background *b) {
   int64_t kept = 0;
   decimation d = {.workshop = w, .backdrop = b};
-  for (int64_t i = 0; i < b->chunk_count; ++i)
+  for (int64_t i = 0; i < b->chunk_count; i++)
     d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].shell.triangle_count : 0;
   if (d.total <= w->options->chunk_triangles)
     return PAGS_OK;
@@ -535,7 +535,7 @@ static pags_result decimate(const pags_workshop *w, pags_background *b) {
   pags_result result = pags_parallel_for(w->tasks, b->chunk_count, 1, decimate_chunks, &d)
                            ? PAGS_OK
                            : pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < b->chunk_count && result == PAGS_OK; i++) {
     pags_chunk *chunk = &b->chunks[i];
     if (d.results[i] == PAGS_ERROR_LIMIT)
       continue;
@@ -558,7 +558,7 @@ static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *us
   out->s_sem = (double)NAN;
   if (g->s_sem && g->count) {
     out->s_sem = 0;
-    for (int64_t i = 0; i < g->count; ++i)
+    for (int64_t i = 0; i < g->count; i++)
       out->s_sem += (double)g->s_sem[i] / (double)g->count;
   }
   PAGS_TRY(draw_views(w, g, tell, user, out));

@@ -35,9 +35,9 @@ static int lattice_at(const cage *c, int x, int y, int z) {
 
 /* As many quads as the budget allows, as square as they can be; quads = 2 (ab + bc + ca). */
 static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
-  for (int longest = 16;; --longest) {
+  for (int longest = 16;; longest--) {
     double side = fmax(size[0], fmax(size[1], size[2])) / longest;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       n[k] = side > 0 ? (int)fmax(1, floor(size[k] / side + 0.5)) : 1;
     if (longest == 1 || 2 * ((int64_t)n[0] * n[1] + (int64_t)n[1] * n[2] + (int64_t)n[2] * n[0]) <= most_quads)
       return;
@@ -47,10 +47,10 @@ static void choose_counts(const double size[3], int64_t most_quads, int n[3]) {
 /* The quads of one face of the box, axis `a` held at its low or high end, counter-clockwise from outside. */
 static void add_face(cage *c, int a, int high) {
   int u = (a + 1) % 3, v = (a + 2) % 3;
-  for (int j = 0; j < c->n[v]; ++j)
-    for (int i = 0; i < c->n[u]; ++i) {
+  for (int j = 0; j < c->n[v]; j++)
+    for (int i = 0; i < c->n[u]; i++) {
       int *quad = c->quads + 4 * (size_t)c->quad_count++;
-      for (int corner = 0; corner < 4; ++corner) {
+      for (int corner = 0; corner < 4; corner++) {
         static const int du[4] = {0, 1, 1, 0}, dv[4] = {0, 0, 1, 1};
         int at = high ? corner : 3 - corner, p[3];
         p[a] = high ? c->n[a] : 0;
@@ -63,7 +63,7 @@ static void add_face(cage *c, int a, int high) {
 
 static pags_result build_box(cage *c, const double lo[3], const double hi[3], int64_t most_quads) {
   double size[3];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     size[k] = hi[k] - lo[k];
   choose_counts(size, most_quads, c->n);
   size_t points = (size_t)(c->n[0] + 1) * (size_t)(c->n[1] + 1) * (size_t)(c->n[2] + 1);
@@ -74,20 +74,20 @@ static pags_result build_box(cage *c, const double lo[3], const double hi[3], in
   c->quads = malloc(quads * 4 * sizeof *c->quads);
   if (!c->lattice || !c->positions || !c->quads)
     return pags_out_of_memory("a cage");
-  for (int z = 0; z <= c->n[2]; ++z)
-    for (int y = 0; y <= c->n[1]; ++y)
-      for (int x = 0; x <= c->n[0]; ++x) {
+  for (int z = 0; z <= c->n[2]; z++)
+    for (int y = 0; y <= c->n[1]; y++)
+      for (int x = 0; x <= c->n[0]; x++) {
         const int p[3] = {x, y, z};
         int outside = 0;
-        for (int k = 0; k < 3; ++k)
+        for (int k = 0; k < 3; k++)
           outside |= p[k] == 0 || p[k] == c->n[k];
         c->lattice[lattice_at(c, x, y, z)] = outside ? c->vertex_count : -1;
-        for (int k = 0; k < 3 && outside; ++k)
+        for (int k = 0; k < 3 && outside; k++)
           c->positions[3 * c->vertex_count + k] = (float)(lo[k] + size[k] * p[k] / c->n[k]);
         c->vertex_count += outside;
       }
-  for (int a = 0; a < 3; ++a)
-    for (int high = 0; high < 2; ++high)
+  for (int a = 0; a < 3; a++)
+    for (int high = 0; high < 2; high++)
       add_face(c, a, high);
   return PAGS_OK;
 }
@@ -101,11 +101,11 @@ typedef struct equations {
 
 static void add_equation(equations *e, const int32_t *indices, const float *weights, int64_t count,
                          const double target[3], double price) {
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     double w = price * (double)weights[i];
-    for (int64_t j = 0; j < count; ++j)
+    for (int64_t j = 0; j < count; j++)
       e->matrix[(size_t)indices[i] * (size_t)e->n + (size_t)indices[j]] += w * (double)weights[j];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       e->right[k * e->n + indices[i]] += w * target[k];
   }
 }
@@ -114,9 +114,9 @@ static double dot(const double *a, const double *b, int n) {
   double sum[4] = {0};
   int i = 0;
   for (; i + 4 <= n; i += 4)
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       sum[k] += a[i + k] * b[i + k];
-  for (; i < n; ++i)
+  for (; i < n; i++)
     sum[0] += a[i] * b[i];
   return (sum[0] + sum[1]) + (sum[2] + sum[3]);
 }
@@ -124,19 +124,19 @@ static double dot(const double *a, const double *b, int n) {
 /* Cholesky by rows, in place; the matrix is positive definite, for each control point has a price on it. */
 static void solve(equations *e) {
   size_t n = (size_t)e->n;
-  for (size_t i = 0; i < n; ++i) {
+  for (size_t i = 0; i < n; i++) {
     double *row = e->matrix + i * n;
-    for (size_t j = 0; j < i; ++j)
+    for (size_t j = 0; j < i; j++)
       row[j] = (row[j] - dot(row, e->matrix + j * n, (int)j)) / e->matrix[j * n + j];
     row[i] = sqrt(fmax(row[i] - dot(row, row, (int)i), 1e-12));
   }
-  for (int c = 0; c < 3; ++c) {
+  for (int c = 0; c < 3; c++) {
     double *x = e->right + (size_t)c * n;
-    for (size_t i = 0; i < n; ++i)
+    for (size_t i = 0; i < n; i++)
       x[i] = (x[i] - dot(e->matrix + i * n, x, (int)i)) / e->matrix[i * n + i];
     for (size_t i = n; i-- > 0;) {
       x[i] /= e->matrix[i * n + i];
-      for (size_t k = 0; k < i; ++k)
+      for (size_t k = 0; k < i; k++)
         x[k] -= e->matrix[i * n + k] * x[i];
     }
   }
@@ -152,12 +152,12 @@ typedef struct fit {
 } fit;
 
 static void evaluate(fit *f) {
-  for (int64_t i = 0; i < f->stencils.count; ++i) {
+  for (int64_t i = 0; i < f->stencils.count; i++) {
     double p[3] = {0};
-    for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; ++s)
-      for (int k = 0; k < 3; ++k)
+    for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; s++)
+      for (int k = 0; k < 3; k++)
         p[k] += (double)f->stencils.weights[s] * (double)f->cage->positions[3 * f->stencils.indices[s] + k];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       f->limit[3 * i + k] = (float)p[k];
   }
 }
@@ -174,16 +174,16 @@ static void add_smoothness(fit *f, double price) {
   static const double nothing[3] = {0};
   int32_t indices[33];
   float weights[33];
-  for (int v = 0; v < c->vertex_count; ++v) {
+  for (int v = 0; v < c->vertex_count; v++) {
     int count = 0;
     indices[0] = v;
-    for (int q = 0; q < c->quad_count; ++q)
-      for (int k = 0; k < 4; ++k)
+    for (int q = 0; q < c->quad_count; q++)
+      for (int k = 0; k < 4; k++)
         if (c->quads[4 * q + k] == v &&
             count < 32) /* the edge that leaves it; each neighbour once, as all quads turn the same way */
           indices[++count] = c->quads[4 * q + (k + 1) % 4];
     weights[0] = 1;
-    for (int i = 1; i <= count; ++i)
+    for (int i = 1; i <= count; i++)
       weights[i] = -1.0f / (float)count;
     add_equation(&f->equations, indices, weights, count + 1, nothing, price);
   }
@@ -196,7 +196,7 @@ static pags_result round_of(fit *f, int round) {
   PAGS_TRY(pags_mesh_query_of_points(f->limit, f->stencils.count, &cloud));
   memset(f->equations.matrix, 0, (size_t)n * (size_t)n * sizeof(double));
   memset(f->equations.right, 0, 3 * (size_t)n * sizeof(double));
-  for (int64_t i = 0; i < f->stencils.count; ++i) {
+  for (int64_t i = 0; i < f->stencils.count; i++) {
     const double p[3] = {(double)f->limit[3 * i], (double)f->limit[3 * i + 1], (double)f->limit[3 * i + 2]};
     double target[3];
     pags_mesh_query_nearest(f->solid, p, target);
@@ -213,15 +213,15 @@ static pags_result round_of(fit *f, int round) {
   }
   double samples_each = (double)f->stencils.count / (double)n;
   add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));
-  for (int i = 0; i < n; ++i) { /* stays where nothing else is asked */
+  for (int i = 0; i < n; i++) { /* stays where nothing else is asked */
     f->equations.matrix[(size_t)i * (size_t)n + (size_t)i] += 1e-4 * samples_each;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       f->equations.right[k * n + i] += 1e-4 * samples_each * (double)f->cage->positions[3 * i + k];
   }
   pags_mesh_query_destroy(cloud);
   solve(&f->equations);
-  for (int i = 0; i < n; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int i = 0; i < n; i++)
+    for (int k = 0; k < 3; k++)
       f->cage->positions[3 * i + k] = (float)f->equations.right[k * n + i];
   return PAGS_OK;
 }
@@ -234,7 +234,7 @@ static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query 
   f.equations.matrix = malloc(n * n * sizeof(double));
   f.equations.right = malloc(3 * n * sizeof(double));
   pags_result result = f.limit && f.equations.matrix && f.equations.right ? PAGS_OK : pags_out_of_memory("a cage");
-  for (int round = 0; round < ROUNDS && result == PAGS_OK; ++round)
+  for (int round = 0; round < ROUNDS && result == PAGS_OK; round++)
     result = round_of(&f, round);
   free(f.limit);
   free(f.equations.matrix);
@@ -246,14 +246,14 @@ static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query 
 /* Quads as triangles, colours and flags from the nearest place of the shell. */
 static pags_result write_out(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int vertex_count,
                              const float *positions, int quad_count, const int *quads, pags_proxy_mesh *out) {
-  for (int i = 0; i < vertex_count; ++i) {
+  for (int i = 0; i < vertex_count; i++) {
     const double p[3] = {(double)positions[3 * i], (double)positions[3 * i + 1], (double)positions[3 * i + 2]};
     uint32_t triangle;
     pags_mesh_query_distance(solid, p, &triangle);
     int64_t nearest = shell->triangles[3 * (size_t)triangle];
     pags_proxy_mesh_vertex(out, positions + 3 * i, shell->colors + 3 * nearest, shell->observed[nearest]);
   }
-  for (int i = 0; i < quad_count; ++i) {
+  for (int i = 0; i < quad_count; i++) {
     const int *q = quads + 4 * i;
     pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[1], (uint32_t)q[2]);
     pags_proxy_mesh_triangle(out, (uint32_t)q[0], (uint32_t)q[2], (uint32_t)q[3]);
@@ -264,7 +264,7 @@ static pags_result write_out(const pags_proxy_mesh *shell, const pags_mesh_query
 static pags_result make_cage(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int level, int64_t budget,
                              cage *c, pags_proxy_mesh *out) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  for (int64_t i = 0; i < 3 * shell->vertex_count; ++i) {
+  for (int64_t i = 0; i < 3 * shell->vertex_count; i++) {
     lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
     hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
   }

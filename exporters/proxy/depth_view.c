@@ -20,7 +20,7 @@ static const float jump = 0.05f;
 static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
 
 void pags_depth_views_destroy(pags_depth_views *sights) {
-  for (int64_t i = 0; i < sights->count; ++i) {
+  for (int64_t i = 0; i < sights->count; i++) {
     free(sights->list[i].depth);
     free(sights->list[i].plane);
     free(sights->list[i].cover);
@@ -37,15 +37,15 @@ static uint8_t byte_of(float value) {
 }
 
 static void read_pixels(const pags_picture *picture, pags_depth_view *sight) {
-  for (int y = 0; y < picture->height; ++y)
-    for (int x = 0; x < picture->width; ++x) {
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->width; x++) {
       int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
       float alpha = 1.0f - picture->transmittance[from];
       sight->cover[to] = byte_of(alpha);
       sight->depth[to] = sight->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
                          : sight->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
                                                                               : PAGS_SIGHT_UNKNOWN;
-      for (int c = 0; c < 3; ++c)
+      for (int c = 0; c < 3; c++)
         sight->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
     }
 }
@@ -55,27 +55,27 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
   const pags_gaussians *g = part->gaussians;
   double scale[3], q[4], length = 0, axis[3], mean[3];
   int thin = 0, wide = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     scale[k] = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
     mean[k] = (double)pags_plane(g, PAGS_MEAN + k)[row];
     thin = scale[k] < scale[thin] ? k : thin;
     wide = scale[k] > scale[wide] ? k : wide;
   }
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[row];
     length += q[k] * q[k];
   }
   int other = thin == wide ? thin : 3 - thin - wide;
   if (!(length > 0) || scale[thin] > flatness * scale[other])
     return 0;
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] /= sqrt(length);
   const double columns[3][3] = {
       {1 - 2 * (q[2] * q[2] + q[3] * q[3]), 2 * (q[1] * q[2] + q[0] * q[3]), 2 * (q[1] * q[3] - q[0] * q[2])},
       {2 * (q[1] * q[2] - q[0] * q[3]), 1 - 2 * (q[1] * q[1] + q[3] * q[3]), 2 * (q[2] * q[3] + q[0] * q[1])},
       {2 * (q[1] * q[3] + q[0] * q[2]), 2 * (q[2] * q[3] - q[0] * q[1]), 1 - 2 * (q[1] * q[1] + q[2] * q[2])}};
   memcpy(axis, columns[thin], sizeof axis);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     const double *m = part->world_from_model + 4 * k;
     middle[k] = m[0] * mean[0] + m[1] * mean[1] + m[2] * mean[2] + m[3];
     normal[k] = m[0] * axis[0] + m[1] * axis[1] + m[2] * axis[2];
@@ -88,20 +88,20 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
  * front of the plane that they are in. */
 static void find_planes(const pags_picture *picture, const pags_part *part, pags_depth_view *sight) {
   const double *m = sight->camera.world_from_camera;
-  for (int y = 0; y < picture->height; ++y)
-    for (int x = 0; x < picture->width; ++x) {
+  for (int y = 0; y < picture->height; y++)
+    for (int x = 0; x < picture->width; x++) {
       int64_t to = (int64_t)y * picture->width + x, row = picture->id[(int64_t)y * picture->stride + x];
       double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
       sight->plane[to] = 0;
       if (!(sight->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
         continue;
       pags_depth_view_point(sight, x, y, 1, along);
-      for (int k = 0; k < 3; ++k) {
+      for (int k = 0; k < 3; k++) {
         along[k] -= m[4 * k + 3];
         above += normal[k] * (middle[k] - m[4 * k + 3]);
         slant += normal[k] * along[k];
       }
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
       if (above / slant > 0 && off < reach * reach)
         sight->plane[to] = (float)(above / slant);
@@ -117,8 +117,8 @@ static int jumps(const float *depth, int64_t at, int64_t other) {
 static void drop_edges(pags_depth_view *sight, float *scratch) {
   int w = sight->camera.width, h = sight->camera.height;
   memcpy(scratch, sight->depth, (size_t)w * (size_t)h * sizeof *scratch);
-  for (int y = 0; y < h; ++y)
-    for (int x = 0; x < w; ++x) {
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
       int64_t at = (int64_t)y * w + x;
       if (scratch[at] > 0 && ((x > 0 && jumps(scratch, at, at - 1)) || (x + 1 < w && jumps(scratch, at, at + 1)) ||
                               (y > 0 && jumps(scratch, at, at - w)) || (y + 1 < h && jumps(scratch, at, at + w))))
@@ -142,12 +142,12 @@ static pags_result make_cells(pags_depth_view *sight) {
 void pags_depth_view_bound(pags_depth_view *sight) {
   int w = sight->camera.width, h = sight->camera.height;
   int64_t count = (int64_t)sight->cells_x * sight->cells_y;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     sight->lo[i] = INFINITY;
     sight->hi[i] = 0;
   }
-  for (int y = 0; y < h; ++y)
-    for (int x = 0; x < w; ++x) {
+  for (int y = 0; y < h; y++)
+    for (int x = 0; x < w; x++) {
       int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * sight->cells_x + x / PAGS_SIGHT_CELL;
       float depth = sight->depth[(int64_t)y * w + x];
       depth = fabsf(depth);
@@ -202,17 +202,17 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   double camera_from_world[12], box[4] = {HUGE_VAL, HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   int behind = 0;
   pags_rigid_inverse(camera->world_from_camera, camera_from_world);
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 8; i++) {
     double corner[3], p[3];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       corner[k] = i >> k & 1 ? hi[k] : lo[k];
     pags_rigid_point(camera_from_world, corner, p);
     if (p[2] <= near_plane) {
-      ++behind;
+      behind++;
       continue;
     }
     const double uv[2] = {camera->fx * p[0] / p[2] + camera->cx, camera->fy * p[1] / p[2] + camera->cy};
-    for (int k = 0; k < 2; ++k) {
+    for (int k = 0; k < 2; k++) {
       box[k] = fmin(box[k], uv[k]);
       box[2 + k] = fmax(box[2 + k], uv[k]);
     }
@@ -244,7 +244,7 @@ int pags_depth_view_may_see(const pags_depth_view *sight, const double middle[3]
     return 0;
   const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx},
                               {-c->cy / c->fy, (c->height - c->cy) / c->fy}};
-  for (int k = 0; k < 2; ++k) {
+  for (int k = 0; k < 2; k++) {
     double left = (p[k] - edges[k][0] * p[2]) / sqrt(1 + edges[k][0] * edges[k][0]);
     double right = (edges[k][1] * p[2] - p[k]) / sqrt(1 + edges[k][1] * edges[k][1]);
     if (left < -radius || right < -radius)
@@ -270,8 +270,8 @@ pags_depth_view_verdict pags_depth_view_judge(const pags_depth_view *sight, cons
   int x0 = (int)(u - du) / PAGS_SIGHT_CELL, x1 = (int)(u + du) / PAGS_SIGHT_CELL;
   int y0 = (int)(v - dv) / PAGS_SIGHT_CELL, y1 = (int)(v + dv) / PAGS_SIGHT_CELL;
   double lo = HUGE_VAL, hi = 0;
-  for (int y = y0; y <= y1; ++y)
-    for (int x = x0; x <= x1; ++x) {
+  for (int y = y0; y <= y1; y++)
+    for (int x = x0; x <= x1; x++) {
       lo = fmin(lo, (double)sight->lo[(int64_t)y * sight->cells_x + x]);
       hi = fmax(hi, (double)sight->hi[(int64_t)y * sight->cells_x + x]);
     }

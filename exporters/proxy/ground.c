@@ -68,11 +68,11 @@ static int level_point(const pags_depth_view *s, int x, int y, double reach, dou
   pags_depth_view_point(s, x, y, (double)s->depth[at], p);
   pags_depth_view_point(s, x + 1, y, (double)s->depth[at + 1], right);
   pags_depth_view_point(s, x, y + 1, (double)s->depth[at + w], below);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     right[k] -= p[k];
     below[k] -= p[k];
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     n[k] = right[(k + 1) % 3] * below[(k + 2) % 3] - right[(k + 2) % 3] * below[(k + 1) % 3];
   if (s->plane && s->plane[at] > 0)
     pags_depth_view_point(s, x, y, (double)s->plane[at], p);
@@ -81,11 +81,11 @@ static int level_point(const pags_depth_view *s, int x, int y, double reach, dou
 
 /* Twice over all pixels: first counting, then putting. */
 static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
-  for (int64_t i = 0; i < from->sights->count; ++i) {
+  for (int64_t i = 0; i < from->sights->count; i++) {
     const pags_depth_view *s = &from->sights->list[i];
     double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
-    for (int y = 0; y + 1 < s->camera.height; ++y)
-      for (int x = 0; x + 1 < s->camera.width; ++x) {
+    for (int y = 0; y + 1 < s->camera.height; y++)
+      for (int x = 0; x + 1 < s->camera.width; x++) {
         double p[3];
         int64_t at = level_point(s, x, y, reach, p) ? cell_of(g, p[0], p[1]) : -1;
         if (at >= 0 && values)
@@ -97,7 +97,7 @@ static void visit_pixels(const pags_ground *g, const source *from, int64_t *coun
 }
 
 static void visit_points(const pags_ground *g, const pags_lidar *laser, int64_t *count, float *values) {
-  for (int64_t i = 0; i < laser->count; ++i) {
+  for (int64_t i = 0; i < laser->count; i++) {
     const float *p = laser->points + 3 * i;
     int64_t at = cell_of(g, (double)p[0], (double)p[1]);
     if (at >= 0 && values)
@@ -120,7 +120,7 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   out->first = calloc((size_t)cells + 2, sizeof *out->first);
   if (next && out->first) {
     visit(g, from, out->first, NULL);
-    for (int64_t i = 0; i < cells; ++i)
+    for (int64_t i = 0; i < cells; i++)
       out->first[i + 1] += out->first[i];
     memcpy(next, out->first, (size_t)cells * sizeof *next);
     out->values = malloc(((size_t)out->first[cells] + 1) * sizeof *out->values);
@@ -131,7 +131,7 @@ static pags_result gather_heights(const pags_ground *g, const source *from, heig
   }
   visit(g, from, next, out->values);
   free(next);
-  for (int64_t i = 0; i < cells; ++i)
+  for (int64_t i = 0; i < cells; i++)
     pags_sort_floats(out->values + out->first[i], out->first[i + 1] - out->first[i]);
   return PAGS_OK;
 }
@@ -143,9 +143,9 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
     int64_t begin = h->first[at], end = h->first[at + 1];
     double reach = fmin(band, h->most_band);
     while (begin < end && (double)h->values[begin] < expected - reach)
-      ++begin;
+      begin++;
     while (end > begin && (double)h->values[end - 1] > expected + reach)
-      --end;
+      end--;
     if (end - begin < h->enough && h->next)
       continue;
     if (end > begin)
@@ -159,9 +159,9 @@ static int64_t median_near(const heights *h, int64_t at, double expected, double
 static double camera_height(const pags_ground *g, const heights *h, const double *path, int64_t path_count) {
   int64_t most = path_count * 1681, found = 0;
   double *list = malloc((size_t)most * sizeof *list), result = (double)NAN;
-  for (int64_t i = 0; list && i < path_count; ++i)
-    for (int dy = -20; dy <= 20; ++dy)
-      for (int dx = -20; dx <= 20; ++dx) {
+  for (int64_t i = 0; list && i < path_count; i++)
+    for (int dy = -20; dy <= 20; dy++)
+      for (int dx = -20; dx <= 20; dx++) {
         int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
         if (at < 0 || h->first[at + 1] - h->first[at] < LEAST_HEIGHTS)
           continue;
@@ -180,9 +180,9 @@ static double camera_height(const pags_ground *g, const heights *h, const double
 static int64_t plant(pags_ground *g, const heights *h, const double *path, int64_t path_count, double height,
                      int64_t *queue) {
   int64_t count = 0;
-  for (int64_t i = 0; i < path_count; ++i)
-    for (int dy = -15; dy <= 15; ++dy)
-      for (int dx = -15; dx <= 15; ++dx) {
+  for (int64_t i = 0; i < path_count; i++)
+    for (int dy = -15; dy <= 15; dy++)
+      for (int dx = -15; dx <= 15; dx++) {
         int64_t at = cell_of(g, path[3 * i] + dx * g->step, path[3 * i + 1] + dy * g->step);
         double z = 0;
         if (at < 0 || g->known[at] || median_near(h, at, path[3 * i + 2] - height, seed_band, &z) < LEAST_HEIGHTS)
@@ -198,11 +198,11 @@ static int64_t plant(pags_ground *g, const heights *h, const double *path, int64
 static int around(const pags_ground *g, int64_t x, int64_t y, int window, double *mean) {
   double sum = 0;
   int count = 0;
-  for (int64_t j = y - window; j <= y + window; ++j)
-    for (int64_t i = x - window; i <= x + window; ++i)
+  for (int64_t j = y - window; j <= y + window; j++)
+    for (int64_t i = x - window; i <= x + window; i++)
       if (i >= 0 && j >= 0 && i < g->nx && j < g->ny && g->known[j * g->nx + i]) {
         sum += (double)g->z[j * g->nx + i];
-        ++count;
+        count++;
       }
   *mean = count ? sum / count : 0;
   return count;
@@ -211,7 +211,7 @@ static int around(const pags_ground *g, int64_t x, int64_t y, int window, double
 /* Whether the laser met something upright in a cell: a wall's foot, which heights would climb. */
 static int is_foot(const heights *laser, int64_t at, double expected) {
   int64_t level = 0, above = 0;
-  for (int64_t i = laser->first[at]; i < laser->first[at + 1]; ++i) {
+  for (int64_t i = laser->first[at]; i < laser->first[at + 1]; i++) {
     double over = (double)laser->values[i] - expected;
     level += fabs(over) <= grow_band;
     above += over > grow_band && over < upright;
@@ -221,8 +221,8 @@ static int is_foot(const heights *laser, int64_t at, double expected) {
 
 static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count) {
   static const int dx[4] = {1, -1, 0, 0}, dy[4] = {0, 0, 1, -1};
-  for (int64_t head = 0; head < count; ++head)
-    for (int d = 0; d < 4; ++d) {
+  for (int64_t head = 0; head < count; head++)
+    for (int d = 0; d < 4; d++) {
       int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
       double expected, z = 0;
       if (x < 0 || y < 0 || x >= g->nx || y >= g->ny || g->known[y * g->nx + x])
@@ -243,7 +243,7 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   laser.next = NULL;
   for (int64_t count = 1; count > 0; grow(g, h, queue, count)) {
     count = 0;
-    for (int64_t at = 0; at < (int64_t)g->nx * g->ny; ++at) {
+    for (int64_t at = 0; at < (int64_t)g->nx * g->ny; at++) {
       double expected, z;
       if (g->known[at] || laser.first[at + 1] - laser.first[at] < LEAST_HEIGHTS ||
           !around(g, at % g->nx, at / g->nx, LEAP, &expected) || is_foot(&laser, at, expected) ||
@@ -252,7 +252,7 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
       g->z[at] = (float)z;
       queue[count++] = at;
     }
-    for (int64_t i = 0; i < count; ++i)
+    for (int64_t i = 0; i < count; i++)
       g->known[queue[i]] = 1;
   }
 }
@@ -265,7 +265,7 @@ static pags_result weigh(const pags_ground *g, const heights *laser, const heigh
   float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
   if (!weights)
     return pags_out_of_memory("the ground's %lld cells", (long long)cells);
-  for (int64_t i = 0; i < cells; ++i) {
+  for (int64_t i = 0; i < cells; i++) {
     double by_laser = (double)(laser->first[i + 1] - laser->first[i]),
            count = (double)(all->first[i + 1] - all->first[i]);
     weights[i] = (float)(by_laser >= laser->enough ? fmin(by_laser, 40) : fmin(count, 24) * of_pixel);
@@ -278,7 +278,7 @@ static pags_result find(const pags_depth_views *sights, const pags_lidar *laser,
   const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
   int64_t cells = (int64_t)g->nx * g->ny;
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
     sources[i].enough = enough[i];
     sources[i].next = i < 2 ? &sources[i + 1] : NULL;
@@ -307,8 +307,8 @@ pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *l
                              int64_t path_count, double reach, pags_ground *out) {
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   *out = (pags_ground){.step = cell};
-  for (int64_t i = 0; i < path_count; ++i)
-    for (int k = 0; k < 2; ++k) {
+  for (int64_t i = 0; i < path_count; i++)
+    for (int k = 0; k < 2; k++) {
       lo[k] = fmin(lo[k], path[3 * i + k] - farthest);
       hi[k] = fmax(hi[k], path[3 * i + k] + farthest);
     }
@@ -327,7 +327,7 @@ pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *l
   heights sources[3] = {{0}};
   pags_result result = out->z && out->known ? find(sights, laser, path, path_count, reach, sources, out)
                                             : pags_out_of_memory("the ground");
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     free(sources[i].first);
     free(sources[i].values);
   }
@@ -341,7 +341,7 @@ int pags_ground_height(const pags_ground *ground, double x, double y, double *z)
   double i = floor(u), j = floor(v);
   if (!ground->nx || !(i >= 0 && j >= 0 && i + 1 < ground->nx && j + 1 < ground->ny))
     return 0;
-  for (int c = 0; c < 4; ++c) {
+  for (int c = 0; c < 4; c++) {
     int64_t at = ((int64_t)j + (c >> 1)) * ground->nx + (int64_t)i + (c & 1);
     if (!ground->known[at])
       return 0;
@@ -359,15 +359,15 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
   *out = (pags_proxy_mesh){0};
   if (!place)
     return pags_out_of_memory("the ground");
-  for (int j = 0; j < ny; ++j)
-    for (int i = 0; i < nx; ++i) {
+  for (int j = 0; j < ny; j++)
+    for (int i = 0; i < nx; i++) {
       int64_t at = (int64_t)j * stride * g->nx + (int64_t)i * stride;
       const float p[3] = {(float)(g->x0 + i * stride * g->step), (float)(g->y0 + j * stride * g->step), g->z[at]};
       place[(size_t)j * (size_t)nx + (size_t)i] =
           g->known[at] ? pags_proxy_mesh_vertex(out, p, grey, g->known[at] == 1) : UINT32_MAX;
     }
-  for (int j = 0; j + 1 < ny; ++j)
-    for (int i = 0; i + 1 < nx; ++i) {
+  for (int j = 0; j + 1 < ny; j++)
+    for (int i = 0; i + 1 < nx; i++) {
       const uint32_t *row = place + (size_t)j * (size_t)nx + (size_t)i;
       uint32_t a = row[0], b = row[1], c = row[nx + 1], d = row[nx];
       if (a == UINT32_MAX || b == UINT32_MAX || c == UINT32_MAX || d == UINT32_MAX)
@@ -382,7 +382,7 @@ static pags_result mesh_lattice(const pags_ground *g, int stride, pags_proxy_mes
 
 /* Whether seen from above every triangle turns the same way: then no point of the plane has two heights. */
 static int single_valued(const pags_proxy_mesh *s) {
-  for (int64_t i = 0; i < s->triangle_count; ++i) {
+  for (int64_t i = 0; i < s->triangle_count; i++) {
     const uint32_t *t = s->triangles + 3 * i;
     const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
                 *c = s->positions + 3 * (int64_t)t[2];
@@ -398,7 +398,7 @@ static int single_valued(const pags_proxy_mesh *s) {
  * over unnoticed. */
 static void jitter(pags_proxy_mesh *s) {
   uint32_t state = 1;
-  for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
+  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
     state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
     if (i % 3 < 2)
       s->positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
@@ -415,7 +415,7 @@ pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_pro
     return PAGS_OK;
   if (result == PAGS_OK)
     pags_proxy_mesh_destroy(out);
-  for (int stride = 2;; ++stride) { /* collapses have folded it: every second point, every third, ... */
+  for (int stride = 2;; stride++) { /* collapses have folded it: every second point, every third, ... */
     PAGS_TRY(mesh_lattice(ground, stride, out));
     if (out->triangle_count <= budget)
       return PAGS_OK;

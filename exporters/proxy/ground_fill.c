@@ -24,11 +24,11 @@ typedef struct stiffness {
 static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   double n = 0, sx = 0, sy = 0, xx = 0, xy = 0, yy = 0, sum = 0;
   stiffness out = {{1, 1, 1, 1}};
-  for (int64_t j = 0; j < count; ++j) {
+  for (int64_t j = 0; j < count; j++) {
     double x = path[3 * j] - path[3 * i], y = path[3 * j + 1] - path[3 * i + 1];
     if (x * x + y * y > bend * bend)
       continue;
-    ++n;
+    n++;
     sx += x;
     sy += y;
     xx += x * x;
@@ -41,12 +41,12 @@ static stiffness stiffness_at(const double *path, int64_t count, int64_t i) {
   if (xx + yy < 1)
     return out;
   double angle = 0.5 * atan2(2 * xy, xx - yy), c = cos(angle), s = sin(angle);
-  for (int d = 0; d < NEIGHBOURS; ++d) {
+  for (int d = 0; d < NEIGHBOURS; d++) {
     double along = (dx[d] * c + dy[d] * s) / hypot(dx[d], dy[d]);
     out.towards[d] = across + pow(along, 16);
     sum += out.towards[d];
   }
-  for (int d = 0; d < NEIGHBOURS; ++d)
+  for (int d = 0; d < NEIGHBOURS; d++)
     out.towards[d] *= 4 / sum;
   return out;
 }
@@ -58,9 +58,9 @@ static int inside(const pags_ground *g, int64_t x, int64_t y) {
 /* The nearest place of the path to each cell, by steps over the lattice. */
 static void find_owners(const pags_ground *g, const double *path, int64_t count, int32_t *owner, int64_t *queue) {
   int64_t last = 0, cells = (int64_t)g->nx * g->ny;
-  for (int64_t i = 0; i < cells; ++i)
+  for (int64_t i = 0; i < cells; i++)
     owner[i] = -1;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5),
             y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
     if (!inside(g, x, y) || owner[y * g->nx + x] >= 0)
@@ -68,8 +68,8 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
     owner[y * g->nx + x] = (int32_t)i;
     queue[last++] = y * g->nx + x;
   }
-  for (int64_t head = 0; head < last; ++head)
-    for (int d = 0; d < 4; ++d) {
+  for (int64_t head = 0; head < last; head++)
+    for (int d = 0; d < 4; d++) {
       int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
       if (!inside(g, x, y) || owner[y * g->nx + x] >= 0)
         continue;
@@ -81,19 +81,19 @@ static void find_owners(const pags_ground *g, const double *path, int64_t count,
 /* Cells within `reach` of the path become ground: at first as high as the nearest that is. */
 static void extend(pags_ground *g, const double *path, int64_t path_count, double reach, int64_t *queue) {
   int64_t count = 0, cells = (int64_t)g->nx * g->ny, radius = (int64_t)ceil(reach / g->step);
-  for (int64_t i = 0; i < path_count; ++i) {
+  for (int64_t i = 0; i < path_count; i++) {
     int64_t x = (int64_t)floor((path[3 * i] - g->x0) / g->step + 0.5),
             y = (int64_t)floor((path[3 * i + 1] - g->y0) / g->step + 0.5);
-    for (int64_t j = -radius; j <= radius; ++j)
-      for (int64_t k = -radius; k <= radius; ++k)
+    for (int64_t j = -radius; j <= radius; j++)
+      for (int64_t k = -radius; k <= radius; k++)
         if (k * k + j * j <= radius * radius && inside(g, x + k, y + j) && !g->known[(y + j) * g->nx + x + k])
           g->known[(y + j) * g->nx + x + k] = 3; /* wanted */
   }
-  for (int64_t i = 0; i < cells; ++i)
+  for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 1)
       queue[count++] = i;
-  for (int64_t head = 0; head < count; ++head)
-    for (int d = 0; d < 4; ++d) {
+  for (int64_t head = 0; head < count; head++)
+    for (int d = 0; d < 4; d++) {
       int64_t x = queue[head] % g->nx + dx[d], y = queue[head] / g->nx + dy[d];
       if (!inside(g, x, y) || g->known[y * g->nx + x] != 3)
         continue;
@@ -101,7 +101,7 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
       g->z[y * g->nx + x] = g->z[queue[head]];
       queue[count++] = y * g->nx + x;
     }
-  for (int64_t i = 0; i < cells; ++i)
+  for (int64_t i = 0; i < cells; i++)
     if (g->known[i] == 3)
       g->known[i] = 0; /* out of reach of any ground */
 }
@@ -110,13 +110,13 @@ static void extend(pags_ground *g, const double *path, int64_t path_count, doubl
 static void relax(pags_ground *g, const float *weights, const float *measured, const int32_t *owner,
                   const stiffness *stiff) {
   int64_t cells = (int64_t)g->nx * g->ny;
-  for (int sweep = 0; sweep < SWEEPS; ++sweep)
-    for (int64_t i = 0; i < cells; ++i) {
+  for (int sweep = 0; sweep < SWEEPS; sweep++)
+    for (int64_t i = 0; i < cells; i++) {
       if (!g->known[i])
         continue;
       const stiffness *s = &stiff[owner[i] < 0 ? 0 : owner[i]];
       double w = g->known[i] == 1 ? (double)weights[i] : 0, sum = w * (double)measured[i];
-      for (int d = 0; d < NEIGHBOURS; ++d) {
+      for (int d = 0; d < NEIGHBOURS; d++) {
         int64_t x = i % g->nx + dx[d], y = i / g->nx + dy[d];
         if (s->towards[d] > 0 && inside(g, x, y) && g->known[y * g->nx + x]) {
           sum += s->towards[d] * (double)g->z[y * g->nx + x];
@@ -140,9 +140,9 @@ pags_result pags_ground_fill(pags_ground *ground, const float *weights, const do
   if (result == PAGS_OK) {
     extend(ground, path, path_count, reach, queue);
     find_owners(ground, path, path_count, owner, queue);
-    for (int64_t i = 0; i < path_count; ++i)
+    for (int64_t i = 0; i < path_count; i++)
       stiff[i] = stiffness_at(path, path_count, i);
-    for (int64_t i = 0; i < cells; ++i)
+    for (int64_t i = 0; i < cells; i++)
       measured[i] = ground->z[i];
     relax(ground, weights, measured, owner, stiff);
   }

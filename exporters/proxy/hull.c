@@ -14,7 +14,7 @@
  * hull has at most 2 count - 4 triangles. Returns how many; each once, in ascending order; -1 when memory is out. */
 static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  for (int64_t i = 0; i < 3 * s->vertex_count; ++i) {
+  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
     lo[i % 3] = fmin(lo[i % 3], (double)s->positions[i]);
     hi[i % 3] = fmax(hi[i % 3], (double)s->positions[i]);
   }
@@ -22,13 +22,13 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
   int64_t found = 0;
   if (!taken)
     return -1;
-  for (int64_t d = 0; d < count; ++d) {
+  for (int64_t d = 0; d < count; d++) {
     double z = 1 - (2 * (double)d + 1) / (double)count, r = sqrt(1 - z * z), angle = 2.39996322972865332 * (double)d;
     const double direction[3] = {r * cos(angle) / (hi[0] - lo[0] + 1e-9), r * sin(angle) / (hi[1] - lo[1] + 1e-9),
                                  z / (hi[2] - lo[2] + 1e-9)};
     double best = -HUGE_VAL;
     int64_t at = 0;
-    for (int64_t i = 0; i < s->vertex_count; ++i) {
+    for (int64_t i = 0; i < s->vertex_count; i++) {
       const float *p = s->positions + 3 * i;
       double along = direction[0] * (double)p[0] + direction[1] * (double)p[1] + direction[2] * (double)p[2];
       if (along > best) {
@@ -38,7 +38,7 @@ static int64_t farthest(const pags_proxy_mesh *s, int64_t count, int64_t *chosen
     }
     taken[at] = 1;
   }
-  for (int64_t i = 0; i < s->vertex_count; ++i)
+  for (int64_t i = 0; i < s->vertex_count; i++)
     if (taken[i])
       chosen[found++] = i;
   free(taken);
@@ -102,7 +102,7 @@ pags_result pags_proxy_mesh_hull(const pags_proxy_mesh *from, int64_t budget, pa
   pags_result result = chosen && points && place ? PAGS_OK : pags_out_of_memory("a convex hull");
   if (result == PAGS_OK) {
     count = farthest(from, most, chosen);
-    for (int64_t i = 0; i < 3 * count; ++i)
+    for (int64_t i = 0; i < 3 * count; i++)
       points[i] = (double)from->positions[3 * chosen[i / 3] + i % 3];
     memset(place, 0xff, (size_t)most * sizeof *place);
     if (count < 0)

@@ -40,14 +40,14 @@ static uint32_t vertex_on(marcher *self, const int cell[3], corner a, corner b) 
     b = c;
   }
   int begin[3];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     begin[k] = cell[k] + (a.bits >> k & 1);
   int64_t slot = (begin[2] % 2 * self->layer + (int64_t)begin[1] * g->n[0] + begin[0]) * 7 + (a.bits ^ b.bits) - 1;
   if (self->edges[slot])
     return self->edges[slot] - 1;
   float da = g->distance[a.point], db = g->distance[b.point], grey[3] = {0.5f, 0.5f, 0.5f}, position[3];
   double t = fmin(fmax((double)da / ((double)da - (double)db), 0.02), 0.98); /* no two vertices in one place */
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     position[k] = (float)(g->origin[k] + g->step * (begin[k] + t * ((a.bits ^ b.bits) >> k & 1)));
   uint32_t vertex = pags_proxy_mesh_vertex(self->out, position, grey, g->weight[a.point] > 0 && g->weight[b.point] > 0);
   self->edges[slot] = vertex + 1;
@@ -58,7 +58,7 @@ static void march(marcher *self, const int cell[3], const corner c[4], int insid
   int count = (inside & 1) + (inside >> 1 & 1) + (inside >> 2 & 1) + (inside >> 3);
   if (count == 2) {
     const int *o = two_first[0];
-    for (int i = 0; i < 6; ++i)
+    for (int i = 0; i < 6; i++)
       if (inside == (1 << two_first[i][0] | 1 << two_first[i][1]))
         o = two_first[i];
     uint32_t v[4] = {vertex_on(self, cell, c[o[0]], c[o[2]]), vertex_on(self, cell, c[o[0]], c[o[3]]),
@@ -69,10 +69,10 @@ static void march(marcher *self, const int cell[3], const corner c[4], int insid
   }
   int alone = count == 1 ? inside : 15 - inside, first = 0;
   while (!(alone >> first & 1))
-    ++first;
+    first++;
   const int *o = one_first[first];
   uint32_t v[3];
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     v[i] = vertex_on(self, cell, c[first], c[o[i + 1]]);
   pags_proxy_mesh_triangle(self->out, v[0], v[count == 1 ? 1 : 2], v[count == 1 ? 2 : 1]);
 }
@@ -81,7 +81,7 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
   const pags_tsdf *g = self->grid;
   corner corners[8];
   int inside = 0;
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 8; i++) {
     corners[i].bits = i;
     corners[i].point = ((int64_t)(cell[2] + (i >> 2)) * g->n[1] + cell[1] + (i >> 1 & 1)) * g->n[0] + cell[0] + (i & 1);
     if (known_only && !(g->weight[corners[i].point] > 0))
@@ -90,10 +90,10 @@ static void march_cell(marcher *self, const int cell[3], int known_only) {
   }
   if (inside == 0 || inside == 255)
     return;
-  for (int t = 0; t < 6; ++t) {
+  for (int t = 0; t < 6; t++) {
     corner c[4];
     int mask = 0;
-    for (int i = 0; i < 4; ++i) {
+    for (int i = 0; i < 4; i++) {
       c[i] = corners[tetrahedra[t][i]];
       mask |= (inside >> tetrahedra[t][i] & 1) << i;
     }

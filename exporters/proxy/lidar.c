@@ -10,7 +10,7 @@
 #include "base/memory.h"
 
 void pags_lidar_destroy(pags_lidar *laser) {
-  for (int64_t i = 0; laser->objects && i < laser->object_count; ++i)
+  for (int64_t i = 0; laser->objects && i < laser->object_count; i++)
     pags_lidar_fit_destroy(&laser->objects[i]);
   free(laser->objects);
   free(laser->points);
@@ -31,7 +31,7 @@ typedef struct box {
 /* The boxes that are there at a time. */
 static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
   int64_t count = 0;
-  for (int64_t o = 0; o < scene->object_count; ++o) {
+  for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_object *record = &scene->objects[o].record;
     double pose[12];
     if (!pags_object_pose(record, time, pose))
@@ -41,7 +41,7 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
     b->middle[0] = pose[3];
     b->middle[1] = pose[7];
     b->radius = 0.5 * hypot(record->size[0], record->size[1]) + 2 * box_margin;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       b->half[k] = 0.5 * record->size[k];
     pags_rigid_inverse(pose, b->box_from_world);
   }
@@ -51,13 +51,13 @@ static int64_t find_boxes(const pags_scene *scene, double time, box *boxes) {
 /* Gives a point to the object in whose box it is. `taken`: it is in a box, or beside one. */
 static pags_result sort_point(const box *boxes, int64_t count, const double p[3], pags_lidar *out, int *taken) {
   *taken = 0;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const box *b = &boxes[i];
     double q[3], beyond = -HUGE_VAL;
     if (!(fabs(p[0] - b->middle[0]) <= b->radius && fabs(p[1] - b->middle[1]) <= b->radius))
       continue;
     pags_rigid_point(b->box_from_world, p, q);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       beyond = fmax(beyond, fabs(q[k]) - b->half[k]);
     if (beyond >= box_margin)
       continue;
@@ -70,7 +70,7 @@ static pags_result sort_point(const box *boxes, int64_t count, const double p[3]
 
 /* Of a time step that the scene holds out, however the data set would be divided now. */
 static int is_held_out(const pags_scene *scene, const pags_sweep *sweep) {
-  for (int64_t i = 0; i < scene->view_count; ++i)
+  for (int64_t i = 0; i < scene->view_count; i++)
     if (scene->views[i].frame == sweep->frame && scene->views[i].test)
       return 1;
   return 0;
@@ -93,17 +93,17 @@ static pags_result add_sweep(const pags_scene *scene, pags_dataset *dataset, int
   out->points = grown;
   int64_t box_count = find_boxes(scene, sweep->time, boxes);
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
     double p[3];
     int taken;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       p[k] = m[4 * k] * (double)xyz[3 * i] + m[4 * k + 1] * (double)xyz[3 * i + 1] +
              m[4 * k + 2] * (double)xyz[3 * i + 2] + m[4 * k + 3];
     if ((result = sort_point(boxes, box_count, p, out, &taken)) != PAGS_OK || taken)
       continue;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       out->points[3 * out->count + k] = (float)(p[k] - scene->origin[k]);
-    ++out->count;
+    out->count++;
   }
   free(xyz);
   return result;
@@ -115,7 +115,7 @@ static pags_result read_sweeps(const pags_scene *scene, pags_dataset *dataset, i
   out->objects = calloc((size_t)scene->object_count + 1, sizeof *out->objects);
   pags_result result =
       boxes && out->objects ? PAGS_OK : pags_out_of_memory("%lld boxes", (long long)scene->object_count);
-  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < pags_dataset_sweep_count(dataset) && result == PAGS_OK; i++)
     result = add_sweep(scene, dataset, i, held_out, boxes, out);
   free(boxes);
   return result;

@@ -28,9 +28,9 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
     cloud->points = grown;
     cloud->capacity = capacity;
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     cloud->points[3 * cloud->count + k] = (float)point[k];
-  ++cloud->count;
+  cloud->count++;
   return PAGS_OK;
 }
 
@@ -38,7 +38,7 @@ pags_result pags_lidar_fit_add(pags_lidar_fit *cloud, const double point[3]) {
 static int sample(const pags_tsdf *g, const float p[3], double *out) {
   int64_t row = g->n[0], layer = row * g->n[1], at = 0, stride[3] = {1, row, layer};
   double part[3];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double u = ((double)p[k] - g->origin[k]) / g->step, low = floor(u);
     if (!(low >= 0 && low + 1 < g->n[k]))
       return 0;
@@ -46,7 +46,7 @@ static int sample(const pags_tsdf *g, const float p[3], double *out) {
     at += (int64_t)low * stride[k];
   }
   *out = 0;
-  for (int c = 0; c < 8; ++c) {
+  for (int c = 0; c < 8; c++) {
     int64_t i = at + (c & 1) + (c >> 1 & 1) * row + (c >> 2) * layer;
     *out += (double)g->distance[i] * (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) *
             (c & 4 ? part[2] : 1 - part[2]);
@@ -57,13 +57,13 @@ static int sample(const pags_tsdf *g, const float p[3], double *out) {
 /* Adds a residual to the neighbourhood of a point. */
 static void spread(const pags_tsdf *g, const float p[3], double radius, double residual, float *sum, float *weight) {
   int from[3], to[3];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     from[k] = (int)fmax(0, ceil(((double)p[k] - radius - g->origin[k]) / g->step));
     to[k] = (int)fmin(g->n[k] - 1, floor(((double)p[k] + radius - g->origin[k]) / g->step));
   }
-  for (int z = from[2]; z <= to[2]; ++z)
-    for (int y = from[1]; y <= to[1]; ++y)
-      for (int x = from[0]; x <= to[0]; ++x) {
+  for (int z = from[2]; z <= to[2]; z++)
+    for (int y = from[1]; y <= to[1]; y++)
+      for (int x = from[0]; x <= to[0]; x++) {
         double dx = g->origin[0] + x * g->step - (double)p[0], dy = g->origin[1] + y * g->step - (double)p[1],
                dz = g->origin[2] + z * g->step - (double)p[2],
                w = 1 - (dx * dx + dy * dy + dz * dz) / (radius * radius);
@@ -83,13 +83,13 @@ pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, do
   if (!sum)
     return pags_out_of_memory("a grid");
   float *weight = sum + count;
-  for (size_t level = 0; level < sizeof radii / sizeof *radii; ++level) {
+  for (size_t level = 0; level < sizeof radii / sizeof *radii; level++) {
     double residual, r = radii[level];
     memset(sum, 0, 2 * count * sizeof *sum);
-    for (int64_t i = 0; i < cloud->count; ++i)
+    for (int64_t i = 0; i < cloud->count; i++)
       if (sample(grid, cloud->points + 3 * i, &residual) && fabs(residual) < reach)
         spread(grid, cloud->points + 3 * i, r, residual, sum, weight);
-    for (size_t i = 0; i < count; ++i)
+    for (size_t i = 0; i < count; i++)
       if (weight[i] > 0)
         grid->distance[i] -= sum[i] / (weight[i] + (float)(doubt / (r * r)));
   }

@@ -69,9 +69,9 @@ void pags_proxy_mesh_triangle(pags_proxy_mesh *surface, uint32_t a, uint32_t b, 
 
 pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *to) {
   *to = (pags_proxy_mesh){0};
-  for (int64_t i = 0; i < from->vertex_count; ++i)
+  for (int64_t i = 0; i < from->vertex_count; i++)
     pags_proxy_mesh_vertex(to, from->positions + 3 * i, from->colors + 3 * i, from->observed[i]);
-  for (int64_t i = 0; i < from->triangle_count; ++i) {
+  for (int64_t i = 0; i < from->triangle_count; i++) {
     const uint32_t *t = from->triangles + 3 * i;
     pags_proxy_mesh_triangle(to, t[0], t[1], t[2]);
   }
@@ -87,7 +87,7 @@ pags_result pags_proxy_mesh_compact(pags_proxy_mesh *surface) {
   if (!place)
     return pags_out_of_memory("%lld vertices", (long long)surface->vertex_count);
   memset(place, 0xff, ((size_t)surface->vertex_count + 1) * sizeof *place);
-  for (int64_t i = 0; i < 3 * surface->triangle_count; ++i) {
+  for (int64_t i = 0; i < 3 * surface->triangle_count; i++) {
     uint32_t v = surface->triangles[i];
     if (place[v] == UINT32_MAX)
       place[v] = pags_proxy_mesh_vertex(&out, surface->positions + 3 * (int64_t)v, surface->colors + 3 * (int64_t)v,
@@ -114,13 +114,13 @@ pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags
   static const uint32_t faces[6][4] = {{0, 4, 6, 2}, {1, 3, 7, 5}, {0, 1, 5, 4},
                                        {2, 6, 7, 3}, {0, 2, 3, 1}, {4, 5, 7, 6}};
   *out = (pags_proxy_mesh){0};
-  for (int i = 0; i < 8; ++i) {
+  for (int i = 0; i < 8; i++) {
     float p[3];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       p[k] = (float)(i >> k & 1 ? 0.5 * size[k] : -0.5 * size[k]);
     pags_proxy_mesh_vertex(out, p, color, 1);
   }
-  for (int f = 0; f < 6; ++f) {
+  for (int f = 0; f < 6; f++) {
     pags_proxy_mesh_triangle(out, faces[f][0], faces[f][1], faces[f][2]);
     pags_proxy_mesh_triangle(out, faces[f][0], faces[f][2], faces[f][3]);
   }
@@ -136,11 +136,11 @@ static void cross_of(const pags_proxy_mesh *s, int64_t triangle, double n[3]) {
   const float *a = s->positions + 3 * (int64_t)t[0], *b = s->positions + 3 * (int64_t)t[1],
               *c = s->positions + 3 * (int64_t)t[2];
   double u[3], v[3];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     u[k] = (double)b[k] - (double)a[k];
     v[k] = (double)c[k] - (double)a[k];
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
 }
 
@@ -150,7 +150,7 @@ static double length_of(const double n[3]) {
 
 double pags_proxy_mesh_area(const pags_proxy_mesh *surface) {
   double sum = 0, n[3];
-  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+  for (int64_t i = 0; i < surface->triangle_count; i++) {
     cross_of(surface, i, n);
     sum += 0.5 * length_of(n);
   }
@@ -159,17 +159,17 @@ double pags_proxy_mesh_area(const pags_proxy_mesh *surface) {
 
 void pags_proxy_mesh_normals(const pags_proxy_mesh *surface, float *normals) {
   memset(normals, 0, (size_t)surface->vertex_count * 3 * sizeof *normals);
-  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+  for (int64_t i = 0; i < surface->triangle_count; i++) {
     double n[3];
     cross_of(surface, i, n);
-    for (int c = 0; c < 3; ++c)
-      for (int k = 0; k < 3; ++k)
+    for (int c = 0; c < 3; c++)
+      for (int k = 0; k < 3; k++)
         normals[3 * (int64_t)surface->triangles[3 * i + c] + k] += (float)n[k];
   }
-  for (int64_t i = 0; i < surface->vertex_count; ++i) {
+  for (int64_t i = 0; i < surface->vertex_count; i++) {
     float *n = normals + 3 * i;
     double length = sqrt((double)n[0] * (double)n[0] + (double)n[1] * (double)n[1] + (double)n[2] * (double)n[2]);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       n[k] = length > 1e-30 ? (float)((double)n[k] / length) : (float)(k == 2);
   }
 }
@@ -187,10 +187,10 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
 
 /* Each vertex's part, named by a vertex of it. */
 static void find_parts(const pags_proxy_mesh *s, uint32_t *parent) {
-  for (int64_t i = 0; i < s->vertex_count; ++i)
+  for (int64_t i = 0; i < s->vertex_count; i++)
     parent[i] = (uint32_t)i;
-  for (int64_t i = 0; i < s->triangle_count; ++i)
-    for (int c = 1; c < 3; ++c) {
+  for (int64_t i = 0; i < s->triangle_count; i++)
+    for (int c = 1; c < 3; c++) {
       uint32_t a = root_of(parent, s->triangles[3 * i]), b = root_of(parent, s->triangles[3 * i + c]);
       parent[a < b ? b : a] = a < b ? a : b;
     }
@@ -215,12 +215,12 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
     return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
   }
   find_parts(s, out->parent);
-  for (int64_t i = 0; i < s->triangle_count; ++i) {
+  for (int64_t i = 0; i < s->triangle_count; i++) {
     double n[3];
     cross_of(s, i, n);
     out->area[root_of(out->parent, s->triangles[3 * i])] += 0.5 * length_of(n);
   }
-  for (int64_t i = 0; i < s->vertex_count; ++i)
+  for (int64_t i = 0; i < s->vertex_count; i++)
     out->largest = fmax(out->largest, out->area[i]);
   return PAGS_OK;
 }
@@ -233,11 +233,11 @@ static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large,
   main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
   if (!main.triangles)
     return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
-  for (int64_t i = 0; i < s->triangle_count; ++i)
+  for (int64_t i = 0; i < s->triangle_count; i++)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
   pags_result result = pags_mesh_query_of_mesh(&main, &solid);
-  for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; i++) {
     const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1],
                           (double)s->positions[3 * i + 2]};
     double *area = &p->area[root_of(p->parent, (uint32_t)i)];
@@ -252,7 +252,7 @@ static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large,
 
 static pags_result drop_parts(pags_proxy_mesh *s, parts *p, double least) {
   int64_t kept = 0;
-  for (int64_t i = 0; i < s->triangle_count; ++i)
+  for (int64_t i = 0; i < s->triangle_count; i++)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= least)
       memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
   s->triangle_count = kept;
@@ -287,7 +287,7 @@ static int compare_edges(const void *left, const void *right) {
 static uint64_t *sorted_edges(const pags_proxy_mesh *s) {
   int64_t count = 3 * s->triangle_count;
   uint64_t *edges = malloc(((size_t)count + 1) * sizeof *edges);
-  for (int64_t i = 0; edges && i < count; ++i) {
+  for (int64_t i = 0; edges && i < count; i++) {
     uint64_t a = s->triangles[i], b = s->triangles[i % 3 == 2 ? i - 2 : i + 1];
     edges[i] = a < b ? a << 32 | b << 1 : b << 32 | a << 1 | 1;
   }
@@ -304,13 +304,13 @@ pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *surface, pags_proxy_m
     return pags_out_of_memory("%lld edges", (long long)count);
   for (int64_t i = 0, end; i < count; i = end) {
     int64_t backward = 0;
-    for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; ++end)
+    for (end = i; end < count && edges[end] >> 1 == edges[i] >> 1; end++)
       backward += (int64_t)(edges[end] & 1);
     out->open_edges += end - i == 1;
     out->crossed_edges += end - i > 2 || (end - i == 2 && backward != 1);
   }
   free(edges);
-  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+  for (int64_t i = 0; i < surface->triangle_count; i++) {
     const float *a = surface->positions + 3 * (int64_t)surface->triangles[3 * i];
     double n[3];
     cross_of(surface, i, n);

@@ -39,23 +39,23 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   const double *corners[3] = {a, b, c};
   double u[3], v[3], n[3], nearest = HUGE_VAL;
   bool inside = true;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     u[k] = b[k] - a[k];
     v[k] = c[k] - a[k];
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
   double area = dot(n, n);
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     const double *p = corners[i], *q = corners[(i + 1) % 3];
     double edge[3], side[3], at[3], squared = 0;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       edge[k] = q[k] - p[k];
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       side[k] = n[(k + 1) % 3] * edge[(k + 2) % 3] - n[(k + 2) % 3] * edge[(k + 1) % 3];
     inside = inside && dot(side, p) <= 0;
     double length = dot(edge, edge), t = length > 0 ? fmin(fmax(-dot(edge, p) / length, 0), 1) : 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       at[k] = p[k] + t * edge[k];
       squared += at[k] * at[k];
     }
@@ -67,7 +67,7 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   if (!inside || !(area > 0))
     return nearest;
   double height = dot(n, a);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     foot[k] = n[k] * (height / area);
   return height * height / area;
 }
@@ -76,9 +76,9 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   query *q = arguments->userPtr;
   double corner[3][3], foot[3], squared;
   int corners = q->solid->triangles ? 3 : 1;
-  for (int i = 0; i < corners; ++i) {
+  for (int i = 0; i < corners; i++) {
     uint32_t at = corners == 3 ? q->solid->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       corner[i][k] = (double)q->solid->points[3 * (size_t)at + (size_t)k] - q->point[k];
   }
   memcpy(foot, corner[0], sizeof foot);
@@ -136,9 +136,9 @@ static pags_result add_triangles(pags_mesh_query *solid, const pags_proxy_mesh *
     rtcReleaseGeometry(geometry);
     return failed(solid);
   }
-  for (int64_t i = 0; i < 3 * surface->vertex_count; ++i)
+  for (int64_t i = 0; i < 3 * surface->vertex_count; i++)
     vertices[i] = surface->positions[i];
-  for (int64_t i = 0; i < 3 * surface->triangle_count; ++i)
+  for (int64_t i = 0; i < 3 * surface->triangle_count; i++)
     triangles[i] = surface->triangles[i];
   return attach(solid, geometry);
 }
@@ -210,7 +210,7 @@ double pags_mesh_query_distance(const pags_mesh_query *solid, const double point
 
 double pags_mesh_query_nearest(const pags_mesh_query *solid, const double point[3], double nearest[3]) {
   query q = ask(solid, point);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     nearest[k] = point[k] + q.foot[k];
   return sqrt(q.best);
 }

@@ -35,7 +35,7 @@ static void parked_pose(const pags_workshop *w, const pags_object *object, doubl
   const pags_knot *knot = &object->knots[object->knot_count / 2];
   if (!pags_object_pose(object, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[4 * k + 3] -= w->scene->origin[k];
 }
 
@@ -45,7 +45,7 @@ static int is_its_own(const double object_from_scene[12], const double size[3], 
   double q[3];
   if (id != object && id >= 0)
     return 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     q[k] = object_from_scene[4 * k] * p[0] + object_from_scene[4 * k + 1] * p[1] + object_from_scene[4 * k + 2] * p[2] +
            object_from_scene[4 * k + 3];
     double beyond = fabs(q[k]) - 0.5 * size[k];
@@ -61,7 +61,7 @@ void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *ta
   double pose[12], object_from_scene[12];
   parked_pose(workshop, record, pose);
   pags_rigid_inverse(pose, object_from_scene);
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
                    pags_plane(g, PAGS_MEAN + 2), i, g->object_id ? g->object_id[i] : -1, object))
       taken[i] = 1;
@@ -75,7 +75,7 @@ static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_ga
   pags_result result = index && taken ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
   if (result == PAGS_OK) {
     pags_object_mark(w, object, taken);
-    for (int64_t i = 0; i < g->count; ++i)
+    for (int64_t i = 0; i < g->count; i++)
       if (taken[i])
         index[count++] = i;
     result = pags_gaussians_create_like(out, count, g);
@@ -89,7 +89,7 @@ static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_ga
 
 static double mean_s_sem(const pags_gaussians *g) {
   double sum = 0;
-  for (int64_t i = 0; g->s_sem && i < g->count; ++i)
+  for (int64_t i = 0; g->s_sem && i < g->count; i++)
     sum += (double)g->s_sem[i];
   return g->s_sem && g->count ? sum / (double)g->count : (double)NAN;
 }
@@ -103,7 +103,7 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
     return 0;
   pags_rigid_inverse(world_from_object, object_from_world);
   pags_rigid_multiply(object_from_world, view->camera.world_from_camera, camera.world_from_camera);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     lo[k] = -reach[k];
   if (!pags_camera_crop(&camera, lo, reach, 0.2, out))
     return 0;
@@ -118,7 +118,7 @@ static int camera_of(const pags_object *object, const pags_scene_view *view, con
 
 /* Half of the room that is looked at about the box's middle. */
 static void reach_of(const pags_object *record, double reach[3]) {
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     reach[k] = 0.5 * record->size[k] * 1.1 + margin;
 }
 
@@ -128,13 +128,13 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
   const pags_object *record = &w->scene->objects[object].record;
   int64_t count = 0, taken = 0;
   pags_camera camera;
-  for (int64_t v = 0; v < w->scene->view_count; ++v)
+  for (int64_t v = 0; v < w->scene->view_count; v++)
     count += camera_of(record, &w->scene->views[v], reach, &camera);
-  for (int64_t v = 0, seen = 0; v < w->scene->view_count; ++v) {
+  for (int64_t v = 0, seen = 0; v < w->scene->view_count; v++) {
     if (!camera_of(record, &w->scene->views[v], reach, &camera))
       continue;
     if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
-      ++taken;
+      taken++;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
       PAGS_TRY(pags_depth_views_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
       pags_depth_view *sight = &shape->sights.list[shape->sights.count - 1];
@@ -142,7 +142,7 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
       if (record->category == PAGS_CATEGORY_VEHICLE)
         PAGS_TRY(pags_depth_view_filter_shadow(sight, record->size));
     }
-    ++seen;
+    seen++;
   }
   return PAGS_OK;
 }
@@ -161,8 +161,8 @@ static pags_result draw_views(const pags_workshop *w, int64_t object, const doub
 
 static int64_t count_pixels(const pags_depth_views *sights) {
   int64_t count = 0;
-  for (int64_t i = 0; i < sights->count; ++i)
-    for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; ++p)
+  for (int64_t i = 0; i < sights->count; i++)
+    for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; p++)
       count += sights->list[i].depth[p] > 0;
   return count;
 }
@@ -171,7 +171,7 @@ static pags_result fuse(const pags_workshop *w, const pags_object *record, const
                         pags_object_shape *shape, pags_tsdf *grid) {
   double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
   shape->voxel = fmax(0.02, longest / STEPS);
-  for (int k = 0; k < 3; ++k) { /* an odd number of points, even about 0, so that the mirror image falls on points */
+  for (int k = 0; k < 3; k++) { /* an odd number of points, even about 0, so that the mirror image falls on points */
     double half = ceil(reach[k] / shape->voxel) * shape->voxel;
     lo[k] = -half;
     hi[k] = half - 0.5 * shape->voxel;
@@ -259,7 +259,7 @@ double pags_object_pixels(const pags_workshop *workshop, int64_t object) {
   double reach[3], sum = 0;
   pags_camera camera;
   reach_of(record, reach);
-  for (int64_t v = 0; v < workshop->scene->view_count; ++v)
+  for (int64_t v = 0; v < workshop->scene->view_count; v++)
     if (camera_of(record, &workshop->scene->views[v], reach, &camera))
       sum += (double)camera.width * camera.height;
   return sum;

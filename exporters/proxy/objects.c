@@ -50,7 +50,7 @@ static pags_result make_object(const pags_workshop *w, int64_t object, int measu
   int first = w->options->lod ? PAGS_PROXY_MESH : (int)w->options->level;
   int last = w->options->lod ? PAGS_PROXY_LEVELS - 1 : first;
   pags_result result = pags_object_shape_make(w, object, &shape);
-  for (int level = first; level <= last && result == PAGS_OK; ++level)
+  for (int level = first; level <= last && result == PAGS_OK; level++)
     result = make_level(w, object, &shape, (pags_proxy_level)level, measure, &out->levels[out->level_count++]);
   pags_object_shape_destroy(&shape);
   return result;
@@ -60,7 +60,7 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
   making *self = context;
   const pags_scene *scene = self->workshop->scene;
   const uint8_t *chosen = self->workshop->options->chosen;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     pags_made_object *object = &self->objects[i];
     pags_workshop own = *self->workshop;
     if (!atomic_load(&self->stopped) && (!chosen || chosen[i])) {
@@ -94,12 +94,12 @@ static pags_result choose_forms(forming *self) {
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   if (!pixels)
     return pags_out_of_memory("%lld objects", (long long)scene->object_count);
-  for (int64_t i = 0; i < scene->object_count; ++i)
+  for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
       pixels[i] = pags_object_pixels(self->workshop, i);
-  for (; self->count < MOST_FORMS; ++self->count) {
+  for (; self->count < MOST_FORMS; self->count++) {
     int64_t best = 0;
-    for (int64_t i = 1; i < scene->object_count; ++i)
+    for (int64_t i = 1; i < scene->object_count; i++)
       best = pixels[i] > pixels[best] ? i : best;
     if (!(pixels[best] > 0))
       break;
@@ -112,7 +112,7 @@ static pags_result choose_forms(forming *self) {
 
 static void make_forms(void *context, int64_t begin, int64_t end, int worker) {
   forming *self = context;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     pags_workshop own = *self->workshop;
     if (!self->frames[worker])
       self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
@@ -126,7 +126,7 @@ static pags_result find_forms(forming *self) {
   PAGS_TRY(choose_forms(self));
   if (!pags_parallel_for(self->workshop->tasks, self->count, 1, make_forms, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < self->count; ++i)
+  for (int64_t i = 0; i < self->count; i++)
     if (self->results[i] != PAGS_OK)
       return pags_fail(self->results[i], "the form of object %s can't be made",
                        self->workshop->scene->objects[self->forms[i].object].record.id);
@@ -151,14 +151,14 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
   if (result == PAGS_OK &&
       (!pags_parallel_for(workshop->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
-  for (int64_t i = 0; i < count && result == PAGS_OK; ++i)
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++)
     if (self.objects[i].result != PAGS_OK)
       result = pags_fail(self.objects[i].result, "%s", self.objects[i].message);
-  for (int i = 0; self.frames && i < workers; ++i)
+  for (int i = 0; self.frames && i < workers; i++)
     if (self.frames[i])
       pags_frame_destroy(self.frames[i]);
   free(self.frames);
-  for (int64_t i = 0; i < rough.count; ++i)
+  for (int64_t i = 0; i < rough.count; i++)
     pags_shape_prior_destroy(&rough.forms[i]);
   if (result == PAGS_OK)
     *out = self.objects;
@@ -168,8 +168,8 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
 }
 
 void pags_objects_destroy(pags_made_object *objects, int64_t count) {
-  for (int64_t i = 0; objects && i < count; ++i)
-    for (int l = 0; l < PAGS_PROXY_LEVELS; ++l)
+  for (int64_t i = 0; objects && i < count; i++)
+    for (int l = 0; l < PAGS_PROXY_LEVELS; l++)
       pags_proxy_mesh_destroy(&objects[i].levels[l].shell);
   free(objects);
 }

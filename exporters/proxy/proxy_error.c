@@ -23,7 +23,7 @@ pags_proxy_distance pags_distance_summary(double *values, int64_t count) {
   if (!count)
     return out;
   pags_sort_doubles(values, count);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     sum += values[i];
   out.mean = sum / (double)count;
   out.p95 = values[(int64_t)ceil(0.95 * (double)count) - 1];
@@ -55,7 +55,7 @@ static void take_sample(const comparison *self, const pags_depth_view *sight, in
   double direction[3], point[3], depth = (double)sight->depth[pixel];
   *out = (sample){0};
   pags_depth_view_point(sight, x, y, 1, direction);
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     direction[k] -= origin[k];
   double t = pags_mesh_query_ray(self->solid, origin, direction, &out->triangle_met);
   /* Hidden by the rest of the scene, either of them: nothing is known. */
@@ -64,11 +64,11 @@ static void take_sample(const comparison *self, const pags_depth_view *sight, in
   out->covered = sight->cover[pixel] >= 128;
   out->has_met = t > 0;
   out->has_seen = depth > 0 && depth < self->range;
-  for (int k = 0; k < 3 && t > 0; ++k)
+  for (int k = 0; k < 3 && t > 0; k++)
     out->met[k] = (float)(origin[k] + t * direction[k]);
   if (depth > 0) {
     pags_depth_view_point(sight, x, y, depth, point);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       out->seen[k] = (float)point[k];
   }
 }
@@ -76,13 +76,13 @@ static void take_sample(const comparison *self, const pags_depth_view *sight, in
 static void sample_views(void *context, int64_t begin, int64_t end, int worker) {
   comparison *self = context;
   (void)worker;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     const pags_depth_view *sight = &self->sights->list[i];
     int w = sight->camera.width, h = sight->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
     sample *out = self->samples + i * SIDE * SIDE;
     memset(out, 0, SIDE * SIDE * sizeof *out);
-    for (int y = 0; y < ny; ++y)
-      for (int x = 0; x < nx; ++x)
+    for (int y = 0; y < ny; y++)
+      for (int x = 0; x < nx; x++)
         take_sample(self, sight, (2 * x + 1) * w / (2 * nx), (2 * y + 1) * h / (2 * ny), &out[y * SIDE + x]);
   }
 }
@@ -90,7 +90,7 @@ static void sample_views(void *context, int64_t begin, int64_t end, int worker) 
 static void measure_samples(void *context, int64_t begin, int64_t end, int worker) {
   comparison *self = context;
   (void)worker;
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     sample *s = &self->samples[i];
     self->to[i] = self->from[i] = -1;
     if (s->has_seen) {
@@ -108,7 +108,7 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
 static pags_proxy_distance summarise(const comparison *self, const double *values, int64_t count, int near,
                                      int64_t group, double *kept) {
   int64_t n = 0;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     const sample *s = &self->samples[i];
     if (values[i] >= 0 && isfinite(values[i]) &&
         (!self->group_of || self->group_of[near ? s->triangle_near : s->triangle_met] == group))
@@ -119,7 +119,7 @@ static pags_proxy_distance summarise(const comparison *self, const double *value
 
 static void overlap(const sample *samples, int64_t count, pags_proxy_facts *facts) {
   int64_t both = 0, either = 0;
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     both += samples[i].covered && samples[i].has_met;
     either += samples[i].covered || samples[i].has_met;
   }
@@ -136,7 +136,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
     free(kept);
     return pags_out_of_memory("%lld samples", (long long)count);
   }
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     if (self->samples[i].has_seen)
       memcpy(points + 3 * found++, self->samples[i].seen, 3 * sizeof *points);
   pags_result result = found ? pags_mesh_query_of_points(points, found, &cloud) : PAGS_OK;
@@ -145,7 +145,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
     if (!pags_parallel_for(tasks, count, 1024, measure_samples, self))
       result = pags_fail(PAGS_CANCELLED, "interrupted");
     else {
-      for (int64_t g = 0; g < self->group_count; ++g) {
+      for (int64_t g = 0; g < self->group_count; g++) {
         facts[g].to_gaussians = summarise(self, self->to, count, 0, g, kept);
         facts[g].from_gaussians = summarise(self, self->from, count, 1, g, kept);
       }
@@ -168,16 +168,16 @@ static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, p
 /* By area, over the corners' flags. */
 double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
   double seen = 0, all = 0;
-  for (int64_t i = 0; i < surface->triangle_count; ++i) {
+  for (int64_t i = 0; i < surface->triangle_count; i++) {
     const uint32_t *t = surface->triangles + 3 * i;
     const float *a = surface->positions + 3 * (int64_t)t[0], *b = surface->positions + 3 * (int64_t)t[1],
                 *c = surface->positions + 3 * (int64_t)t[2];
     double u[3], v[3], square = 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       u[k] = (double)b[k] - (double)a[k];
       v[k] = (double)c[k] - (double)a[k];
     }
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       double n = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
       square += n * n;
     }
@@ -190,7 +190,7 @@ double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
 static pags_result run(const pags_proxy_mesh *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
   int64_t count = self->sights->count * SIDE * SIDE;
   pags_mesh_query *solid = NULL;
-  for (int64_t g = 0; g < self->group_count; ++g) {
+  for (int64_t g = 0; g < self->group_count; g++) {
     const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
     facts[g].to_gaussians = facts[g].from_gaussians = nothing;
     facts[g].silhouette_iou = (double)NAN;

@@ -21,12 +21,12 @@ pags_result pags_proxy_report_add(pags_proxy_report *report, const pags_proxy_fa
   grown[report->count] = *facts;
   grown[report->count].name = name;
   grown[report->count].class_name = class_name;
-  ++report->count;
+  report->count++;
   return PAGS_OK;
 }
 
 void pags_proxy_report_destroy(pags_proxy_report *report) {
-  for (int64_t i = 0; i < report->count; ++i) {
+  for (int64_t i = 0; i < report->count; i++) {
     free((char *)(uintptr_t)report->proxies[i].name);
     free((char *)(uintptr_t)report->proxies[i].class_name);
   }

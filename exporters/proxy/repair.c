@@ -44,7 +44,7 @@ typedef struct face_key {
 
 static int compare_faces(const void *left, const void *right) {
   const face_key *a = left, *b = right;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     if (a->v[k] != b->v[k])
       return a->v[k] < b->v[k] ? -1 : 1;
   return a->odd != b->odd ? a->odd - b->odd : a->triangle < b->triangle ? -1 : a->triangle > b->triangle;
@@ -64,7 +64,7 @@ static pags_result drop_flaps(pags_proxy_mesh *s) {
   face_key *keys = malloc(((size_t)s->triangle_count + 1) * sizeof *keys);
   if (!keys)
     return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
-  for (int64_t i = 0; i < s->triangle_count; ++i) {
+  for (int64_t i = 0; i < s->triangle_count; i++) {
     keys[i] = (face_key){.triangle = i};
     memcpy(keys[i].v, s->triangles + 3 * i, sizeof keys[i].v);
     swap_if(&keys[i], 0, 1);
@@ -74,15 +74,15 @@ static pags_result drop_flaps(pags_proxy_mesh *s) {
   pags_sort(keys, s->triangle_count, sizeof *keys, compare_faces);
   for (int64_t i = 0, end; i < s->triangle_count; i = end) {
     int64_t even = 0;
-    for (end = i; end < s->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); ++end)
+    for (end = i; end < s->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); end++)
       even += !keys[end].odd;
     int64_t odd = end - i - even, pairs = even < odd ? even : odd;
-    for (int64_t p = 0; p < pairs; ++p) /* evens come first */
+    for (int64_t p = 0; p < pairs; p++) /* evens come first */
       s->triangles[3 * keys[i + p].triangle] = s->triangles[3 * keys[end - 1 - p].triangle] = UINT32_MAX;
   }
   free(keys);
   int64_t kept = 0;
-  for (int64_t i = 0; i < s->triangle_count; ++i)
+  for (int64_t i = 0; i < s->triangle_count; i++)
     if (s->triangles[3 * i] != UINT32_MAX)
       memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
   s->triangle_count = kept;
@@ -90,12 +90,12 @@ static pags_result drop_flaps(pags_proxy_mesh *s) {
 }
 
 static void subtract(const float *a, const float *b, double out[3]) {
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[k] = (double)a[k] - (double)b[k];
 }
 
 static void cross(const double a[3], const double b[3], double out[3]) {
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
@@ -107,7 +107,7 @@ static double angle_of(const pags_proxy_mesh *s, const half *h) {
   subtract(s->positions + 3 * (int64_t)h->high, low, axis);
   subtract(s->positions + 3 * (int64_t)third, low, arm);
   int smallest = 0;
-  for (int k = 1; k < 3; ++k)
+  for (int k = 1; k < 3; k++)
     smallest = fabs(axis[k]) < fabs(axis[smallest]) ? k : smallest;
   double unit[3] = {0};
   unit[smallest] = 1;
@@ -136,10 +136,10 @@ static void join(int64_t *parent, int64_t a, int64_t b) {
 /* Joins the faces round one edge. A face that runs along the edge has its solid towards smaller angles: it is joined to
  * the nearest below that runs back. */
 static void join_edge(half *halves, int64_t count, int64_t *parent) {
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     if (halves[i].backward || halves[i].id < 0)
       continue;
-    for (int64_t step = 1; step < count; ++step) {
+    for (int64_t step = 1; step < count; step++) {
       half *other = &halves[(i + count - step) % count];
       if (!other->backward || other->id < 0)
         continue;
@@ -158,12 +158,12 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   uint32_t *place = malloc(((size_t)corners + 1) * sizeof *place);
   if (!place)
     return pags_out_of_memory("%lld corners", (long long)corners);
-  for (int64_t i = 0; i < corners; ++i) { /* a root is the smallest of its class and comes first */
+  for (int64_t i = 0; i < corners; i++) { /* a root is the smallest of its class and comes first */
     int64_t root = root_of(parent, i), v = s->triangles[i];
     place[i] =
         root == i ? pags_proxy_mesh_vertex(&out, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]) : place[root];
   }
-  for (int64_t i = 0; i < s->triangle_count; ++i)
+  for (int64_t i = 0; i < s->triangle_count; i++)
     pags_proxy_mesh_triangle(&out, place[3 * i], place[3 * i + 1], place[3 * i + 2]);
   free(place);
   pags_proxy_mesh_destroy(s);
@@ -176,7 +176,7 @@ static pags_result cut_edges(pags_proxy_mesh *s) {
   half *halves = malloc(((size_t)count + 1) * sizeof *halves);
   int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
   pags_result result = halves && parent ? PAGS_OK : pags_out_of_memory("%lld edges", (long long)count);
-  for (int64_t i = 0; i < count && result == PAGS_OK; ++i) {
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
     uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
     parent[i] = i;
     halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
@@ -185,7 +185,7 @@ static pags_result cut_edges(pags_proxy_mesh *s) {
   if (result == PAGS_OK) {
     pags_sort(halves, count, sizeof *halves, compare_halves);
     for (int64_t i = 0, end; i < count; i = end) {
-      for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; ++end)
+      for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; end++)
         continue;
       join_edge(halves + i, end - i, parent);
     }
@@ -208,15 +208,15 @@ static void split_face(pags_proxy_mesh *s, int64_t id, uint32_t middle) {
 /* Parts the faces round one edge in pairs, as join_edge joins them; a face that was split already waits for the next
  * pass. */
 static void part_edge(pags_proxy_mesh *s, half *halves, int64_t count, uint8_t *split) {
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     if (halves[i].backward || split[halves[i].id / 3])
       continue;
-    for (int64_t step = 1; step < count; ++step) {
+    for (int64_t step = 1; step < count; step++) {
       half *other = &halves[(i + count - step) % count];
       if (!other->backward || split[other->id / 3])
         continue;
       float position[3], color[3];
-      for (int k = 0; k < 3; ++k) {
+      for (int k = 0; k < 3; k++) {
         position[k] =
             0.5f * (s->positions[3 * (int64_t)halves[i].low + k] + s->positions[3 * (int64_t)halves[i].high + k]);
         color[k] = s->colors[3 * (int64_t)halves[i].low + k];
@@ -241,14 +241,14 @@ static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
     free(split);
     return pags_out_of_memory("%lld edges", (long long)count);
   }
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
     halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
     halves[i].angle = angle_of(s, &halves[i]);
   }
   pags_sort(halves, count, sizeof *halves, compare_halves);
   for (int64_t i = 0, end; i < count; i = end) {
-    for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; ++end)
+    for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; end++)
       continue;
     if (end - i > 2) {
       ++*found;
@@ -265,7 +265,7 @@ pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
   int64_t left = 1;
   PAGS_TRY(drop_flaps(surface));
   PAGS_TRY(cut_edges(surface));
-  for (int pass = 0; pass < PASSES && left; ++pass)
+  for (int pass = 0; pass < PASSES && left; pass++)
     PAGS_TRY(part_edges(surface, &left));
   return PAGS_OK;
 }

@@ -15,7 +15,7 @@ static const float solid = 0.5f;          /* alpha from which a pixel's depth is
 static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
 
 void pags_scene_depth_destroy(pags_scene_depth *whole) {
-  for (int64_t i = 0; i < whole->count; ++i)
+  for (int64_t i = 0; i < whole->count; i++)
     free(whole->views[i].depth);
   free(whole->views);
   memset(whole, 0, sizeof *whole);
@@ -45,7 +45,7 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
   out->parts = calloc(count + 1, sizeof *out->parts);
   if (!out->models || !out->clusters || !out->parts)
     return pags_out_of_memory("%lld models", (long long)scene->model_count);
-  for (; out->count < scene->model_count; ++out->count) {
+  for (; out->count < scene->model_count; out->count++) {
     int64_t i = out->count;
     PAGS_TRY(pags_gaussians_sorted_copy(&out->models[i], &scene->models[i].gaussians));
     PAGS_TRY(pags_clusters_create(&out->clusters[i], out->models[i].count, CLUSTER));
@@ -55,7 +55,7 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
 }
 
 static void clear_away(const pags_scene *scene, layout *l) {
-  for (int64_t i = 0; i < scene->model_count; ++i) {
+  for (int64_t i = 0; i < scene->model_count; i++) {
     if (l->models)
       pags_gaussians_destroy(&l->models[i]);
     if (l->clusters)
@@ -72,12 +72,12 @@ static int place(const pags_scene *scene, const layout *l, double time) {
   int count = 0;
   l->parts[count] = (pags_part){.gaussians = &l->models[0], .clusters = &l->clusters[0]};
   memcpy(l->parts[count++].world_from_model, identity, sizeof identity);
-  for (int64_t o = 0; o < scene->object_count && count < l->count; ++o) {
+  for (int64_t o = 0; o < scene->object_count && count < l->count; o++) {
     double pose[12];
     int64_t model = scene->objects[o].model;
     if (model <= 0 || !pags_object_pose(&scene->objects[o].record, time, pose))
       continue;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pose[4 * k + 3] -= scene->origin[k];
     l->parts[count] = (pags_part){.gaussians = &l->models[model], .clusters = &l->clusters[model]};
     memcpy(l->parts[count++].world_from_model, pose, sizeof pose);
@@ -96,8 +96,8 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
   view->depth = malloc((size_t)camera->width * (size_t)camera->height * sizeof *view->depth);
   if (!view->depth)
     return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
-  for (int y = 0; y < camera->height; ++y)
-    for (int x = 0; x < camera->width; ++x) {
+  for (int y = 0; y < camera->height; y++)
+    for (int x = 0; x < camera->width; x++) {
       int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * camera->width + x;
       float alpha = 1 - picture.transmittance[from];
       view->depth[to] = pags_half_from_float(alpha >= solid ? picture.depth[from] : INFINITY);
@@ -113,12 +113,12 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
     return pags_out_of_memory("%lld views", (long long)scene->view_count);
   out->count = scene->view_count;
   pags_result result = scene->model_count ? lay_out(scene, &l) : PAGS_OK;
-  for (int64_t v = 0; v < scene->view_count && scene->model_count && result == PAGS_OK; ++v) {
+  for (int64_t v = 0; v < scene->view_count && scene->model_count && result == PAGS_OK; v++) {
     const pags_camera *trained = &scene->views[v].camera;
     if (scene->views[v].test)
       continue;
     out->views[v].camera = pags_camera_downscale(trained, fmax(1, (double)trained->width / widest));
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
     result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
   }
@@ -136,7 +136,7 @@ static int bounds_at(const pags_scene_depth_view *view, double u, double v, doub
   *farthest = 0;
   if (!(px > -1 && py > -1 && px < c->width && py < c->height))
     return 0;
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     int x = (int)floor(px) + (i & 1), y = (int)floor(py) + (i >> 1);
     if (x < 0 || y < 0 || x >= c->width || y >= c->height)
       continue;
@@ -151,8 +151,8 @@ void pags_depth_view_hide(pags_depth_view *sight, const pags_scene_depth_view *v
   const pags_camera *c = &sight->camera;
   if (!view->depth)
     return;
-  for (int y = 0; y < c->height; ++y)
-    for (int x = 0; x < c->width; ++x) {
+  for (int y = 0; y < c->height; y++)
+    for (int x = 0; x < c->width; x++) {
       double nearest, farthest;
       float *depth = &sight->depth[(int64_t)y * c->width + x];
       if (!bounds_at(view, (x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy, &nearest, &farthest))

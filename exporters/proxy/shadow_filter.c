@@ -29,11 +29,11 @@ static int is_level(const pags_depth_view *s, int x, int y, const double p[3]) {
     return -1;
   pags_depth_view_point(s, side, y, a, q);
   pags_depth_view_point(s, x, next, b, r);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     q[k] -= p[k];
     r[k] -= p[k];
   }
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     n[k] = q[(k + 1) % 3] * r[(k + 2) % 3] - q[(k + 2) % 3] * r[(k + 1) % 3];
   return fabs(n[2]) > 0.7 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
 }
@@ -63,9 +63,9 @@ pags_result pags_depth_view_filter_shadow(pags_depth_view *s, const double size[
   uint8_t *marked = calloc((size_t)count, 1);
   if (!marked)
     return pags_out_of_memory("a view of %dx%d", s->camera.width, s->camera.height);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     marked[i] = s->depth[i] > 0 && is_shadow(s, (int)(i % s->camera.width), (int)(i / s->camera.width), size);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     if (marked[i]) {
       s->depth[i] = -s->depth[i];
       s->cover[i] = 0;

@@ -68,7 +68,7 @@ static pags_result make_room(const double size[3], int64_t object, pags_shape_pr
 
 static void point_of(const double size[3], int i, double p[3]) {
   const int at[3] = {i % NX, i / NX % NY, i / NX / NY}, n[3] = {NX, NY, NZ};
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     p[k] = size[k] * reach * (2.0 * at[k] / (n[k] - 1) - 1);
 }
 
@@ -77,14 +77,14 @@ static void point_of(const double size[3], int i, double p[3]) {
 static double between(const int n[3], const float *values, const float *known, const double u[3], double *value) {
   int64_t stride[3] = {1, n[0], (int64_t)n[0] * n[1]}, at = 0;
   double part[3], sum = 0, weight = 0, share = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double low = fmin(floor(u[k]), n[k] - 2);
     if (!(low >= 0 && u[k] <= n[k] - 1))
       return 0;
     part[k] = u[k] - low;
     at += (int64_t)low * stride[k];
   }
-  for (int c = 0; c < 8; ++c) {
+  for (int c = 0; c < 8; c++) {
     int64_t i = at + (c & 1) + (c >> 1 & 1) * stride[1] + (c >> 2) * stride[2];
     double w = (c & 1 ? part[0] : 1 - part[0]) * (c & 2 ? part[1] : 1 - part[1]) * (c & 4 ? part[2] : 1 - part[2]);
     share += known[i] > 0 ? w : 0;
@@ -97,7 +97,7 @@ static double between(const int n[3], const float *values, const float *known, c
 
 static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
   double u[3];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     u[k] = (p[k] - g->origin[k]) / g->step;
   return between(g->n, g->distance, g->weight, u, distance);
 }
@@ -106,7 +106,7 @@ static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
  * free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that know
  * better. */
 static void meet_unknown(pags_shape_prior *form) {
-  for (int i = NX * NY; i < POINTS; ++i) {
+  for (int i = NX * NY; i < POINTS; i++) {
     int below = i - NX * NY;
     double p[3];
     point_of(form->size, below, p);
@@ -122,7 +122,7 @@ static void meet_unknown(pags_shape_prior *form) {
 
 pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], int64_t object, pags_shape_prior *out) {
   PAGS_TRY(make_room(size, object, out));
-  for (int i = 0; i < POINTS; ++i) {
+  for (int i = 0; i < POINTS; i++) {
     double p[3];
     point_of(size, i, p);
     double distance, weight = look_up(grid, p, &distance);
@@ -140,7 +140,7 @@ pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], i
 
 static double likeness(const double a[3], const double b[3]) {
   double sum = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double r = log(a[k] / b[k]) / size_spread;
     sum += r * r;
   }
@@ -150,7 +150,7 @@ static double likeness(const double a[3], const double b[3]) {
 static double sample(const pags_shape_prior *form, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
   double u[3];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     u[k] = (p[k] / (form->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
   return between(n, form->distance, form->known, u, distance);
 }
@@ -162,7 +162,7 @@ typedef struct fit {
 
 static fit fit_point(const pags_shape_prior *form, const double size[3], const float *point) {
   double p[3], d = 0;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     p[k] = (double)point[k] * form->size[k] / size[k];
   double known = sample(form, p, &d);
   return (fit){known, fmin(d * d, far_off * far_off)};
@@ -172,14 +172,14 @@ static fit fit_point(const pags_shape_prior *form, const double size[3], const f
  * count (`trust`), or those that were hardly seen would win. */
 static void add_misfits(const fit *fits, int64_t count, const float *trust, float *misfits) {
   double sum = 0, weight = 0;
-  for (int64_t f = 0; f < count; ++f)
+  for (int64_t f = 0; f < count; f++)
     if (trust[f] > 0) {
       double known = (double)trust[f] * fits[f].known;
       sum += known * fits[f].square;
       weight += known;
     }
   double mean = weight > 0 ? sum / weight : far_off * far_off;
-  for (int64_t f = 0; f < count; ++f)
+  for (int64_t f = 0; f < count; f++)
     if (trust[f] > 0)
       misfits[f] += (float)(mean + fits[f].known * (fits[f].square - mean));
 }
@@ -194,19 +194,19 @@ static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, 
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
   if (!fits)
     return pags_out_of_memory("%lld points of the laser", (long long)cloud->count);
-  for (int64_t i = 0; i < cloud->count * count; ++i)
+  for (int64_t i = 0; i < cloud->count * count; i++)
     if (like[i % count] > 0)
       fits[i] = fit_point(&forms[i % count], size, cloud->points + 3 * (i / count));
   memcpy(weights, like, (size_t)count * sizeof *weights);
-  for (int round = 0; round < ROUNDS; ++round) {
+  for (int round = 0; round < ROUNDS; round++) {
     double least = HUGE_VAL;
     memset(misfits, 0, (size_t)count * sizeof *misfits);
-    for (int64_t i = 0; i < cloud->count; ++i)
+    for (int64_t i = 0; i < cloud->count; i++)
       add_misfits(fits + i * count, count, weights, misfits);
-    for (int64_t f = 0; f < count; ++f)
+    for (int64_t f = 0; f < count; f++)
       if (like[f] > 0)
         least = fmin(least, (double)misfits[f]);
-    for (int64_t f = 0; f < count; ++f) {
+    for (int64_t f = 0; f < count; f++) {
       double worse = ((double)misfits[f] - least) / (double)cloud->count;
       weights[f] = like[f] > 0 ? like[f] * (float)(least_weight + exp(-0.5 * points * worse / (tells * tells))) : 0;
     }
@@ -219,9 +219,9 @@ static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, 
  */
 static void add_forms(const pags_shape_prior *forms, int64_t count, const float *like, const float *weights,
                       pags_shape_prior *out) {
-  for (int i = 0; i < POINTS; ++i) {
+  for (int i = 0; i < POINTS; i++) {
     float sum = 0, total = 0, known = 0;
-    for (int64_t f = 0; f < count; ++f)
+    for (int64_t f = 0; f < count; f++)
       if (like[f] > 0) {
         sum += weights[f] * forms[f].known[i] * forms[f].distance[i];
         total += weights[f] * forms[f].known[i];
@@ -238,7 +238,7 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *forms, int64_t count,
   *out = (pags_shape_prior){0};
   if (!like)
     return pags_out_of_memory("%lld forms", (long long)count);
-  for (int64_t f = 0; f < count; ++f) {
+  for (int64_t f = 0; f < count; f++) {
     like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
     total += like[f];
   }
@@ -257,7 +257,7 @@ pags_result pags_shape_prior_blend(const pags_shape_prior *forms, int64_t count,
 /* Signed distance to the labelled box, negative inside, without the air under a vehicle. */
 static double box_distance(const double size[3], int vehicle, const double p[3]) {
   double outside = 0, inside = -HUGE_VAL;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double d = fabs(p[k]) - 0.5 * size[k];
     outside += d > 0 ? d * d : 0;
     inside = fmax(inside, d);
@@ -272,9 +272,9 @@ static pags_result smooth(pags_tsdf *grid) {
   float *from = malloc((size_t)count * sizeof *from);
   if (!from)
     return pags_out_of_memory("a grid");
-  for (int axis = 0; axis < 3; ++axis) {
+  for (int axis = 0; axis < 3; axis++) {
     memcpy(from, grid->distance, (size_t)count * sizeof *from);
-    for (int64_t i = 0; i < count; ++i) {
+    for (int64_t i = 0; i < count; i++) {
       int64_t x = i / strides[axis] % grid->n[axis];
       if (x > 0 && x + 1 < grid->n[axis])
         grid->distance[i] = 0.25f * (from[i - strides[axis]] + 2 * from[i] + from[i + strides[axis]]);
@@ -289,7 +289,7 @@ static void fill_point(pags_tsdf *grid, const float *own, const double size[3], 
   int64_t row = grid->n[0], layer = row * grid->n[1];
   int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
   double p[3], d = 0, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     p[k] = grid->origin[k] + at[k] * grid->step;
   if (!(weight > 0) && vehicle && grid->weight[mirror] > 0) {
     weight = (double)grid->weight[mirror];
@@ -309,18 +309,18 @@ static void fill_point(pags_tsdf *grid, const float *own, const double size[3], 
  * height of a roof don't see it, and forms of cars with a tail say that there is none. */
 static void fill_across(pags_tsdf *grid, const double size[3]) {
   int outer = (int)ceil(fmax(0, (-0.5 * size[1] + mirrors - grid->origin[1]) / grid->step));
-  for (int z = 0; z < grid->n[2]; ++z) {
+  for (int z = 0; z < grid->n[2]; z++) {
     if (grid->origin[2] + z * grid->step < body - 0.5 * size[2])
       continue;
-    for (int x = 0; x < grid->n[0]; ++x) {
+    for (int x = 0; x < grid->n[0]; x++) {
       int64_t row = grid->n[0], first = (int64_t)z * row * grid->n[1] + x;
       int side = outer,
           other = grid->n[1] - 1 - outer; /* where both sides are solid: the grid is even about the middle */
       while (side < other && !(grid->distance[first + side * row] < 0 && grid->distance[first + other * row] < 0)) {
-        ++side;
-        --other;
+        side++;
+        other--;
       }
-      for (int y = side + 1; y < other; ++y)
+      for (int y = side + 1; y < other; y++)
         if ((double)grid->weight[first + y * row] < seen_free)
           grid->distance[first + y * row] = fminf(grid->distance[first + y * row], (float)-grid->step);
     }
@@ -330,7 +330,7 @@ static void fill_across(pags_tsdf *grid, const double size[3]) {
 /* Where a row of points along x changes sign next, between the points; returns the first point behind it, -1 at the
  * row's end. */
 static int next_change(const pags_tsdf *g, int64_t row, int x, double *place) {
-  for (; x + 1 < g->n[0]; ++x) {
+  for (; x + 1 < g->n[0]; x++) {
     double a = (double)g->distance[row + x], b = (double)g->distance[row + x + 1];
     if ((a < 0) != (b < 0)) {
       *place = g->origin[0] + (x + a / (a - b)) * g->step;
@@ -348,12 +348,12 @@ static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left
   int64_t layer = (int64_t)g->n[0] * g->n[1], row = (int64_t)g->n[0] * y,
           inwards = 2 * y < g->n[1] ? g->n[0] : -g->n[0];
   int rows = (int)fmin(fmax(0, wheel_width / g->step - SEEN_DEPTH), (g->n[1] - 1) / 2);
-  for (int z = 0; z < top; ++z)
-    for (int x = 0; x < g->n[0]; ++x) {
+  for (int z = 0; z < top; z++)
+    for (int x = 0; x < g->n[0]; x++) {
       double dx = g->origin[0] + x * g->step - middle, dz = g->origin[2] + z * g->step - lowest - radius;
       float round = (float)(sqrt(dx * dx + dz * dz) - radius), *here = g->distance + z * layer + row + x;
       *here = fminf(*here, fmaxf(round, g->distance[top * layer + row + x]));
-      for (int i = 1; i <= rows; ++i)
+      for (int i = 1; i <= rows; i++)
         here[i * inwards] = fminf(here[i * inwards], round);
     }
 }
@@ -363,7 +363,7 @@ static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left
 static void stand_wheels(pags_tsdf *g, const double size[3]) {
   double ground = -0.5 * size[2], left, right;
   int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
-  for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; ++y) {
+  for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; y++) {
     int64_t row = ((int64_t)top * g->n[1] + y) * g->n[0];
     int x = g->distance[row] < 0 ? next_change(g, row, 0, &left) : 0;
     while (x >= 0 && (x = next_change(g, row, x, &left)) >= 0 && (x = next_change(g, row, x, &right)) >= 0)
@@ -371,12 +371,12 @@ static void stand_wheels(pags_tsdf *g, const double size[3]) {
           0.5 * fabs(left + right) > off_middle * size[0])
         stand_wheel(g, y, top, ground - flat, left, right);
   }
-  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i)
+  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; i++)
     g->distance[i] = fmaxf(g->distance[i], (float)(ground - g->origin[2] - (double)(i / g->n[0] / g->n[1]) * g->step));
 }
 
 static void close_border(pags_tsdf *grid) {
-  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; ++i) {
+  for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
     if (x == 0 || y == 0 || z == 0 || x + 1 == grid->n[0] || y + 1 == grid->n[1] || z + 1 == grid->n[2])
       grid->distance[i] = (float)grid->step;

@@ -36,7 +36,7 @@ pags_result pags_proxy_mesh_simplify(const pags_proxy_mesh *from, int64_t budget
   if (from->triangle_count <= budget)
     return pags_proxy_mesh_copy(from, out);
   PAGS_TRY(pags_proxy_mesh_inspect(from, &before));
-  for (size_t i = 0; i < sizeof shares / sizeof shares[0]; ++i) {
+  for (size_t i = 0; i < sizeof shares / sizeof shares[0]; i++) {
     PAGS_TRY(collapse(from, (int64_t)((double)budget * shares[i]), out));
     pags_result result = before.closed ? pags_proxy_mesh_repair(out) : PAGS_OK;
     if (result == PAGS_OK)

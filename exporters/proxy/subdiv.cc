@@ -24,7 +24,7 @@ struct point {
     p[0] = p[1] = p[2] = 0;
   }
   void AddWithWeight(const point &other, float weight) {
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       p[k] += weight * other.p[k];
   }
 };
@@ -72,13 +72,13 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
       return failed();
     refiner->RefineAdaptive(far::TopologyRefiner::AdaptiveOptions(4));
     std::vector<float> s, t;
-    for (int j = 0; j < side; ++j)
-      for (int i = 0; i < side; ++i) {
+    for (int j = 0; j < side; j++)
+      for (int i = 0; i < side; i++) {
         s.push_back((static_cast<float>(i) + 0.5f) / static_cast<float>(side));
         t.push_back((static_cast<float>(j) + 0.5f) / static_cast<float>(side));
       }
     far::LimitStencilTableFactory::LocationArrayVec places(static_cast<size_t>(quad_count));
-    for (int q = 0; q < quad_count; ++q) {
+    for (int q = 0; q < quad_count; q++) {
       far::LimitStencilTableFactory::LocationArray &place = places[static_cast<size_t>(q)];
       place.ptexIdx = q; /* quads alone: one ptex face each */
       place.numLocations = side * side;
@@ -91,10 +91,10 @@ pags_result pags_subdiv_stencils(int vertex_count, int quad_count, const int *qu
     std::vector<int64_t> first;
     std::vector<int32_t> indices;
     std::vector<float> weights;
-    for (int i = 0; i < table->GetNumStencils(); ++i) {
+    for (int i = 0; i < table->GetNumStencils(); i++) {
       far::LimitStencil stencil = table->GetLimitStencil(i);
       first.push_back(static_cast<int64_t>(indices.size()));
-      for (int k = 0; k < stencil.GetSize(); ++k) {
+      for (int k = 0; k < stencil.GetSize(); k++) {
         indices.push_back(stencil.GetVertexIndices()[k]);
         weights.push_back(stencil.GetWeights()[k]);
       }
@@ -126,7 +126,7 @@ pags_result pags_subdiv_refine(int vertex_count, const float *positions, int qua
     far::PrimvarRefiner primvar(*refiner);
     std::vector<point> from(static_cast<size_t>(vertex_count));
     std::memcpy(from.data(), positions, from.size() * sizeof(point));
-    for (int l = 1; l <= level; ++l) {
+    for (int l = 1; l <= level; l++) {
       std::vector<point> to(static_cast<size_t>(refiner->GetLevel(l).GetNumVertices()));
       primvar.Interpolate(l, from, to);
       from.swap(to);
@@ -135,7 +135,7 @@ pags_result pags_subdiv_refine(int vertex_count, const float *positions, int qua
     primvar.Limit(from, limit);
     const far::TopologyLevel &last = refiner->GetLevel(level);
     std::vector<int> faces;
-    for (int f = 0; f < last.GetNumFaces(); ++f) {
+    for (int f = 0; f < last.GetNumFaces(); f++) {
       far::ConstIndexArray corners = last.GetFaceVertices(f);
       faces.insert(faces.end(), corners.begin(), corners.end());
     }

@@ -13,7 +13,7 @@ static const int64_t most_points = (int64_t)1 << 28;
 pags_result pags_tsdf_create(pags_tsdf *grid, const double lo[3], const double hi[3], double step, int sparse) {
   int64_t points = 1, blocks = 1;
   *grid = (pags_tsdf){.step = step};
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double n = ceil((hi[k] - lo[k]) / step) + 1;
     if (!(n >= 2 && n < 1 << 20) || (points *= (int64_t)n) > most_points)
       return pags_fail(PAGS_ERROR_LIMIT, "a grid of %g m over %g x %g x %g m has too many points", step, hi[0] - lo[0],
@@ -43,7 +43,7 @@ void pags_tsdf_destroy(pags_tsdf *grid) {
 void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
   int from[3], to[3];
   double side = PAGS_GRID_BLOCK * grid->step;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double low = floor((point[k] - reach - grid->origin[k]) / side),
            high = floor((point[k] + reach - grid->origin[k]) / side);
     if (!(high >= 0 && low < grid->blocks[k]))
@@ -51,8 +51,8 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
     from[k] = low < 0 ? 0 : (int)low;
     to[k] = high >= grid->blocks[k] ? grid->blocks[k] - 1 : (int)high;
   }
-  for (int z = from[2]; z <= to[2]; ++z)
-    for (int y = from[1]; y <= to[1]; ++y)
+  for (int z = from[2]; z <= to[2]; z++)
+    for (int y = from[1]; y <= to[1]; y++)
       memset(grid->active + ((int64_t)z * grid->blocks[1] + y) * grid->blocks[0] + from[0], 1,
              (size_t)(to[0] - from[0] + 1));
 }
@@ -94,7 +94,7 @@ typedef struct known {
 static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3],
                        int64_t at) {
   double sum = sure.sum, weight = sure.weight, distance = 0;
-  for (int64_t i = 0; i < seen_count; ++i) {
+  for (int64_t i = 0; i < seen_count; i++) {
     double w = ask(self, &self->sights->list[seen[i]], point, &distance);
     if (w > 0) {
       sum += w * distance;
@@ -111,7 +111,7 @@ static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_cou
 static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
   int64_t count = 0;
   *sure = (known){0};
-  for (int64_t i = 0; i < self->sights->count; ++i) {
+  for (int64_t i = 0; i < self->sights->count; i++) {
     const pags_depth_view *sight = &self->sights->list[i];
     double z;
     if (!pags_depth_view_may_see(sight, middle, radius, self->range))
@@ -136,14 +136,14 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
   int last[3];
   double middle[3], half = 0.5 * (PAGS_GRID_BLOCK - 1) * grid->step;
   known sure;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     last[k] = first[k] + PAGS_GRID_BLOCK < grid->n[k] ? first[k] + PAGS_GRID_BLOCK : grid->n[k];
     middle[k] = grid->origin[k] + first[k] * grid->step + half;
   }
   int64_t seen_count = choose_views(self, middle, 1.7321 * half, seen, &sure);
-  for (int z = first[2]; z < last[2]; ++z)
-    for (int y = first[1]; y < last[1]; ++y)
-      for (int x = first[0]; x < last[0]; ++x) {
+  for (int z = first[2]; z < last[2]; z++)
+    for (int y = first[1]; y < last[1]; y++)
+      for (int x = first[0]; x < last[0]; x++) {
         const double point[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
                                  grid->origin[2] + z * grid->step};
         fuse_point(self, seen, seen_count, sure, point, ((int64_t)z * grid->n[1] + y) * grid->n[0] + x);
@@ -154,7 +154,7 @@ static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
   const fusion *self = context;
   (void)worker;
   int64_t *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
-  for (int64_t block = begin; seen && block < end; ++block)
+  for (int64_t block = begin; seen && block < end; block++)
     if (!self->grid->active || self->grid->active[block])
       fuse_block(self, block, seen);
   free(seen);
@@ -171,15 +171,15 @@ int64_t pags_depth_views_of_run(const pags_depth_views *sights, const pags_proxy
                                 int64_t end, int64_t *seen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
   int64_t count = 0;
-  for (int64_t i = 3 * begin; i < 3 * end; ++i) {
+  for (int64_t i = 3 * begin; i < 3 * end; i++) {
     lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
     hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
   }
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     middle[k] = 0.5 * (lo[k] + hi[k]);
     radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
   }
-  for (int64_t s = 0; s < sights->count; ++s)
+  for (int64_t s = 0; s < sights->count; s++)
     if (pags_depth_view_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
       seen[count++] = s;
   return count;
@@ -198,12 +198,12 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   if (!seen)
     return; /* grey */
   seen_count = pags_depth_views_of_run(self->sights, self->surface, begin, end, seen);
-  for (int64_t i = begin; i < end; ++i) {
+  for (int64_t i = begin; i < end; i++) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
     const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
     double sum[3] = {0}, weight = 0, z;
     int x, y;
-    for (int64_t s = 0; s < seen_count; ++s) {
+    for (int64_t s = 0; s < seen_count; s++) {
       const pags_depth_view *sight = &self->sights->list[seen[s]];
       if (!pags_depth_view_project(sight, point, &x, &y, &z))
         continue;
@@ -212,11 +212,11 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
       if (depth <= 0 || fabs(depth - z) > self->tolerance)
         continue;
       double w = 1 / (z * z);
-      for (int c = 0; c < 3; ++c)
+      for (int c = 0; c < 3; c++)
         sum[c] += w * sight->rgb[3 * pixel + c] / 255.0;
       weight += w;
     }
-    for (int c = 0; c < 3; ++c)
+    for (int c = 0; c < 3; c++)
       color[c] = weight > 0 ? (float)(sum[c] / weight) : -1.0f;
   }
   free(seen);
@@ -228,16 +228,16 @@ bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *sig
   double mean[3] = {0}, count = 0;
   if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))
     return false;
-  for (int64_t i = 0; i < surface->vertex_count; ++i)
+  for (int64_t i = 0; i < surface->vertex_count; i++)
     if (surface->colors[3 * i] >= 0) {
-      for (int c = 0; c < 3; ++c)
+      for (int c = 0; c < 3; c++)
         mean[c] += (double)surface->colors[3 * i + c];
-      ++count;
+      count++;
     }
-  for (int64_t i = 0; i < surface->vertex_count; ++i) {
+  for (int64_t i = 0; i < surface->vertex_count; i++) {
     float *color = surface->colors + 3 * i;
     if (color[0] < 0)
-      for (int c = 0; c < 3; ++c)
+      for (int c = 0; c < 3; c++)
         color[c] = count > 0 ? (float)(mean[c] / count) : 0.5f;
   }
   return true;

@@ -49,7 +49,7 @@ static char place[SCRATCH_PATH + 128]; /* of the operation's path */
 static uint64_t outcome;               /* a hash of what the last run made, where it makes something */
 
 static void note(const void *bytes, size_t size) { /* FNV-1a */
-  for (size_t i = 0; i < size; ++i)
+  for (size_t i = 0; i < size; i++)
     outcome = (outcome ^ ((const uint8_t *)bytes)[i]) * UINT64_C(1099511628211);
 }
 
@@ -124,8 +124,8 @@ static pags_result draw(pags_composition *composition, pags_tasks *tasks, pags_e
   pags_compose(composition, 0.25, &parts, &part_count);
   PAGS_TRY(pags_frame_create(tasks, &frame));
   const pags_result result = pags_frame_render(frame, parts, part_count, &camera, &options, NULL, &stats, &picture);
-  for (int c = 0; c < 3 && result == PAGS_OK; ++c)
-    for (int y = 0; y < picture.height; ++y)
+  for (int c = 0; c < 3 && result == PAGS_OK; c++)
+    for (int y = 0; y < picture.height; y++)
       note(picture.rgb[c] + y * picture.stride, (size_t)picture.width * sizeof(float));
   pags_frame_destroy(frame);
   return result;
@@ -254,7 +254,7 @@ static pags_result shape(const char *path) {
   pags_proxy_mesh shell, simple, hull, cage;
   (void)path;
   PAGS_TRY(pags_tsdf_create(&grid, lo, hi, step, 0));
-  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; ++i) {
+  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
     const double x = lo[0] + step * (double)(i % grid.n[0]), y = lo[1] + step * (double)(i / grid.n[0] % grid.n[1]),
                  z = lo[2] + step * (double)(i / grid.n[0] / grid.n[1]);
     const double r = sqrt(x * x + y * y) - 1.2;
@@ -324,13 +324,13 @@ static pags_result run_with(const operation *o, int64_t n) {
 
 static void try_once(const operation *o, int64_t n, uint64_t expected) {
   const pags_result result = run_with(o, n);
-  ++tried;
+  tried++;
   if (result == PAGS_OK && outcome != expected)
     fail_msg("%s: allocation %lld refused: the result is another one", o->name, (long long)n);
   else if (result == PAGS_OK)
-    ++tolerated;
+    tolerated++;
   else if (result == PAGS_ERROR_MEMORY)
-    ++refused;
+    refused++;
   else
     fail_msg("%s: allocation %lld refused: %s: %s", o->name, (long long)n, pags_result_name(result),
              pags_error_message());
@@ -344,14 +344,14 @@ static void run_operation(void **state) {
   const char *const more = getenv("PAGS_FAULTS");
   const int64_t samples = (o->samples ? o->samples : SAMPLES) * (more ? strtoll(more, NULL, 10) : 1);
   snprintf(place, sizeof place, "%s", scratch(o->path));
-  for (int i = 0; i < 2; ++i) /* twice: the first fills what is made once for the process */
+  for (int i = 0; i < 2; i++) /* twice: the first fills what is made once for the process */
     if (run_with(o, 0) != PAGS_OK)
       fail_msg("%s: %s", o->name, pags_error_message());
   assert_int_equal(memory_guard_live(), -o->foreign);
   const int64_t count = memory_guard_count();
   const uint64_t expected = outcome;
   tried = refused = tolerated = 0;
-  for (int64_t n = 1; n <= count && n <= WHOLE; ++n)
+  for (int64_t n = 1; n <= count && n <= WHOLE; n++)
     try_once(o, n, expected);
   const int64_t rest = count - WHOLE, step = rest > samples ? rest / samples : 1;
   for (int64_t n = WHOLE + 1; n <= count; n += step)
@@ -387,7 +387,7 @@ static void make_splat_files(void) {
   put_file("a.splat", make_splat(20, 1));
   must(pags_packed_export(scratch("a.pagsz"), &g, &head));
   pags_gaussians_destroy(&g);
-  for (int version = 3; version <= 4; ++version) {
+  for (int version = 3; version <= 4; version++) {
     spz_parts parts = make_spz_parts(version, 20, 1, 1);
     put_file(version == 3 ? "v3.spz" : "v4.spz", pack_spz(&parts));
     free_spz_parts(&parts);
@@ -399,11 +399,11 @@ static void make_dataset(void) {
   file_bytes text = {0};
   must(pags_make_dirs(scratch("data")));
   bytes_text(&text, "{\"w\": %d, \"h\": %d, \"fl_x\": 30, \"frames\": [", WIDTH, HEIGHT);
-  for (int v = 0; v < VIEWS; ++v) {
+  for (int v = 0; v < VIEWS; v++) {
     char name[32];
     pags_image image;
     must(pags_image_create(&image, WIDTH, HEIGHT, 3, PAGS_U8));
-    for (int i = 0; i < 3 * WIDTH * HEIGHT; ++i)
+    for (int i = 0; i < 3 * WIDTH * HEIGHT; i++)
       ((uint8_t *)image.data)[i] = (uint8_t)(i * 7 * (v + 1) + i / 90);
     snprintf(name, sizeof name, "data/view%d.png", v);
     must(pags_image_save(scratch(name), &image));
@@ -438,7 +438,7 @@ int main(int argc, char **argv) {
     setenv("TMPDIR", "/dev/shm", 0);
   if (make_data() != 0)
     return 1;
-  for (int i = 0; i < COUNT; ++i)
+  for (int i = 0; i < COUNT; i++)
     tests[i] = (struct CMUnitTest){operations[i].name, run_operation, NULL, NULL, (void *)(uintptr_t)&operations[i]};
   if (argc > 1)
     cmocka_set_test_filter(argv[1]);

@@ -81,9 +81,9 @@ static void copy_part(const uint8_t *at, size_t size, fuzz_part *part) {
 
 void fuzz_parts(const uint8_t *data, size_t size, int count, fuzz_part *parts) {
   const uint8_t *const end = data + size;
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     parts[i] = (fuzz_part){0};
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     const uint8_t *const cut =
         i + 1 < count && data < end ? find_cut((uint8_t *)(uintptr_t)data, (size_t)(end - data)) : NULL;
     copy_part(data, (size_t)((cut ? cut : end) - data), &parts[i]);
@@ -94,7 +94,7 @@ void fuzz_parts(const uint8_t *data, size_t size, int count, fuzz_part *parts) {
 }
 
 void fuzz_parts_free(int count, fuzz_part *parts) {
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     free(parts[i].bytes);
 }
 
@@ -152,7 +152,7 @@ static int run(const uint8_t *data, size_t size) {
 
 static const char *argument(int argc, char **argv, const char *name) {
   const size_t length = strlen(name);
-  for (int i = 1; i < argc; ++i)
+  for (int i = 1; i < argc; i++)
     if (strncmp(argv[i], name, length) == 0 && argv[i][length] == '=')
       return argv[i] + length + 1;
   return NULL;
@@ -165,7 +165,7 @@ static void remove_scratch(void) {
 static void write_seeds(const char *folder) {
   if (pags_make_dirs(folder) != PAGS_OK)
     exit(1);
-  for (int i = 0; i < seed_count; ++i) {
+  for (int i = 0; i < seed_count; i++) {
     char path[SCRATCH_PATH];
     snprintf(path, sizeof path, "%.400s/seed%02d", folder, i);
     if (pags_file_write(path, seeds[i].bytes, seeds[i].size) != PAGS_OK) {
@@ -176,7 +176,7 @@ static void write_seeds(const char *folder) {
 }
 
 static void list_targets(void) {
-  for (int i = 0; fuzz_targets[i]; ++i)
+  for (int i = 0; fuzz_targets[i]; i++)
     puts(fuzz_targets[i]->name);
 }
 
@@ -186,9 +186,9 @@ static void write_words(const char *path) {
   if (!file)
     exit(1);
   fprintf(file, "\"\\x0a=8<=\\x0a\"\n");
-  for (int i = 0; target->words && target->words[i]; ++i) {
+  for (int i = 0; target->words && target->words[i]; i++) {
     fputc('"', file);
-    for (const unsigned char *c = (const unsigned char *)target->words[i]; *c; ++c)
+    for (const unsigned char *c = (const unsigned char *)target->words[i]; *c; c++)
       fprintf(file, *c < 32 || *c > 126 || *c == '"' || *c == '\\' ? "\\x%02x" : "%c", *c);
     fprintf(file, "\"\n");
   }
@@ -202,7 +202,7 @@ static void begin(int argc, char **argv) {
     list_targets();
     exit(0);
   }
-  for (int i = 0; fuzz_targets[i] && name; ++i)
+  for (int i = 0; fuzz_targets[i] && name; i++)
     if (strcmp(fuzz_targets[i]->name, name) == 0)
       target = fuzz_targets[i];
   if (!target) {
@@ -320,7 +320,7 @@ static void repeat_range(dice *d, input *in) {
 static void put_word(dice *d, input *in) {
   size_t count = 0;
   while (target->words && target->words[count])
-    ++count;
+    count++;
   if (count) {
     const char *const word = target->words[draw(d, count)];
     splice(in, draw(d, in->size + 1), 0, word, strlen(word));
@@ -350,9 +350,9 @@ static void edit_number(dice *d, input *in) {
                                         "18446744073709551616"};
   size_t at = draw(d, in->size), end;
   while (at < in->size && (in->bytes[at] < '0' || in->bytes[at] > '9'))
-    ++at;
+    at++;
   for (end = at; end < in->size && in->bytes[end] >= '0' && in->bytes[end] <= '9';)
-    ++end;
+    end++;
   const char *const number = numbers[draw(d, sizeof numbers / sizeof *numbers)];
   if (end > at)
     splice(in, at, end - at, number, strlen(number));
@@ -389,7 +389,7 @@ static int run_mutated(uint64_t seed, uint64_t number, input *in) {
   const int from = (int)draw(&d, (size_t)seed_count);
   in->size = 0;
   splice(in, 0, 0, seeds[from].bytes, seeds[from].size);
-  for (size_t k = 0, count = 1 + draw(&d, 4); k < count; ++k)
+  for (size_t k = 0, count = 1 + draw(&d, 4); k < count; k++)
     mutate(&d, in);
   if (target->mend && number % 8)
     in->size = target->mend(in->bytes, in->size, in->capacity);
@@ -403,7 +403,7 @@ static int run_path(const char *path) {
     int count = 0;
     if (pags_dir_list_read(path, &names) != PAGS_OK)
       return 0;
-    for (int64_t i = 0; i < names.count; ++i) {
+    for (int64_t i = 0; i < names.count; i++) {
       char *const below = pags_path_join(path, names.names[i]);
       count += below ? run_path(below) : 0;
       free(below);
@@ -446,10 +446,10 @@ static void run_all(int argc, char **argv) {
   int files = 0;
   int64_t accepted = 0;
   size_t largest = 0;
-  for (int i = 1; i < argc; ++i)
+  for (int i = 1; i < argc; i++)
     if (argv[i][0] != '-' && pags_path_exists(argv[i]))
       files += run_path(argv[i]);
-  for (int i = 0; i < seed_count; ++i) {
+  for (int i = 0; i < seed_count; i++) {
     if (!run(seeds[i].bytes, seeds[i].size)) {
       fprintf(stderr, "fuzz: %s: seed %d is refused: %s\n", target->name, i, pags_error_message());
       exit(1);
@@ -460,7 +460,7 @@ static void run_all(int argc, char **argv) {
   in.bytes = malloc(in.capacity);
   if (!in.bytes)
     abort();
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     accepted += run_mutated(seed ? strtoull(seed, NULL, 10) : 2026, (uint64_t)i, &in);
   free(in.bytes);
   printf("%s: %d files, %d seeds, %lld mutated of which %lld accepted\n", target->name, files, seed_count,
@@ -474,10 +474,10 @@ static void run_all(int argc, char **argv) {
 int main(int argc, char **argv) {
   static const int crashes[] = {SIGABRT, SIGSEGV, SIGBUS, SIGFPE};
   begin(argc, argv);
-  for (int i = 0; i < 4; ++i)
+  for (int i = 0; i < 4; i++)
     signal(crashes[i], on_crash);
   run_all(argc, argv);
-  for (int i = 0; i < seed_count; ++i)
+  for (int i = 0; i < seed_count; i++)
     free(seeds[i].bytes);
   return 0;
 }

@@ -12,9 +12,9 @@
 #include "dataset/driving/reader.h"
 
 static void check_draft(const pags_parsed_dataset *draft) {
-  for (int64_t i = 0; i < draft->count; ++i)
+  for (int64_t i = 0; i < draft->count; i++)
     FUZZ_CHECK(draft->views[i].image_path && draft->views[i].where);
-  for (int64_t i = 0; i < draft->points.count; ++i) {
+  for (int64_t i = 0; i < draft->points.count; i++) {
     const pags_parsed_point *const p = &draft->points.items[i];
     FUZZ_CHECK(isfinite(p->xyz[0]) && isfinite(p->xyz[1]) && isfinite(p->xyz[2]));
     FUZZ_CHECK(p->track_begin >= 0 && p->track_count >= 0 &&
@@ -108,7 +108,7 @@ static int run_model(const uint8_t *data, size_t size, const char *extension) {
   char model[1024], name[64];
   fuzz_parts(data, size, 3, parts);
   snprintf(model, sizeof model, "%.900s/%s", fuzz_folder(), extension);
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     snprintf(name, sizeof name, "%s/%s.%s", extension, names[i], extension);
     fuzz_file(name, parts[i].bytes, parts[i].size);
   }
@@ -139,12 +139,12 @@ static void put_f64(file_bytes *out, double value) {
 static void put_cameras(file_bytes *out) {
   static const int kinds[] = {0, 1, 2, 3, 4, 5}, parameters[] = {3, 4, 4, 5, 8, 8};
   bytes_u64(out, 6);
-  for (uint32_t i = 0; i < 6; ++i) {
+  for (uint32_t i = 0; i < 6; i++) {
     bytes_u32(out, 4 + i);
     bytes_u32(out, (uint32_t)kinds[i]);
     bytes_u64(out, 8);
     bytes_u64(out, 6);
-    for (int k = 0; k < parameters[i]; ++k)
+    for (int k = 0; k < parameters[i]; k++)
       put_f64(out, k < 2 ? 10 : k < 4 ? 3 : 0.001);
   }
   bytes_text(out, FUZZ_CUT);
@@ -154,9 +154,9 @@ static void seed_colmap_bin(void) {
   file_bytes out = {0};
   put_cameras(&out);
   bytes_u64(&out, 3);
-  for (uint32_t i = 0; i < 3; ++i) {
+  for (uint32_t i = 0; i < 3; i++) {
     bytes_u32(&out, 20 + i);
-    for (int k = 0; k < 7; ++k)
+    for (int k = 0; k < 7; k++)
       put_f64(&out, k == 0 ? 1 : k > 3 ? -1.0 - i : 0);
     bytes_u32(&out, 4 + i);
     bytes_put(&out, i ? "b.png" : "a.png", 6);
@@ -167,14 +167,14 @@ static void seed_colmap_bin(void) {
   }
   bytes_text(&out, FUZZ_CUT);
   bytes_u64(&out, 2);
-  for (uint32_t i = 0; i < 2; ++i) {
+  for (uint32_t i = 0; i < 2; i++) {
     bytes_u64(&out, 99 - i);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       put_f64(&out, k + 1.0);
     bytes_put(&out, "\1\2\3", 3);
     put_f64(&out, 0.5);
     bytes_u64(&out, 2);
-    for (uint32_t k = 0; k < 2; ++k) {
+    for (uint32_t k = 0; k < 2; k++) {
       bytes_u32(&out, 20 + k);
       bytes_u32(&out, 0);
     }
@@ -229,15 +229,15 @@ static pags_result read_drive(pags_parsed_dataset *draft, pags_driving *driving)
 }
 
 static void check_drive(const pags_driving *driving) {
-  for (int64_t i = 0; i < driving->step_count; ++i)
+  for (int64_t i = 0; i < driving->step_count; i++)
     FUZZ_CHECK(isfinite(driving->steps[i].time) && (i == 0 || driving->steps[i].time > driving->steps[i - 1].time));
   FUZZ_CHECK(isfinite(driving->fps) && driving->fps > 0);
-  for (int64_t i = 0; i < driving->object_count; ++i) {
+  for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *const o = &driving->objects[i];
     FUZZ_CHECK(o->id && o->class_name && o->knot_count > 0);
-    for (int64_t k = 0; k < o->knot_count; ++k) {
+    for (int64_t k = 0; k < o->knot_count; k++) {
       FUZZ_CHECK(k == 0 || o->knots[k].time > o->knots[k - 1].time);
-      for (int j = 0; j < 12; ++j)
+      for (int j = 0; j < 12; j++)
         FUZZ_CHECK(isfinite(o->knots[k].world_from_object[j]));
     }
   }
@@ -247,7 +247,7 @@ static int run_driving(const uint8_t *data, size_t size) {
   fuzz_part parts[DRIVING_FILES];
   char root[1024];
   fuzz_parts(data, size, DRIVING_FILES, parts);
-  for (int i = 0; i < DRIVING_FILES; ++i)
+  for (int i = 0; i < DRIVING_FILES; i++)
     fuzz_file(driving_files[i], parts[i].bytes, parts[i].size);
   fuzz_parts_free(DRIVING_FILES, parts);
   snprintf(root, sizeof root, "%.900s/drive", fuzz_folder());
@@ -261,7 +261,7 @@ static int run_driving(const uint8_t *data, size_t size) {
   driving->sensors = calloc(1, sizeof *driving->sensors);
   driving->step_count = STEPS;
   driving->steps = calloc(STEPS, sizeof *driving->steps);
-  for (int i = 0; i < STEPS; ++i) {
+  for (int i = 0; i < STEPS; i++) {
     driving->steps[i].frame = i;
     pags_parsed_add(&draft);
   }
@@ -358,7 +358,7 @@ static void seed_points(void) {
   fuzz_seed_bytes(out);
   out = (file_bytes){0};
   bytes_text(&out, "ply\nformat binary_little_endian 1.0\n%s", head);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     bytes_f32(&out, 1);
     bytes_f32(&out, 2);
     put_f64(&out, 3);

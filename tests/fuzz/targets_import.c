@@ -34,12 +34,12 @@ static const char *const kitti_names[] = {"calib.txt",
 enum { KITTI_FILES = sizeof kitti_names / sizeof *kitti_names };
 
 static void check_calib(const pags_kitti_calib *calib) {
-  for (int i = 0; i < 12; ++i)
+  for (int i = 0; i < 12; i++)
     FUZZ_CHECK(isfinite(calib->cam0_from_velo[i]));
-  for (int c = 0; c < 4; ++c) {
+  for (int c = 0; c < 4; c++) {
     double intrinsics[4], pose[12];
     if (pags_kitti_camera(calib, c, intrinsics, pose) == PAGS_OK)
-      for (int i = 0; i < 12; ++i)
+      for (int i = 0; i < 12; i++)
         FUZZ_CHECK(isfinite(pose[i]) && isfinite(intrinsics[i % 4]));
   }
 }
@@ -58,7 +58,7 @@ static pags_result read_oxts(const char *path) {
   PAGS_TRY(pags_kitti_table_read(path, PAGS_KITTI_OXTS, &table));
   double pose[12];
   FUZZ_CHECK(table.rows > 0);
-  for (int64_t i = 0; i < table.rows; ++i)
+  for (int64_t i = 0; i < table.rows; i++)
     pags_kitti_oxts_pose(table.values + i * PAGS_KITTI_OXTS, pags_kitti_oxts_scale(table.values), pose);
   pags_kitti_table_destroy(&table);
   return PAGS_OK;
@@ -67,7 +67,7 @@ static pags_result read_oxts(const char *path) {
 static pags_result read_labels(const char *path) {
   pags_kitti_labels labels;
   PAGS_TRY(pags_kitti_labels_read(path, true, &labels));
-  for (int64_t i = 0; i < labels.count; ++i) {
+  for (int64_t i = 0; i < labels.count; i++) {
     double pose[12];
     if (pags_kitti_label_is_box(&labels.rows[i])) {
       pags_kitti_label_pose(&labels.rows[i], pose);
@@ -82,7 +82,7 @@ static pags_result read_times(const char *path) {
   int64_t count;
   double *seconds;
   PAGS_TRY(pags_kitti_times_read(path, &count, &seconds));
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     FUZZ_CHECK(isfinite(seconds[i]));
   free(seconds);
   return PAGS_OK;
@@ -108,7 +108,7 @@ static int run_kitti(const uint8_t *data, size_t size) {
   fuzz_part parts[KITTI_FILES];
   char paths[KITTI_FILES][1024], day[1024];
   fuzz_parts(data, size, KITTI_FILES, parts);
-  for (int i = 0; i < KITTI_FILES; ++i)
+  for (int i = 0; i < KITTI_FILES; i++)
     snprintf(paths[i], sizeof paths[i], "%.900s", fuzz_file(kitti_names[i], parts[i].bytes, parts[i].size));
   fuzz_parts_free(KITTI_FILES, parts);
   snprintf(day, sizeof day, "%.900s/day", fuzz_folder());
@@ -131,13 +131,13 @@ static void seed_kitti(void) {
   bytes_text(
       &out, FUZZ_CUT
       "calib_time: 09-Jan-2012 13:57:47\ncorner_dist: 9.95e-02\nS_00: 1.4e3 5.1e2\nR_rect_00: 1 0 0 0 1 0 0 0 1\n");
-  for (int c = 0; c < 4; ++c)
+  for (int c = 0; c < 4; c++)
     bytes_text(&out, "P_rect_%02d: " CALIB_ROWS, c);
   bytes_text(&out, FUZZ_CUT "calib_time: 15-Mar-2012 11:37:16\nR: " TURN "\nT: 0 -0.08 -0.27\ndelta_f: 0 0\n");
   bytes_text(&out, FUZZ_CUT "calib_time: 25-May-2012 16:47:16\nR: 1 0 0 0 1 0 0 0 1\nT: -0.8 0.3 -0.8\n" FUZZ_CUT);
-  for (int row = 0; row < 3; ++row) {
+  for (int row = 0; row < 3; row++) {
     bytes_text(&out, "49.01150%d 8.4162%d 112.8", row, row);
-    for (int k = 3; k < PAGS_KITTI_OXTS; ++k)
+    for (int k = 3; k < PAGS_KITTI_OXTS; k++)
       bytes_text(&out, " %g", k < 25 ? 0.01 * k : 4.0);
     bytes_text(&out, "\n");
   }
@@ -146,7 +146,7 @@ static void seed_kitti(void) {
              "0 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 13.4 -2.1\n"
              "1 2 Car 0 0 -1.7 296.7 161.7 455.2 292.3 2 1.8 4.4 -4.5 1.8 12.4 -2.1\n");
   bytes_text(&out, FUZZ_CUT "2011-09-26 13:02:25.594360375\n2011-09-26 13:02:25.697987071\n" FUZZ_CUT);
-  for (int i = 0; i < 8; ++i)
+  for (int i = 0; i < 8; i++)
     bytes_f32(&out, 0.25f * (float)i);
   fuzz_seed_bytes(out);
 }
@@ -166,10 +166,10 @@ static int run_tracklets(const uint8_t *data, size_t size) {
     fuzz_refused(result, "tracklet_labels.xml");
     return 0;
   }
-  for (int64_t i = 0; i < tracklets.count; ++i) {
+  for (int64_t i = 0; i < tracklets.count; i++) {
     const pags_kitti_tracklet *const t = &tracklets.items[i];
     FUZZ_CHECK(t->count > 0 && t->first_frame >= 0 && t->height > 0 && isfinite(t->length));
-    for (int64_t k = 0; k < t->count; ++k) {
+    for (int64_t k = 0; k < t->count; k++) {
       double pose[12];
       pags_kitti_tracklet_pose(t, k, pose);
       FUZZ_CHECK(isfinite(pose[0]) && isfinite(pose[11]));
@@ -186,14 +186,14 @@ static void seed_tracklets(void) {
              "<boost_serialization signature=\"serialization::archive\" version=\"9\">\n<tracklets class_id=\"0\" "
              "version=\"0\">\n"
              "<count>2</count>\n<item_version>1</item_version>\n");
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     bytes_text(&out,
                "<item class_id=\"1\" tracking_level=\"0\" "
                "version=\"1\">\n<objectType>%s</objectType>\n<h>1.5</h><w>1.7</w><l>4.2</l>\n"
                "<first_frame>%d</first_frame>\n<poses class_id=\"2\" "
                "version=\"0\">\n<count>2</count>\n<item_version>2</item_version>\n",
                i ? "Cyclist" : "Car", i);
-    for (int k = 0; k < 2; ++k)
+    for (int k = 0; k < 2; k++)
       bytes_text(&out,
                  "<item><tx>%d.5</tx><ty>3</ty><tz>-1.7</tz><rx>0</rx><ry>0</ry><rz>%g</rz><state>2</state></item>\n",
                  4 + k, 0.25 * k);
@@ -235,7 +235,7 @@ static int run_tfrecord(const uint8_t *data, size_t size) {
   pags_tfrecord_close(reader);
   int end = 0;
   FUZZ_CHECK(pags_tfrecord_open(path, &reader) == PAGS_OK);
-  for (int64_t i = 0; i < records && !end; ++i) /* what can be read can be passed over */
+  for (int64_t i = 0; i < records && !end; i++) /* what can be read can be passed over */
     FUZZ_CHECK(pags_tfrecord_skip(reader, &end) == PAGS_OK && !end);
   pags_tfrecord_close(reader);
   return result == PAGS_OK;
@@ -266,9 +266,9 @@ static void seed_tfrecord(void) {
   static const size_t lengths[] = {5, 0, 300, 17};
   file_bytes out = {0};
   uint8_t data[300];
-  for (size_t k = 0; k < sizeof data; ++k)
+  for (size_t k = 0; k < sizeof data; k++)
     data[k] = (uint8_t)(k * 7);
-  for (int i = 0; i < 4; ++i)
+  for (int i = 0; i < 4; i++)
     put_record(&out, data, lengths[i]);
   fuzz_seed_bytes(out);
 }
@@ -293,7 +293,7 @@ static int run_frame(const uint8_t *data, size_t size) {
   pags_layout_track *tracks = NULL;
   int64_t count = 0;
   result = pags_waymo_lidar_points(frame, where, &points);
-  for (int64_t i = 0; i < PAGS_WAYMO_LIDAR_COLUMNS * points.count; ++i)
+  for (int64_t i = 0; i < PAGS_WAYMO_LIDAR_COLUMNS * points.count; i++)
     FUZZ_CHECK(isfinite(points.rows[i]));
   if (result == PAGS_OK)
     result = pags_waymo_transform(frame->pose, where, "pose", pose);
@@ -301,10 +301,10 @@ static int run_frame(const uint8_t *data, size_t size) {
     result = pags_waymo_boxes_add(&boxes, frame, 0, 0, pose, where);
   if (result == PAGS_OK)
     result = pags_waymo_boxes_tracks(&boxes, where, &tracks, &count);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     pags_layout_track_destroy(&tracks[i]);
   free(tracks);
-  for (int name = 0; name < 7; ++name)
+  for (int name = 0; name < 7; name++)
     if (pags_waymo_camera(frame, name) && pags_waymo_image(frame, name))
       FUZZ_CHECK(name == 0 || name > PAGS_WAYMO_CAMERAS || pags_waymo_camera_name(name));
   pags_waymo_boxes_destroy(&boxes);
@@ -398,7 +398,7 @@ static Pags__Waymo__Frame *small_frame(raw_waymo *memory, int turning) {
   f->images = raw_waymo_alloc(memory, 2, sizeof *f->images);
   f->lasers = raw_waymo_alloc(memory, 1, sizeof *f->lasers);
   f->laser_labels = raw_waymo_alloc(memory, 2, sizeof *f->laser_labels);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     add_camera(memory, f, i + 1);
     add_label(memory, f, i);
   }
@@ -422,7 +422,7 @@ static void seed_real_frame(raw_waymo *memory) {
     return;
   FUZZ_CHECK(pags_tfrecord_open(path, &reader) == PAGS_OK && pags_tfrecord_next(reader, &item) == PAGS_OK &&
              pags_waymo_unpack_frame(item.data, item.size, path, &f) == PAGS_OK);
-  for (size_t i = 0; i < f->n_images; ++i) {
+  for (size_t i = 0; i < f->n_images; i++) {
     f->images[i]->image.len = 4;
     if (f->images[i]->camera_segmentation_label)
       f->images[i]->camera_segmentation_label->panoptic_label.len = 4;
@@ -434,7 +434,7 @@ static void seed_real_frame(raw_waymo *memory) {
 
 static void seed_frame(void) {
   raw_waymo memory = {0};
-  for (int turning = 0; turning < 2; ++turning)
+  for (int turning = 0; turning < 2; turning++)
     seed_message(&memory, small_frame(&memory, turning));
   seed_real_frame(&memory);
   raw_waymo_free(&memory);
@@ -455,7 +455,7 @@ static int run_matrix(const uint8_t *data, size_t size) {
   bytes_put(&stream, "\x78\x01", 2);
   bytes_stored(&stream, data, size);
   const uint32_t sum = (uint32_t)adler32(1, data, (uInt)size);
-  for (int i = 3; i >= 0; --i)
+  for (int i = 3; i >= 0; i--)
     bytes_u8(&stream, sum >> (8 * i) & 255);
   pags_waymo_matrix *matrix;
   const ProtobufCBinaryData packed = {.len = stream.size, .data = stream.data};
@@ -519,7 +519,7 @@ static ProtobufCBinaryData picture(raw_waymo *memory, const char *name, pags_sam
   size_t size;
   const char *const path = fuzz_file(name, "", 0);
   FUZZ_CHECK(pags_image_create(&image, WIDTH, HEIGHT, channels, sample) == PAGS_OK);
-  for (size_t i = 0; sample == PAGS_U16 && i < (size_t)WIDTH * HEIGHT; ++i)
+  for (size_t i = 0; sample == PAGS_U16 && i < (size_t)WIDTH * HEIGHT; i++)
     ((uint16_t *)image.data)[i] = (uint16_t)(1000 * (i % 29) + i % 3);
   FUZZ_CHECK(pags_image_save(path, &image) == PAGS_OK && pags_file_read(path, &bytes, &size) == PAGS_OK);
   pags_image_destroy(&image);
@@ -542,7 +542,7 @@ static void add_pictures(raw_waymo *memory, Pags__Waymo__CameraImage *m) {
 static void seed_segment(void) {
   raw_waymo memory = {0};
   Pags__Waymo__Frame *const f = small_frame(&memory, 1);
-  for (size_t i = 0; i < f->n_images; ++i)
+  for (size_t i = 0; i < f->n_images; i++)
     add_pictures(&memory, f->images[i]);
   seed_message(&memory, f);
   raw_waymo_free(&memory);

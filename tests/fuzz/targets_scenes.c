@@ -34,15 +34,15 @@ static int run_scene(const uint8_t *data, size_t size) {
     return 0;
   }
   double gain[3], offset[3];
-  for (int k = -1; k <= 1; ++k)
+  for (int k = -1; k <= 1; k++)
     pags_scene_exposure(&scene, 0, 0.25 * k, gain, offset);
   result = pags_composition_create(&scene, &composition);
   FUZZ_CHECK(result == PAGS_OK || *pags_error_message());
-  for (int k = -1; k <= 3 && result == PAGS_OK; ++k) {
+  for (int k = -1; k <= 3 && result == PAGS_OK; k++) {
     double pose[12];
-    for (int64_t i = 0; i < scene.object_count; ++i)
+    for (int64_t i = 0; i < scene.object_count; i++)
       if (pags_object_pose(&scene.objects[i].record, 0.2 * k, pose))
-        for (int j = 0; j < 12; ++j)
+        for (int j = 0; j < 12; j++)
           FUZZ_CHECK(isfinite(pose[j]));
   }
   pags_composition_destroy(composition);
@@ -91,7 +91,7 @@ static int run_path(const uint8_t *data, size_t size) {
     fuzz_refused(result, "path.json");
     return 0;
   }
-  for (int64_t i = 0; i < path.count; ++i) {
+  for (int64_t i = 0; i < path.count; i++) {
     pags_camera *const c = &path.cameras[i];
     FUZZ_CHECK(c->width >= 1 && c->width <= 65535 && c->height >= 1 && c->height <= 65535);
     FUZZ_CHECK(pags_camera_check(c, "again") == PAGS_OK);

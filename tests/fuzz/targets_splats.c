@@ -53,7 +53,7 @@ static int run_ply(const uint8_t *data, size_t size) {
 
 static void seed_ply(void) {
   pags_gaussians g;
-  for (int degree = 0; degree <= 3; ++degree) {
+  for (int degree = 0; degree <= 3; degree++) {
     sample_gaussians(&g, 5, degree, 1);
     fuzz_seed_bytes(make_ply(&g));
     pags_gaussians_destroy(&g);
@@ -97,8 +97,8 @@ static int run_spz(const uint8_t *data, size_t size) {
 }
 
 static void seed_spz(void) {
-  for (int version = 2; version <= 4; ++version)
-    for (int degree = 0; degree <= 3; ++degree) {
+  for (int version = 2; version <= 4; version++)
+    for (int degree = 0; degree <= 3; degree++) {
       spz_parts parts = make_spz_parts(version, 7, degree, 1);
       fuzz_seed_bytes(pack_spz(&parts));
       free_spz_parts(&parts);
@@ -123,8 +123,8 @@ static int run_spz_content(const uint8_t *data, size_t size) {
 }
 
 static void seed_spz_content(void) {
-  for (int version = 2; version <= 3; ++version)
-    for (int degree = 0; degree <= 4; ++degree) {
+  for (int version = 2; version <= 3; version++)
+    for (int degree = 0; degree <= 4; degree++) {
       spz_parts parts = make_spz_parts(version, 6, degree, 1);
       fuzz_seed_bytes(spz_plain(&parts));
       free_spz_parts(&parts);
@@ -147,7 +147,7 @@ static int run_packed(const uint8_t *data, size_t size) {
   }
   FUZZ_CHECK(pags_packed_unpack(&packed, &g) == PAGS_OK);
   FUZZ_CHECK(pags_gaussians_find_bad(&g, NULL) == 0);
-  for (int64_t c = 0; c < packed.clusters.count; ++c) /* bounds must hold what is drawn by them */
+  for (int64_t c = 0; c < packed.clusters.count; c++) /* bounds must hold what is drawn by them */
     FUZZ_CHECK(isfinite(packed.clusters.lo[0][c]) && isfinite(packed.clusters.sigma[c]));
   pags_gaussians_destroy(&g);
   pags_packed_destroy(&packed);
@@ -197,7 +197,7 @@ static int run_sky(const uint8_t *data, size_t size) {
     fuzz_refused(result, "sky.npy");
     return 0;
   }
-  for (size_t i = 0; i < 18 * (size_t)sky.size * (size_t)sky.size; ++i)
+  for (size_t i = 0; i < 18 * (size_t)sky.size * (size_t)sky.size; i++)
     FUZZ_CHECK(isfinite(sky.texels[i]));
   pags_sky_destroy(&sky);
   return 1;
@@ -206,7 +206,7 @@ static int run_sky(const uint8_t *data, size_t size) {
 static void seed_sky(void) {
   pags_sky sky;
   FUZZ_CHECK(pags_sky_create(&sky, 3) == PAGS_OK);
-  for (int i = 0; i < 18 * 9; ++i)
+  for (int i = 0; i < 18 * 9; i++)
     sky.texels[i] = (float)i / 100.0f;
   const char *const path = fuzz_file("seed.npy", "", 0);
   fuzz_seed_saved(pags_sky_save(path, &sky), path);

@@ -30,7 +30,7 @@ static pags_object objects[OBJECTS];
 static pags_knot knots[OBJECTS][KNOTS];
 
 static void make_dataset(void) {
-  for (int i = 0; i < OBJECTS; ++i) {
+  for (int i = 0; i < OBJECTS; i++) {
     static char name[] = "a";
     objects[i] = (pags_object){.id = name,
                                .class_name = name,
@@ -39,11 +39,11 @@ static void make_dataset(void) {
                                .moving = 1,
                                .knot_count = KNOTS};
     objects[i].knots = knots[i];
-    for (int k = 0; k < KNOTS; ++k)
+    for (int k = 0; k < KNOTS; k++)
       knots[i][k] =
           (pags_knot){.frame = k, .trained = 1, .time = k, .world_from_object = {1, 0, 0, k, 0, 1, 0, 0, 0, 0, 1, 0}};
   }
-  for (int i = 0; i < VIEWS; ++i)
+  for (int i = 0; i < VIEWS; i++)
     views[i] = (pags_view){.name = "v",
                            .image_path = "v",
                            .frame = i,
@@ -69,7 +69,7 @@ static void add_model(pags_train_state *state, int64_t object, int64_t count, in
 
 static void seed_checkpoint(void) {
   make_dataset();
-  for (int full = 0; full < 2; ++full) {
+  for (int full = 0; full < 2; full++) {
     pags_train_state state;
     pags_train_config config = pags_train_config_default();
     config.iterations = 100;
@@ -92,10 +92,10 @@ static void seed_checkpoint(void) {
 }
 
 static void check_state(const pags_train_state *state) {
-  for (int64_t i = 0; i < state->model_count; ++i) {
+  for (int64_t i = 0; i < state->model_count; i++) {
     const pags_train_model *const m = &state->models[i];
     FUZZ_CHECK(m->gaussians.count >= 0 && m->object < state->tracks.count);
-    for (int64_t c = 0; c < m->adam.cluster_count; ++c)
+    for (int64_t c = 0; c < m->adam.cluster_count; c++)
       FUZZ_CHECK(m->adam.moment_step[c] >= 0 && m->adam.param_step[c] <= state->step);
   }
 }
@@ -171,11 +171,11 @@ static int run_npz(const uint8_t *data, size_t size) {
     FUZZ_CHECK(!npz.arrays && npz.count == 0);
     fuzz_refused(result, "a.npz");
   } else {
-    for (int64_t i = 0; i < npz.count; ++i) {
+    for (int64_t i = 0; i < npz.count; i++) {
       const pags_npz_array *const a = &npz.arrays[i];
       int64_t count = 1;
       FUZZ_CHECK(a->name && a->data && a->rank >= 0 && a->rank <= PAGS_NPZ_MAX_RANK);
-      for (int k = 0; k < a->rank; ++k)
+      for (int k = 0; k < a->rank; k++)
         count *= a->shape[k];
       FUZZ_CHECK(count == a->count && count >= 0 && (uint64_t)count <= size);
     }
@@ -205,10 +205,10 @@ static void add_member(npz_writer *w, const char *name, const char *shape, int c
   bytes_put(&npy, "\x93NUMPY\1\0", 8);
   u16(&npy, (unsigned)header.size);
   bytes_put(&npy, header.data, header.size);
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     bytes_f32(&npy, 0.5f + (float)i);
   const uint32_t crc = (uint32_t)crc32(0, npy.data, (uInt)npy.size), at = (uint32_t)w->file.size;
-  for (int central = 0; central < 2; ++central) {
+  for (int central = 0; central < 2; central++) {
     file_bytes *const out = central ? &w->directory : &w->file;
     bytes_put(out, central ? "PK\1\2\24\0" : "PK\3\4", central ? 6 : 4);
     bytes_put(out, "\24\0\0\0\0\0\0\0\0\0", 10);
@@ -226,7 +226,7 @@ static void add_member(npz_writer *w, const char *name, const char *shape, int c
   bytes_put(&w->file, npy.data, npy.size);
   bytes_free(&npy);
   bytes_free(&header);
-  ++w->members;
+  w->members++;
 }
 
 static void seed_npz(void) {
@@ -250,7 +250,7 @@ static void seed_npz(void) {
 /* Members' CRCs by the central directory, wherever entries look like ones. */
 static size_t mend_npz(uint8_t *data, size_t size, size_t capacity) {
   (void)capacity;
-  for (size_t at = 0; size >= 46 && at <= size - 46; ++at) {
+  for (size_t at = 0; size >= 46 && at <= size - 46; at++) {
     if (memcmp(data + at, "PK\1\2", 4) != 0)
       continue;
     const size_t length = pags_load_u32(data + at + 24), local = pags_load_u32(data + at + 42);

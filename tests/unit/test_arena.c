@@ -13,14 +13,14 @@ static void blocks_are_aligned_and_apart(void **state) {
   (void)state;
   pags_arena *arena = pags_arena_create();
   unsigned char *blocks[100];
-  for (size_t i = 0; i < 100; ++i) {
+  for (size_t i = 0; i < 100; i++) {
     blocks[i] = pags_arena_alloc(arena, i, 37);
     assert_non_null(blocks[i]);
     assert_int_equal((uintptr_t)blocks[i] % 64, 0);
     memset(blocks[i], (int)i, i * 37);
   }
-  for (size_t i = 0; i < 100; ++i)
-    for (size_t j = 0; j < i * 37; ++j)
+  for (size_t i = 0; i < 100; i++)
+    for (size_t j = 0; j < i * 37; j++)
       assert_int_equal(blocks[i][j], i);
   pags_arena_destroy(arena);
 }
@@ -49,7 +49,7 @@ static void impossible_sizes_are_refused(void **state) {
 
 /* One frame's worth of blocks, most of them larger than the first chunk. */
 static void fill(pags_arena *arena, size_t scale) {
-  for (size_t i = 1; i <= 20; ++i) {
+  for (size_t i = 1; i <= 20; i++) {
     unsigned char *block = pags_arena_alloc(arena, i * scale, 1000);
     assert_non_null(block);
     block[0] = block[i * scale * 1000 - 1] = 1;
@@ -63,7 +63,7 @@ static void steady_state_calls_no_heap(void **state) {
   pags_arena_reset(arena);
   uint64_t after_first = pags_arena_heap_calls(arena);
   assert_true(after_first > 2);
-  for (int frame = 0; frame < 100; ++frame) {
+  for (int frame = 0; frame < 100; frame++) {
     fill(arena, 50);
     pags_arena_reset(arena);
   }
@@ -75,7 +75,7 @@ static void steady_state_calls_no_heap(void **state) {
 
 static void a_reset_folds_the_chunks(void **state) {
   (void)state;
-  for (size_t scale = 10; scale < 80; ++scale) { /* for some of these the last chunk alone would do without folding */
+  for (size_t scale = 10; scale < 80; scale++) { /* for some of these the last chunk alone would do without folding */
     pags_arena *arena = pags_arena_create();
     fill(arena, scale);
     pags_arena_reset(arena);
@@ -94,7 +94,7 @@ static void marks_give_back_what_came_later(void **state) {
   memcpy(kept, "keep this", 10);
   pags_arena_mark mark = pags_arena_save(arena);
   void *first = pags_arena_alloc(arena, 5, 100);
-  for (int round = 0; round < 50; ++round) {
+  for (int round = 0; round < 50; round++) {
     pags_arena_release(arena, mark);
     assert_ptr_equal(pags_arena_alloc(arena, 5, 100), first);
     fill(arena, 50);

@@ -19,7 +19,7 @@ static pags_camera sample(uint64_t seed) {
   pags_rng_normal2(seed, 0, 0, q);
   pags_rng_normal2(seed, 1, 0, q + 2);
   pags_rotation_from_quaternion(q, r);
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     memcpy(camera.world_from_camera + 4 * i, r + 3 * i, 3 * sizeof *r);
     camera.world_from_camera[4 * i + 3] = pags_rng_uniform(seed, 2, (uint64_t)i) * 10;
   }
@@ -28,7 +28,7 @@ static pags_camera sample(uint64_t seed) {
 
 static double difference(const double *a, const double *b, int count) {
   double largest = 0;
-  for (int i = 0; i < count; ++i)
+  for (int i = 0; i < count; i++)
     largest = fmax(largest, fabs(a[i] - b[i]));
   return largest;
 }
@@ -46,7 +46,7 @@ static void a_quarter_turn_about_z(void **state) {
 
 static void quaternions_come_back(void **state) {
   (void)state;
-  for (uint64_t i = 0; i < 1000; ++i) {
+  for (uint64_t i = 0; i < 1000; i++) {
     double q[4], r[9], back[4], again[9];
     pags_rng_normal2(1, 0, i, q);
     pags_rng_normal2(1, 1, i, q + 2);
@@ -72,15 +72,15 @@ static void the_inverse_undoes(void **state) {
 
 static void the_check_makes_rotations_exact_once(void **state) {
   (void)state;
-  for (uint64_t seed = 0; seed < 100; ++seed) {
+  for (uint64_t seed = 0; seed < 100; seed++) {
     pags_camera camera = sample(seed), exact = camera;
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j)
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++)
         camera.world_from_camera[4 * i + j] += 4e-4 * (pags_rng_uniform(seed, 9, (uint64_t)(3 * i + j)) - 0.5);
     assert_int_equal(pags_camera_check(&camera, "view"), PAGS_OK);
     assert_true(difference(camera.world_from_camera, exact.world_from_camera, 12) < 1e-3);
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) {
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++) {
         const double *a = camera.world_from_camera + 4 * i, *b = camera.world_from_camera + 4 * j;
         assert_true(fabs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2] - (i == j)) < 2e-15);
       }
@@ -111,7 +111,7 @@ static void the_check_refuses(void **state) {
   bad.world_from_camera[3] = (double)NAN;
   assert_refused(bad, "pose is not finite");
   bad = camera;
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     bad.world_from_camera[4 * i] *= -1; /* a mirror image */
   assert_refused(bad, "not a rotation");
   bad = camera;
@@ -140,7 +140,7 @@ static void paths_survive_files(void **state) {
   assert_int_equal(pags_camera_path_load(scratch("path.json"), &back), PAGS_OK);
   assert_true(back.fps == 24 && back.count == 2);
   assert_true(isnan(back.cameras[0].time) && back.cameras[1].time == 0.25);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     assert_true(difference(back.cameras[i].world_from_camera, cameras[i].world_from_camera, 12) < 1e-14);
     assert_true(back.cameras[i].cx == cameras[i].cx && back.cameras[i].fy == cameras[i].fy);
   }

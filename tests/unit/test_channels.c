@@ -35,8 +35,8 @@ static fixture *make(void) {
 
 /* Depth of the plane n . p = d (camera axes) in columns [first, last). */
 static void put_plane(fixture *f, const double n[3], double d, int first, int last) {
-  for (int y = 0; y < HEIGHT; ++y)
-    for (int x = first; x < last; ++x) {
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = first; x < last; x++) {
       double rx = (x + 0.5 - f->camera.cx) / f->camera.fx, ry = (y + 0.5 - f->camera.cy) / f->camera.fy;
       f->depth[y * STRIDE + x] = (float)(d / (n[0] * rx + n[1] * ry + n[2]));
     }
@@ -44,9 +44,9 @@ static void put_plane(fixture *f, const double n[3], double d, int first, int la
 
 static void assert_normals(fixture *f, int first, int last, const double n[3]) {
   const double world[3] = {n[1], -n[0], n[2]};
-  for (int y = 0; y < HEIGHT; ++y)
-    for (int x = first; x < last; ++x)
-      for (int k = 0; k < 3; ++k)
+  for (int y = 0; y < HEIGHT; y++)
+    for (int x = first; x < last; x++)
+      for (int k = 0; k < 3; k++)
         assert_float_equal(f->normal[k][y * STRIDE + x], world[k], 1e-3);
 }
 
@@ -81,7 +81,7 @@ static void where_nothing_is_there_is_no_normal(void **state) {
 static void heat_grows_lighter(void **state) {
   (void)state;
   float before = -1, rgb[3];
-  for (int i = 0; i <= 100; ++i) {
+  for (int i = 0; i <= 100; i++) {
     pags_colormap_heat((float)i / 100, rgb);
     float light = 0.2126f * rgb[0] + 0.7152f * rgb[1] + 0.0722f * rgb[2];
     assert_true(light > before);

@@ -12,7 +12,7 @@ static pags_tsdf level_grid(void) {
   static const double lo[3] = {-1, -1, -0.5}, hi[3] = {1, 1, 0.5};
   pags_tsdf grid;
   scratch_ok(pags_tsdf_create(&grid, lo, hi, step, 0));
-  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; ++i) {
+  for (int64_t i = 0; i < (int64_t)grid.n[0] * grid.n[1] * grid.n[2]; i++) {
     double z = grid.origin[2] + (double)(i / grid.n[0] / grid.n[1]) * step;
     grid.distance[i] = (float)fmin(fmax(z, -4 * step), 4 * step);
   }
@@ -24,7 +24,7 @@ static double height(const pags_tsdf *g, double x, double y) {
   int64_t layer = (int64_t)g->n[0] * g->n[1];
   int64_t at =
       (int64_t)floor((y - g->origin[1]) / step + 0.5) * g->n[0] + (int64_t)floor((x - g->origin[0]) / step + 0.5);
-  for (int z = 0; z + 1 < g->n[2]; ++z) {
+  for (int z = 0; z + 1 < g->n[2]; z++) {
     double a = (double)g->distance[at + z * layer], b = (double)g->distance[at + (z + 1) * layer];
     if (a < 0 && b >= 0)
       return g->origin[2] + (z + a / (a - b)) * step;
@@ -35,8 +35,8 @@ static double height(const pags_tsdf *g, double x, double y) {
 /* Points every 0.1 m over x, y of -0.3..0.3. */
 static pags_lidar_fit patch_at(double z) {
   pags_lidar_fit cloud = {0};
-  for (int i = -3; i <= 3; ++i)
-    for (int j = -3; j <= 3; ++j) {
+  for (int i = -3; i <= 3; i++)
+    for (int j = -3; j <= 3; j++) {
       const double p[3] = {0.1 * i, 0.1 * j, z};
       scratch_ok(pags_lidar_fit_add(&cloud, p));
     }
@@ -96,7 +96,7 @@ static void world_point(int frame, int index, double out[3]) {
 static void follow(pags_object *object, pags_knot *knots, double above) {
   *object = (pags_object){
       .category = PAGS_CATEGORY_VEHICLE, .moving = 1, .size = {2, 1, 2}, .knot_count = TREE_FRAMES, .knots = knots};
-  for (int t = 0; t < TREE_FRAMES; ++t) {
+  for (int t = 0; t < TREE_FRAMES; t++) {
     double p[3];
     world_point(t, 0, p);
     const double pose[12] = {0, -1, 0, p[0], 1, 0, 0, p[1] - 0.3, 0, 0, 1, p[2] - above};
@@ -120,17 +120,17 @@ static void points_are_sorted_by_boxes(void **state) {
       .dataset = s.folder, .object_count = 2, .objects = objects, .view_count = TREE_FRAMES, .views = views};
   follow(&objects[0].record, knots[0], -0.9);
   follow(&objects[1].record, knots[1], 0.4);
-  for (int t = 0; t < TREE_FRAMES; ++t)
+  for (int t = 0; t < TREE_FRAMES; t++)
     views[t] = (pags_scene_view){.frame = t, .test = t == 4};
   scene.origin[0] = 7;
-  for (int held_out = 0; held_out < 2; ++held_out) {
+  for (int held_out = 0; held_out < 2; held_out++) {
     pags_lidar laser;
     double first[3];
     int64_t sweeps = held_out ? 1 : 4;
     scratch_ok(pags_lidar_read(&scene, held_out, &laser));
     assert_true(laser.object_count == 2 && laser.objects[0].count == 0 && laser.objects[1].count == sweeps);
-    for (int64_t i = 0; i < sweeps; ++i)
-      for (int k = 0; k < 3; ++k)
+    for (int64_t i = 0; i < sweeps; i++)
+      for (int k = 0; k < 3; k++)
         assert_true(fabs((double)laser.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
     assert_int_equal(laser.count, sweeps); /* the other point, which is in no box */
     world_point(held_out ? 4 : 0, 1, first);

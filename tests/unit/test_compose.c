@@ -22,7 +22,7 @@ static const double origin[3] = {500000, 2000, 10};
 /* A round, almost opaque Gaussian of one pure colour. */
 static void put_gaussian(pags_gaussians *g, int64_t row, double x, double y, double z, int channel) {
   const double mean[3] = {x, y, z};
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = (float)mean[k];
     pags_plane(g, PAGS_SCALE + k)[row] = -2.3f; /* 0.1 m */
     pags_plane(g, PAGS_SH + k)[row] = k == channel ? 1.7f : -1.7f;
@@ -39,9 +39,9 @@ static pags_object make_track(const char *id, int knots, const double from[3], c
                         .moving = from != to,
                         .knot_count = knots,
                         .knots = calloc((size_t)knots, sizeof(pags_knot))};
-  for (int i = 0; i < knots; ++i) {
+  for (int i = 0; i < knots; i++) {
     double c = cos(yaw), s = sin(yaw), pose[12] = {c, -s, 0, 0, s, c, 0, 0, 0, 0, 1, 0};
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pose[4 * k + 3] = origin[k] + from[k] + (to[k] - from[k]) * i / (knots > 1 ? knots - 1 : 1);
     object.knots[i] = (pags_knot){.frame = i, .trained = 1, .time = 100 + i};
     memcpy(object.knots[i].world_from_object, pose, sizeof pose);
@@ -61,7 +61,7 @@ static pags_scene make_scene(void) {
   scene.objects[PARKED] = (pags_scene_object){.record = make_track("parked", 1, parked, parked, 0), .model = -1};
   scene.objects[CAR] =
       (pags_scene_object){.record = make_track("car", 3, left, right, -1.5707963267948966), .model = 1, .critical = 1};
-  for (int m = 0; m < 2; ++m) {
+  for (int m = 0; m < 2; m++) {
     scene.models[m].name = pags_text_copy(m ? "car" : "background");
     scene.models[m].file = pags_text_copy(m ? "objects/car.ply" : "background.ply");
     assert_int_equal(pags_gaussians_create(&scene.models[m].gaussians, m ? 1 : 2, 0), PAGS_OK);
@@ -110,7 +110,7 @@ static void assert_column(pags_composition *c, double time, int channel, int wan
   pags_picture picture = draw(c, time);
   int best = -1;
   float highest = 0.5f;
-  for (int x = 0; x < SIZE; ++x) {
+  for (int x = 0; x < SIZE; x++) {
     float value = picture.rgb[channel][50 * picture.stride + x];
     if (value > highest) {
       highest = value;
@@ -131,7 +131,7 @@ static void objects_are_where_their_tracks_are(void **state) {
   pags_composition *c = compose_scene(make_scene());
   static const double times[] = {100, 101, 100.5, 101.25, 102, 102.4};
   static const int columns[] = {10, 50, 30, 60, 90, 90};
-  for (int i = 0; i < 6; ++i) {
+  for (int i = 0; i < 6; i++) {
     assert_column(c, times[i], 0, columns[i]);
     assert_column(c, times[i], 1, 35);
   }
@@ -145,7 +145,7 @@ static void objects_are_where_their_tracks_are(void **state) {
 static void corrections_move_the_track(void **state) {
   (void)state;
   pags_scene scene = make_scene();
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     scene.objects[CAR].record.knots[i].translation[0] = 0.5; /* forward: to the right */
   pags_composition *c = compose_scene(scene);
   assert_column(c, 101, 0, 55);
@@ -217,11 +217,11 @@ static void colour_follows_the_track(void **state) {
   pags_gaussians *car = &scene.models[1].gaussians;
   assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
   const double terms[4] = {0.3, -0.2, 0.1, 0.05};
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     car->fourier[(3 * k + 1) * car->stride] = (float)terms[k]; /* green */
   pags_composition *c = compose_scene(scene);
   static const double times[] = {100, 100.3, 101.9, 100.3};
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     const pags_part *parts;
     int count;
     pags_compose(c, times[i], &parts, &count);
@@ -239,26 +239,26 @@ static void colour_follows_the_track(void **state) {
 static void absurd_numbers_stay_finite(void **state) {
   (void)state;
   static const double far[] = {1e12, 1e300, -1e308};
-  for (int n = 0; n < 3; ++n) {
+  for (int n = 0; n < 3; n++) {
     pags_scene scene = make_scene();
     pags_gaussians *car = &scene.models[1].gaussians;
     assert_int_equal(pags_gaussians_add_fourier(car), PAGS_OK);
-    for (int p = 0; p < 12; ++p)
+    for (int p = 0; p < 12; p++)
       car->fourier[p * car->stride] = 3e38f;
     if (n)
       scene.objects[CAR].record.knots[1].world_from_object[3 + 4 * (n - 1)] = far[n];
     scene.objects[CAR].record.knots[2].translation[n] = far[n];
     pags_composition *c = compose_scene(scene);
     edit(c, &(pags_edit){.kind = PAGS_EDIT_MOVE, .object = PARKED, .translation = {far[n], 0, 0}}, 1);
-    for (int t = 0; t < 5; ++t) {
+    for (int t = 0; t < 5; t++) {
       const pags_part *parts;
       int count;
       pags_compose(c, 100 + 0.5 * t, &parts, &count);
-      for (int p = 0; p < count; ++p)
+      for (int p = 0; p < count; p++)
         assert_true(!parts[p].dc || isfinite(parts[p].dc[0]));
       pags_picture picture = draw(c, 100 + 0.5 * t);
-      for (int y = 0; y < SIZE; ++y)
-        for (int x = 0; x < SIZE; ++x)
+      for (int y = 0; y < SIZE; y++)
+        for (int x = 0; x < SIZE; x++)
           assert_true(isfinite(picture.rgb[1][y * picture.stride + x]));
     }
     pags_composition_destroy(c);
@@ -294,23 +294,23 @@ static void cutting_changes_no_bit(void **state) {
   (void)state;
   pags_composition *c[2];
   float *kept = malloc(3 * SIZE * SIZE * sizeof *kept);
-  for (int cut = 0; cut < 2; ++cut) {
+  for (int cut = 0; cut < 2; cut++) {
     pags_scene scene = make_scene();
     pags_gaussians *g = &scene.models[0].gaussians;
     pags_gaussians_destroy(g);
     sample_gaussians(g, 600, 2, 5);
-    for (int64_t i = 0; i < g->count; ++i) {
+    for (int64_t i = 0; i < g->count; i++) {
       pags_plane(g, PAGS_MEAN)[i] += 10;
       pags_plane(g, PAGS_SCALE)[i] += 2.5f;
     }
     if (cut)
       assert_int_equal(pags_gaussians_add_object_id(g), PAGS_OK);
-    for (int64_t i = 0; cut && i < g->count; ++i)
+    for (int64_t i = 0; cut && i < g->count; i++)
       g->object_id[i] = (int32_t)(i % 3) - 1;
     c[cut] = compose_scene(scene);
     pags_picture picture = draw(c[cut], 101);
-    for (int k = 0; k < 3; ++k)
-      for (int y = 0; y < SIZE; ++y) {
+    for (int k = 0; k < 3; k++)
+      for (int y = 0; y < SIZE; y++) {
         float *row = kept + (k * SIZE + y) * SIZE;
         if (cut)
           assert_memory_equal(row, picture.rgb[k] + y * picture.stride, SIZE * sizeof *row);
@@ -353,8 +353,8 @@ static void placements_are_drawn_where_they_say(void **state) {
   assert_int_equal(pags_compose_placed(c, 101, placements, 3, &parts, &count), PAGS_OK);
   pags_compose(c, 101, &tracks, &track_count);
   assert_int_equal(count, track_count);
-  for (int p = 0; p < count; ++p)
-    for (int k = 0; k < 12; ++k)
+  for (int p = 0; p < count; p++)
+    for (int k = 0; k < 12; k++)
       assert_true(fabs(parts[p].world_from_model[k] - tracks[p].world_from_model[k]) < 1e-9);
   placements[1].world_from_object[7] += 2;
   memcpy(&placements[3], &placements[2], sizeof placements[3]);

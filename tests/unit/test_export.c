@@ -43,9 +43,9 @@ static pags_proxy_mesh made_shell(double step) {
   pags_tsdf grid;
   pags_proxy_mesh shell;
   assert_int_equal(pags_tsdf_create(&grid, lo, hi, step, 0), PAGS_OK);
-  for (int z = 0; z < grid.n[2]; ++z)
-    for (int y = 0; y < grid.n[1]; ++y)
-      for (int x = 0; x < grid.n[0]; ++x) {
+  for (int z = 0; z < grid.n[2]; z++)
+    for (int y = 0; y < grid.n[1]; y++)
+      for (int x = 0; x < grid.n[0]; x++) {
         const double p[3] = {lo[0] + x * step, lo[1] + y * step, lo[2] + z * step};
         grid.distance[(z * grid.n[1] + y) * grid.n[0] + x] = (float)made_distance(p);
       }
@@ -68,7 +68,7 @@ static void test_box(void **state) {
   assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
   assert_true(inspect(&box).closed);
   assert_near(inspect(&box).volume, 12, 1e-5);
-  --box.triangle_count;
+  box.triangle_count--;
   assert_false(inspect(&box).closed);
   assert_int_equal(inspect(&box).open_edges, 3);
   pags_proxy_mesh_destroy(&box);
@@ -78,7 +78,7 @@ static void test_surface_is_closed_and_where_it_should_be(void **state) {
   (void)state;
   pags_proxy_mesh shell = made_shell(0.08);
   assert_true(inspect(&shell).closed);
-  for (int64_t i = 0; i < shell.vertex_count; ++i) {
+  for (int64_t i = 0; i < shell.vertex_count; i++) {
     const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1],
                          (double)shell.positions[3 * i + 2]};
     assert_true(fabs(made_distance(p)) < 0.08);
@@ -91,7 +91,7 @@ static void test_budgets(void **state) {
   static const int64_t budgets[] = {5000, 2000, 500, 100, 40};
   pags_proxy_mesh shell = made_shell(0.08), simple;
   assert_true(shell.triangle_count > 5000);
-  for (size_t i = 0; i < sizeof budgets / sizeof budgets[0]; ++i) {
+  for (size_t i = 0; i < sizeof budgets / sizeof budgets[0]; i++) {
     assert_int_equal(pags_proxy_mesh_simplify(&shell, budgets[i], &simple), PAGS_OK);
     assert_true(simple.triangle_count <= budgets[i]);
     assert_true(inspect(&simple).closed);
@@ -106,10 +106,10 @@ static void test_repair(void **state) {
   static const float points[6][3] = {{0, 0, 0}, {0, 0, 1}, {1, 0, 0}, {1, 1, 0}, {-1, 0, 0}, {-1, -1, 0}},
                      grey[3] = {0};
   pags_proxy_mesh s = {0};
-  for (int i = 0; i < 6; ++i)
+  for (int i = 0; i < 6; i++)
     pags_proxy_mesh_vertex(&s, points[i], grey, 1);
   static const uint32_t tetrahedra[2][4] = {{0, 1, 2, 3}, {0, 1, 4, 5}};
-  for (int t = 0; t < 2; ++t) { /* outward, given that 0 1 2 3 runs so that the volume is positive */
+  for (int t = 0; t < 2; t++) { /* outward, given that 0 1 2 3 runs so that the volume is positive */
     const uint32_t *v = tetrahedra[t];
     pags_proxy_mesh_triangle(&s, v[0], v[2], v[1]);
     pags_proxy_mesh_triangle(&s, v[0], v[1], v[3]);
@@ -118,7 +118,7 @@ static void test_repair(void **state) {
   }
   double volume = inspect(&s).volume;
   if (volume < 0)
-    for (int64_t i = 0; i < s.triangle_count; ++i) {
+    for (int64_t i = 0; i < s.triangle_count; i++) {
       uint32_t v = s.triangles[3 * i];
       s.triangles[3 * i] = s.triangles[3 * i + 1];
       s.triangles[3 * i + 1] = v;
@@ -137,11 +137,11 @@ static void add_box(pags_proxy_mesh *to, double side, double x, double z) {
   uint32_t first = (uint32_t)to->vertex_count;
   pags_proxy_mesh box;
   assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
-  for (int64_t i = 0; i < box.vertex_count; ++i) {
+  for (int64_t i = 0; i < box.vertex_count; i++) {
     const float p[3] = {box.positions[3 * i] + (float)x, box.positions[3 * i + 1], box.positions[3 * i + 2] + (float)z};
     pags_proxy_mesh_vertex(to, p, grey, 0);
   }
-  for (int64_t i = 0; i < box.triangle_count; ++i) {
+  for (int64_t i = 0; i < box.triangle_count; i++) {
     const uint32_t *t = box.triangles + 3 * i;
     pags_proxy_mesh_triangle(to, first + t[0], first + t[1], first + t[2]);
   }
@@ -152,7 +152,7 @@ static void add_box(pags_proxy_mesh *to, double side, double x, double z) {
 static void test_parts(void **state) {
   (void)state;
   const double size[3] = {1.6, 1.2, 1.05};
-  for (int annex = 0; annex < 2; ++annex) {
+  for (int annex = 0; annex < 2; annex++) {
     pags_proxy_mesh s = {0};
     add_box(&s, 1, 0, 0);
     add_box(&s, 0.2, 0.65, 0);   /* a mirror, 0.05 from it */
@@ -164,7 +164,7 @@ static void test_parts(void **state) {
     assert_int_equal(s.vertex_count, annex ? 24 : 16);
     assert_near(inspect(&s).volume, 1 + 0.125 + (annex ? 0.008 : 0), 1e-5);
     double right = 0;
-    for (int64_t i = 0; i < s.vertex_count; ++i)
+    for (int64_t i = 0; i < s.vertex_count; i++)
       right = fmax(right, (double)s.positions[3 * i]);
     assert_near(right, annex ? 0.75 : 0.5, 1e-6);
     pags_proxy_mesh_destroy(&s);
@@ -179,7 +179,7 @@ static void test_hull(void **state) {
   assert_true(inspect(&hull).closed);
   assert_true(inspect(&hull).volume > inspect(&shell).volume);
   pags_proxy_mesh_destroy(&hull);
-  for (int64_t i = 0; i < shell.vertex_count; ++i)
+  for (int64_t i = 0; i < shell.vertex_count; i++)
     shell.positions[3 * i + 2] = 0;
   assert_int_equal(pags_proxy_mesh_hull(&shell, 200, &hull), PAGS_ERROR_ARGUMENT);
   pags_proxy_mesh_destroy(&shell);
@@ -190,7 +190,7 @@ static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
   pags_mesh_query *solid;
   double sum = 0;
   assert_int_equal(pags_mesh_query_of_mesh(to, &solid), PAGS_OK);
-  for (int64_t i = 0; i < from->vertex_count; ++i) {
+  for (int64_t i = 0; i < from->vertex_count; i++) {
     const double p[3] = {(double)from->positions[3 * i], (double)from->positions[3 * i + 1],
                          (double)from->positions[3 * i + 2]};
     sum += pags_mesh_query_distance(solid, p, NULL);
@@ -204,7 +204,7 @@ static void test_cage(void **state) {
   (void)state;
   pags_proxy_mesh shell = made_shell(0.1), cage;
   assert_int_equal(pags_proxy_mesh_keep_parts(&shell, 0.9, 0, NULL), PAGS_OK);
-  for (int level = 0; level <= 2; ++level) {
+  for (int level = 0; level <= 2; level++) {
     assert_int_equal(pags_proxy_mesh_cage(&shell, level, 3000, &cage), PAGS_OK);
     assert_true(cage.triangle_count <= 3000);
     assert_true(inspect(&cage).closed);
@@ -253,10 +253,10 @@ static void test_half_turns(void **state) {
   pags_sh_rotation turn;
   rotation_about(0, 3.14159265358979323846, r);
   pags_sh_rotation_make(r, &turn);
-  for (int k = 0; k < 15; ++k)
+  for (int k = 0; k < 15; k++)
     rest[k] = k + 1;
   pags_sh_rotation_apply(&turn, 3, rest);
-  for (int k = 0; k < 15; ++k)
+  for (int k = 0; k < 15; k++)
     assert_near(rest[k], about_x[k] * (k + 1), 1e-9);
 }
 
@@ -267,22 +267,22 @@ static void test_turns_compose(void **state) {
   pags_sh_rotation turn_a, turn_b, turn_ab;
   rotation_about(2, 0.7, a);
   rotation_about(1, -1.9, b);
-  for (int i = 0; i < 9; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int i = 0; i < 9; i++)
+    for (int k = 0; k < 3; k++)
       ab[i] += a[i / 3 * 3 + k] * b[3 * k + i % 3];
   pags_sh_rotation_make(a, &turn_a);
   pags_sh_rotation_make(b, &turn_b);
   pags_sh_rotation_make(ab, &turn_ab);
-  for (int k = 0; k < 15; ++k)
+  for (int k = 0; k < 15; k++)
     one[k] = two[k] = sin(k + 1.0);
   const double vector[3] = {-one[2], -one[0], one[1]};
   pags_sh_rotation_apply(&turn_b, 3, one);
   pags_sh_rotation_apply(&turn_a, 3, one);
   pags_sh_rotation_apply(&turn_ab, 3, two);
-  for (int k = 0; k < 15; ++k)
+  for (int k = 0; k < 15; k++)
     assert_near(one[k], two[k], 1e-9);
   const double turned[3] = {-two[2], -two[0], two[1]};
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     assert_near(turned[k], ab[3 * k] * vector[0] + ab[3 * k + 1] * vector[1] + ab[3 * k + 2] * vector[2], 1e-9);
 }
 
@@ -290,7 +290,7 @@ static void test_turns_compose(void **state) {
 
 static void check_rotations(const pags_gaussians *a, const pags_gaussians *b, int64_t i, double tolerance) {
   double along = 0, la = 0, lb = 0;
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     double p = (double)pags_plane(a, PAGS_ROTATION + k)[i], q = (double)pags_plane(b, PAGS_ROTATION + k)[i];
     along += p * q;
     la += p * p;
@@ -304,8 +304,8 @@ static void check_read_back(const char *path, const pags_gaussians *g, double po
   pags_gaussians back;
   assert_int_equal(pags_splat_load(path, &back, NULL, NULL), PAGS_OK);
   assert_int_equal(back.count, g->count);
-  for (int64_t i = 0; i < g->count; ++i) {
-    for (int k = 0; k < 3; ++k) {
+  for (int64_t i = 0; i < g->count; i++) {
+    for (int k = 0; k < 3; k++) {
       assert_near((double)pags_plane(&back, PAGS_MEAN + k)[i], (double)pags_plane(g, PAGS_MEAN + k)[i], position);
       assert_near((double)pags_plane(&back, PAGS_SCALE + k)[i], (double)pags_plane(g, PAGS_SCALE + k)[i], scale);
     }
@@ -313,7 +313,7 @@ static void check_read_back(const char *path, const pags_gaussians *g, double po
            b = 1 / (1 + exp(-(double)pags_plane(&back, PAGS_OPACITY)[i]));
     assert_near(a, b, 0.5 / 255 + 1e-5);
     check_rotations(g, &back, i, rotation);
-    for (int p = PAGS_SH + 3; rest > 0 && p < pags_plane_count(g->sh_degree); ++p)
+    for (int p = PAGS_SH + 3; rest > 0 && p < pags_plane_count(g->sh_degree); p++)
       assert_near((double)pags_plane(&back, p)[i], fmin(fmax((double)pags_plane(g, p)[i], -1), 0.99), rest);
   }
   pags_gaussians_destroy(&back);
@@ -327,7 +327,7 @@ static void test_splat_files(void **state) {
   snprintf(path, 1024, "%s/a.splat", scratch_folder);
   assert_int_equal(pags_splat_save(path, &g), PAGS_OK);
   check_read_back(path, &g, 0, 1e-5, 1e-3, 0);
-  for (int version = 3; version <= 4; ++version) {
+  for (int version = 3; version <= 4; version++) {
     snprintf(path, 1024, "%s/v%d.spz", scratch_folder, version);
     assert_int_equal(pags_spz_save(path, &g, version, 0), PAGS_OK);
     check_read_back(path, &g, 0.5 / 4096 + 1e-6, 0.5 / 16 + 1e-5, 1e-4, 8.5 / 128 + 1e-5);
@@ -340,12 +340,12 @@ static void test_splat_files(void **state) {
 /* A ball of opaque Gaussians of radius r; flat: in the plane z = 0. */
 static void fill_ball(pags_gaussians *g, int64_t count, double r, int flat) {
   assert_int_equal(pags_gaussians_create(g, count, 0), PAGS_OK);
-  for (int64_t i = 0; i < count; ++i) {
+  for (int64_t i = 0; i < count; i++) {
     double z = 1 - (2 * (double)i + 1) / (double)count, s = sqrt(1 - z * z), angle = 2.39996322972865332 * (double)i;
     pags_plane(g, PAGS_MEAN)[i] = (float)(r * s * cos(angle));
     pags_plane(g, PAGS_MEAN + 1)[i] = (float)(r * s * sin(angle));
     pags_plane(g, PAGS_MEAN + 2)[i] = flat ? 0 : (float)(r * z);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pags_plane(g, PAGS_SCALE + k)[i] = (float)log(0.025);
     pags_plane(g, PAGS_ROTATION)[i] = 1;
     pags_plane(g, PAGS_OPACITY)[i] = 5;
@@ -356,12 +356,12 @@ static void fill_ball(pags_gaussians *g, int64_t count, double r, int flat) {
 static void add_views(pags_scene *scene, int count) {
   scene->view_count = count;
   scene->views = calloc((size_t)count, sizeof *scene->views);
-  for (int i = 0; i < count; ++i) {
+  for (int i = 0; i < count; i++) {
     double a = 6.283185307 * i / count, c = cos(a), s = sin(a), lift = i % 3 - 1.0, d = sqrt(36 + lift * lift * 9);
     /* x right, y down, z forward, looking at the middle from (6 c, 6 s, 3 lift) */
     const double forward[3] = {-6 * c / d, -6 * s / d, -3 * lift / d}, right[3] = {-s, c, 0};
     pags_camera camera = {.width = 320, .height = 240, .fx = 400, .fy = 400, .cx = 160, .cy = 120};
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       int u = (k + 1) % 3, v = (k + 2) % 3;
       camera.world_from_camera[4 * k] = right[k];
       camera.world_from_camera[4 * k + 1] = forward[u] * right[v] - forward[v] * right[u];
@@ -384,11 +384,11 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
   o->record.class_name = pags_text_copy("Regular Vehicle");
   o->record.category = PAGS_CATEGORY_VEHICLE;
   o->record.moving = knots > 1;
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     o->record.size[k] = size;
   o->record.knot_count = knots;
   o->record.knots = calloc((size_t)knots, sizeof *o->record.knots);
-  for (int64_t i = 0; i < knots; ++i) {
+  for (int64_t i = 0; i < knots; i++) {
     memcpy(o->record.knots[i].world_from_object, identity, sizeof identity);
     o->record.knots[i].world_from_object[7] = left;
     o->record.knots[i].time = 0.1 * (double)i;
@@ -402,7 +402,7 @@ static pags_scene made_scene(void) {
   scene.model_count = 4;
   scene.models = calloc(4, sizeof *scene.models);
   scene.objects = calloc(4, sizeof *scene.objects);
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     scene.models[i].name = pags_text_copy(i ? "model" : "background");
     scene.models[i].file = NULL;
   }
@@ -423,7 +423,7 @@ static void test_proxies_of_a_scene(void **state) {
   char path[1024];
   pags_tasks *tasks = pags_tasks_create(2);
   pags_scene scene = made_scene();
-  for (int level = PAGS_PROXY_MESH; level < PAGS_PROXY_LEVELS; ++level) {
+  for (int level = PAGS_PROXY_MESH; level < PAGS_PROXY_LEVELS; level++) {
     pags_proxy_options options = pags_proxy_options_default();
     pags_proxy_report report;
     options.level = (pags_proxy_level)level;
@@ -434,7 +434,7 @@ static void test_proxies_of_a_scene(void **state) {
     assert_string_equal(report.proxies[0].name, "regular_vehicle_0000");
     assert_int_equal(report.proxies[0].level, level);
     assert_null(report.proxies[0].note);
-    for (int i = 0; i < 4; ++i) {
+    for (int i = 0; i < 4; i++) {
       assert_true(report.proxies[i].closed);
       assert_true(report.proxies[i].triangles <= 800);
     }
@@ -465,11 +465,11 @@ static void test_what_stands_off_is_kept(void **state) {
   pags_proxy_options options = pags_proxy_options_default();
   pags_proxy_report report;
   for (int64_t i = 0; i < g->count; i += 8)
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pags_plane(g, PAGS_MEAN + k)[i] = pags_plane(g, PAGS_MEAN + k)[i] * 0.1f + (k == 0 ? 0.7f : 0);
-  for (int64_t i = 0; i < g->count; ++i)
+  for (int64_t i = 0; i < g->count; i++)
     if (i % 8)
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         pags_plane(g, PAGS_MEAN + k)[i] *= 0.65f;
   snprintf(path, 1024, "%s/off.glb", scratch_folder);
   assert_int_equal(pags_export_proxies(&scene, path, &options, tasks, NULL, NULL, &report), PAGS_OK);
@@ -490,7 +490,7 @@ static void test_same_bytes(void **state) {
   options.lod = 1;
   options.physics = 1;
   options.visibility = 1;
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     pags_tasks *tasks = pags_tasks_create(i ? 3 : 1);
     snprintf(path[i], 1024, "%s/same%d.glb", scratch_folder, i);
     assert_int_equal(pags_export_proxies(&scene, path[i], &options, tasks, NULL, NULL, NULL), PAGS_OK);

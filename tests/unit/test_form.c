@@ -15,7 +15,7 @@ static const double size[3] = {4, 2, 1.5}, step = 0.1;
 static pags_tsdf grid_of(double spacing) {
   pags_tsdf grid;
   double lo[3], hi[3];
-  for (int k = 0; k < 3; ++k) { /* even about the middle, 0.2 m beyond the box */
+  for (int k = 0; k < 3; k++) { /* even about the middle, 0.2 m beyond the box */
     hi[k] = 0.5 * size[k] + 0.2;
     lo[k] = -hi[k];
   }
@@ -30,17 +30,17 @@ static pags_tsdf empty_grid(void) {
 static int64_t index_of(const pags_tsdf *g, double x, double y, double z) {
   const double p[3] = {x, y, z};
   int64_t at[3];
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     at[k] = (int64_t)floor((p[k] - g->origin[k]) / g->step + 0.5);
   return (at[2] * g->n[1] + at[1]) * g->n[0] + at[0];
 }
 
 /* Every point within lo..hi. */
 static void say(pags_tsdf *g, const double lo[3], const double hi[3], float distance, float weight) {
-  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; ++i) {
+  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; i++) {
     const int64_t at[3] = {i % g->n[0], i / g->n[0] % g->n[1], i / g->n[0] / g->n[1]};
     int within = 1;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       double p = g->origin[k] + (double)at[k] * g->step;
       within &= p > lo[k] - 1e-9 && p < hi[k] + 1e-9;
     }
@@ -69,7 +69,7 @@ static double middle_of(const pags_shape_prior *form, double *known) {
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
   pags_tsdf_destroy(&grid);
   *known = 0;
-  for (int i = 0; i < 1000; ++i)
+  for (int i = 0; i < 1000; i++)
     *known = fmax(*known, (double)form->known[i]);
   return distance;
 }
@@ -94,7 +94,7 @@ static void test_the_well_seen_count(void **state) {
 /* Points along a side. */
 static pags_lidar_fit side_cloud(void) {
   pags_lidar_fit cloud = {0};
-  for (int i = 0; i < 40; ++i) {
+  for (int i = 0; i < 40; i++) {
     const double p[3] = {-1.5 + 0.075 * i, 0.9, 0.2};
     assert_int_equal(pags_lidar_fit_add(&cloud, p), PAGS_OK);
   }
@@ -121,14 +121,14 @@ static void test_the_laser_chooses(void **state) {
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
-  for (int k = 0; k < 3; ++k) /* as a smaller car's the form is stretched: the points are in it, just */
+  for (int k = 0; k < 3; k++) /* as a smaller car's the form is stretched: the points are in it, just */
     forms[0].size[k] *= 0.95;
-  for (int64_t i = 0; i < cloud.count; ++i)
+  for (int64_t i = 0; i < cloud.count; i++)
     cloud.points[3 * i] = (float)(0.53 * size[0]);
   assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[0] < 0.02);
   pags_shape_prior_destroy(&blended);
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     pags_shape_prior_destroy(&forms[i]);
   pags_lidar_fit_destroy(&cloud);
 }
@@ -146,14 +146,14 @@ static void test_knowing_little_does_not_win(void **state) {
   assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
   int both = 0;
   while (both < 1000 && !(forms[1].known[both] > 0))
-    ++both;
+    both++;
   assert_true((double)blended.distance[both] > 0.04 / 3 && (double)blended.distance[both] < 0.02);
   pags_shape_prior_destroy(&blended);
   forms[2] = form_of(-0.2f, 4, 4);
   assert_int_equal(pags_shape_prior_blend(forms, 3, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[both] < 0.028); /* 0.032 if it counted 0.03 */
   pags_shape_prior_destroy(&blended);
-  for (int i = 0; i < 3; ++i)
+  for (int i = 0; i < 3; i++)
     pags_shape_prior_destroy(&forms[i]);
   pags_tsdf_destroy(&grid);
   pags_lidar_fit_destroy(&cloud);
@@ -164,13 +164,13 @@ static void test_the_laser_is_held_to(void **state) {
   (void)state;
   pags_lidar_fit cloud = {0};
   pags_tsdf grid = empty_grid();
-  for (int i = -4; i <= 4; ++i)
-    for (int j = -4; j <= 4; ++j) {
+  for (int i = -4; i <= 4; i++)
+    for (int j = -4; j <= 4; j++) {
       const double p[3] = {0.1 * i, 0.1 * j, 0.06};
       assert_int_equal(pags_lidar_fit_add(&cloud, p), PAGS_OK);
     }
-  for (int held = 0; held < 2; ++held) {
-    for (int z = 0; z < grid.n[2]; ++z) {
+  for (int held = 0; held < 2; held++) {
+    for (int z = 0; z < grid.n[2]; z++) {
       double height = grid.origin[2] + z * step;
       const double lo[3] = {-9, -9, height}, hi[3] = {9, 9, height};
       say(&grid, lo, hi, (float)height, 20);
@@ -262,7 +262,7 @@ static void test_wheels_stand_on_the_ground(void **state) {
 /* Nothing of a vehicle is below its box's lower face, whatever was seen there; of others it is. */
 static void test_vehicles_end_at_the_ground(void **state) {
   (void)state;
-  for (int vehicle = 0; vehicle < 2; ++vehicle) {
+  for (int vehicle = 0; vehicle < 2; vehicle++) {
     pags_tsdf grid = grid_of(0.04);
     say(&grid, all_lo, all_hi, -0.12f, 20);
     assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, NULL, NULL), PAGS_OK);
@@ -298,7 +298,7 @@ static double roof_below(double free_from) {
  * and what smoothing takes. */
 static void test_roofs_are_half_way(void **state) {
   (void)state;
-  for (int i = 0; i < 5; ++i)
+  for (int i = 0; i < 5; i++)
     assert_true(fabs(roof_below(0.25 + 0.1 * i) - (0.2 + 0.1 * i)) < 0.022);
 }
 

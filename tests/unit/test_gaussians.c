@@ -12,21 +12,21 @@
 #include "base/rng.h"
 
 static void fill(pags_gaussians *g, uint64_t seed) {
-  for (int p = 0; p < pags_plane_count(g->sh_degree); ++p)
-    for (int64_t i = 0; i < g->count; ++i)
+  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+    for (int64_t i = 0; i < g->count; i++)
       pags_plane(g, p)[i] = (float)(pags_rng_uniform(seed, (uint64_t)p, (uint64_t)i) * 4 - 2);
 }
 
 static void planes_are_zero_and_aligned(void **state) {
   (void)state;
-  for (int degree = 0; degree <= 3; ++degree) {
+  for (int degree = 0; degree <= 3; degree++) {
     pags_gaussians g;
     assert_int_equal(pags_gaussians_create(&g, 21, degree), PAGS_OK);
     assert_int_equal(g.count, 21);
     assert_int_equal(g.stride, 32);
-    for (int p = 0; p < pags_plane_count(degree); ++p) {
+    for (int p = 0; p < pags_plane_count(degree); p++) {
       assert_int_equal((uintptr_t)pags_plane(&g, p) % 64, 0);
-      for (int64_t i = 0; i < g.stride; ++i)
+      for (int64_t i = 0; i < g.stride; i++)
         assert_true(pags_plane(&g, p)[i] == 0);
     }
     pags_gaussians_destroy(&g);
@@ -63,9 +63,9 @@ static void growing_keeps_everything(void **state) {
   assert_int_equal(pags_gaussians_reserve(&g, 1000), PAGS_OK);
   assert_int_equal(g.stride, 1008);
   assert_int_equal(g.count, 40);
-  for (int p = 0; p < pags_plane_count(1); ++p) {
+  for (int p = 0; p < pags_plane_count(1); p++) {
     assert_memory_equal(pags_plane(&g, p), pags_plane(&copy, p), 40 * sizeof(float));
-    for (int64_t i = 40; i < g.stride; ++i)
+    for (int64_t i = 40; i < g.stride; i++)
       assert_true(pags_plane(&g, p)[i] == 0);
   }
   assert_true(g.s_sem[39] == 0.5f && g.s_sem[40] == 0);
@@ -90,8 +90,8 @@ static void gathering_takes_whole_rows(void **state) {
   assert_non_null(out.object_id);
   assert_null(out.s_sem);
   pags_gaussians_gather(&g, index, 3, &out);
-  for (int p = 0; p < PAGS_MAX_PLANES; ++p)
-    for (int i = 0; i < 3; ++i)
+  for (int p = 0; p < PAGS_MAX_PLANES; p++)
+    for (int i = 0; i < 3; i++)
       assert_true(pags_plane(&out, p)[i] == pags_plane(&g, p)[index[i]]);
   assert_int_equal(out.object_id[0], 9);
   assert_int_equal(out.object_id[1], -1);
@@ -102,10 +102,10 @@ static void gathering_takes_whole_rows(void **state) {
 /* The code bit by bit, the slow way. */
 static uint64_t plain_code(const pags_gaussians *g, int64_t i, const double lo[3], double extent) {
   uint64_t code = 0;
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double cell = floor((pags_plane(g, k)[i] - lo[k]) * (2097152.0 / extent));
     uint64_t whole = cell > 2097151 ? 2097151 : (uint64_t)cell;
-    for (int bit = 0; bit < 21; ++bit)
+    for (int bit = 0; bit < 21; bit++)
       code |= (whole >> bit & 1) << (3 * bit + k);
   }
   return code;
@@ -118,7 +118,7 @@ static void morton_order_is_that_of_the_codes(void **state) {
   static int64_t index[N];
   assert_int_equal(pags_gaussians_create(&g, N, 0), PAGS_OK);
   fill(&g, 3);
-  for (int k = 0; k < 3; ++k) { /* equal rows, for ties, and corners of a known cube */
+  for (int k = 0; k < 3; k++) { /* equal rows, for ties, and corners of a known cube */
     pags_plane(&g, k)[100] = pags_plane(&g, k)[4000];
     pags_plane(&g, k)[7] = -2;
     pags_plane(&g, k)[8] = 2;
@@ -129,7 +129,7 @@ static void morton_order_is_that_of_the_codes(void **state) {
   double lo[3] = {-2, -2, -2};
   assert_int_equal(index[N - 2], 20);
   assert_int_equal(index[N - 1], 50);
-  for (int i = 0; i + 3 < N; ++i) {
+  for (int i = 0; i + 3 < N; i++) {
     uint64_t here = plain_code(&g, index[i], lo, 4), next = plain_code(&g, index[i + 1], lo, 4);
     assert_true(here < next || (here == next && index[i] < index[i + 1]));
   }
@@ -142,7 +142,7 @@ static void one_place_keeps_the_order(void **state) {
   int64_t index[50];
   assert_int_equal(pags_gaussians_create(&g, 50, 0), PAGS_OK);
   assert_int_equal(pags_gaussians_morton_order(&g, index), PAGS_OK);
-  for (int i = 0; i < 50; ++i)
+  for (int i = 0; i < 50; i++)
     assert_int_equal(index[i], i);
   pags_gaussians_destroy(&g);
 }
@@ -156,7 +156,7 @@ static void bad_rows_are_found(void **state) {
   fill(&g, 4);
   pags_plane(&g, PAGS_SH + 47)[699] = NAN;
   pags_plane(&g, PAGS_MEAN)[0] = -INFINITY;
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     pags_plane(&g, PAGS_ROTATION + k)[256] = k ? 0.0f : -0.0f;
   assert_int_equal(pags_gaussians_find_bad(&g, NULL), 3);
   assert_int_equal(pags_gaussians_find_bad(&g, index), 3);

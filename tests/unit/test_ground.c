@@ -23,9 +23,9 @@ static void look_down(pags_depth_view *sight, float depth[WIDE * WIDE]) {
   sight->camera.width = sight->camera.height = WIDE;
   sight->camera.fx = sight->camera.fy = WIDE / 2;
   sight->camera.cx = sight->camera.cy = WIDE / 2;
-  for (int k = 0; k < 12; ++k)
+  for (int k = 0; k < 12; k++)
     sight->camera.world_from_camera[k] = pose[k];
-  for (int i = 0; i < WIDE * WIDE; ++i)
+  for (int i = 0; i < WIDE * WIDE; i++)
     depth[i] = (float)eye;
 }
 
@@ -38,8 +38,8 @@ static pags_lidar no_points(void) {
 /* Points every 5 cm of a rectangle, all as high as `z`. */
 static void measure(pags_lidar *laser, double x0, double x1, double y0, double y1, double z) {
   int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
-  for (int j = 0; j <= ny; ++j)
-    for (int i = 0; i <= nx; ++i) {
+  for (int j = 0; j <= ny; j++)
+    for (int i = 0; i <= nx; i++) {
       float *p = laser->points + 3 * laser->count++;
       assert_true(laser->count < MOST);
       p[0] = (float)(x0 + 0.05 * i);
@@ -60,9 +60,9 @@ static void find_seen(const pags_lidar *laser, double lift, pags_ground *out) {
   double path[3 * STEPS];
   pags_depth_view sight;
   look_down(&sight, depth);
-  for (int i = 0; i < WIDE * WIDE; ++i)
+  for (int i = 0; i < WIDE * WIDE; i++)
     depth[i] -= (float)lift;
-  for (int i = 0; i < STEPS; ++i) {
+  for (int i = 0; i < STEPS; i++) {
     path[3 * i] = 0.1 * i;
     path[3 * i + 1] = 0;
     path[3 * i + 2] = eye;
@@ -105,10 +105,10 @@ static void walls_are_not_climbed(void **state) {
   pags_lidar laser = no_points();
   pags_ground ground;
   measure(&laser, -3, 3, -3, 4, 0);
-  for (int i = 0; i < 6; ++i)
+  for (int i = 0; i < 6; i++)
     measure_wall(&laser, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
   find(&laser, &ground);
-  for (int i = 0; i < 12; ++i)
+  for (int i = 0; i < 12; i++)
     assert_true(fabs(height(&ground, 0.5, 3.9 + 0.1 * i)) < 0.01);
   pags_ground_destroy(&ground);
   free(laser.points);
@@ -119,7 +119,7 @@ static void the_laser_outweighs_pixels(void **state) {
   (void)state;
   pags_lidar laser = no_points();
   pags_ground ground;
-  for (int i = -3; i <= 3; ++i)
+  for (int i = -3; i <= 3; i++)
     measure(&laser, -3, 3, i - 0.1, i + 0.1, 0);
   find_seen(&laser, 0.05, &ground);
   assert_true(fabs(height(&ground, 0.2, 0)) < 0.005);
@@ -137,20 +137,20 @@ static void the_budget_is_used(void **state) {
       .step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
   pags_proxy_mesh shell;
   assert_true(ground.z && ground.known);
-  for (int i = 0; i < SIDE * SIDE; ++i) {
+  for (int i = 0; i < SIDE * SIDE; i++) {
     ground.known[i] = 1;
     ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) +
                   0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
   }
   assert_int_equal(pags_ground_mesh(&ground, BUDGET, &shell), PAGS_OK);
   assert_in_range(shell.triangle_count, BUDGET * 3 / 4, BUDGET);
-  for (int64_t i = 0; i < shell.triangle_count; ++i) {
+  for (int64_t i = 0; i < shell.triangle_count; i++) {
     const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i],
                 *b = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 1];
     const float *c = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 2];
     assert_true((b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]));
   }
-  for (int64_t i = 0; i < shell.vertex_count; ++i)
+  for (int64_t i = 0; i < shell.vertex_count; i++)
     assert_true(shell.positions[3 * i + 2] < 0.001f || shell.positions[3 * i + 2] >= 0.13f);
   pags_proxy_mesh_destroy(&shell);
   pags_ground_destroy(&ground);

@@ -73,7 +73,7 @@ static void nesting_has_a_limit(void **state) {
 static void every_truncation_fails_cleanly(void **state) {
   (void)state;
   const char *text = "{\"a\": [1.5e-3, \"\\u00e9\\ud83d\\ude00\", true, {\"b\": null}], \"c\": -0}";
-  for (size_t size = 0; size < strlen(text); ++size) {
+  for (size_t size = 0; size < strlen(text); size++) {
     pags_json *json;
     assert_int_equal(pags_json_parse_text("a.json", text, size, &json), PAGS_ERROR_FORMAT);
   }
@@ -168,7 +168,7 @@ static void the_writer_writes_this(void **state) {
 static void doubles_survive(void **state) {
   (void)state;
   uint64_t bits = 0x3FF0000000000001u;
-  for (int i = 0; i < 20000; ++i) {
+  for (int i = 0; i < 20000; i++) {
     char text[PAGS_DOUBLE_TEXT];
     double value, back;
     bits = bits * 6364136223846793005u + 1442695040888963407u;
@@ -186,7 +186,7 @@ static void the_locale_changes_nothing(void **state) {
   (void)state;
   static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "de_DE", "fr_FR"};
   bool found = false;
-  for (size_t i = 0; i < sizeof names / sizeof *names && !found; ++i)
+  for (size_t i = 0; i < sizeof names / sizeof *names && !found; i++)
     found = setlocale(LC_ALL, names[i]) != NULL;
   if (!found) {
     printf("skipped: needs a locale with a decimal comma, such as de_DE.UTF-8\n");

@@ -39,13 +39,13 @@ static void fill(pags_gaussians *g, uint64_t stream) {
   pags_gaussians loose;
   int64_t index[ROWS];
   assert_int_equal(pags_gaussians_create(&loose, ROWS, 0), PAGS_OK);
-  for (int64_t i = 0; i < ROWS; ++i) {
+  for (int64_t i = 0; i < ROWS; i++) {
     uint64_t at = 16 * (uint64_t)i;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
       pags_plane(&loose, PAGS_MEAN + k)[i] = (float)random_between(stream, at++, -10, 10);
       pags_plane(&loose, PAGS_SCALE + k)[i] = (float)random_between(stream, at++, -4, -0.7);
     }
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       pags_plane(&loose, PAGS_ROTATION + k)[i] = (float)random_between(stream, at++, -1, 1);
     pags_plane(&loose, PAGS_OPACITY)[i] = (float)random_between(stream, at++, -6, 4);
   }
@@ -59,7 +59,7 @@ static void fill(pags_gaussians *g, uint64_t stream) {
 static void make_world(world *w) {
   const double c = cos(0.7), s = sin(0.7),
                poses[PARTS][12] = {{1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}, {c, -s, 0, 3, s, c, 0, -2, 0, 0, 1, 1}};
-  for (int p = 0; p < PARTS; ++p) {
+  for (int p = 0; p < PARTS; p++) {
     fill(&w->gaussians[p], (uint64_t)p);
     assert_int_equal(pags_clusters_create(&w->clusters[p], ROWS, 64), PAGS_OK);
     pags_clusters_update(&w->clusters[p], &w->gaussians[p], 0, w->clusters[p].count);
@@ -69,7 +69,7 @@ static void make_world(world *w) {
 }
 
 static void destroy_world(world *w) {
-  for (int p = 0; p < PARTS; ++p) {
+  for (int p = 0; p < PARTS; p++) {
     pags_gaussians_destroy(&w->gaussians[p]);
     pags_clusters_destroy(&w->clusters[p]);
   }
@@ -77,7 +77,7 @@ static void destroy_world(world *w) {
 
 /* From outside, through a place within, of a length other than 1. */
 static void make_ray(int number, double from[3], double along[3]) {
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     from[k] = origin[k] + random_between(9, 8 * (uint64_t)number + (uint64_t)k, -25, 25);
     along[k] = 0.3 * (origin[k] + random_between(10, 8 * (uint64_t)number + (uint64_t)k, -8, 8) - from[k]);
   }
@@ -95,16 +95,16 @@ static int meet(const pags_part *part, int64_t row, const double from[3], const 
   const pags_gaussians *g = part->gaussians;
   const double *m = part->world_from_model;
   double q[4], r[9], axis[3], aa = 0, ad = 0, dd = 0;
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     q[k] = (double)pags_plane(g, PAGS_ROTATION + k)[row];
   pags_rotation_from_quaternion(q, r);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     double a = 0, d = 0, sigma = exp((double)pags_plane(g, PAGS_SCALE + k)[row]);
-    for (int i = 0; i < 3; ++i)
+    for (int i = 0; i < 3; i++)
       axis[i] = m[4 * i] * r[k] + m[4 * i + 1] * r[3 + k] + m[4 * i + 2] * r[6 + k];
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 3; i++) {
       double mean = m[4 * i + 3] + origin[i];
-      for (int j = 0; j < 3; ++j)
+      for (int j = 0; j < 3; j++)
         mean += m[4 * i + j] * (double)pags_plane(g, PAGS_MEAN + j)[row];
       a += axis[i] * (from[i] - mean);
       d += axis[i] * along[i];
@@ -126,8 +126,8 @@ static int compare_hits(const void *left, const void *right) {
 
 static int all_hits(const world *w, const double from[3], const double along[3], hit *hits) {
   int count = 0;
-  for (int p = 0; p < PARTS; ++p)
-    for (int64_t i = 0; i < ROWS; ++i)
+  for (int p = 0; p < PARTS; p++)
+    for (int64_t i = 0; i < ROWS; i++)
       count += meet(&w->parts[p], i, from, along, &hits[count]);
   qsort(hits, (size_t)count, sizeof *hits, compare_hits);
   return count;
@@ -140,11 +140,11 @@ static void test_brute_force(void **state) {
   int met = 0, missed = 0;
   world w;
   make_world(&w);
-  for (int n = 0; n < RAYS; ++n) {
+  for (int n = 0; n < RAYS; n++) {
     double from[3], along[3];
     make_ray(n, from, along);
     int count = all_hits(&w, from, along, hits);
-    for (int b = 0; b < 3; ++b) {
+    for (int b = 0; b < 3; b++) {
       pags_pick_options options = pags_pick_options_default();
       pags_picked picked;
       memcpy(options.origin, origin, sizeof origin);
@@ -156,15 +156,15 @@ static void test_brute_force(void **state) {
         left *= 1 - hits[at++].alpha;
       if (at == count) {
         assert_int_equal(picked.part, -1);
-        ++missed;
+        missed++;
         continue;
       }
-      ++met;
+      met++;
       assert_int_equal(picked.id, hits[at].id);
       assert_true(fabs(picked.depth - hits[at].t) < 1e-6);
       assert_true(fabs(picked.alpha - hits[at].alpha) < 1e-5);
       assert_int_equal(picked.id, w.parts[picked.part].first_id + picked.row);
-      for (int k = 0; k < 3; ++k)
+      for (int k = 0; k < 3; k++)
         assert_true(fabs(picked.point[k] - from[k] - picked.depth * along[k]) < 1e-9);
     }
   }
@@ -183,7 +183,7 @@ static void test_limits(void **state) {
   make_world(&w);
   memcpy(options.origin, origin, sizeof origin);
   options.blocked = 0;
-  for (int n = 0; n < 40; ++n) {
+  for (int n = 0; n < 40; n++) {
     double from[3], along[3];
     make_ray(n, from, along);
     int count = all_hits(&w, from, along, hits);
@@ -211,7 +211,7 @@ static void test_grazing(void **state) {
   pags_clusters clusters;
   pags_picked picked;
   assert_int_equal(pags_gaussians_create(&g, 1, 0), PAGS_OK);
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     pags_plane(&g, PAGS_MEAN + k)[0] = 0;
     pags_plane(&g, PAGS_SCALE + k)[0] = (float)log(0.1);
     pags_plane(&g, PAGS_ROTATION + 1 + k)[0] = 0;
@@ -223,8 +223,8 @@ static void test_grazing(void **state) {
   const pags_part part = {
       .gaussians = &g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
   options.blocked = 0;
-  for (int axis = 0; axis < 3; ++axis)
-    for (int out = 0; out < 2; ++out) {
+  for (int axis = 0; axis < 3; axis++)
+    for (int out = 0; out < 2; out++) {
       double from[3] = {0, 0, 0}, along[3] = {0, 0, 0};
       from[axis] = -5;
       from[(axis + 1) % 3] = out ? 0.35 : 0.3;
@@ -246,14 +246,14 @@ static void test_packed(void **state) {
   int same = 0, both = 0;
   make_world(&w);
   pags_part parts[PARTS];
-  for (int p = 0; p < PARTS; ++p) {
+  for (int p = 0; p < PARTS; p++) {
     assert_int_equal(pags_packed_create(&w.gaussians[p], &packed[p]), PAGS_OK);
     parts[p] = w.parts[p];
     parts[p].packed = &packed[p];
     parts[p].gaussians = &packed[p].shape;
     parts[p].clusters = &packed[p].clusters;
   }
-  for (int n = 0; n < RAYS; ++n) {
+  for (int n = 0; n < RAYS; n++) {
     double from[3], along[3];
     pags_pick_options options = pags_pick_options_default();
     pags_picked a, b;
@@ -265,7 +265,7 @@ static void test_packed(void **state) {
     same += a.part >= 0 && b.part >= 0 && a.id == b.id && fabs(a.depth - b.depth) < 1e-3;
   }
   assert_true(both > RAYS / 4 && same > both * 95 / 100);
-  for (int p = 0; p < PARTS; ++p)
+  for (int p = 0; p < PARTS; p++)
     pags_packed_destroy(&packed[p]);
   destroy_world(&w);
 }
@@ -287,12 +287,12 @@ static void test_objects(void **state) {
   memcpy(scene.origin, origin, sizeof origin);
   scene.models = calloc(2, sizeof *scene.models);
   scene.objects = calloc(2, sizeof *scene.objects);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     pags_gaussians *g = &scene.models[i].gaussians;
     scene.models[i].name = pags_text_copy(i ? "car" : "background");
     assert_int_equal(pags_gaussians_create(g, 1, 0), PAGS_OK);
     pags_plane(g, PAGS_MEAN)[0] = i ? 0 : 5;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pags_plane(g, PAGS_SCALE + k)[0] = -1;
     pags_plane(g, PAGS_ROTATION)[0] = 1;
     pags_plane(g, PAGS_OPACITY)[0] = 4;
@@ -307,7 +307,7 @@ static void test_objects(void **state) {
     o->knots = calloc(1, sizeof *o->knots);
     double *pose = o->knots[0].world_from_object;
     pose[0] = pose[5] = pose[10] = 1;
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
       pose[4 * k + 3] = origin[k] + (k ? 0 : i ? 15 : 5);
   }
   assert_int_equal(pags_gaussians_add_object_id(&scene.models[0].gaussians), PAGS_OK);
@@ -350,10 +350,10 @@ static void bounds_of(const struct RTCBoundsFunctionArguments *arguments) {
   int64_t row = arguments->primID % ROWS;
   const double *m = part->world_from_model;
   double reach = 0, mean[3];
-  for (int k = 0; k < 3; ++k) {
+  for (int k = 0; k < 3; k++) {
     reach = fmax(reach, 3.4 * exp((double)pags_plane(part->gaussians, PAGS_SCALE + k)[row]));
     mean[k] = m[4 * k + 3];
-    for (int j = 0; j < 3; ++j)
+    for (int j = 0; j < 3; j++)
       mean[k] += m[4 * k + j] * (double)pags_plane(part->gaussians, PAGS_MEAN + j)[row];
   }
   struct RTCBounds *b = arguments->bounds_o;
@@ -393,7 +393,7 @@ static void test_embree(void **state) {
   rtcAttachGeometry(scene, geometry);
   rtcReleaseGeometry(geometry);
   rtcCommitScene(scene);
-  for (int n = 0; n < RAYS; ++n) {
+  for (int n = 0; n < RAYS; n++) {
     ray_query query;
     pags_pick_options options = pags_pick_options_default();
     pags_picked picked;
@@ -415,7 +415,7 @@ static void test_embree(void **state) {
     assert_int_equal(picked.part >= 0, ray.hit.geomID != RTC_INVALID_GEOMETRY_ID);
     if (picked.part < 0)
       continue;
-    ++met;
+    met++;
     assert_int_equal(picked.id, ray.hit.primID);
   }
   assert_true(met > RAYS / 2);

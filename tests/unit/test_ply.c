@@ -16,7 +16,7 @@
 static void assert_same(const pags_gaussians *a, const pags_gaussians *b) {
   assert_int_equal(a->count, b->count);
   assert_int_equal(a->sh_degree, b->sh_degree);
-  for (int p = 0; p < pags_plane_count(a->sh_degree); ++p)
+  for (int p = 0; p < pags_plane_count(a->sh_degree); p++)
     assert_memory_equal(pags_plane(a, p), pags_plane(b, p), (size_t)a->count * sizeof(float));
 }
 
@@ -36,7 +36,7 @@ static void assert_file_holds(const char *path, const uint8_t *bytes, size_t siz
 
 static void every_degree_round_trips_to_the_byte(void **state) {
   (void)state;
-  for (int degree = 0; degree <= 3; ++degree) {
+  for (int degree = 0; degree <= 3; degree++) {
     pags_gaussians g, back;
     sample_gaussians(&g, 300, degree, 1);
     pags_plane(&g, PAGS_MEAN)[5] = -0.0f;
@@ -55,7 +55,7 @@ static void every_degree_round_trips_to_the_byte(void **state) {
 static void any_order_and_encoding_reads_the_same(void **state) {
   (void)state;
   static const char *const formats[] = {"ascii 1.0", "binary_little_endian 1.0", "binary_big_endian 1.0"};
-  for (int i = 0; i < 3; ++i) {
+  for (int i = 0; i < 3; i++) {
     pags_gaussians g, back;
     sample_gaussians(&g, 290, 2, 2);
     file_bytes file = make_scrambled_ply(&g, formats[i]);
@@ -90,8 +90,8 @@ static void extras_follow_the_standard_properties(void **state) {
 
 static void sample_fourier(pags_gaussians *g) {
   assert_int_equal(pags_gaussians_add_fourier(g), PAGS_OK);
-  for (int p = 0; p < 12; ++p)
-    for (int64_t i = 0; i < g->count; ++i)
+  for (int p = 0; p < 12; p++)
+    for (int64_t i = 0; i < g->count; i++)
       g->fourier[p * g->stride + i] = (float)p + 0.01f * (float)i;
 }
 
@@ -106,7 +106,7 @@ static void fourier_terms_follow_the_extras(void **state) {
   assert_int_equal(pags_ply_save(scratch("f.ply"), &g), PAGS_OK);
   load(scratch("f.ply"), &back);
   assert_same(&g, &back);
-  for (int p = 0; p < 12; ++p)
+  for (int p = 0; p < 12; p++)
     assert_memory_equal(g.fourier + p * g.stride, back.fourier + p * back.stride, 300 * sizeof(float));
   assert_int_equal(pags_ply_save(scratch("f2.ply"), &back), PAGS_OK);
   assert_int_equal(pags_file_read(scratch("f.ply"), &bytes, &size), PAGS_OK);
@@ -151,7 +151,7 @@ static void an_empty_file_round_trips(void **state) {
 /* Replaces the first `from` by `to` of any length. */
 static void replace(file_bytes *file, const char *from, const char *to) {
   size_t length = strlen(from);
-  for (size_t at = 0; at + length <= file->size; ++at) {
+  for (size_t at = 0; at + length <= file->size; at++) {
     if (memcmp(file->data + at, from, length) == 0) {
       file_bytes out = {0};
       bytes_put(&out, file->data, at);
@@ -241,7 +241,7 @@ static char last_line[1024];
 static void remember(void *user, pags_log_level level, const char *line) {
   (void)user;
   (void)level;
-  ++lines_logged;
+  lines_logged++;
   snprintf(last_line, sizeof last_line, "%s", line);
 }
 
@@ -249,7 +249,7 @@ static void zero_quaternions_become_the_identity(void **state) {
   (void)state;
   pags_gaussians g, back;
   sample_gaussians(&g, 8, 0, 7);
-  for (int k = 0; k < 4; ++k)
+  for (int k = 0; k < 4; k++)
     pags_plane(&g, PAGS_ROTATION + k)[2] = pags_plane(&g, PAGS_ROTATION + k)[7] = 0;
   file_bytes file = make_ply(&g);
   pags_log_set(remember, NULL);
@@ -299,9 +299,9 @@ static void a_scrambled_file_keeps_its_bits(void **state) {
     skip();
   load(path, &g);
   assert_int_equal(g.count, 11458);
-  for (int64_t i = 0; i < g.count; ++i) { /* a trained model: sigmas below 10 cm, no quaternion far from unit length */
+  for (int64_t i = 0; i < g.count; i++) { /* a trained model: sigmas below 10 cm, no quaternion far from unit length */
     double norm = 0;
-    for (int k = 0; k < 4; ++k)
+    for (int k = 0; k < 4; k++)
       norm += pow((double)pags_plane(&g, PAGS_ROTATION + k)[i], 2);
     assert_true(norm > 0.05 && norm < 16);
     assert_true(pags_plane(&g, PAGS_SCALE)[i] < -2.3f);

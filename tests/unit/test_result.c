@@ -67,9 +67,9 @@ static void try_returns_what_failed(void **state) {
 
 static void every_code_has_a_name_of_its_own(void **state) {
   (void)state;
-  for (int a = PAGS_OK; a <= PAGS_CANCELLED; ++a) {
+  for (int a = PAGS_OK; a <= PAGS_CANCELLED; a++) {
     assert_string_not_equal(pags_result_name((pags_result)a), "unknown result");
-    for (int b = PAGS_OK; b < a; ++b)
+    for (int b = PAGS_OK; b < a; b++)
       assert_string_not_equal(pags_result_name((pags_result)a), pags_result_name((pags_result)b));
   }
 }

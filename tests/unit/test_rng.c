@@ -20,7 +20,7 @@ static void known_answers(void **state) {
       {UINT64_MAX, UINT64_MAX, UINT64_MAX, {0x408f276d, 0x41c83b0e, 0xa20bc7c6, 0x6d5451fd}},
       {0x299f31d0a4093822, 0x85a308d3243f6a88, 0x0370734413198a2e, {0xd16cfe09, 0x94fdcceb, 0x5001e420, 0x24126ea1}},
   };
-  for (size_t i = 0; i < sizeof answers / sizeof *answers; ++i) {
+  for (size_t i = 0; i < sizeof answers / sizeof *answers; i++) {
     uint32_t out[4];
     pags_rng_u32x4(answers[i].seed, answers[i].a, answers[i].b, out);
     assert_memory_equal(out, answers[i].out, sizeof out);
@@ -31,7 +31,7 @@ static void moments_are_right(void **state) {
   (void)state;
   enum { N = 200000 };
   double mean = 0, square = 0, fourth = 0, cross = 0, uniform = 0, uniform_square = 0;
-  for (uint64_t i = 0; i < N; ++i) {
+  for (uint64_t i = 0; i < N; i++) {
     double u = pags_rng_uniform(7, 1, i), z[2];
     pags_rng_normal2(7, 2, i, z);
     assert_true(u >= 0 && u < 1);
@@ -54,15 +54,15 @@ static void moments_are_right(void **state) {
 static void below_stays_below_and_reaches_all(void **state) {
   (void)state;
   int seen[7] = {0};
-  for (uint64_t i = 0; i < 7000; ++i)
+  for (uint64_t i = 0; i < 7000; i++)
     ++seen[pags_rng_below(3, 0, i, 7)];
-  for (int k = 0; k < 7; ++k)
+  for (int k = 0; k < 7; k++)
     assert_in_range(seen[k], 850, 1150);
-  for (uint64_t i = 0; i < 1000; ++i)
+  for (uint64_t i = 0; i < 1000; i++)
     assert_true(pags_rng_below(3, 1, i, UINT64_C(0xC000000000000001)) < UINT64_C(0xC000000000000001));
   /* floor(x n / 2^64) against a wide product. */
   __extension__ typedef unsigned __int128 wide;
-  for (uint64_t i = 0; i < 1000; ++i) {
+  for (uint64_t i = 0; i < 1000; i++) {
     uint32_t words[4];
     pags_rng_u32x4(3, 2, i, words);
     uint64_t n = UINT64_C(0x89ABCDEF01234567) >> i % 64 | 1, x = (uint64_t)words[0] << 32 | words[1];
@@ -76,7 +76,7 @@ static void a_permutation_has_each_once(void **state) {
   int64_t index[N], fixed = 0;
   char seen[N] = {0};
   pags_rng_permutation(1, 5, index, N);
-  for (int i = 0; i < N; ++i) {
+  for (int i = 0; i < N; i++) {
     assert_in_range(index[i], 0, N - 1);
     assert_false(seen[index[i]]);
     seen[index[i]] = 1;

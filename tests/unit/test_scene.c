@@ -30,7 +30,7 @@ static pags_scene sample(void) {
   scene.config = pags_text_copy("\n{\n  \"rate\": 0.00016\n}\n\n");
   scene.models = calloc(2, sizeof *scene.models);
   scene.views = calloc(2, sizeof *scene.views);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     scene.models[i].name = pags_text_copy(i ? "car 1" : "background");
     scene.models[i].file = pags_text_copy(i ? "objects/car 1.ply" : "background.ply");
     sample_gaussians(&scene.models[i].gaussians, 40 + i, i ? 1 : 3, (uint64_t)i);
@@ -50,7 +50,7 @@ static pags_scene driving_sample(void) {
   scene.notes = pags_text_copy("{\"fourier\": []}");
   scene.object_count = 2;
   scene.objects = calloc(2, sizeof *scene.objects);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     pags_scene_object *object = &scene.objects[i];
     object->record = (pags_object){.id = pags_text_copy(i ? "a/b\"c" : "parked"),
                                    .class_name = pags_text_copy(i ? "Car" : "Pedestrian with Object"),
@@ -62,7 +62,7 @@ static pags_scene driving_sample(void) {
     object->model = i ? 1 : -1;
     object->critical = i;
     object->rigid = !i;
-    for (int k = 0; k < 2; ++k)
+    for (int k = 0; k < 2; k++)
       object->record.knots[k] = (pags_knot){.frame = k + 3,
                                             .trained = k,
                                             .time = 0.1 + 0.1 * k,
@@ -70,10 +70,10 @@ static pags_scene driving_sample(void) {
                                             .rotation = {1e-3, 0, -0.1},
                                             .translation = {0.1 * k, 1.0 / 7, 0}};
   }
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     scene.views[i].sensor = i ? 2 : -1;
     scene.views[i].frame = i ? 12 : -1;
-    for (int c = 0; c < 3; ++c) {
+    for (int c = 0; c < 3; c++) {
       scene.views[i].gain[c] = i ? 1 + 0.01 * c : 1;
       scene.views[i].offset[c] = i ? 0.1 : 0;
     }
@@ -84,7 +84,7 @@ static pags_scene driving_sample(void) {
   background->object_id[4] = 1;
   assert_int_equal(pags_gaussians_add_fourier(&scene.models[1].gaussians), PAGS_OK);
   assert_int_equal(pags_sky_create(&scene.sky, 3), PAGS_OK);
-  for (int i = 0; i < 6 * 9 * 3; ++i)
+  for (int i = 0; i < 6 * 9 * 3; i++)
     scene.sky.texels[i] = (float)i / 128;
   return scene;
 }
@@ -113,8 +113,8 @@ static void a_scene_comes_back(void **state) {
   assert_text(back.models[1].name, "car 1");
   assert_text(back.models[1].file, "objects/car 1.ply");
   assert_int_equal(pags_scene_gaussian_count(&back), 81);
-  for (int i = 0; i < 2; ++i)
-    for (int p = 0; p < pags_plane_count(scene.models[i].gaussians.sh_degree); ++p)
+  for (int i = 0; i < 2; i++)
+    for (int p = 0; p < pags_plane_count(scene.models[i].gaussians.sh_degree); p++)
       assert_memory_equal(pags_plane(&back.models[i].gaussians, p), pags_plane(&scene.models[i].gaussians, p),
                           (size_t)scene.models[i].gaussians.count * sizeof(float));
   assert_int_equal(back.view_count, 2);
@@ -163,7 +163,7 @@ static void a_driving_scene_comes_back(void **state) {
               back.place.altitude == 20);
   assert_text(back.notes, scene.notes);
   assert_int_equal(back.object_count, 2);
-  for (int i = 0; i < 2; ++i) {
+  for (int i = 0; i < 2; i++) {
     const pags_scene_object *a = &scene.objects[i], *b = &back.objects[i];
     assert_text(b->record.id, a->record.id);
     assert_text(b->record.class_name, a->record.class_name);
@@ -199,7 +199,7 @@ static void file_names_are_made_safe(void **state) {
                                          {"../x", "objects/_._x.ply"},
                                          {"", "objects/_.ply"},
                                          {"3f-A.b", "objects/3f-A.b.ply"}};
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     char *file = pags_scene_model_file(&scene, pairs[i][0]);
     assert_text(file, pairs[i][1]);
     free(file);
@@ -271,7 +271,7 @@ static void bad_objects_are_explained(void **state) {
       {"151.125", "-181", "for 'geographic_origin', found -33.25, -181"},
       {"\"sensor\": 2", "\"sensor\": x", "scene.json:"},
   };
-  for (size_t i = 0; i < sizeof edits / sizeof *edits; ++i)
+  for (size_t i = 0; i < sizeof edits / sizeof *edits; i++)
     assert_edit_of_fails(driving_sample(), edits[i][0], edits[i][1], PAGS_ERROR_FORMAT, edits[i][2]);
   pags_scene scene = driving_sample();
   free(scene.objects[0].record.id);
@@ -288,17 +288,17 @@ static void damaged_scenes_are_survived(void **state) {
   (void)state;
   static const char *const files[] = {"f/scene.json", "f/sky.npy", "f/objects/car 1.ply"};
   int refused = 0;
-  for (int kind = 0; kind < 3; ++kind) {
+  for (int kind = 0; kind < 3; kind++) {
     pags_scene scene = driving_sample(), back;
     uint8_t *bytes;
     size_t size;
     assert_int_equal(pags_scene_save(scratch("f"), &scene), PAGS_OK);
     pags_scene_destroy(&scene);
     assert_int_equal(pags_file_read(scratch(files[kind]), &bytes, &size), PAGS_OK);
-    for (uint64_t i = 0; i < 150; ++i) {
+    for (uint64_t i = 0; i < 150; i++) {
       uint8_t *damaged = malloc(size);
       memcpy(damaged, bytes, size);
-      for (uint64_t k = 0; k <= i % 3; ++k) {
+      for (uint64_t k = 0; k <= i % 3; k++) {
         size_t at = (size_t)pags_rng_below(1, 8 * i + k, (uint64_t)kind, size);
         damaged[at] = (uint8_t)"0123456789-.e\"[]{},:nt/\xff"[pags_rng_below(2, 8 * i + k, (uint64_t)kind, 24)];
       }
@@ -306,7 +306,7 @@ static void damaged_scenes_are_survived(void **state) {
       if (pags_scene_load(scratch("f"), &back) == PAGS_OK)
         pags_scene_destroy(&back);
       else
-        ++refused;
+        refused++;
       assert_null(back.models);
       free(damaged);
     }

@@ -21,7 +21,7 @@ static double half_value(unsigned half) {
 
 static void every_half_comes_back(void **state) {
   (void)state;
-  for (unsigned half = 0; half < 65536; ++half) {
+  for (unsigned half = 0; half < 65536; half++) {
     float value = pags_float_from_half((uint16_t)half);
     if ((half & 0x7C00) == 0x7C00 && (half & 0x3FF)) {
       assert_true(isnan(value) && isnan(pags_float_from_half(pags_half_from_float(value))));
@@ -37,7 +37,7 @@ static void every_half_comes_back(void **state) {
 
 static void halves_are_the_nearest_with_ties_to_even(void **state) {
   (void)state;
-  for (unsigned half = 0; half < 0x7BFF; ++half) {
+  for (unsigned half = 0; half < 0x7BFF; half++) {
     double lo = half_value(half), hi = half_value(half + 1), middle = 0.5 * (lo + hi);
     unsigned even = half & 1 ? half + 1 : half;
     assert_int_equal(pags_half_from_float((float)middle), even); /* 12 bits: exact as float */
@@ -52,7 +52,7 @@ static void halves_are_the_nearest_with_ties_to_even(void **state) {
 
 static void fill(pags_sky *sky, int size) {
   assert_int_equal(pags_sky_create(sky, size), PAGS_OK);
-  for (int i = 0; i < 18 * size * size; ++i)
+  for (int i = 0; i < 18 * size * size; i++)
     sky->texels[i] = (float)i / 256;
 }
 
@@ -125,15 +125,15 @@ static void directions_meet_their_texels(void **state) {
   enum { SIZE = 4 };
   pags_sky sky;
   fill(&sky, SIZE);
-  for (int face = 0; face < 6; ++face)
-    for (int i = 0; i < SIZE; ++i)
-      for (int j = 0; j < SIZE; ++j) {
+  for (int face = 0; face < 6; face++)
+    for (int i = 0; i < SIZE; i++)
+      for (int j = 0; j < SIZE; j++) {
         double s = 2 * (j + 0.5) / SIZE - 1, t = 2 * (i + 0.5) / SIZE - 1;
         const double all[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
         double direction[3] = {7 * all[face][0], 7 * all[face][1], 7 * all[face][2]};
         float rgb[3];
         pags_sky_sample(&sky, direction, rgb);
-        for (int c = 0; c < 3; ++c)
+        for (int c = 0; c < 3; c++)
           assert_float_equal(rgb[c], sky.texels[((face * SIZE + i) * SIZE + j) * 3 + c], 1e-5);
       }
   float rgb[3]; /* between four texels, and beyond the middles at a corner */

@@ -26,8 +26,8 @@ static void a_splat_row_decodes(void **state) {
   file_bytes file = {0};
   const float head[6] = {1.5f, -2, 3, 0.5f, 0.25f, 0};
   const uint8_t tail[8] = {255, 0, 51, 204, 255, 128, 0, 64}, none[8] = {0, 0, 0, 255, 128, 128, 128, 128};
-  for (int row = 0; row < 2; ++row) {
-    for (int i = 0; i < 6; ++i)
+  for (int row = 0; row < 2; row++) {
+    for (int i = 0; i < 6; i++)
       bytes_f32(&file, head[i]);
     bytes_put(&file, row ? none : tail, 8);
   }
@@ -80,20 +80,20 @@ static void a_packed_vertex_decodes(void **state) {
   (void)state;
   file_bytes file = make_compressed_ply(1, 1, 1, 1);
   uint8_t *chunk = file.data + file.size - 9 - 16 - 72, *vertex = chunk + 72, *sh = vertex + 16;
-  for (int i = 0; i < 18; ++i) /* lower bounds -i, upper bounds i */
+  for (int i = 0; i < 18; i++) /* lower bounds -i, upper bounds i */
     pags_store_f32(chunk + 4 * i, (float)(i / 3 % 2 ? i : -i));
   pags_store_u32(vertex, 2047u << 21 | 0u << 11 | 2047u);
   pags_store_u32(vertex + 4, 2u << 30 | 1023u << 20 | 0u << 10 | 512u); /* y largest; w, x, z stored */
   pags_store_u32(vertex + 8, 0u << 21 | 1023u << 11 | 0u);
   pags_store_u32(vertex + 12, 255u << 24 | 0u << 16 | 51u << 8 | 204u);
-  for (int i = 0; i < 9; ++i)
+  for (int i = 0; i < 9; i++)
     sh[i] = (uint8_t)(10 * i);
   pags_gaussians g;
   const char *kind;
   assert_int_equal(pags_splat_load(scratch_file("c.ply", file.data, file.size), &g, &kind, NULL), PAGS_OK);
   assert_string_equal(kind, "compressed PLY");
   const double expected[6] = {3, -1, 5, -6, 10, -8};
-  for (int p = 0; p < 6; ++p)
+  for (int p = 0; p < 6; p++)
     assert_true(plane(&g, p, 0) == expected[p]);
   const double half = sqrt(0.5), z = (512 / 1023.0 - 0.5) * sqrt(2);
   assert_true(fabs(plane(&g, PAGS_ROTATION, 0) - half) < 1e-6);
@@ -101,11 +101,11 @@ static void a_packed_vertex_decodes(void **state) {
   assert_true(fabs(plane(&g, PAGS_ROTATION + 3, 0) - z) < 1e-7);
   assert_true(fabs(plane(&g, PAGS_ROTATION + 2, 0) - sqrt(fmax(0, 1 - 2 * half * half - z * z))) < 1e-3);
   const double colours[3] = {15, -13, -14 + 0.2 * 31};
-  for (int k = 0; k < 3; ++k)
+  for (int k = 0; k < 3; k++)
     assert_true(fabs(0.5 + 0.28209479177 * plane(&g, PAGS_SH + k, 0) - colours[k]) < 1e-5);
   assert_true(fabs(sigmoid(plane(&g, PAGS_OPACITY, 0)) - 0.8) < 1e-6);
-  for (int channel = 0; channel < 3; ++channel) /* channel-major in the file, coefficient-major in memory */
-    for (int k = 0; k < 3; ++k)
+  for (int channel = 0; channel < 3; channel++) /* channel-major in the file, coefficient-major in memory */
+    for (int k = 0; k < 3; k++)
       assert_true(fabs(plane(&g, PAGS_SH + 3 + 3 * k + channel, 0) - (10 * (3 * channel + k) * 8 / 255.0 - 4)) < 1e-6);
   pags_gaussians_destroy(&g);
   bytes_free(&file);
@@ -152,8 +152,8 @@ static void luma_seal_reads(void **state) {
   pags_gaussians g;
   assert_int_equal(pags_splat_load(path, &g, NULL, NULL), PAGS_OK);
   assert_int_equal(g.count, 101780);
-  for (int64_t i = 0; i < g.count; ++i)
-    for (int k = 0; k < 3; ++k)
+  for (int64_t i = 0; i < g.count; i++)
+    for (int k = 0; k < 3; k++)
       assert_true(fabs(plane(&g, k, i)) < 3 && plane(&g, PAGS_SCALE + k, i) < 1);
   pags_gaussians_destroy(&g);
 }

@@ -29,8 +29,8 @@ static void load(const char *name, const file_bytes *file, pags_gaussians *g, co
 static void kinds_and_flags_are_told(void **state) {
   (void)state;
   static const char *const kinds[] = {"SPZ v2", "SPZ v3", "SPZ v4"};
-  for (int version = 2; version <= 4; ++version)
-    for (int degree = 0; degree <= 4; ++degree) {
+  for (int version = 2; version <= 4; version++)
+    for (int degree = 0; degree <= 4; degree++) {
       pags_gaussians g;
       const char *kind;
       int antialiased;
@@ -108,10 +108,10 @@ static void sh_turns_with_the_axes(void **state) {
   double in_file[15], in_memory[15];
   basis(0.36, 0.48, 0.8, in_file);
   basis(0.36, -0.48, -0.8, in_memory);
-  for (int64_t i = 0; i < 50; ++i)
-    for (int channel = 0; channel < 3; ++channel) {
+  for (int64_t i = 0; i < 50; i++)
+    for (int channel = 0; channel < 3; channel++) {
       double before = 0, after = 0;
-      for (int k = 0; k < 15; ++k) {
+      for (int k = 0; k < 15; k++) {
         before += in_file[k] * (parts.stream[5].data[45 * i + 3 * k + channel] - 128) / 128.0;
         after += in_memory[k] * plane(&g, PAGS_SH + 3 + 3 * k + channel, i);
       }
@@ -126,14 +126,14 @@ static void sh_turns_with_the_axes(void **state) {
  * where version 2's three random bytes exceed it, above. */
 static void rotations_turn_with_the_axes(void **state) {
   (void)state;
-  for (int version = 2; version <= 4; ++version) {
+  for (int version = 2; version <= 4; version++) {
     spz_parts parts = make_spz_parts(version, 64, 0, 3);
     file_bytes file = pack_spz(&parts);
     pags_gaussians g;
     load("r.spz", &file, &g, NULL, NULL);
-    for (int64_t i = 0; i < 64; ++i) {
+    for (int64_t i = 0; i < 64; i++) {
       double norm = 0;
-      for (int k = 0; k < 4; ++k)
+      for (int k = 0; k < 4; k++)
         norm += pow(plane(&g, PAGS_ROTATION + k, i), 2);
       assert_true(norm > 1 - 1e-6);
     }
@@ -206,7 +206,7 @@ static void bombs_are_refused(void **state) {
   (void)state;
   spz_parts parts = make_spz_parts(3, 10, 0, 6);
   static const uint8_t zeros[1 << 16];
-  for (int i = 0; i < 1024; ++i) /* 64 MB */
+  for (int i = 0; i < 1024; i++) /* 64 MB */
     bytes_put(&parts.stream[5], zeros, sizeof zeros);
   file_bytes file = pack_spz(&parts);
   assert_fails(&file, file.size, PAGS_ERROR_FORMAT, "expected the end of the gzip data");
@@ -234,7 +234,7 @@ static void extension_records_are_skipped(void **state) {
 
 static void an_empty_file_reads(void **state) {
   (void)state;
-  for (int version = 2; version <= 4; ++version) {
+  for (int version = 2; version <= 4; version++) {
     spz_parts parts = make_spz_parts(version, 0, 0, 8);
     file_bytes file = pack_spz(&parts);
     pags_gaussians g;
@@ -248,7 +248,7 @@ static void an_empty_file_reads(void **state) {
 /* Half the angle between two rotations, in radians. */
 static double half_angle(const pags_gaussians *a, const pags_gaussians *b, int64_t i) {
   double dot = 0, aa = 0, bb = 0;
-  for (int k = 0; k < 4; ++k) {
+  for (int k = 0; k < 4; k++) {
     double p = plane(a, PAGS_ROTATION + k, i), q = plane(b, PAGS_ROTATION + k, i);
     dot += p * q;
     aa += p * p;
@@ -271,8 +271,8 @@ static void both_bikers_agree(void **state) {
   assert_int_equal(pags_splat_load(ply, &b, NULL, NULL), PAGS_OK);
   assert_int_equal(a.count, 152746);
   assert_int_equal(b.count, 152746);
-  for (int64_t i = 0; i < a.count; ++i) {
-    for (int k = 0; k < 3; ++k) {
+  for (int64_t i = 0; i < a.count; i++) {
+    for (int k = 0; k < 3; k++) {
       assert_true(fabs(plane(&a, k, i) - plane(&b, k, i)) < 0.00025);
       double scale = fmax(-10, plane(&b, PAGS_SCALE + k, i)); /* SPZ's smallest */
       assert_true(fabs(plane(&a, PAGS_SCALE + k, i) - scale) < 0.035);

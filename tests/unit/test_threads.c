@@ -25,7 +25,7 @@ static void visit_block(void *context, int64_t begin, int64_t end, int worker) {
   bool right_end = end == begin + v->grain || (end == v->count && end - begin < v->grain);
   if (begin % v->grain != 0 || begin >= end || !right_end || worker < 0 || worker >= v->workers)
     atomic_fetch_add(&v->faults, 1);
-  for (int64_t i = begin; i < end; ++i)
+  for (int64_t i = begin; i < end; i++)
     atomic_fetch_add(&v->visits[i], 1);
 }
 
@@ -35,7 +35,7 @@ static void visit_all(pags_tasks *tasks, int64_t count, int64_t grain) {
   assert_non_null(v.visits);
   assert_true(pags_parallel_for(tasks, count, grain, visit_block, &v));
   assert_int_equal(atomic_load(&v.faults), 0);
-  for (int64_t i = 0; i < count; ++i)
+  for (int64_t i = 0; i < count; i++)
     assert_int_equal(atomic_load(&v.visits[i]), 1);
   free(v.visits);
 }
@@ -43,15 +43,15 @@ static void visit_all(pags_tasks *tasks, int64_t count, int64_t grain) {
 static void visit_many_shapes(pags_tasks *tasks) {
   static const int64_t counts[] = {0, 1, 2, 3, 7, 64, 1000, 4097};
   static const int64_t grains[] = {1, 2, 3, 16, 1000, 5000, INT64_MAX};
-  for (size_t c = 0; c < sizeof counts / sizeof *counts; ++c)
-    for (size_t g = 0; g < sizeof grains / sizeof *grains; ++g)
+  for (size_t c = 0; c < sizeof counts / sizeof *counts; c++)
+    for (size_t g = 0; g < sizeof grains / sizeof *grains; g++)
       visit_all(tasks, counts[c], grains[g]);
 }
 
 static void every_index_once(void **state) {
   (void)state;
   static const int threads[] = {1, 2, 3, 4, 8, 17, 0};
-  for (size_t t = 0; t < sizeof threads / sizeof *threads; ++t) {
+  for (size_t t = 0; t < sizeof threads / sizeof *threads; t++) {
     pags_tasks *tasks = pags_tasks_create(threads[t]);
     assert_non_null(tasks);
     assert_int_equal(pags_tasks_workers(tasks), threads[t] ? threads[t] : pags_available_threads());
@@ -87,7 +87,7 @@ static void sum_indices(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   int64_t *partials = context; /* one per block of 64, not atomic: the loop's end must publish them */
   int64_t sum = 0;
-  for (int64_t i = begin; i < end; ++i)
+  for (int64_t i = begin; i < end; i++)
     sum += i;
   partials[begin / 64] = sum;
 }
@@ -96,11 +96,11 @@ static void ten_thousand_tiny_loops(void **state) {
   (void)state;
   pags_tasks *tasks = pags_tasks_create(4);
   int64_t partials[8];
-  for (int64_t round = 0; round < 10000; ++round) {
+  for (int64_t round = 0; round < 10000; round++) {
     int64_t count = 65 + round % 448;
     assert_true(pags_parallel_for(tasks, count, 64, sum_indices, partials));
     int64_t sum = 0;
-    for (int64_t b = 0; b < (count + 63) / 64; ++b)
+    for (int64_t b = 0; b < (count + 63) / 64; b++)
       sum += partials[b];
     assert_int_equal(sum, count * (count - 1) / 2);
     /* From time to time long enough a pause for the workers to fall asleep, and some that end just as they do. */
@@ -139,7 +139,7 @@ static void outer_block(void *context, int64_t begin, int64_t end, int worker) {
 
 static void nested_loops_run_inline(void **state) {
   (void)state;
-  for (int threads = 1; threads <= 4; ++threads) {
+  for (int threads = 1; threads <= 4; threads++) {
     nest n = {.tasks = pags_tasks_create(threads)};
     assert_true(pags_parallel_for(n.tasks, 200, 1, outer_block, &n));
     assert_int_equal(atomic_load(&n.faults), 0);
@@ -190,7 +190,7 @@ static void cancelling_block(void *context, int64_t begin, int64_t end, int work
 
 static void a_block_can_cancel(void **state) {
   (void)state;
-  for (int threads = 1; threads <= 4; ++threads) {
+  for (int threads = 1; threads <= 4; threads++) {
     stop s = {.tasks = pags_tasks_create(threads), .at = 50};
     assert_false(pags_parallel_for(s.tasks, 1000000, 1, cancelling_block, &s));
     assert_true(atomic_load(&s.done) >= 51 - threads && atomic_load(&s.done) < 1000000);
@@ -254,16 +254,16 @@ static void run_work(void *context) {
 
 static void jobs_run_on_any_number_of_threads(void **state) {
   (void)state;
-  for (int threads = 1; threads <= 3; ++threads) {
+  for (int threads = 1; threads <= 3; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);
     work works[50] = {0};
-    for (int round = 1; round <= 20; ++round) {
-      for (int i = 0; i < 50; ++i) {
+    for (int round = 1; round <= 20; round++) {
+      for (int i = 0; i < 50; i++) {
         works[i].job.run = run_work;
         works[i].job.context = &works[i];
         pags_job_submit(tasks, &works[i].job);
       }
-      for (int i = 0; i < 50; ++i) {
+      for (int i = 0; i < 50; i++) {
         int k = (i * 7 + round) % 50; /* out of order: from the middle of the list too */
         pags_job_wait(tasks, &works[k].job);
         assert_int_equal(works[k].value, round);
@@ -292,7 +292,7 @@ static void a_loop_does_not_wait_for_a_running_job(void **state) {
   pags_job_submit(tasks, &w.job);
   while (!atomic_load(&begun))
     nanosleep(&(struct timespec){.tv_nsec = 10000}, NULL);
-  for (int i = 0; i < 100; ++i)
+  for (int i = 0; i < 100; i++)
     visit_all(tasks, 1000, 3); /* would never return if it waited: the gate opens below */
   atomic_store(&gate, 1);
   pags_job_wait(tasks, &w.job);
@@ -304,14 +304,14 @@ static void jobs_and_loops_share_the_workers(void **state) {
   (void)state;
   pags_tasks *tasks = pags_tasks_create(3);
   work works[8] = {0};
-  for (int round = 1; round <= 300; ++round) {
-    for (int i = 0; i < 8; ++i) {
+  for (int round = 1; round <= 300; round++) {
+    for (int i = 0; i < 8; i++) {
       works[i].job.run = run_work;
       works[i].job.context = &works[i];
       pags_job_submit(tasks, &works[i].job);
     }
     visit_all(tasks, 200, 3);
-    for (int i = 0; i < 8; ++i) {
+    for (int i = 0; i < 8; i++) {
       pags_job_wait(tasks, &works[i].job);
       assert_int_equal(works[i].value, round);
     }
@@ -328,9 +328,9 @@ static void looping_work(void *context) {
 
 static void a_job_may_run_loops(void **state) {
   (void)state;
-  for (int threads = 1; threads <= 3; ++threads) {
+  for (int threads = 1; threads <= 3; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);
-    for (int round = 0; round < 50; ++round) {
+    for (int round = 0; round < 50; round++) {
       work w = {.job = {.run = looping_work, .context = &w}, .tasks = tasks};
       pags_job_submit(tasks, &w.job);
       visit_all(tasks, 100, 3);
@@ -343,16 +343,16 @@ static void a_job_may_run_loops(void **state) {
 
 static void destroy_finishes_pending_jobs(void **state) {
   (void)state;
-  for (int threads = 1; threads <= 3; ++threads) {
+  for (int threads = 1; threads <= 3; threads++) {
     pags_tasks *tasks = pags_tasks_create(threads);
     work works[100] = {0};
-    for (int i = 0; i < 100; ++i) {
+    for (int i = 0; i < 100; i++) {
       works[i].job.run = run_work;
       works[i].job.context = &works[i];
       pags_job_submit(tasks, &works[i].job);
     }
     pags_tasks_destroy(tasks);
-    for (int i = 0; i < 100; ++i)
+    for (int i = 0; i < 100; i++)
       assert_int_equal(works[i].value, 1);
   }
 }
@@ -376,12 +376,12 @@ static void host_with_threads(void *user, void (*entry)(void *argument, int work
   host_call calls[4];
   int *runs = user;
   ++*runs;
-  for (int i = 0; i < 4; ++i) {
+  for (int i = 0; i < 4; i++) {
     calls[i] = (host_call){entry, argument, i};
     if (pthread_create(&threads[i], NULL, host_thread, &calls[i]) != 0)
       abort();
   }
-  for (int i = 0; i < 4; ++i)
+  for (int i = 0; i < 4; i++)
     pthread_join(threads[i], NULL);
 }
 
@@ -389,7 +389,7 @@ static void host_with_threads(void *user, void (*entry)(void *argument, int work
 static void host_in_turn(void *user, void (*entry)(void *argument, int worker), void *argument) {
   int *runs = user;
   ++*runs;
-  for (int i = 3; i >= 0; --i)
+  for (int i = 3; i >= 0; i--)
     entry(argument, i);
 }
 
@@ -397,7 +397,7 @@ static void a_host_can_run_loops(void **state) {
   (void)state;
   int runs = 0;
   pags_runner runners[] = {{&runs, 4, host_with_threads}, {&runs, 4, host_in_turn}};
-  for (size_t i = 0; i < sizeof runners / sizeof *runners; ++i) {
+  for (size_t i = 0; i < sizeof runners / sizeof *runners; i++) {
     runs = 0;
     pags_tasks *tasks = pags_tasks_create_with_runner(&runners[i]);
     assert_non_null(tasks);
@@ -431,10 +431,10 @@ static void use_arena(void *context, int64_t begin, int64_t end, int worker) {
 static void workers_have_arenas_of_their_own(void **state) {
   (void)state;
   pags_tasks *tasks = pags_tasks_create(3);
-  for (int round = 0; round < 100; ++round)
+  for (int round = 0; round < 100; round++)
     assert_true(pags_parallel_for(tasks, 100, 9, use_arena, tasks));
-  for (int i = 0; i < 3; ++i)
-    for (int j = 0; j < i; ++j)
+  for (int i = 0; i < 3; i++)
+    for (int j = 0; j < i; j++)
       assert_ptr_not_equal(pags_tasks_arena(tasks, i), pags_tasks_arena(tasks, j));
   pags_tasks_destroy(tasks);
 }
