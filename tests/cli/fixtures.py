@@ -35,9 +35,15 @@ FRONT = {
 SMALL = ["--random-points", "500", "--max-gaussians", "1500"]
 
 
+def program(arguments):
+    """The program under test, or pags-bench beside it where that is the first word, and the words for it."""
+    words = [str(word) for word in arguments]
+    return [os.path.join(os.path.dirname(PAGS), *words[:1]), *words[1:]] if words[:1] == ["pags-bench"] else [PAGS, *words]
+
+
 def run(*arguments, timeout=300, **more):
     """Runs the program under test; the result has returncode, stdout and stderr as text."""
-    return subprocess.run([PAGS, *map(str, arguments)], capture_output=True, text=True, timeout=timeout, **more)
+    return subprocess.run(program(arguments), capture_output=True, text=True, timeout=timeout, **more)
 
 
 def ply_bytes(rows):
@@ -225,7 +231,7 @@ class Case(unittest.TestCase):
         self.assertEqual(done.returncode, code, f"{arguments}: {done.stdout}{done.stderr}")
         lines = [line for line in done.stderr.splitlines() if not line.startswith("libpng ")]
         self.assertEqual(len(lines), 1, f"{arguments}: expected one line, got {done.stderr!r}")
-        name = os.path.basename(PAGS)
+        name = os.path.basename(program(arguments)[0])
         self.assertTrue(lines[0].startswith(f"{name}: " if code == 1 else name), lines[0])
         for word in words:
             self.assertIn(str(word), lines[0])

@@ -48,6 +48,14 @@ class Ablation(DataCase):
         self.said = done.stderr
         return json.loads(done.stdout)["rows"]
 
+    def test_tables_follow_links(self):
+        for ending in [".md", ".csv", "_curve.csv"]:
+            os.symlink(f"far{ending}", self.path("t" + ending))
+        self.ablate("baseline", iterations=4)
+        for ending in [".md", ".csv", "_curve.csv"]:
+            self.assertTrue(os.path.islink(self.path("t" + ending)), ending)
+            self.assertTrue(read(self.path("far" + ending)), ending)
+
     def folders(self):
         runs = self.path("t.runs")
         return sorted(n for n in os.listdir(runs) if os.path.isdir(os.path.join(runs, n)))

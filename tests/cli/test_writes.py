@@ -62,11 +62,11 @@ class Writes(DataCase):
 
     def table(self):
         """Command up to the path that is written to, and how that ends."""
-        ring = ["bench", "render", self.splats, "-n", 1, "-r", 1, "--sizes", "32x24", "--modes", "off"]
+        ring = ["pags-bench", "render", self.splats, "-n", 1, "-r", 1, "--sizes", "32x24", "--modes", "off"]
         many = self.write("many.ply", ply_bytes(3 * some_splats()))
-        scale = ["bench", "scale", many, "--camera", self.camera, "--millions", "0.001", "--spacing", 3]
+        scale = ["pags-bench", "scale", many, "--camera", self.camera, "--millions", "0.001", "--spacing", 3]
         scale += ["-n", 1, "-r", 1, "--scratch", self.path()]
-        error = ["bench", "error", self.splats, "--camera", self.camera, "--downscale", 4, "-r", 1]
+        error = ["pags-bench", "error", self.splats, "--camera", self.camera, "--downscale", 4, "-r", 1]
         train = ["train", self.data, "-n", 2, "-j", 1, *SMALL, "--overwrite", "-o", self.path("trained")]
         yield ["info", self.splats, "--json"], ".json"
         yield ["info", self.data, "--json"], ".json"
@@ -244,17 +244,6 @@ class Writes(DataCase):
             make_device(self.path("s/log.jsonl"))
             self.succeeds(*self.train("--overwrite"))
             self.assertEqual(kind(self.path("s/log.jsonl")), stat.S_IFCHR)
-
-    def test_the_tables_of_an_ablation(self):
-        for ending in [".md", ".csv", "_curve.csv", ".svg"]:
-            os.symlink(f"far{ending}", self.path("t" + ending))
-        self.succeeds(
-            *["bench", "ablation", self.data, "-o", self.path("t"), "-n", 4, "--rows", "baseline", "-j", 1],
-            *["--moments", 1, "--", "--random-points", 500],
-        )
-        for ending in [".md", ".csv", "_curve.csv", ".svg"]:
-            self.assertEqual(kind(self.path("t" + ending)), stat.S_IFLNK, ending)
-            self.assertTrue(read(self.path("far" + ending)), ending)
 
 
 if __name__ == "__main__":
