@@ -1,0 +1,190 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+"""style.py [CC [CXX]]: what can be said about the sources without running them. Prints each fault as FILE:LINE: what is wrong, and fails
+if there was one. Format, circles of files and the length of functions are tests/figures.py's.
+
+- Characters: no tabs, no blanks at the end of a line, a newline at the end of a file; C and C++ in ASCII, without notes of unfinished work.
+- Includes, quoted or <pags/...>, lead to a file of the repository and go one way: KNOWS says which folders a folder may include from. A
+  public header belongs to the folder that implements it (HEADERS).
+- Public headers compile alone, as C17 and as C++17."""
+
+import concurrent.futures
+import os
+import re
+import subprocess
+import sys
+import tempfile
+
+ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
+SKIPPED = re.compile(r"^(build.*|\.git|\.venv|node_modules|__pycache__)$")
+TEXT = re.compile(r"\.([ch]|inl|cc|py|sh|cmake|json|md)$|(^|/)(CMakeLists\.txt|Makefile)$|^\.ci/run$")
+CODE = re.compile(r"\.([ch]|inl|cc)$")
+
+# ---- Who may know whom ----
+CORE = ["threads", "simd", "engine/base", "engine/scene", "engine/frame"]  # what libpags.so and the Python module hold
+DATA = ["engine/image", "engine/dataset"]
+ENGINE = CORE + DATA + ["engine/import", "engine/init", "engine/train", "engine/eval", "engine/synth"]
+
+# A folder -> the folders, with those inside of them, that it includes from. Itself is always allowed.
+KNOWS = {
+    "threads": [],
+    "simd": [],
+    "engine/base": ["threads"],
+    "engine/scene": ["threads", "engine/base"],
+    "engine/frame": CORE,
+    "engine/image": ["threads", "engine/base"],
+    "engine/dataset": ["threads", "engine/base", "engine/scene", "engine/image"],
+    "engine/import": ["threads", "engine/base", "engine/scene"] + DATA,
+    "engine/init": ["threads", "engine/base", "engine/scene"] + DATA,
+    "engine/train": CORE + DATA + ["engine/init"],
+    "engine/eval": ["threads", "engine/base", "engine/image"],
+    "engine/synth": ["threads", "engine/base", "engine/scene"] + DATA,
+    "exporters/proxy": CORE + DATA,
+    "exporters/format": CORE + DATA + ["exporters/proxy"],
+    "cli": ENGINE + ["exporters"],
+    "blender_addon": CORE,
+    "benchmarks": ENGINE + ["exporters", "cli", "tests/reference"],
+    "examples": ENGINE + ["exporters"],
+    "tests/reference": CORE + ["engine/train"],
+    "tests": ENGINE + ["exporters", "cli", "blender_addon", "benchmarks", "tests/reference"],
+}
+
+# The folder that implements a public header.
+HEADERS = {
+    "engine/base": ["base"],
+    "engine/scene": ["camera", "clusters", "gaussians", "object", "packed", "place", "scene", "sky"],
+    "engine/frame": ["compose", "deadline", "frame", "pick"],
+    "engine/image": ["image"],
+    "engine/dataset": ["dataset"],
+    "engine/import": ["import"],
+    "engine/train": ["train"],
+    "engine/eval": ["eval"],
+    "engine/synth": ["synth"],
+    "threads": ["tasks"],
+    "exporters/proxy": ["export"],
+}
+OWNER = {name: folder for folder, names in HEADERS.items() for name in names}
+
+# Includes that break the rule, each with its reason. One that is no longer needed is a fault.
+CONFIGURATION = "reads the configuration of a run, a struct; calls nothing of training"
+EXCEPTIONS = {
+    ("engine/init/driving_points.h", "engine/include/pags/train.h"): CONFIGURATION,
+    ("engine/init/from_points.h", "engine/include/pags/train.h"): CONFIGURATION,
+}
+
+faults = []
+needed = set()  # of EXCEPTIONS
+
+
+def fault(path, line, text):
+    faults.append((path, line, text))
+
+
+def read(path):
+    with open(os.path.join(ROOT, path), encoding="utf-8", errors="replace", newline="") as file:
+        return file.read()
+
+
+def find_files():
+    for base, folders, names in os.walk(ROOT):
+        folders[:] = sorted(folder for folder in folders if not SKIPPED.match(folder))
+        for name in sorted(names):
+            path = os.path.relpath(os.path.join(base, name), ROOT)
+            if TEXT.search(path):
+                yield path
+
+
+# ---- Characters ----
+def check_characters(path, text):
+    rules = [("blank at the end of the line", r"[ \t]$"), ("carriage return", r"\r")]
+    if not path.endswith("Makefile"):
+        rules.append(("tab", r"\t"))
+    if CODE.search(path):
+        rules += [("note of unfinished work", r"\b(TODO|FIXME|XXX|HACK)\b"), ("character outside of ASCII", r"[^\n -~]")]
+    for what, pattern in rules:
+        for match in re.finditer(pattern, text, re.M):
+            fault(path, text.count("\n", 0, match.start()) + 1, what)
+    if text and not text.endswith("\n"):
+        fault(path, text.count("\n") + 1, "no newline at the end")
+
+
+# ---- Which way includes go ----
+def room_of(path):
+    """The folder of KNOWS that `path` belongs to, or None."""
+    header = re.fullmatch(r".*include/pags/(\w+)\.h", path)
+    if header:
+        return OWNER.get(header.group(1))
+    return max((folder for folder in KNOWS if path.startswith(folder + "/")), key=len, default=None)
+
+
+def resolve(path, name, files):
+    """Where an include of `name` in `path` leads, or None."""
+    for folder in [os.path.dirname(path), "engine/include", "threads/include", "exporters/include", ".", "engine", "tests"]:
+        target = os.path.normpath(os.path.join(folder, name))
+        if target in files:
+            return target
+    return None
+
+
+def check_includes(path, text, files):
+    room = room_of(path)
+    if room is None:
+        fault(path, 1, "belongs to no folder that KNOWS or HEADERS of tests/style.py name")
+        return
+    for match in re.finditer(r'^[ \t]*#[ \t]*include[ \t]*(?:"([^"\n]+)"|<(pags/[^>\n]+)>)', text, re.M):
+        line, name = text.count("\n", 0, match.start()) + 1, match.group(1) or match.group(2)
+        target = resolve(path, name, files)
+        other = target and room_of(target)
+        if target is None:
+            fault(path, line, f"includes {name}, which is nowhere")
+        elif other != room and not any(f"{other}/".startswith(f"{known}/") for known in KNOWS[room]):
+            if (path, target) in EXCEPTIONS:
+                needed.add((path, target))
+            else:
+                fault(path, line, f"{room} must not know of {target}, which is {other}'s")
+
+
+# ---- Public headers compile alone, in both languages ----
+def compile_alone(header, compiler, standard, suffix):
+    with tempfile.TemporaryDirectory() as work:
+        source = os.path.join(work, f"alone.{suffix}")
+        with open(source, "w", encoding="ascii") as file:
+            file.write(f'#include "{os.path.join(ROOT, header)}"\n')
+        folders = [f"-I{os.path.join(ROOT, folder)}" for folder in ("engine/include", "threads/include", "exporters/include")]
+        done = subprocess.run([compiler, f"-std={standard}", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-fsyntax-only", *folders, source],
+                              capture_output=True, text=True)
+    if done.returncode != 0:
+        error = next((line for line in done.stderr.split("\n") if "error" in line), done.stderr)
+        return header, f"does not compile alone as {standard}: {error}"
+    return None
+
+
+def check_headers(files, cc, cxx):
+    public = [path for path in files if re.search(r"include/pags/\w+\.h$", path)]
+    jobs = [(header, cc, "c17", "c") for header in public + ["simd/kernels.h"]]
+    jobs += [(header, cxx, "c++17", "cc") for header in public]
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        for found in pool.map(lambda job: compile_alone(*job), jobs):
+            if found:
+                fault(found[0], 1, found[1])
+
+
+def main():
+    files = list(find_files())
+    known = set(files)
+    for path in files:
+        text = read(path)
+        check_characters(path, text)
+        if CODE.search(path):
+            check_includes(path, text, known)
+    for path, target in EXCEPTIONS.keys() - needed:
+        fault("tests/style.py", 1, f"the exception that {path} may include {target} is no longer needed")
+    check_headers(files, *(sys.argv[1:3] + ["cc", "c++"][len(sys.argv) - 1:]))
+    for path, line, text in sorted(faults):
+        print(f"{path}:{line}: {text}")
+    print(f"style: {len(faults)} faults" if faults else f"style: {len(files)} files, no fault")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
