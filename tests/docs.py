@@ -2,14 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """docs.py: the rules that the documentation keeps to. Prints each fault as FILE:LINE: what is wrong, and fails if there was one.
 
-- A page of the manual, docs/*.md, has at most 1,500 words. What stands between "<!-- generated" and "<!-- end -->" is not counted.
+- A page of the manual, docs/*.md, and CONTRIBUTING.md have at most 1,500 words each. What stands between "<!-- generated" and
+  "<!-- end -->" is not counted.
 - Every link to a file of the repository, and every #heading of such a link, exists. So does every docs/....md that a source names.
+- A program that a page shows below "<!-- file: PATH -->" is that file.
+- Every name pags_... on a page of the manual occurs in a source.
 - Every page of the manual is reached from docs/index.md, every page of the notebook from docs/lab/index.md."""
 
 import os
 import re
-import subprocess
 import sys
+
+from style import find_files
 
 MOST_WORDS = 1500
 ROOT = os.path.abspath(os.path.join(os.path.dirname(__file__), ".."))
@@ -54,29 +58,54 @@ def check_links(path, text):
     return targets
 
 
+def check_listings(path, text):
+    """After `<!-- file: PATH -->` the page shows that file, its SPDX line left out."""
+    for match in re.finditer(r"^<!-- file: (\S+) -->\n```\w*\n(.*?)^```$", text, re.M | re.S):
+        line = text.count("\n", 0, match.start()) + 1
+        if not os.path.exists(os.path.join(ROOT, match.group(1))):
+            fault(path, line, f"shows {match.group(1)}, which is not there")
+        elif match.group(2).strip() != re.sub(r"^.*SPDX-License-Identifier.*\n", "", read(match.group(1)), flags=re.M).strip():
+            fault(path, line, f"shows another text than {match.group(1)} has")
+
+
 def check_sources():
-    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True)
-    for path in tracked.stdout.split("\n"):
-        if not re.search(r"\.([ch]|cc|inl|py|sh|cmake)$|(^|/)(CMakeLists\.txt|Makefile)$", path) or not os.path.exists(os.path.join(ROOT, path)):
+    """Returns the names pags_... in them."""
+    names = set()
+    for path in find_files():
+        if path.endswith((".md", ".json")):
             continue
-        for number, line in enumerate(read(path).split("\n"), 1):
+        text = read(path)
+        names.update(re.findall(r"\bpags_\w+", text))
+        for number, line in enumerate(text.split("\n"), 1):
             for page in re.findall(r"\bdocs/[\w/-]+\.md", line):
                 if not os.path.exists(os.path.join(ROOT, page)):
                     fault(path, number, f"names {page}, which is not there")
+    return names
+
+
+def check_names(path, text, names):
+    for number, line in enumerate(text.split("\n"), 1):
+        for name in re.findall(r"(?<!\w)pags_[a-z0-9_]+(?!\w)", line):
+            if name not in names:
+                fault(path, number, f"names {name}, which no source has")
 
 
 def main():
     pages = sorted(f"docs/{name}" for name in os.listdir(os.path.join(ROOT, "docs")) if name.endswith(".md"))
     notes = sorted(f"docs/lab/{name}" for name in os.listdir(os.path.join(ROOT, "docs/lab")) if name.endswith(".md"))
-    texts = {path: read(path) for path in [*pages, *notes, "README.md"]}
+    texts = {path: read(path) for path in [*pages, *notes, "README.md", "CONTRIBUTING.md", "THIRD_PARTY.md"]}
     links = {path: check_links(path, text) for path, text in texts.items()}
-    for path in pages:
+    for path in [*pages, "CONTRIBUTING.md"]:
         check_length(path, texts[path])
+    for path, text in texts.items():
+        check_listings(path, text)
     for index, of in [("docs/index.md", pages), ("docs/lab/index.md", notes)]:
         for path in of:
             if path != index and path not in links[index]:
                 fault(path, 1, f"{index} doesn't link to it")
-    check_sources()
+    names = check_sources()
+    for path in [*pages, "README.md", "CONTRIBUTING.md"]:
+        check_names(path, texts[path], names)
     print("\n".join(faults) if faults else f"docs: {len(texts)} pages, no fault")
     return 1 if faults else 0
 
