@@ -30,6 +30,9 @@ TARGETS ?=
 REFERENCE ?= HEAD
 OPTIONS ?=
 
+# Checks that take hours, or programs that make setup doesn't install.
+NOT_CHECKED := check-blender-new fuzz sanitize valgrind
+
 all:
 	cmake --preset release
 	cmake --build --preset release --parallel $(JOBS)
@@ -46,6 +49,7 @@ demo: setup
 
 check: setup
 	$(MAKE) all
+	@echo "check: not run by it:$(NOT_CHECKED:%= make %)"
 	ctest --preset release --parallel $(JOBS)
 
 fuzz:
@@ -104,4 +108,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures format install clean

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Cross-entropy and entropy of a row of pixels' transmittance T, and their slopes (engine/train/terms.h):
+/* Cross-entropy and entropy of a row of pixels' transmittance T, and their slopes (engine/train/driving_losses.h):
  *
  *   empty    -log T            d/dT = -1 / T
  *   full     -log(1 - T)       d/dT = 1 / (1 - T)

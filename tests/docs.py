@@ -6,7 +6,7 @@
   "<!-- end -->" is not counted.
 - Every link to a file of the repository, and every #heading of such a link, exists. So does every docs/....md that a source names.
 - A program that a page shows below "<!-- file: PATH -->" is that file.
-- Every name pags_... on a page of the manual occurs in a source.
+- Every name pags_... and every C file on a page of the manual is one of the sources'.
 - Every page of the manual is reached from docs/index.md, every page of the notebook from docs/lab/index.md."""
 
 import os
@@ -69,9 +69,10 @@ def check_listings(path, text):
 
 
 def check_sources():
-    """Returns the names pags_... in them."""
+    """Returns the names pags_... in them, and those of the files."""
     names = set()
     for path in find_files():
+        names.add(os.path.basename(path))
         if path.endswith((".md", ".json")):
             continue
         text = read(path)
@@ -85,7 +86,7 @@ def check_sources():
 
 def check_names(path, text, names):
     for number, line in enumerate(text.split("\n"), 1):
-        for name in re.findall(r"(?<!\w)pags_[a-z0-9_]+(?!\w)", line):
+        for name in re.findall(r"(?<!\w)pags_[a-z0-9_]+(?![\w.])|\b[a-z]\w*\.(?:c|h|cc|inl)\b", line):
             if name not in names:
                 fault(path, number, f"names {name}, which no source has")
 

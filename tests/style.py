@@ -6,6 +6,7 @@ if there was one. Format, circles of files and the length of functions are tests
 - Characters: no tabs, no blanks at the end of a line, a newline at the end of a file; C and C++ in ASCII, without notes of unfinished work.
 - Includes, quoted or <pags/...>, lead to a file of the repository and go one way: KNOWS says which folders a folder may include from. A
   public header belongs to the folder that implements it (HEADERS).
+- A C or C++ file that a comment names is one of the repository's.
 - Public headers compile alone, as C17 and as C++17."""
 
 import concurrent.futures
@@ -108,6 +109,14 @@ def check_characters(path, text):
         fault(path, text.count("\n") + 1, "no newline at the end")
 
 
+# ---- Comments name files that exist ----
+def check_comments(path, text, names):
+    for comment in re.finditer(r"/\*.*?\*/|//[^\n]*", text, re.S):
+        for match in re.finditer(r"\b[a-z]\w*\.(?:c|h|cc|inl)\b(?!\w)", comment.group(0)):
+            if match.group(0) not in names:
+                fault(path, text.count("\n", 0, comment.start() + match.start()) + 1, f"names {match.group(0)}, which is nowhere")
+
+
 # ---- Which way includes go ----
 def room_of(path):
     """The folder of KNOWS that `path` belongs to, or None."""
@@ -171,12 +180,13 @@ def check_headers(files, cc, cxx):
 
 def main():
     files = list(find_files())
-    known = set(files)
+    known, names = set(files), {os.path.basename(path) for path in files}
     for path in files:
         text = read(path)
         check_characters(path, text)
         if CODE.search(path):
             check_includes(path, text, known)
+            check_comments(path, text, names)
     for path, target in EXCEPTIONS.keys() - needed:
         fault("tests/style.py", 1, f"the exception that {path} may include {target} is no longer needed")
     check_headers(files, *(sys.argv[1:3] + ["cc", "c++"][len(sys.argv) - 1:]))

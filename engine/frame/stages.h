@@ -30,7 +30,7 @@ typedef struct depth_key {
   uint32_t key, index;
 } depth_key;
 
-/* What is full while a frame is drawn slab by slab (slabs.c). */
+/* What is full while a frame is drawn slab by slab (early_z_slabs.c). */
 typedef struct fullness {
   float *limits;       /* per tile: -1 where every pixel has stopped and the tile is finished, else infinity */
   uint8_t *tile_begun; /* per tile: 1, its planes hold what an earlier slab left */
@@ -50,7 +50,7 @@ typedef struct frame_samples {
   int32_t *id;
 } frame_samples;
 
-/* How a frame is drawn of which only what is critical is wanted in full (apart.c). */
+/* How a frame is drawn of which only what is critical is wanted in full (variable_rate.c). */
 typedef struct frame_apart {
   const uint8_t *critical; /* per id: 1, it is */
   int64_t count;           /* of ids; those beyond aren't critical */

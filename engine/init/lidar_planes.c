@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Facets; see facets.h.
+/* Facets; see lidar_planes.h.
  *
  * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of
  * the smallest eigenvalue of their covariance) to within the laser's noise is a facet; one whose points don't is

@@ -55,7 +55,8 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
 void pags_schedule_rates(const pags_schedule *schedule, int64_t step, double rates[PAGS_RATE_GROUPS]);
 int pags_schedule_sh_degree(const pags_schedule *schedule, int64_t step);
 int pags_schedule_is_densify(const pags_schedule *schedule, int64_t step);
-/* Whether Gaussians are drawn to the planes that LiDAR shows (facets.h): at densify's interval, but up to the end. */
+/* Whether Gaussians are drawn to the planes that LiDAR shows (init/lidar_planes.h): at densify's interval, but up to
+ * the end. */
 int pags_schedule_is_draw(const pags_schedule *schedule, int64_t step);
 /* A reset that a prune follows within a third of the interval between resets waits for it: scores taken of Gaussians
  * that have not recovered say little, as nothing hides anything. */

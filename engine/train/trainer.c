@@ -2,7 +2,7 @@
 /* The training loop.
  *
  * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back
- * (pass.c). Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and
+ * (step.c). Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and
  * pay everything first. */
 #include "train/trainer.h"
 

@@ -62,8 +62,8 @@ typedef struct pags_estimate {
  * assumes what estimate.c says. */
 pags_result pags_trainer_estimate(pags_trainer *trainer, pags_estimate *out);
 
-/* How a run begins (start.c): the training views and their fingerprint, then the state. A resumed run goes on with the
- * checkpoint's configuration, and what `config` asks for must agree with it. */
+/* How a run begins (open_run.c): the training views and their fingerprint, then the state. A resumed run goes on with
+ * the checkpoint's configuration, and what `config` asks for must agree with it. */
 pags_result pags_trainer_list_views(pags_trainer *trainer);
 pags_result pags_trainer_start(pags_trainer *trainer, const pags_train_config *config);
 pags_result pags_trainer_resume(pags_trainer *trainer, const pags_train_config *config);

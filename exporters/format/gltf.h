@@ -40,7 +40,7 @@ void pags_gltf_extension(pags_gltf *gltf, const char *name, const char *json);
  */
 void pags_gltf_node_track(pags_gltf *gltf, int node, int64_t count, const double *times, const double (*poses)[12]);
 
-/* Attributes of points (mode POINTS), for splats: see splats_gltf.c. */
+/* Attributes of points (mode POINTS), for splats: see splat_files.c. */
 typedef struct pags_gltf_attribute {
   const char *name;
   int components; /* 1, 3 or 4 */

@@ -2,8 +2,8 @@
 /* Objects: which Gaussians are theirs, what the training cameras see of them, and a closed surface.
  *
  * Depth and cover of the object drawn alone by each training camera that had it in view, without what the rest of the
- * scene hides, are fused in the box's frame into a signed distance. What no camera saw is completed (form.h), so the
- * surface is closed whatever was seen. */
+ * scene hides, are fused in the box's frame into a signed distance. What no camera saw is completed (shape_prior.h), so
+ * the surface is closed whatever was seen. */
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>
