@@ -86,7 +86,7 @@ def check_sources():
 
 def check_names(path, text, names):
     for number, line in enumerate(text.split("\n"), 1):
-        for name in re.findall(r"(?<!\w)pags_[a-z0-9_]+(?![\w.])|\b[a-z]\w*\.(?:c|h|cc|inl)\b", line):
+        for name in re.findall(r"(?<!\w)pags_[a-z0-9_]+(?!\w|\.\w)|(?<![\w<])[a-z][a-z0-9_]*\.(?:c|h|cc|inl)\b", line):
             if name not in names:
                 fault(path, number, f"names {name}, which no source has")
 
