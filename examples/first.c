@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* first SCENE CAMERA.json PICTURE.ppm: loads a scene folder or a splat file, draws the view of a camera file, writes
  * it. */
-#include <math.h>
 #include <stdio.h>
 
 #include <pags/compose.h>
@@ -29,7 +28,7 @@ int main(int argc, char **argv) {
     for (int x = 0; x < picture.width; x++)
       for (int channel = 0; channel < 3; channel++) {
         const float value = picture.rgb[channel][y * picture.stride + x]; /* display-referred sRGB, not clamped */
-        fputc((int)lrintf(255.0F * fminf(fmaxf(value, 0.0F), 1.0F)), file);
+        fputc((int)(255.0F * (value < 0.0F ? 0.0F : value > 1.0F ? 1.0F : value) + 0.5F), file);
       }
   fclose(file);
   pags_frame_destroy(frame);

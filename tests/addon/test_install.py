@@ -2,6 +2,7 @@
 """What `make install` puts: a C program builds against it by pkg-config, Python imports the module, the program reads
 pictures."""
 
+import json
 import os
 import re
 import subprocess
@@ -15,23 +16,7 @@ COMPILER = sys.argv.pop(2)
 import fixtures  # noqa: E402
 from fixtures import Case, ply_bytes, run, some_splats  # noqa: E402
 
-SOURCE = r"""
-#include <pags/compose.h>
-#include <pags/tasks.h>
-#include <stdio.h>
-int main(int argc, char **argv) {
-  pags_composition *composition;
-  pags_tasks *tasks = pags_tasks_create(1);
-  if (argc < 2 || pags_composition_load(argv[1], &composition) != PAGS_OK) {
-    printf("%s", pags_error_message());
-    return 1;
-  }
-  printf("%lld", (long long)pags_composition_gaussian_count(composition));
-  pags_composition_destroy(composition);
-  pags_tasks_destroy(tasks);
-  return 0;
-}
-"""
+SOURCE = os.path.join(HERE, "..", "..", "examples", "first.c")
 
 
 class Install(Case):
@@ -53,15 +38,16 @@ class Install(Case):
             ["pkg-config", "--cflags", "--libs", "pags"], env=environment, capture_output=True, text=True
         )
         self.assertEqual(answer.returncode, 0, answer.stderr)
-        source = self.write("user.c", SOURCE)
-        command = [COMPILER, "-std=c17", source, "-o", self.path("user"), *answer.stdout.split()]
+        command = [COMPILER, "-std=c17", SOURCE, "-o", self.path("first"), *answer.stdout.split()]
         built = subprocess.run(command, capture_output=True, text=True)
         self.assertEqual(built.returncode, 0, built.stderr)
         environment["LD_LIBRARY_PATH"] = os.path.join(prefix, "lib")
-        ran = subprocess.run([self.path("user"), splats], env=environment, capture_output=True, text=True)
-        self.assertEqual((ran.returncode, ran.stdout), (0, "40"))
-        ran = subprocess.run([self.path("user"), self.path("none")], env=environment, capture_output=True, text=True)
-        self.assertIn("none", ran.stdout)
+        camera, picture = self.write("front.json", json.dumps(fixtures.FRONT)), self.path("picture.ppm")
+        ran = subprocess.run([self.path("first"), splats, camera, picture], env=environment, capture_output=True, text=True)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        self.assertTrue(fixtures.read(picture).startswith(b"P6 65 49 255\n"))
+        ran = subprocess.run([self.path("first"), self.path("none"), camera, picture], env=environment, capture_output=True, text=True)
+        self.assertIn("none", ran.stderr)
 
     def library(self, prefix):
         """A versioned library with a soname, that shows nothing but ours."""
