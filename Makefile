@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
-# A thin front for CMake's presets.
+# Short names for CMake's presets and the scripts.
 #   make         configure and build (build/pags)
 #   make setup   install what is missing (Debian; elsewhere says what is needed)
-#   make demo    set up, build, and record, train, render and export a street of our own making
+#   make demo    set up, build, then make a synthetic street, train, render, evaluate and export it
 #   make check   set up, build, run all tests
 #   make fuzz    every reader under libFuzzer (clang): MINUTES=1 of CPU time a target, LONG_MINUTES for five of them (docs/reliability.md)
 #   make fuzz-long  the same at length: 5 minutes, and 30
@@ -108,4 +108,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures format install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures install clean

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # The main job from end to end, with no download: records a drive along a ray-traced street, trains on it, renders the drive and the
 # same drive from the lane to the right, compares with pictures that training never saw, and exports proxies for other tools.
-# OUT=FOLDER chooses where results go, ITERATIONS=N how long to train.
+# OUT=FOLDER is where results go, ITERATIONS=N how long to train.
 set -eu
 cd "$(dirname "$0")/.."
 

@@ -1,16 +1,16 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# Installs the packages that the build, the demo and the tests need and that are missing. Asks for nothing when none is.
+# Installs the missing packages of those that the build, the demo and the tests need. Needs no root where none is missing.
 set -u
 
 needed="build-essential cmake pkg-config zlib1g-dev libzstd-dev libopenimageio-dev openimageio-tools libembree-dev libprotobuf-c-dev protobuf-c-compiler libexpat1-dev libtinygltf-dev nlohmann-json3-dev libmeshoptimizer-dev libqhull-dev libosd-dev libcmocka-dev python3 python3-venv"
-# The NEON kernels' tests, the Python module, Blender's tests; everything else does without.
+# For the tests of the NEON kernels, the Python module and the tests in Blender; the rest works without these.
 wanted="gcc-aarch64-linux-gnu libc6-dev-arm64-cross qemu-user python3-dev blender python3-numpy xvfb xauth imagemagick libgl1-mesa-dri"
-# The fuzz targets (make fuzz) with the sanitizers of Debian 12's clang; smoke runs do without.
+# For make fuzz: libFuzzer and the sanitizers of Debian 12's clang.
 wanted="$wanted clang libclang-rt-dev"
-# make valgrind.
+# For make valgrind.
 wanted="$wanted valgrind"
-# Other programs that read what pags export writes, for its tests, one of them in a browser; whoever has a node of his own keeps it.
+# For the tests in which other programs read exported files, one of them in a browser. An npm that is there already is used.
 wanted="$wanted chromium"
 command -v npm >/dev/null || wanted="$wanted nodejs npm"
 

@@ -1,6 +1,6 @@
 #!/bin/sh
 # SPDX-License-Identifier: Apache-2.0
-# venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or brings it up to it. Fails where that can't be done.
+# venv.sh FOLDER: makes FOLDER/.venv from FOLDER/requirements.txt, or makes it anew when that file has changed. Fails where it can't.
 set -u
 cd "$1" || exit 1
 
