@@ -1,20 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Paths and folders. */
-#include <dirent.h>
-#include <errno.h>
+/* Paths as text: nothing here touches a file. */
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 #include "base/file.h"
-#include "base/memory.h"
-#include "base/sort.h"
 #include "base/text.h"
-
-static pags_result fail_memory(const char *path) {
-  return pags_out_of_memory("%s: its name", path);
-}
 
 char *pags_path_join(const char *folder, const char *name) {
   size_t length = strlen(folder);
@@ -30,13 +20,6 @@ char *pags_path_join(const char *folder, const char *name) {
     joined[length++] = '/';
   memcpy(joined + length, name, name_size);
   return joined;
-}
-
-bool pags_folder_has(const char *folder, const char *name) {
-  char *path = pags_path_join(folder, name);
-  const bool found = path && pags_file_exists(path);
-  free(path);
-  return found;
 }
 
 const char *pags_path_name(const char *path) {
@@ -72,119 +55,4 @@ bool pags_path_is_inside(const char *path) {
       return false;
   }
   return true;
-}
-
-static pags_result make_dir(const char *path) {
-  if (mkdir(path, 0777) == 0 || (errno == EEXIST && pags_dir_exists(path)))
-    return PAGS_OK;
-  return pags_fail_errno(path, "can't make the folder");
-}
-
-pags_result pags_make_dirs(const char *path) {
-  if (pags_dir_exists(path))
-    return PAGS_OK;
-  char *prefix = pags_text_copy(path);
-  if (!prefix)
-    return fail_memory(path);
-  pags_result result = PAGS_OK;
-  for (char *slash = strchr(prefix + 1, '/'); slash && result == PAGS_OK; slash = strchr(slash + 1, '/')) {
-    *slash = 0;
-    result = make_dir(prefix);
-    *slash = '/';
-  }
-  if (result == PAGS_OK)
-    result = make_dir(prefix);
-  free(prefix);
-  return result;
-}
-
-static int compare_names(const void *a, const void *b) {
-  return strcmp(*(char *const *)a, *(char *const *)b);
-}
-
-static bool is_dots(const char *name) {
-  return strcmp(name, ".") == 0 || strcmp(name, "..") == 0;
-}
-
-static bool append_name(pags_dir_list *list, int64_t *capacity, const char *name) {
-  if (list->count == *capacity) {
-    int64_t grown = *capacity ? *capacity * 2 : 64;
-    char **names = realloc(list->names, (size_t)grown * sizeof *names);
-    if (!names)
-      return false;
-    list->names = names;
-    *capacity = grown;
-  }
-  list->names[list->count] = pags_text_copy(name);
-  return list->names[list->count] ? ++list->count > 0 : false;
-}
-
-pags_result pags_dir_list_read(const char *path, pags_dir_list *out) {
-  *out = (pags_dir_list){0};
-  DIR *dir = opendir(path);
-  if (!dir)
-    return pags_fail_errno(path, "can't list the folder");
-  pags_result result = PAGS_OK;
-  int64_t capacity = 0;
-  for (;;) {
-    errno = 0;
-    struct dirent *entry = readdir(dir);
-    if (!entry) {
-      if (errno)
-        result = pags_fail_errno(path, "can't list the folder");
-      break;
-    }
-    if (!is_dots(entry->d_name) && !append_name(out, &capacity, entry->d_name)) {
-      result = fail_memory(path);
-      break;
-    }
-  }
-  closedir(dir);
-  if (result != PAGS_OK)
-    pags_dir_list_destroy(out);
-  else if (out->count)
-    pags_sort(out->names, out->count, sizeof *out->names, compare_names);
-  return result;
-}
-
-void pags_dir_list_destroy(pags_dir_list *list) {
-  for (int64_t i = 0; i < list->count; i++)
-    free(list->names[i]);
-  free(list->names);
-  *list = (pags_dir_list){0};
-}
-
-pags_result pags_dir_is_empty(const char *path, bool *empty) {
-  *empty = true;
-  if (!pags_path_exists(path))
-    return PAGS_OK;
-  pags_dir_list list;
-  PAGS_TRY(pags_dir_list_read(path, &list));
-  *empty = list.count == 0;
-  pags_dir_list_destroy(&list);
-  return PAGS_OK;
-}
-
-static pags_result remove_children(const char *path) {
-  pags_dir_list list;
-  PAGS_TRY(pags_dir_list_read(path, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
-    char *child = pags_path_join(path, list.names[i]);
-    result = child ? pags_remove_tree(child) : fail_memory(path);
-    free(child);
-  }
-  pags_dir_list_destroy(&list);
-  return result;
-}
-
-pags_result pags_remove_tree(const char *path) {
-  struct stat status;
-  if (lstat(path, &status) != 0)
-    return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
-  if (S_ISDIR(status.st_mode)) {
-    PAGS_TRY(remove_children(path));
-    return rmdir(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove the folder");
-  }
-  return unlink(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove");
 }

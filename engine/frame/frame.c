@@ -5,58 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "frame/stages.h"
-
 #include "base/memory.h"
-
-pags_frame_options pags_frame_options_default(void) {
-  return (pags_frame_options){.near_plane = 0.01f,
-                              .low_pass = 0.3f,
-                              .sh_degree = 3,
-                              .exp_degree = 5,
-                              .early_z = PAGS_EARLY_Z_LOSSLESS,
-                              .early_z_eps = 1.0f / 255.0f};
-}
-
-void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
-  void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
-  if (!block)
-    pags_out_of_memory("the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
-  return block;
-}
-
-pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
-  if (pags_parallel_for(frame->tasks, count, grain, fn, context))
-    return PAGS_OK;
-  return pags_fail(PAGS_CANCELLED, "cancelled");
-}
-
-pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
-  *out = NULL;
-  const char *why = "";
-  const pags_kernels *const kernels = pags_kernels_get(&why);
-  if (!kernels)
-    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
-  pags_frame *const frame = calloc(1, sizeof *frame);
-  pags_arena *const arena = frame ? pags_arena_create() : NULL;
-  if (!arena) {
-    free(frame);
-    return pags_out_of_memory("a frame");
-  }
-  frame->tasks = tasks;
-  frame->arena = arena;
-  frame->kernels = kernels;
-  *out = frame;
-  return PAGS_OK;
-}
-
-void pags_frame_destroy(pags_frame *frame) {
-  if (!frame)
-    return;
-  pags_arena_destroy(frame->arena);
-  free(frame->planes);
-  free(frame);
-}
+#include "frame/stages.h"
 
 /* Planes padded to whole tiles; grown, never shrunk. */
 static pags_result prepare_planes(pags_frame *frame) {
@@ -235,14 +185,4 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   frame->rendered = true;
   fill_picture(frame, out);
   return PAGS_OK;
-}
-
-const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame) {
-  return &frame->stats;
-}
-uint64_t pags_frame_heap_calls(const pags_frame *frame) {
-  return pags_arena_heap_calls(frame->arena) + frame->plane_calls;
-}
-size_t pags_frame_bytes(const pags_frame *frame) {
-  return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float);
 }

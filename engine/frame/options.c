@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The words for Early-Z modes. */
+/* The options of a frame: defaults, exposure, the words for Early-Z modes. */
 #include <errno.h>
 #include <pags/frame.h>
 #include <stdlib.h>
@@ -35,4 +35,23 @@ pags_result pags_early_z_parse(const char *text, pags_frame_options *options) {
   options->early_z = (pags_early_z)mode;
   options->early_z_eps = eps;
   return PAGS_OK;
+}
+
+pags_frame_options pags_frame_options_default(void) {
+  return (pags_frame_options){.near_plane = 0.01f,
+                              .low_pass = 0.3f,
+                              .sh_degree = 3,
+                              .exp_degree = 5,
+                              .early_z = PAGS_EARLY_Z_LOSSLESS,
+                              .early_z_eps = 1.0f / 255.0f};
+}
+
+int pags_frame_options_expose(pags_frame_options *options, const double gain[3], const double offset[3]) {
+  options->exposed = 0;
+  for (int c = 0; c < 3; c++) {
+    options->gain[c] = (float)gain[c];
+    options->offset[c] = (float)offset[c];
+    options->exposed |= options->gain[c] != 1.0f || options->offset[c] != 0.0f;
+  }
+  return options->exposed;
 }

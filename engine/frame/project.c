@@ -115,3 +115,26 @@ static void shade_block(void *context, int64_t begin, int64_t end, int worker) {
 pags_result pags_stage_shade(pags_frame *frame) {
   return pags_frame_for(frame, frame->cluster_count, 8, shade_block, frame);
 }
+
+const float *pags_frame_geometry(const pags_part *part, const view_cluster *cluster, row_scratch *scratch,
+                                 int64_t *stride) {
+  if (!part->packed) {
+    *stride = part->gaussians->stride;
+    return part->gaussians->data + cluster->first;
+  }
+  *stride = PAGS_PACKED_ROWS;
+  pags_packed_geometry(part->packed, cluster->cluster, scratch->planes);
+  return scratch->planes;
+}
+
+const float *pags_frame_colours(const pags_part *part, const view_cluster *cluster, int sh_degree, row_scratch *scratch,
+                                int64_t *stride) {
+  if (!part->packed) {
+    *stride = part->gaussians->stride;
+    return part->gaussians->data + cluster->first;
+  }
+  *stride = PAGS_PACKED_ROWS;
+  pags_packed_means(part->packed, cluster->cluster, scratch->planes);
+  pags_packed_colours(part->packed, cluster->cluster, sh_degree, scratch->planes + PAGS_SH * PAGS_PACKED_ROWS);
+  return scratch->planes;
+}

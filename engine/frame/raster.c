@@ -133,3 +133,14 @@ pags_result pags_stage_raster(pags_frame *frame) {
 pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples) {
   return run_tiles(frame, samples, sample_tiles);
 }
+
+void pags_frame_expose(const pags_frame *frame, int64_t tile) {
+  const int64_t at = frame_tile_offset(frame, tile);
+  for (int c = 0; c < 3; c++) {
+    const float gain = frame->options.gain[c], offset = frame->options.offset[c];
+    float *row = frame_plane(frame, PLANE_R + c) + at;
+    for (int y = 0; y < PAGS_TILE; y++, row += frame->stride)
+      for (int x = 0; x < PAGS_TILE; x++)
+        row[x] = gain * row[x] + offset;
+  }
+}

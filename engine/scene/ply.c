@@ -52,13 +52,6 @@ static int list_columns(int sh_degree, column columns[MAX_COLUMNS]) {
   return (int)(at - columns);
 }
 
-int pags_sh_degree_of(int rest_per_channel) {
-  for (int degree = 0; degree <= 3; degree++)
-    if (rest_per_channel == pags_sh_coefficients(degree) - 1)
-      return degree;
-  return -1;
-}
-
 static pags_result find_degree(const ply_table *table, const ply_element *vertex, int *degree) {
   int rest = 0;
   for (int i = 0; i < vertex->property_count; i++)

@@ -6,7 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/memory.h"
 #include "synth/layout.h"
 
 #define TWO_PI 6.283185307179586
@@ -57,26 +56,6 @@ int pags_street_actor(pags_street *street, const pags_actor *actor) {
     return 0;
   street->actors[street->actor_count] = *actor;
   return street->actor_count++;
-}
-
-static bool complete(const pags_street *street) {
-  bool failed = street->failed || street->materials.failed;
-  for (int i = 0; i < street->mesh_count; i++)
-    failed |= street->meshes[i].failed;
-  return !failed;
-}
-
-pags_result pags_street_build(const pags_street_options *options, pags_street *street) {
-  memset(street, 0, sizeof *street);
-  street->options = options;
-  street->duration = (options->frames - 1) / options->fps;
-  street->end = pags_street_ego_x(street->duration);
-  street->begin_x = -45.0f;
-  street->end_x = (float)street->end + 130.0f;
-  street->markings = (pags_markings){.first_crossing = (float)street->end + 22.0f, .spacing = 84.0f};
-  pags_scenery_add(street);
-  pags_actors_add(street);
-  return complete(street) ? PAGS_OK : pags_out_of_memory("a street of %d frames", options->frames);
 }
 
 void pags_street_destroy(pags_street *street) {

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The memory of a frame: an arena that the stages draw from and that is reset by the next frame, and the planes of the
+ * picture. From the third frame of a kind on there is no heap call. */
+#include <stdlib.h>
+
+#include "base/memory.h"
+#include "frame/stages.h"
+
+pags_result pags_frame_create(pags_tasks *tasks, pags_frame **out) {
+  *out = NULL;
+  const char *why = "";
+  const pags_kernels *const kernels = pags_kernels_get(&why);
+  if (!kernels)
+    return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s", why);
+  pags_frame *const frame = calloc(1, sizeof *frame);
+  pags_arena *const arena = frame ? pags_arena_create() : NULL;
+  if (!arena) {
+    free(frame);
+    return pags_out_of_memory("a frame");
+  }
+  frame->tasks = tasks;
+  frame->arena = arena;
+  frame->kernels = kernels;
+  *out = frame;
+  return PAGS_OK;
+}
+
+void pags_frame_destroy(pags_frame *frame) {
+  if (!frame)
+    return;
+  pags_arena_destroy(frame->arena);
+  free(frame->planes);
+  free(frame);
+}
+
+void *pags_frame_alloc(pags_frame *frame, int64_t count, size_t size, const char *what) {
+  void *const block = pags_arena_alloc(frame->arena, (size_t)(count > 0 ? count : 1), size);
+  if (!block)
+    pags_out_of_memory("the %s of a frame (%lld x %zu bytes)", what, (long long)count, size);
+  return block;
+}
+
+pags_result pags_frame_for(pags_frame *frame, int64_t count, int64_t grain, pags_block_fn *fn, void *context) {
+  if (pags_parallel_for(frame->tasks, count, grain, fn, context))
+    return PAGS_OK;
+  return pags_fail(PAGS_CANCELLED, "cancelled");
+}
+
+const pags_frame_stats *pags_frame_stats_get(const pags_frame *frame) {
+  return &frame->stats;
+}
+
+uint64_t pags_frame_heap_calls(const pags_frame *frame) {
+  return pags_arena_heap_calls(frame->arena) + frame->plane_calls;
+}
+
+size_t pags_frame_bytes(const pags_frame *frame) {
+  return pags_arena_high_water(frame->arena) + (size_t)frame->plane_capacity * PLANE_COUNT * sizeof(float);
+}
