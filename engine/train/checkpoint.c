@@ -9,7 +9,7 @@
 
 #include "base/file.h"
 #include "train/config.h"
-#include "train/trainer.h"
+#include "train/run.h"
 
 static const char magic[8] = "PAGSRUN4";
 
@@ -381,7 +381,7 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
     result = pags_state_add_model(s, record.object, record.extent, &g);
   pags_gaussians_destroy(&g);
   PAGS_TRY(result);
-  pags_trainer_fit_box(s, s->model_count - 1);
+  pags_state_fit_box(s, s->model_count - 1);
   return get_model_rest(r, &record, s, &s->models[s->model_count - 1]);
 }
 

@@ -9,7 +9,7 @@
 
 #include "base/log.h"
 #include "base/memory.h"
-#include "train/trainer.h"
+#include "train/views.h"
 
 enum { TERMS = 5, SHRINK = 2 };
 
@@ -72,11 +72,11 @@ static void add_picture(const pags_trainer *t, const pags_picture *p, const pags
 }
 
 static void add_errors(const pags_trainer *t, int frame, const object_error *errors, object_fit *fits) {
-  for (int i = 0; i < t->pass.part_count; i++) {
-    int64_t model = t->pass.part_model[i];
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
     const object_error *e = &errors[model];
     object_fit *f = &fits[model];
-    const double *basis = t->pass.basis[model];
+    const double *basis = t->render.models[model].basis;
     if (e->pixels <= 0.0)
       continue;
     f->steps += f->last_frame != frame;
@@ -126,15 +126,15 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
   int level;
   pags_photo photo;
   pags_picture picture;
-  pags_frame_options options = pags_pass_options(t, t->state.step);
+  pags_frame_options options = pags_view_render_options(t, t->state.step);
   options.extra_channels = 1;
-  pags_pass_compose(t, t->views[index]);
-  if (t->pass.part_count < 2)
+  pags_view_render_compose(t, t->views[index]);
+  if (t->render.part_count < 2)
     return PAGS_OK;
-  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  PAGS_TRY(pags_views_photo(t, index, &level, &photo));
   int factor = level < SHRINK ? SHRINK / level : 1;
   pags_camera camera = pags_camera_downscale(&view->camera, level * factor);
-  PAGS_TRY(pags_pass_render(t, t->state.step + 1, &camera, &options, &picture));
+  PAGS_TRY(pags_view_render_draw(t, t->state.step + 1, &camera, &options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
   add_picture(t, &picture, &photo, factor, errors);
   add_errors(t, view->frame, errors, fits);

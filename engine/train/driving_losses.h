@@ -11,6 +11,11 @@
 
 #include "train/lidar_depth.h"
 
+/* Values of a step's loss terms beside the photometric loss, weighted. */
+typedef struct pags_driving_losses {
+  double sky, depth, objects;
+} pags_driving_losses;
+
 /* Sky opacity: weight times the mean over counted pixels of the binary cross-entropy of alpha = 1 - T against 0 where
  * the label says sky and 1 elsewhere, alpha clamped to [1e-6, 1 - 1e-6] (zero gradient outside).
  * `transmittance_gradient`: added to. */

@@ -8,9 +8,10 @@
 #include <math.h>
 
 #include "base/clock.h"
+#include "train/estimate.h"
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
-#include "train/trainer.h"
+#include "train/step.h"
 
 enum { PROBES = 4 };
 static const double growth = 8.0;
@@ -39,11 +40,11 @@ static pags_result probe(pags_trainer *t, int level, cost *out) {
     pags_step_view v = {.view = t->views[pick], .level = level};
     double begin = pags_clock_ms(), waited = t->ms.wait;
     t->measuring = 1;
-    pags_result result = pags_trainer_pass(t, t->state.step + 1, &v);
+    pags_result result = pags_train_step(t, t->state.step + 1, &v);
     t->measuring = 0;
     PAGS_TRY(result);
     double whole = pags_clock_ms() - begin - (t->ms.wait - waited);
-    const pags_frame_stats *s = pags_frame_stats_get(t->pass.frame);
+    const pags_frame_stats *s = pags_frame_stats_get(t->render.frame);
     double rows = s->ms_cull + s->ms_project + s->ms_shade + s->ms_sort + s->ms_project_backward;
     if (i == 0)
       continue;

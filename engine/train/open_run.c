@@ -11,59 +11,9 @@
 #include "init/from_points.h"
 #include "train/checkpoint.h"
 #include "train/config.h"
+#include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/size_limit.h"
-#include "train/trainer.h"
-
-static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
-  const uint8_t *b = bytes;
-  for (size_t i = 0; i < size; i++)
-    hash = (hash ^ b[i]) * 1099511628211u;
-  return hash;
-}
-
-/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps
- * depend on. */
-static uint64_t fingerprint_of(const pags_dataset *dataset) {
-  uint64_t hash = 14695981039346656037u;
-  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
-    const pags_view *v = pags_dataset_view(dataset, i);
-    int sizes[3] = {v->camera.width, v->camera.height, v->test};
-    double lens[4] = {v->camera.fx, v->camera.fy, v->camera.cx, v->camera.cy};
-    hash = hash_bytes(hash, v->name, strlen(v->name) + 1);
-    hash = hash_bytes(hash, sizes, sizeof sizes);
-    hash = hash_bytes(hash, lens, sizeof lens);
-    hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
-  }
-  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
-    const pags_object *o = pags_dataset_object(dataset, i);
-    hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
-    for (int64_t k = 0; k < o->knot_count; k++) {
-      hash = hash_bytes(hash, &o->knots[k].time, sizeof o->knots[k].time);
-      hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
-    }
-  }
-  if (pags_dataset_critical(dataset))
-    hash = hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
-  return hash;
-}
-
-pags_result pags_trainer_list_views(pags_trainer *t) {
-  int64_t all = pags_dataset_view_count(t->dataset);
-  t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
-  t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
-  if (!t->views || !t->order)
-    return pags_out_of_memory("%lld views", (long long)all);
-  for (int64_t i = 0; i < all; i++)
-    if (!pags_dataset_view(t->dataset, i)->test)
-      t->views[t->view_count++] = i;
-  t->order_epoch = -1;
-  if (t->view_count == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: no view to train on: %lld views, all held out",
-                     pags_dataset_path(t->dataset), (long long)all);
-  t->fingerprint = fingerprint_of(t->dataset);
-  return PAGS_OK;
-}
 
 static void largest_picture(const pags_trainer *t, int *width, int *height) {
   int64_t most = 0;
@@ -197,14 +147,8 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
     result = pags_state_add_model(s, object, object_extent(o), &g);
   pags_gaussians_destroy(&g);
   PAGS_TRY(result);
-  pags_trainer_fit_box(s, s->model_count - 1);
+  pags_state_fit_box(s, s->model_count - 1);
   return PAGS_OK;
-}
-
-void pags_trainer_fit_box(pags_train_state *s, int64_t model) {
-  pags_train_model *m = &s->models[model];
-  for (int k = 0; m->object >= 0 && s->schedule.config.box_prune && k < 3; k++)
-    m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
 }
 
 /* Where there is a cap, objects get half of it at most, each by its points. */

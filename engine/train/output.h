@@ -8,8 +8,8 @@
 #include <pags/train.h>
 
 #include "base/file.h"
+#include "train/driving_losses.h"
 #include "train/state.h"
-#include "train/step.h"
 
 typedef struct pags_output {
   char *folder;
@@ -34,7 +34,7 @@ typedef struct pags_log_entry {
   int level, sh_degree;
   double loss, psnr;                               /* running */
   double step_loss, step_l1, step_ssim, step_psnr; /* of this step's view */
-  pags_terms terms;                                /* the same */
+  pags_driving_losses terms;                       /* the same */
   int64_t bad_rows;                                /* of the run so far */
 } pags_log_entry;
 pags_result pags_output_log(pags_output *output, const pags_log_entry *entry);

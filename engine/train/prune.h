@@ -3,7 +3,7 @@
 #ifndef PAGS_TRAIN_PRUNE_H
 #define PAGS_TRAIN_PRUNE_H
 
-#include "train/trainer.h"
+#include "train/run.h"
 
 /* Prune number `index` of the schedule, of a settled run: takes scores, removes, sorts. */
 pags_result pags_prune(pags_trainer *trainer, int index);

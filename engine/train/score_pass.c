@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/memory.h"
+#include "train/views.h"
 
 typedef struct score_pass {
   pags_trainer *trainer;
@@ -75,7 +76,7 @@ static void fill_planes(score_pass *p, const pags_photo *photo, const pags_pictu
 
 static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   const score_pass *p = user;
-  int64_t at = p->first[p->trainer->pass.part_model[c->part]] + c->first;
+  int64_t at = p->first[p->trainer->render.drawn[c->part].model] + c->first;
   (void)worker;
   for (int i = 0; i < c->count; i++) {
     p->scores->squared[at + i] += c->squared[i];
@@ -96,19 +97,19 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   int level;
   pags_photo photo;
   pags_picture picture;
-  pags_frame_options options = pags_pass_options(t, t->state.step);
+  pags_frame_options options = pags_view_render_options(t, t->state.step);
   options.keep_for_backward = 1;
-  PAGS_TRY(pags_trainer_photo(t, index, &level, &photo));
+  PAGS_TRY(pags_views_photo(t, index, &level, &photo));
   const pags_camera *whole = &pags_dataset_view(t->dataset, t->views[index])->camera;
   int factor = rough ? factor_of(t, whole, level) : 1;
   pags_camera camera = pags_camera_downscale(whole, level * factor);
-  pags_pass_compose(t, t->views[index]);
-  PAGS_TRY(pags_pass_render(t, t->state.step, &camera, &options, &picture));
+  pags_view_render_compose(t, t->views[index]);
+  PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
   fill_planes(p, &photo, &picture, factor);
   pags_score_planes planes = {
       .counted = p->counted, .critical = p->critical, .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
-  return pags_frame_scores(t->pass.frame, &planes, add_cluster, p);
+  return pags_frame_scores(t->render.frame, &planes, add_cluster, p);
 }
 
 static pags_result add_views(score_pass *p, int rough) {
@@ -155,7 +156,7 @@ pags_result pags_score_pass_finish(pags_trainer *t) {
 
 static void add_squares(void *user, const pags_cluster_score *c, int worker) {
   pags_trainer *t = user;
-  pags_train_model *m = &t->state.models[t->pass.part_model[c->part]];
+  pags_train_model *m = &t->state.models[t->render.drawn[c->part].model];
   (void)worker;
   for (int i = 0; i < c->count; i++)
     m->density.squared[c->first + i] += (float)c->squared[i];
@@ -166,5 +167,5 @@ pags_result pags_score_pass_add_training(pags_trainer *t, const pags_picture_gra
   pags_score_planes planes = {.counted = ones, .critical = zeros};
   for (int c = 0; c < 3; c++)
     planes.rgb[c] = gradient->rgb[c];
-  return pags_frame_scores(t->pass.frame, &planes, add_squares, t);
+  return pags_frame_scores(t->render.frame, &planes, add_squares, t);
 }

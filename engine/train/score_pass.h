@@ -7,7 +7,7 @@
 #ifndef PAGS_TRAIN_SCORE_PASS_H
 #define PAGS_TRAIN_SCORE_PASS_H
 
-#include "train/trainer.h"
+#include "train/run.h"
 
 typedef struct pags_score_pass {
   int64_t count;                     /* rows of all models, model after model */

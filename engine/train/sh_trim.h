@@ -8,7 +8,7 @@
 #ifndef PAGS_TRAIN_SH_TRIM_H
 #define PAGS_TRAIN_SH_TRIM_H
 
-#include "train/trainer.h"
+#include "train/run.h"
 
 /* A view as the Gaussians of one frame of reference have it. */
 typedef struct pags_sh_view {

@@ -70,3 +70,9 @@ pags_result pags_state_retime(pags_train_state *state, const pags_schedule *sche
   }
   return PAGS_OK;
 }
+
+void pags_state_fit_box(pags_train_state *s, int64_t model) {
+  pags_train_model *m = &s->models[model];
+  for (int k = 0; m->object >= 0 && s->schedule.config.box_prune && k < 3; k++)
+    m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
+}

@@ -44,4 +44,7 @@ void pags_state_flush(pags_train_state *state, pags_tasks *tasks);
 /* A schedule of another length, everything settled; models keep their extents. */
 pags_result pags_state_retime(pags_train_state *state, const pags_schedule *schedule, int64_t stop);
 
+/* Gives an object's model the bounds of its box, where strays are to be pruned. */
+void pags_state_fit_box(pags_train_state *state, int64_t model);
+
 #endif

@@ -16,65 +16,14 @@
 #include "train/dropout.h"
 #include "train/mcmc.h"
 #include "train/score_pass.h"
-#include "train/trainer.h"
 
 enum { LARGEST_CLUSTER = 256, MOST_SAMPLES = 16384, ROW_PLANES = PAGS_MAX_PLANES + PAGS_FOURIER_PLANES };
 enum { OBJECTS_EVERY = 4 }; /* steps: the objects' own picture changes slowly, and costs a tenth of a step */
 enum { GRADIENT, GRADIENT_T = 3, GRADIENT_DEPTH, ZEROS, ONES, PLANES };
 
-/* Memory. */
-
-pags_result pags_pass_create(pags_trainer *t) {
-  pags_pass *p = &t->pass;
-  size_t models = (size_t)t->state.model_count, views = (size_t)pags_dataset_view_count(t->dataset);
-  p->parts = calloc(models, sizeof *p->parts);
-  p->part_model = calloc(models, sizeof *p->part_model);
-  p->part_knot = calloc(models, sizeof *p->part_knot);
-  p->pose = calloc(models, sizeof *p->pose);
-  p->pose_room = calloc(models, sizeof *p->pose_room);
-  p->dc = calloc(models, sizeof *p->dc);
-  p->dc_stride = calloc(models, sizeof *p->dc_stride);
-  p->factor = calloc(models, sizeof *p->factor);
-  p->factor_room = calloc(models, sizeof *p->factor_room);
-  p->basis = calloc(models, sizeof *p->basis);
-  p->held = calloc(models, sizeof *p->held);
-  p->held_step = calloc(models, sizeof *p->held_step);
-  p->held_room = calloc(models, sizeof *p->held_room);
-  p->depth = calloc(views, sizeof *p->depth);
-  if (!p->parts || !p->part_model || !p->part_knot || !p->pose || !p->pose_room || !p->dc || !p->dc_stride ||
-      !p->factor || !p->factor_room || !p->basis || !p->held || !p->held_step || !p->held_room || !p->depth)
-    return pags_out_of_memory("the parts of %lld models", (long long)models);
-  PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
-  return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
-}
-
-void pags_pass_destroy(pags_trainer *t) {
-  pags_pass *p = &t->pass;
-  pags_frame_destroy(p->frame);
-  pags_frame_destroy(p->object_frame);
-  for (int64_t i = 0; p->pose && p->dc && p->factor && p->held && p->held_step && i < t->state.model_count; i++) {
-    free(p->pose[i]);
-    free(p->dc[i]);
-    free(p->factor[i]);
-    free(p->held[i]);
-    free(p->held_step[i]);
-  }
-  for (int64_t i = 0; p->depth && i < pags_dataset_view_count(t->dataset); i++)
-    free(p->depth[i].samples);
-  for (int i = 0; i < PLANES; i++)
-    free(p->plane[i]);
-  free(p->emphasis);
-  void *const arrays[] = {p->parts,     p->part_model, p->part_knot, p->pose,       p->pose_room,
-                          p->dc,        p->basis,      p->dc_stride, p->held,       p->held_step,
-                          p->held_room, p->depth,      p->factor,    p->factor_room};
-  for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-    free(arrays[i]);
-  *p = (pags_pass){0};
-}
-
 /* Planes for the gradients of a picture: whole tiles of rows, as the frame reads them. */
 static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) {
-  pags_pass *p = &t->pass;
+  pags_view_render *p = &t->render;
   int64_t floats = (int64_t)picture->stride * ((picture->height + 15) / 16 * 16);
   if (floats <= p->plane_floats)
     return PAGS_OK;
@@ -96,168 +45,22 @@ static pags_result reserve_planes(pags_trainer *t, const pags_picture *picture) 
   return PAGS_OK;
 }
 
-/* Room per model that follows its number of clusters. */
-static pags_result reserve_model(pags_trainer *t, int64_t model) {
-  pags_pass *p = &t->pass;
-  const pags_train_model *m = &t->state.models[model];
-  int64_t clusters = m->clusters.count;
-  if (m->object >= 0 && clusters > p->pose_room[model]) {
-    free(p->pose[model]);
-    p->pose_room[model] = clusters + clusters / 2;
-    p->pose[model] = calloc((size_t)p->pose_room[model], sizeof *p->pose[model]);
-    if (!p->pose[model])
-      return p->pose_room[model] = 0, pags_out_of_memory("pose gradients");
-  }
-  if (m->gaussians.fourier && p->dc_stride[model] != m->gaussians.stride) {
-    free(p->dc[model]);
-    p->dc_stride[model] = m->gaussians.stride;
-    p->dc[model] = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
-    if (!p->dc[model])
-      return p->dc_stride[model] = 0, pags_out_of_memory("colours over time");
-    memset(p->dc[model], 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
-  }
-  return PAGS_OK;
-}
-
-/* Gives the parts that were composed the factors that `touch` draws. */
-static pags_result reserve_factors(pags_trainer *t, int64_t step) {
-  pags_pass *p = &t->pass;
-  pags_dropout dropout = pags_dropout_at(&t->state.schedule, step, -1);
-  for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
-    int64_t model = p->part_model[i], stride = t->state.models[model].gaussians.stride;
-    if (stride > p->factor_room[model]) {
-      free(p->factor[model]);
-      p->factor_room[model] = 0;
-      p->factor[model] = aligned_alloc(64, (size_t)stride * sizeof(float));
-      if (!p->factor[model])
-        return pags_out_of_memory("the dropout of %lld Gaussians", (long long)stride);
-      memset(p->factor[model], 0, (size_t)stride * sizeof(float));
-      p->factor_room[model] = stride;
-    }
-    p->parts[i].opacity_factor = p->factor[model];
-    p->parts[i].opacity_factor_most = pags_dropout_boost(&dropout);
-  }
-  return PAGS_OK;
-}
-
 static pags_result reserve_held(pags_trainer *t, int64_t model) {
-  pags_pass *p = &t->pass;
+  pags_view_render *p = &t->render;
   const pags_train_model *m = &t->state.models[model];
   int64_t clusters = m->clusters.count, planes = pags_plane_count(m->gaussians.sh_degree);
-  if (clusters * planes * m->clusters.size <= p->held_room[model])
+  if (clusters * planes * m->clusters.size <= p->models[model].held_room)
     return PAGS_OK;
-  free(p->held[model]);
-  free(p->held_step[model]);
+  free(p->models[model].held);
+  free(p->models[model].held_step);
   clusters += clusters / 2;
-  p->held_room[model] = 0;
-  p->held[model] = aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
-  p->held_step[model] = calloc((size_t)clusters, sizeof(int32_t));
-  if (!p->held[model] || !p->held_step[model])
+  p->models[model].held_room = 0;
+  p->models[model].held = aligned_alloc(64, (size_t)(clusters * planes * m->clusters.size) * sizeof(float));
+  p->models[model].held_step = calloc((size_t)clusters, sizeof(int32_t));
+  if (!p->models[model].held || !p->models[model].held_step)
     return pags_out_of_memory("gradients of an object");
-  p->held_room[model] = clusters * planes * m->clusters.size;
+  p->models[model].held_room = clusters * planes * m->clusters.size;
   return PAGS_OK;
-}
-
-/* Composition. */
-
-static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t knot,
-                     const double world_from_model[12]) {
-  pags_pass *p = &t->pass;
-  const pags_train_model *m = &t->state.models[model];
-  pags_part *part = &p->parts[p->part_count];
-  *part = (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id};
-  memcpy(part->world_from_model, world_from_model, sizeof part->world_from_model);
-  p->part_model[p->part_count] = model;
-  p->part_knot[p->part_count++] = knot;
-}
-
-void pags_pass_compose(pags_trainer *t, int64_t view) {
-  const pags_view *v = pags_dataset_view(t->dataset, view);
-  const double *origin = pags_dataset_origin(t->dataset);
-  double pose[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
-  int32_t first_id = 0;
-  t->pass.part_count = 0;
-  for (int64_t i = 0; i < t->state.model_count; i++) {
-    const pags_train_model *m = &t->state.models[i];
-    if (m->object < 0) {
-      add_part(t, i, first_id, -1, pose);
-    } else {
-      const pags_object *object = &t->state.tracks.objects[m->object];
-      if (pags_object_pose(object, v->camera.time, pose)) {
-        for (int k = 0; k < 3; k++)
-          pose[4 * k + 3] -= origin[k];
-        double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
-        pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->pass.basis[i]);
-        add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
-      }
-    }
-    first_id += (int32_t)m->gaussians.count;
-  }
-}
-
-pags_frame_options pags_pass_options(const pags_trainer *t, int64_t step) {
-  const pags_train_config *c = &t->state.schedule.config;
-  pags_frame_options o = pags_frame_options_default();
-  for (int k = 0; k < 3; k++) {
-    o.origin[k] = pags_dataset_origin(t->dataset)[k];
-    o.background[k] = (float)c->background[k];
-  }
-  o.near_plane = (float)c->near_plane;
-  o.low_pass = (float)c->low_pass;
-  o.antialiased = c->antialiased;
-  o.early_z = PAGS_EARLY_Z_OFF; /* the view before says nothing of the next one */
-  o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
-  o.sky = t->state.sky.sky.size > 0 ? &t->state.sky.sky : NULL;
-  return o;
-}
-
-/* The way there. */
-
-typedef struct pass_context {
-  pags_trainer *trainer;
-  int64_t step;
-  int first_part; /* of the trainer's parts that the frame was given */
-} pass_context;
-
-/* The rows of one cluster, padding included. */
-static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, int64_t *last) {
-  *first = cluster * m->clusters.size;
-  *last = *first + m->clusters.size < m->gaussians.stride ? *first + m->clusters.size : m->gaussians.stride;
-}
-
-/* Who of one cluster is left out of the step. */
-static void drop(const pass_context *c, int64_t model, int64_t cluster) {
-  const pags_train_model *m = &c->trainer->state.models[model];
-  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
-  int64_t first, last;
-  rows_of(m, cluster, &first, &last);
-  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->pass.factor[model]);
-}
-
-static void touch(void *user, int part, int64_t cluster, int worker) {
-  const pass_context *c = user;
-  int64_t model = c->trainer->pass.part_model[c->first_part + part];
-  pags_train_model *m = &c->trainer->state.models[model];
-  int64_t first, last;
-  (void)worker;
-  pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
-  rows_of(m, cluster, &first, &last);
-  if (m->gaussians.fourier)
-    pags_fourier_colour(&m->gaussians, c->trainer->pass.basis[model], first, last, c->trainer->pass.dc[model]);
-  if (c->trainer->pass.parts[c->first_part + part].opacity_factor)
-    drop(c, model, cluster);
-}
-
-pags_result pags_pass_render(pags_trainer *t, int64_t step, const pags_camera *camera,
-                             const pags_frame_options *options, pags_picture *picture) {
-  pass_context context = {t, step, 0};
-  for (int i = 0; i < t->pass.part_count; i++) {
-    int64_t model = t->pass.part_model[i];
-    PAGS_TRY(reserve_model(t, model));
-    t->pass.parts[i].dc = t->state.models[model].gaussians.fourier ? t->pass.dc[model] : NULL;
-    pags_adam_begin(&t->state.models[model].adam, step);
-  }
-  return pags_frame_render(t->pass.frame, t->pass.parts, t->pass.part_count, camera, options, touch, &context, picture);
 }
 
 /* The way back. */
@@ -279,8 +82,8 @@ static int any_drawn(const pags_cluster_gradient *g) {
   return any;
 }
 
-static float *held_rows(const pags_pass *p, const pags_train_model *m, int64_t model, int64_t cluster) {
-  return p->held[model] + cluster * pags_plane_count(m->gaussians.sh_degree) * m->clusters.size;
+static float *held_rows(const pags_view_render *p, const pags_train_model *m, int64_t model, int64_t cluster) {
+  return p->models[model].held + cluster * pags_plane_count(m->gaussians.sh_degree) * m->clusters.size;
 }
 
 /* Rows whose gradient the frame has set to zero because it wasn't finite. */
@@ -294,9 +97,9 @@ static int any_bad(const pags_cluster_gradient *g) {
 /* Keeps an object's gradients until the picture's arrive. A row's that isn't finite is nothing beside them, but is
  * counted. */
 static void hold(void *user, const pags_cluster_gradient *g, int worker) {
-  const pass_context *c = user;
-  const pags_pass *p = &c->trainer->pass;
-  int64_t model = p->part_model[c->first_part + g->part];
+  const pags_render_context *c = user;
+  const pags_view_render *p = &c->trainer->render;
+  int64_t model = p->drawn[c->first_part + g->part].model;
   (void)worker;
   if (!any_drawn(g))
     return;
@@ -307,11 +110,11 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
                                            PAGS_OFFENCE_GRADIENT});
   memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
          (size_t)g->planes * (size_t)g->stride * sizeof(float));
-  p->held_step[model][g->cluster] = (int32_t)c->step;
+  p->models[model].held_step[g->cluster] = (int32_t)c->step;
 }
 
-static void add_held(const pags_pass *p, const pags_train_model *m, int64_t model, const pags_cluster_gradient *g,
-                     float *data) {
+static void add_held(const pags_view_render *p, const pags_train_model *m, int64_t model,
+                     const pags_cluster_gradient *g, float *data) {
   const float *rows = held_rows(p, m, model, g->cluster);
   for (int64_t i = 0; i < (int64_t)g->planes * g->stride; i++)
     data[i] += rows[i];
@@ -330,9 +133,9 @@ static void add_fourier(const double basis[5], const pags_cluster_gradient *g, f
 
 /* A cluster in view that shows nothing goes on owing: whether it was in view must not change a bit. */
 static void receive(void *user, const pags_cluster_gradient *g, int worker) {
-  const pass_context *c = user;
-  const pags_pass *p = &c->trainer->pass;
-  int64_t model = p->part_model[g->part];
+  const pags_render_context *c = user;
+  const pags_view_render *p = &c->trainer->render;
+  int64_t model = p->drawn[g->part].model;
   pags_train_model *m = &c->trainer->state.models[model];
   float copy[ROW_PLANES * LARGEST_CLUSTER];
   const float *data = g->data;
@@ -341,7 +144,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
     return;
   add_statistics(m, g);
   int mcmc = m->schedule.config.strategy == PAGS_STRATEGY_MCMC;
-  int held = p->held_step[model] && p->held_step[model][g->cluster] == (int32_t)c->step, bad = any_bad(g);
+  int held = p->models[model].held_step && p->models[model].held_step[g->cluster] == (int32_t)c->step, bad = any_bad(g);
   if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
     data = copy;
@@ -349,11 +152,12 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   if (held)
     add_held(p, m, model, g, copy);
   if (m->object >= 0)
-    pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count, p->pose[model][g->cluster]);
+    pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count,
+                       p->models[model].pose[g->cluster]);
   if (mcmc)
     pags_mcmc_regularise(m, g->first, g->count, copy, g->stride);
   if (m->gaussians.fourier)
-    add_fourier(p->basis[model], g, copy);
+    add_fourier(p->models[model].basis, g, copy);
   for (int i = 0; bad && i < g->count; i++)
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* as it was: the update leaves the row out */
@@ -368,26 +172,26 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
 /* Loss terms. */
 
 static pags_result load_depth(pags_trainer *t, int64_t view) {
-  if (t->pass.depth[view].loaded)
+  if (t->render.depth[view].loaded)
     return PAGS_OK;
-  t->pass.depth[view].loaded = 1;
-  return pags_lidar_depth_samples(t->dataset, view, MOST_SAMPLES, &t->pass.depth[view].count,
-                                  &t->pass.depth[view].samples);
+  t->render.depth[view].loaded = 1;
+  return pags_lidar_depth_samples(t->dataset, view, MOST_SAMPLES, &t->render.depth[view].count,
+                                  &t->render.depth[view].samples);
 }
 
 /* Opacity of the moving objects by themselves: a picture of their own. Its gradients wait for those of the whole one;
  * they stand for those of the steps that do without, too. */
 static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v) {
-  pags_pass *p = &t->pass;
-  pass_context context = {t, step, 1};
-  pags_frame_options options = pags_pass_options(t, step);
+  pags_view_render *p = &t->render;
+  pags_render_context context = {t, step, 1};
+  pags_frame_options options = pags_view_render_options(t, step);
   pags_picture picture;
   options.sky = NULL;
   options.keep_for_backward = 1;
   for (int i = 1; i < p->part_count; i++)
-    PAGS_TRY(reserve_held(t, p->part_model[i]));
-  PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options, touch, &context,
-                             &picture));
+    PAGS_TRY(reserve_held(t, p->drawn[i].model));
+  PAGS_TRY(pags_frame_render(p->object_frame, p->parts + 1, p->part_count - 1, &v->camera, &options,
+                             pags_view_render_touch, &context, &picture));
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
   PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
@@ -405,8 +209,8 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
     return;
   int64_t count = (int64_t)photo->stride * photo->height;
   for (int64_t i = 0; i < count; i++)
-    t->pass.emphasis[i] = (photo->labels[i] & PAGS_LABEL_CRITICAL) != 0;
-  how->emphasis = t->pass.emphasis;
+    t->render.emphasis[i] = (photo->labels[i] & PAGS_LABEL_CRITICAL) != 0;
+  how->emphasis = t->render.emphasis;
   how->times = times;
 }
 
@@ -416,12 +220,12 @@ static pags_result photometric(pags_trainer *t, pags_step_view *v) {
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
   emphasise(t, &v->photo, &how);
-  return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->pass.plane + GRADIENT, &v->loss);
+  return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss);
 }
 
 /* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
-  pags_pass *p = &t->pass;
+  pags_view_render *p = &t->render;
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
@@ -451,10 +255,11 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
 }
 
 static void clear_poses(pags_trainer *t) {
-  for (int i = 0; i < t->pass.part_count; i++) {
-    int64_t model = t->pass.part_model[i];
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
     if (t->state.models[model].object >= 0)
-      memset(t->pass.pose[model], 0, (size_t)t->state.models[model].clusters.count * sizeof *t->pass.pose[model]);
+      memset(t->render.models[model].pose, 0,
+             (size_t)t->state.models[model].clusters.count * sizeof *t->render.models[model].pose);
   }
 }
 
@@ -462,26 +267,26 @@ static void update_tracks(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
   if (!s->config.tracks || step <= s->tracks_from)
     return;
-  for (int i = 0; i < t->pass.part_count; i++) {
-    int64_t model = t->pass.part_model[i];
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
     const pags_train_model *m = &t->state.models[model];
     double sum[6] = {0.0};
-    if (m->object < 0 || t->pass.part_knot[i] < 0)
+    if (m->object < 0 || t->render.drawn[i].knot < 0)
       continue;
     for (int64_t c = 0; c < m->clusters.count; c++)
       for (int k = 0; k < 6; k++)
-        sum[k] += t->pass.pose[model][c][k];
-    if (!pags_track_poses_update(&t->state.tracks, m->object, t->pass.part_knot[i], sum, s, step))
+        sum[k] += t->render.models[model].pose[c][k];
+    if (!pags_track_poses_update(&t->state.tracks, m->object, t->render.drawn[i].knot, sum, s, step))
       pags_nonfinite_note(&t->state.guard, 1,
-                          &(pags_offender){step, m->object, t->pass.part_knot[i], 0, PAGS_OFFENCE_POSE});
+                          &(pags_offender){step, m->object, t->render.drawn[i].knot, 0, PAGS_OFFENCE_POSE});
   }
 }
 
-pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) {
+pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   const pags_train_config *config = &t->state.schedule.config;
   double clock = pags_clock_ms();
-  pass_context context = {t, step, 0};
-  pags_frame_options options = pags_pass_options(t, step);
+  pags_render_context context = {t, step, 0};
+  pags_frame_options options = pags_view_render_options(t, step);
   pags_picture_gradient gradient;
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
   if (config->depth_weight > 0.0)
@@ -490,18 +295,18 @@ pags_result pags_trainer_pass(pags_trainer *t, int64_t step, pags_step_view *v) 
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
   options.absolute_gradient = config->absgrad;
-  options.depth_sum = t->pass.depth[v->view].count > 0;
-  pags_pass_compose(t, v->view);
-  PAGS_TRY(reserve_factors(t, step));
-  PAGS_TRY(pags_pass_render(t, step, &v->camera, &options, &v->picture));
+  options.depth_sum = t->render.depth[v->view].count > 0;
+  pags_view_render_compose(t, v->view);
+  PAGS_TRY(pags_view_render_reserve_factors(t, step));
+  PAGS_TRY(pags_view_render_draw(t, step, &v->camera, &options, &v->picture));
   t->ms.forward += pags_clock_lap_ms(&clock);
   PAGS_TRY(reserve_planes(t, &v->picture));
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
   clear_poses(t);
-  PAGS_TRY(pags_frame_backward(t->pass.frame, &gradient, receive, &context, NULL));
+  PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
-    PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->pass.plane[ONES], t->pass.plane[ZEROS]));
+    PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);
     if (t->state.exposures.count > 0 &&

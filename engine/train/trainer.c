@@ -4,7 +4,7 @@
  * Step t: the view that the epoch's permutation names, at the resolution of t, goes through the frame and back
  * (step.c). Then, at the steps the schedule names, density control and the opacity reset, which look at all rows and
  * pay everything first. */
-#include "train/trainer.h"
+#include <pags/train.h>
 
 #include <assert.h>
 #include <math.h>
@@ -16,173 +16,19 @@
 #include "base/log.h"
 #include "base/memory.h"
 #include "train/checkpoint.h"
-#include "train/color_over_time.h"
 #include "train/config.h"
-#include "train/densify.h"
-#include "train/mcmc.h"
-#include "train/prune.h"
+#include "train/density.h"
+#include "train/estimate.h"
+#include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sh_trim.h"
 #include "train/size_limit.h"
+#include "train/step.h"
+#include "train/views.h"
 
-enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4, ESTIMATE_STEPS = 50 };
+enum { ESTIMATE_STEPS = 50 };
 
 /* One step. */
-
-/* Permutations of the pass that `step` belongs to and of the next. */
-static void prepare_order(pags_trainer *t, int64_t step) {
-  int64_t epoch = (step - 1) / t->view_count;
-  if (epoch == t->order_epoch)
-    return;
-  pags_schedule_order(&t->state.schedule, epoch, t->order);
-  pags_schedule_order(&t->state.schedule, epoch + 1, t->order + t->view_count);
-  t->order_epoch = epoch;
-}
-
-/* The data set's view of a step of these two passes. */
-static int64_t view_of(const pags_trainer *t, int64_t step) {
-  return t->views[t->order[(step - 1) - t->order_epoch * t->view_count]];
-}
-
-static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
-  const pags_camera *camera = &pags_dataset_view(t->dataset, view)->camera;
-  return pags_schedule_level(&t->state.schedule, step, camera->width, camera->height);
-}
-
-/* Views to come, as long as they are wanted at the same size. */
-static void announce(pags_trainer *t, int64_t step, int level) {
-  int64_t ahead[PAGS_TRAIN_AHEAD], known = (t->order_epoch + 2) * t->view_count;
-  int64_t last = known < t->state.stop ? known : t->state.stop;
-  int count = 0;
-  for (int64_t k = step; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
-    int64_t view = view_of(t, k);
-    if (level_of(t, k, view) != level)
-      break;
-    ahead[count++] = view;
-  }
-  pags_photo_cache_prefetch(t->cache, ahead, count, level);
-}
-
-pags_result pags_trainer_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {
-  int64_t left = t->view_count - index;
-  *level = level_of(t, t->state.step, t->views[index]);
-  pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
-  return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
-}
-
-typedef struct unseen_job {
-  pags_train_model *model;
-  pags_nonfinite *guard;
-} unseen_job;
-
-static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
-  const unseen_job *job = context;
-  pags_train_model *m = job->model;
-  int64_t step = m->step, stride = m->adam.cluster_size;
-  int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
-  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * LARGEST_CLUSTER];
-  (void)worker;
-  for (int64_t c = begin; c < end; c++) {
-    int64_t first = c * stride, rest = m->gaussians.count - first;
-    if (m->adam.moment_step[c] == step)
-      continue;
-    memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
-    pags_adam_touch(&m->adam, &m->gaussians, c, step);
-    pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
-    pags_offender offender = {0};
-    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &offender);
-    offender.object = m->object;
-    if (left_out)
-      pags_nonfinite_note(job->guard, left_out, &offender);
-  }
-}
-
-/* Under MCMC the regularisers and the noise move rows that no view shows, too. */
-static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
-  pags_adam_begin(&m->adam, m->step);
-  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                         &(unseen_job){m, &t->state.guard}))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  return pags_mcmc_noise(m, m->step, t->tasks);
-}
-
-static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
-  pags_edits edits;
-  PAGS_TRY(pags_densify_decide(m, &edits));
-  pags_result result = pags_densify_apply(m, &edits, t->tasks);
-  change->cloned += edits.cloned;
-  change->split += edits.split;
-  change->pruned += edits.pruned;
-  change->wanted += edits.wanted;
-  pags_edits_destroy(&edits);
-  return result;
-}
-
-/* What the bound leaves to grow into is shared out in proportion to what the models have. */
-static pags_result share_cap(pags_trainer *t) {
-  pags_train_state *s = &t->state;
-  int64_t total = pags_state_gaussian_count(s), room;
-  PAGS_TRY(pags_size_limit_room(t->dataset, s, &room));
-  int bounded = s->cap > 0 || room < INT32_MAX;
-  if (s->cap > 0)
-    room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
-  for (int64_t i = 0; i < s->model_count; i++) {
-    int64_t count = s->models[i].gaussians.count;
-    double share = (double)count / (double)(total > 0 ? total : 1);
-    s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
-  }
-  return PAGS_OK;
-}
-
-/* Density control of all models after the step just done, settled. */
-static pags_result refine(pags_trainer *t) {
-  pags_train_state *s = &t->state;
-  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
-  pags_density_change change = {0};
-  PAGS_TRY(share_cap(t));
-  for (int64_t i = 0; i < s->model_count; i++)
-    PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
-  if (mcmc || !t->output.lines.stream)
-    return PAGS_OK;
-  return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
-}
-
-/* The background onto the planes that the laser measured; its clusters' bounds anew. */
-static pags_result draw_to_facets(pags_trainer *t) {
-  pags_train_model *m = &t->state.models[0];
-  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
-  return PAGS_OK;
-}
-
-/* What the schedule names for the step just done. */
-static pags_result control_density(pags_trainer *t) {
-  pags_train_state *s = &t->state;
-  int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
-  int prune = pags_schedule_prune(&s->schedule, s->step);
-  int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
-  for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
-    PAGS_TRY(move_unseen(t, &s->models[i]));
-  int draws = t->facets.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
-  if (!due && !reset && !fourier && !draws && prune < 0)
-    return PAGS_OK;
-  pags_state_settle(s, t->tasks);
-  if (due)
-    PAGS_TRY(refine(t));
-  if (fourier)
-    PAGS_TRY(pags_color_over_time_decide(t));
-  if (prune >= 0)
-    PAGS_TRY(pags_prune(t, prune));
-  if (draws)
-    PAGS_TRY(draw_to_facets(t));
-  if (!reset)
-    return PAGS_OK;
-  for (int64_t i = 0; i < s->model_count; i++)
-    pags_densify_reset(&s->models[i]);
-  s->resets++;
-  return PAGS_OK;
-}
 
 /* Exponential means over about one pass. */
 static void update_running(pags_trainer *t, const pags_photometric_loss *loss) {
@@ -216,16 +62,15 @@ static pags_result check_guard(const pags_trainer *t) {
 
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   int64_t step = t->state.step + 1;
-  prepare_order(t, step);
-  *v = (pags_step_view){.view = view_of(t, step)};
-  v->level = level_of(t, step, v->view);
-  announce(t, step, v->level);
-  PAGS_TRY(pags_trainer_pass(t, step, v));
+  int level;
+  const int64_t view = pags_views_next(t, step, &level);
+  *v = (pags_step_view){.view = view, .level = level};
+  PAGS_TRY(pags_train_step(t, step, v));
   double clock = pags_clock_ms();
   pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
   PAGS_TRY(check_guard(t));
-  PAGS_TRY(control_density(t));
+  PAGS_TRY(pags_density_control(t));
   PAGS_TRY(check_guard(t)); /* MCMC moves the others there */
   t->ms.density += pags_clock_lap_ms(&clock);
   return PAGS_OK;
@@ -262,7 +107,7 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
   if (s->step == s->stop - s->stop / 10) {
     clock->tail = now;
     clock->tail_step = s->step;
-    clock->tail_heap_calls = pags_frame_heap_calls(t->pass.frame);
+    clock->tail_heap_calls = pags_frame_heap_calls(t->render.frame);
   }
 }
 
@@ -384,7 +229,7 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->bad_rows = s->guard.count;
   if (s->guard.count > 0)
     pags_nonfinite_describe(&s->guard, offender_name(t), r->first_bad_row);
-  r->heap_calls_steady = pags_frame_heap_calls(t->pass.frame) - clock->tail_heap_calls;
+  r->heap_calls_steady = pags_frame_heap_calls(t->render.frame) - clock->tail_heap_calls;
   r->ms_wait = t->ms.wait * per_step;
   r->ms_forward = t->ms.forward * per_step;
   r->ms_loss = t->ms.loss * per_step;
@@ -459,10 +304,10 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   pags_train_config config = pags_config_resolve(asked, pags_dataset_fps(t->dataset) > 0.0);
   if (!o->estimate)
     PAGS_TRY(pags_output_find(&t->output, o, &found));
-  PAGS_TRY(pags_trainer_list_views(t));
+  PAGS_TRY(pags_views_list(t));
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
-  PAGS_TRY(pags_pass_create(t));
+  PAGS_TRY(pags_view_render_create(t));
   if (config.lidar_pull > 0.0)
     PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->facets));
   result->resumed = found;
@@ -472,7 +317,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
 static void close_run(pags_trainer *t, int failed) {
   pags_output_close(&t->output, failed);
   pags_photo_cache_destroy(t->cache);
-  pags_pass_destroy(t);
+  pags_view_render_destroy(t);
   pags_state_destroy(&t->state);
   pags_lidar_planes_destroy(&t->facets);
   free(t->views);

@@ -16,7 +16,7 @@
 #include "dataset/internal.h"
 #include "eval/npz.h"
 #include "train/checkpoint.h"
-#include "train/trainer.h"
+#include "train/run.h"
 
 /* ---- Checkpoints ---- */
 

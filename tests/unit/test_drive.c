@@ -20,8 +20,10 @@
 #include "train/color_over_time.h"
 #include "train/config.h"
 #include "train/exposure.h"
+#include "train/open_run.h"
 #include "train/score_pass.h"
 #include "train/sky_fit.h"
+#include "train/views.h"
 
 enum { FRAMES = 12, ITERATIONS = 120 };
 
@@ -358,16 +360,16 @@ static void begin_run(pags_train_options *options, pags_trainer *t) {
   options->tasks = tasks;
   const pags_train_config asked = quick(), config = pags_config_resolve(&asked, 1);
   *t = (pags_trainer){.options = options, .dataset = options->dataset, .tasks = options->tasks};
-  assert_int_equal(pags_trainer_list_views(t), PAGS_OK);
+  assert_int_equal(pags_views_list(t), PAGS_OK);
   assert_int_equal(pags_photo_cache_create(t->dataset, t->tasks, options->image_cache, &t->cache), PAGS_OK);
   assert_int_equal(pags_trainer_start(t, &config), PAGS_OK);
-  assert_int_equal(pags_pass_create(t), PAGS_OK);
+  assert_int_equal(pags_view_render_create(t), PAGS_OK);
   pags_state_set_step(&t->state, ITERATIONS - 1);
 }
 
 static void end_run(pags_trainer *t) {
   pags_photo_cache_destroy(t->cache);
-  pags_pass_destroy(t);
+  pags_view_render_destroy(t);
   pags_state_destroy(&t->state);
   free(t->views);
   free(t->order);

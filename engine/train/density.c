@@ -1,0 +1,128 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Density control after a step: adaptive density control (Kerbl et al. 2023) or MCMC (Kheradmand et al. 2024), and what
+ * else the schedule names. */
+#include "train/density.h"
+
+#include <string.h>
+
+#include "train/color_over_time.h"
+#include "train/densify.h"
+#include "train/mcmc.h"
+#include "train/prune.h"
+#include "train/size_limit.h"
+
+enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4 };
+
+typedef struct unseen_job {
+  pags_train_model *model;
+  pags_nonfinite *guard;
+} unseen_job;
+
+static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
+  const unseen_job *job = context;
+  pags_train_model *m = job->model;
+  int64_t step = m->step, stride = m->adam.cluster_size;
+  int planes = pags_plane_count(pags_schedule_sh_degree(&m->schedule, step));
+  float data[(PAGS_MAX_PLANES + PAGS_FOURIER_PLANES) * LARGEST_CLUSTER];
+  (void)worker;
+  for (int64_t c = begin; c < end; c++) {
+    int64_t first = c * stride, rest = m->gaussians.count - first;
+    if (m->adam.moment_step[c] == step)
+      continue;
+    memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
+    pags_adam_touch(&m->adam, &m->gaussians, c, step);
+    pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
+    pags_offender offender = {0};
+    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &offender);
+    offender.object = m->object;
+    if (left_out)
+      pags_nonfinite_note(job->guard, left_out, &offender);
+  }
+}
+
+/* Under MCMC the regularisers and the noise move rows that no view shows, too. */
+static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
+  pags_adam_begin(&m->adam, m->step);
+  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
+                         &(unseen_job){m, &t->state.guard}))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  return pags_mcmc_noise(m, m->step, t->tasks);
+}
+
+static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
+  pags_edits edits;
+  PAGS_TRY(pags_densify_decide(m, &edits));
+  pags_result result = pags_densify_apply(m, &edits, t->tasks);
+  change->cloned += edits.cloned;
+  change->split += edits.split;
+  change->pruned += edits.pruned;
+  change->wanted += edits.wanted;
+  pags_edits_destroy(&edits);
+  return result;
+}
+
+/* What the bound leaves to grow into is shared out in proportion to what the models have. */
+static pags_result share_cap(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int64_t total = pags_state_gaussian_count(s), room;
+  PAGS_TRY(pags_size_limit_room(t->dataset, s, &room));
+  int bounded = s->cap > 0 || room < INT32_MAX;
+  if (s->cap > 0)
+    room = s->cap < total ? 0 : s->cap - total < room ? s->cap - total : room;
+  for (int64_t i = 0; i < s->model_count; i++) {
+    int64_t count = s->models[i].gaussians.count;
+    double share = (double)count / (double)(total > 0 ? total : 1);
+    s->models[i].cap = bounded ? count + (int64_t)((double)room * share) : 0;
+  }
+  return PAGS_OK;
+}
+
+/* Density control of all models after the step just done, settled. */
+static pags_result refine(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
+  pags_density_change change = {0};
+  PAGS_TRY(share_cap(t));
+  for (int64_t i = 0; i < s->model_count; i++)
+    PAGS_TRY(mcmc ? pags_mcmc_refine(&s->models[i], t->tasks) : densify(t, &s->models[i], &change));
+  if (mcmc || !t->output.lines.stream)
+    return PAGS_OK;
+  return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
+}
+
+/* The background onto the planes that LiDAR shows; its clusters' bounds anew. */
+static pags_result pull_to_lidar_planes(pags_trainer *t) {
+  pags_train_model *m = &t->state.models[0];
+  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
+    return pags_fail(PAGS_CANCELLED, "cancelled");
+  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
+  return PAGS_OK;
+}
+
+/* What the schedule names for the step just done. */
+pags_result pags_density_control(pags_trainer *t) {
+  pags_train_state *s = &t->state;
+  int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
+  int prune = pags_schedule_prune(&s->schedule, s->step);
+  int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
+  for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
+    PAGS_TRY(move_unseen(t, &s->models[i]));
+  int draws = t->facets.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  if (!due && !reset && !fourier && !draws && prune < 0)
+    return PAGS_OK;
+  pags_state_settle(s, t->tasks);
+  if (due)
+    PAGS_TRY(refine(t));
+  if (fourier)
+    PAGS_TRY(pags_color_over_time_decide(t));
+  if (prune >= 0)
+    PAGS_TRY(pags_prune(t, prune));
+  if (draws)
+    PAGS_TRY(pull_to_lidar_planes(t));
+  if (!reset)
+    return PAGS_OK;
+  for (int64_t i = 0; i < s->model_count; i++)
+    pags_densify_reset(&s->models[i]);
+  s->resets++;
+  return PAGS_OK;
+}

@@ -1,0 +1,183 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* How training draws a view: the parts that exist at its time, with what is owed to each cluster in view paid before it
+ * is read (exact Adam, adam.c), colour over time evaluated, and who is dropped out drawn. */
+#include "train/view_render.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+#include "train/dropout.h"
+#include "train/run.h"
+
+pags_result pags_view_render_create(pags_trainer *t) {
+  pags_view_render *p = &t->render;
+  const size_t models = (size_t)t->state.model_count, views = (size_t)pags_dataset_view_count(t->dataset);
+  p->parts = calloc(models, sizeof *p->parts);
+  p->drawn = calloc(models, sizeof *p->drawn);
+  p->models = calloc(models, sizeof *p->models);
+  p->depth = calloc(views, sizeof *p->depth);
+  if (!p->parts || !p->drawn || !p->models || !p->depth)
+    return pags_out_of_memory("the parts of %lld models", (long long)models);
+  PAGS_TRY(pags_frame_create(t->tasks, &p->frame));
+  return t->state.model_count > 1 ? pags_frame_create(t->tasks, &p->object_frame) : PAGS_OK;
+}
+
+void pags_view_render_destroy(pags_trainer *t) {
+  pags_view_render *p = &t->render;
+  pags_frame_destroy(p->frame);
+  pags_frame_destroy(p->object_frame);
+  for (int64_t i = 0; p->models && i < t->state.model_count; i++) {
+    free(p->models[i].pose);
+    free(p->models[i].dc);
+    free(p->models[i].factor);
+    free(p->models[i].held);
+    free(p->models[i].held_step);
+  }
+  for (int64_t i = 0; p->depth && i < pags_dataset_view_count(t->dataset); i++)
+    free(p->depth[i].samples);
+  for (int i = 0; i < PAGS_RENDER_PLANES; i++)
+    free(p->plane[i]);
+  free(p->emphasis);
+  free(p->parts);
+  free(p->drawn);
+  free(p->models);
+  free(p->depth);
+  *p = (pags_view_render){0};
+}
+
+/* Room per model that follows its number of clusters. */
+static pags_result reserve_model(pags_trainer *t, int64_t model) {
+  pags_view_render *p = &t->render;
+  const pags_train_model *m = &t->state.models[model];
+  int64_t clusters = m->clusters.count;
+  if (m->object >= 0 && clusters > p->models[model].pose_room) {
+    free(p->models[model].pose);
+    p->models[model].pose_room = clusters + clusters / 2;
+    p->models[model].pose = calloc((size_t)p->models[model].pose_room, sizeof *p->models[model].pose);
+    if (!p->models[model].pose)
+      return p->models[model].pose_room = 0, pags_out_of_memory("pose gradients");
+  }
+  if (m->gaussians.fourier && p->models[model].dc_stride != m->gaussians.stride) {
+    free(p->models[model].dc);
+    p->models[model].dc_stride = m->gaussians.stride;
+    p->models[model].dc = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
+    if (!p->models[model].dc)
+      return p->models[model].dc_stride = 0, pags_out_of_memory("colours over time");
+    memset(p->models[model].dc, 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
+  }
+  return PAGS_OK;
+}
+
+/* Gives the parts that were composed the factors that `touch` draws. */
+pags_result pags_view_render_reserve_factors(pags_trainer *t, int64_t step) {
+  pags_view_render *p = &t->render;
+  pags_dropout dropout = pags_dropout_at(&t->state.schedule, step, -1);
+  for (int i = 0; dropout.most > 0.0 && i < p->part_count; i++) {
+    int64_t model = p->drawn[i].model, stride = t->state.models[model].gaussians.stride;
+    if (stride > p->models[model].factor_room) {
+      free(p->models[model].factor);
+      p->models[model].factor_room = 0;
+      p->models[model].factor = aligned_alloc(64, (size_t)stride * sizeof(float));
+      if (!p->models[model].factor)
+        return pags_out_of_memory("the dropout of %lld Gaussians", (long long)stride);
+      memset(p->models[model].factor, 0, (size_t)stride * sizeof(float));
+      p->models[model].factor_room = stride;
+    }
+    p->parts[i].opacity_factor = p->models[model].factor;
+    p->parts[i].opacity_factor_most = pags_dropout_boost(&dropout);
+  }
+  return PAGS_OK;
+}
+
+static void add_part(pags_trainer *t, int64_t model, int32_t first_id, int64_t knot,
+                     const double world_from_model[12]) {
+  pags_view_render *p = &t->render;
+  const pags_train_model *m = &t->state.models[model];
+  pags_part *part = &p->parts[p->part_count];
+  *part = (pags_part){.gaussians = &m->gaussians, .clusters = &m->clusters, .first_id = first_id};
+  memcpy(part->world_from_model, world_from_model, sizeof part->world_from_model);
+  p->drawn[p->part_count].model = model;
+  p->drawn[p->part_count++].knot = knot;
+}
+
+void pags_view_render_compose(pags_trainer *t, int64_t view) {
+  const pags_view *v = pags_dataset_view(t->dataset, view);
+  const double *origin = pags_dataset_origin(t->dataset);
+  double pose[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+  int32_t first_id = 0;
+  t->render.part_count = 0;
+  for (int64_t i = 0; i < t->state.model_count; i++) {
+    const pags_train_model *m = &t->state.models[i];
+    if (m->object < 0) {
+      add_part(t, i, first_id, -1, pose);
+    } else {
+      const pags_object *object = &t->state.tracks.objects[m->object];
+      if (pags_object_pose(object, v->camera.time, pose)) {
+        for (int k = 0; k < 3; k++)
+          pose[4 * k + 3] -= origin[k];
+        double begin = object->knots[0].time, end = object->knots[object->knot_count - 1].time;
+        pags_fourier_basis(pags_fourier_phase(begin, end, v->camera.time), t->render.models[i].basis);
+        add_part(t, i, first_id, pags_track_poses_knot(object, v->frame), pose);
+      }
+    }
+    first_id += (int32_t)m->gaussians.count;
+  }
+}
+
+pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step) {
+  const pags_train_config *c = &t->state.schedule.config;
+  pags_frame_options o = pags_frame_options_default();
+  for (int k = 0; k < 3; k++) {
+    o.origin[k] = pags_dataset_origin(t->dataset)[k];
+    o.background[k] = (float)c->background[k];
+  }
+  o.near_plane = (float)c->near_plane;
+  o.low_pass = (float)c->low_pass;
+  o.antialiased = c->antialiased;
+  o.early_z = PAGS_EARLY_Z_OFF; /* the view before says nothing of the next one */
+  o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
+  o.sky = t->state.sky.sky.size > 0 ? &t->state.sky.sky : NULL;
+  return o;
+}
+
+/* The rows of one cluster, padding included. */
+static void rows_of(const pags_train_model *m, int64_t cluster, int64_t *first, int64_t *last) {
+  *first = cluster * m->clusters.size;
+  *last = *first + m->clusters.size < m->gaussians.stride ? *first + m->clusters.size : m->gaussians.stride;
+}
+
+/* Who of one cluster is left out of the step. */
+static void drop(const pags_render_context *c, int64_t model, int64_t cluster) {
+  const pags_train_model *m = &c->trainer->state.models[model];
+  pags_dropout dropout = pags_dropout_at(&c->trainer->state.schedule, c->step, m->object);
+  int64_t first, last;
+  rows_of(m, cluster, &first, &last);
+  pags_dropout_draw(&dropout, m->gaussians.s_sem, first, last - first, c->trainer->render.models[model].factor);
+}
+
+void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
+  const pags_render_context *c = user;
+  int64_t model = c->trainer->render.drawn[c->first_part + part].model;
+  pags_train_model *m = &c->trainer->state.models[model];
+  int64_t first, last;
+  (void)worker;
+  pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
+  rows_of(m, cluster, &first, &last);
+  if (m->gaussians.fourier)
+    pags_fourier_colour(&m->gaussians, c->trainer->render.models[model].basis, first, last, c->trainer->render.models[model].dc);
+  if (c->trainer->render.parts[c->first_part + part].opacity_factor)
+    drop(c, model, cluster);
+}
+
+pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_camera *camera,
+                             const pags_frame_options *options, pags_picture *picture) {
+  pags_render_context context = {t, step, 0};
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
+    PAGS_TRY(reserve_model(t, model));
+    t->render.parts[i].dc = t->state.models[model].gaussians.fourier ? t->render.models[model].dc : NULL;
+    pags_adam_begin(&t->state.models[model].adam, step);
+  }
+  return pags_frame_render(t->render.frame, t->render.parts, t->render.part_count, camera, options, pags_view_render_touch, &context, picture);
+}

@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The training views: their fingerprint, their order (a permutation an epoch, schedule.c), their level of resolution,
+ * and what the photo cache is told ahead. */
+#include "train/views.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/memory.h"
+
+static uint64_t hash_bytes(uint64_t hash, const void *bytes, size_t size) { /* FNV-1a */
+  const uint8_t *b = bytes;
+  for (size_t i = 0; i < size; i++)
+    hash = (hash ^ b[i]) * 1099511628211u;
+  return hash;
+}
+
+/* Names, sizes, cameras and roles of all views, and what is critical where that was chosen: what a checkpoint's steps
+ * depend on. */
+static uint64_t fingerprint_of(const pags_dataset *dataset) {
+  uint64_t hash = 14695981039346656037u;
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *v = pags_dataset_view(dataset, i);
+    int sizes[3] = {v->camera.width, v->camera.height, v->test};
+    double lens[4] = {v->camera.fx, v->camera.fy, v->camera.cx, v->camera.cy};
+    hash = hash_bytes(hash, v->name, strlen(v->name) + 1);
+    hash = hash_bytes(hash, sizes, sizeof sizes);
+    hash = hash_bytes(hash, lens, sizeof lens);
+    hash = hash_bytes(hash, v->camera.world_from_camera, sizeof v->camera.world_from_camera);
+  }
+  for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
+    const pags_object *o = pags_dataset_object(dataset, i);
+    hash = hash_bytes(hash, o->id, strlen(o->id) + 1);
+    for (int64_t k = 0; k < o->knot_count; k++) {
+      hash = hash_bytes(hash, &o->knots[k].time, sizeof o->knots[k].time);
+      hash = hash_bytes(hash, o->knots[k].world_from_object, sizeof o->knots[k].world_from_object);
+    }
+  }
+  if (pags_dataset_critical(dataset))
+    hash = hash_bytes(hash, pags_dataset_critical(dataset), strlen(pags_dataset_critical(dataset)));
+  return hash;
+}
+
+pags_result pags_views_list(pags_trainer *t) {
+  int64_t all = pags_dataset_view_count(t->dataset);
+  t->views = malloc((size_t)(all > 0 ? all : 1) * sizeof *t->views);
+  t->order = malloc(2 * (size_t)(all > 0 ? all : 1) * sizeof *t->order);
+  if (!t->views || !t->order)
+    return pags_out_of_memory("%lld views", (long long)all);
+  for (int64_t i = 0; i < all; i++)
+    if (!pags_dataset_view(t->dataset, i)->test)
+      t->views[t->view_count++] = i;
+  t->order_epoch = -1;
+  if (t->view_count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: no view to train on: %lld views, all held out",
+                     pags_dataset_path(t->dataset), (long long)all);
+  t->fingerprint = fingerprint_of(t->dataset);
+  return PAGS_OK;
+}
+
+/* Permutations of the pass that `step` belongs to and of the next. */
+static void prepare_order(pags_trainer *t, int64_t step) {
+  int64_t epoch = (step - 1) / t->view_count;
+  if (epoch == t->order_epoch)
+    return;
+  pags_schedule_order(&t->state.schedule, epoch, t->order);
+  pags_schedule_order(&t->state.schedule, epoch + 1, t->order + t->view_count);
+  t->order_epoch = epoch;
+}
+
+/* The data set's view of a step of these two passes. */
+static int64_t view_of(const pags_trainer *t, int64_t step) {
+  return t->views[t->order[(step - 1) - t->order_epoch * t->view_count]];
+}
+
+static int level_of(const pags_trainer *t, int64_t step, int64_t view) {
+  const pags_camera *camera = &pags_dataset_view(t->dataset, view)->camera;
+  return pags_schedule_level(&t->state.schedule, step, camera->width, camera->height);
+}
+
+/* Views to come, as long as they are wanted at the same size. */
+static void announce(pags_trainer *t, int64_t step, int level) {
+  int64_t ahead[PAGS_TRAIN_AHEAD], known = (t->order_epoch + 2) * t->view_count;
+  int64_t last = known < t->state.stop ? known : t->state.stop;
+  int count = 0;
+  for (int64_t k = step; k <= last && count < PAGS_TRAIN_AHEAD; k++) {
+    int64_t view = view_of(t, k);
+    if (level_of(t, k, view) != level)
+      break;
+    ahead[count++] = view;
+  }
+  pags_photo_cache_prefetch(t->cache, ahead, count, level);
+}
+
+pags_result pags_views_photo(pags_trainer *t, int64_t index, int *level, pags_photo *photo) {
+  int64_t left = t->view_count - index;
+  *level = level_of(t, t->state.step, t->views[index]);
+  pags_photo_cache_prefetch(t->cache, t->views + index, left < PAGS_TRAIN_AHEAD ? left : PAGS_TRAIN_AHEAD, *level);
+  return pags_photo_cache_get(t->cache, t->views[index], *level, photo);
+}
+
+int64_t pags_views_next(pags_trainer *t, int64_t step, int *level) {
+  prepare_order(t, step);
+  const int64_t view = view_of(t, step);
+  *level = level_of(t, step, view);
+  announce(t, step, *level);
+  return view;
+}

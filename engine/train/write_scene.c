@@ -1,0 +1,212 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The scene folder that a training leaves: scene.json with cameras, objects and tracks, a PLY a model, the sky. */
+#include "train/output.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <pags/scene.h>
+
+#include "base/file.h"
+#include "base/memory.h"
+#include "base/text.h"
+#include "scene/scene_json.h"
+#include "train/config.h"
+#include "train/model_report.h"
+
+/* A scene whose arrays are its own. */
+typedef struct description {
+  pags_scene scene;
+  char config[PAGS_CONFIG_TEXT];
+  int by_degree;           /* 1: PLYs of the degrees that rows need */
+  pags_gaussians parts[4]; /* the background's rows then */
+} description;
+
+static char *borrow(const char *text) {
+  return (char *)(uintptr_t)text;
+}
+
+static void record_exposure(const pags_dataset *dataset, const pags_exposures *exposures, int64_t i,
+                            pags_scene_view *view) {
+  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
+  if (exposures->count > 0 && !view->test)
+    pags_exposures_value(exposures, dataset, i, value);
+  memcpy(view->gain, value, sizeof view->gain);
+  memcpy(view->offset, value + 3, sizeof view->offset);
+}
+
+static pags_result list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
+  scene->view_count = pags_dataset_view_count(dataset);
+  scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
+  if (!scene->views)
+    return pags_out_of_memory("%lld views", (long long)scene->view_count);
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    scene->views[i] = (pags_scene_view){.name = borrow(view->name),
+                                        .camera = view->camera,
+                                        .test = view->test,
+                                        .sensor = view->sensor,
+                                        .frame = view->frame};
+    record_exposure(dataset, &state->exposures, i, &scene->views[i]);
+    double time = view->camera.time;
+    if (!isfinite(time))
+      continue;
+    scene->time_begin = i == 0 ? time : fmin(scene->time_begin, time);
+    scene->time_end = i == 0 ? time : fmax(scene->time_end, time);
+  }
+  for (int64_t i = 0; i < scene->view_count; i++) {
+    pags_scene_view *v = &scene->views[i];
+    if (v->test)
+      pags_scene_exposure(scene, v->sensor, v->camera.time, v->gain, v->offset);
+  }
+  return PAGS_OK;
+}
+
+static pags_result list_objects(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
+  scene->object_count = state->tracks.count;
+  scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
+  if (!scene->objects)
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  for (int64_t i = 0; i < scene->object_count; i++)
+    scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
+                                            .model = -1,
+                                            .critical = pags_dataset_object_is_critical(dataset, i),
+                                            .rigid = 1};
+  return PAGS_OK;
+}
+
+/* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
+static pags_result split_background(const pags_gaussians *g, pags_gaussians parts[4], int *count) {
+  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
+  pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
+    int64_t rows = 0;
+    for (int64_t i = 0; i < g->count; i++)
+      if (pags_gaussians_row_degree(g, i) == degree)
+        index[rows++] = i;
+    if (rows == 0 && (degree > 0 || *count > 0))
+      continue;
+    pags_gaussians *part = &parts[(*count)++];
+    result = pags_gaussians_create_like(part, rows, g);
+    if (result == PAGS_OK)
+      pags_gaussians_gather(g, index, rows, part);
+    part->sh_degree = degree; /* the planes beyond lie at the end and are zeros */
+  }
+  free(index);
+  return result;
+}
+
+/* `file` NULL: named after the object that `name` is. */
+static pags_result add_model(pags_scene *scene, const char *name, const char *file, const pags_gaussians *g) {
+  pags_model *model = &scene->models[scene->model_count];
+  *model = (pags_model){.name = borrow(name), .gaussians = *g};
+  model->file = file ? pags_text_copy(file) : pags_scene_model_file(scene, name);
+  scene->model_count++;
+  return model->file ? PAGS_OK : pags_out_of_memory("the name of a model");
+}
+
+static pags_result add_background(const pags_train_state *state, description *d) {
+  static const char *const names[] = {"background-sh0", "background-sh1", "background-sh2"};
+  static const char *const files[] = {"background-sh0.ply", "background-sh1.ply", "background-sh2.ply"};
+  const pags_gaussians *g = &state->models[0].gaussians;
+  int count = 0;
+  if (!d->by_degree)
+    return add_model(&d->scene, "background", "background.ply", g);
+  PAGS_TRY(split_background(g, d->parts, &count));
+  for (int i = 0; i < count; i++) {
+    const int degree = d->parts[i].sh_degree;
+    PAGS_TRY(i == 0 ? add_model(&d->scene, "background", "background.ply", &d->parts[i])
+                    : add_model(&d->scene, names[degree], files[degree], &d->parts[i]));
+  }
+  return PAGS_OK;
+}
+
+static int highest_degree(const pags_gaussians *g) {
+  int most = 0;
+  for (int64_t i = 0; i < g->count && most < g->sh_degree; i++) {
+    int degree = pags_gaussians_row_degree(g, i);
+    most = degree > most ? degree : most;
+  }
+  return most;
+}
+
+/* Models' Gaussians are the state's; only their file names are new. */
+static pags_result list_models(const pags_train_state *state, description *d) {
+  pags_scene *scene = &d->scene;
+  scene->models = calloc((size_t)state->model_count + 3, sizeof *scene->models);
+  if (!scene->models)
+    return pags_out_of_memory("%lld models", (long long)state->model_count);
+  PAGS_TRY(add_background(state, d));
+  for (int64_t i = 1; i < state->model_count; i++) {
+    const pags_train_model *m = &state->models[i];
+    pags_gaussians g = m->gaussians;
+    if (d->by_degree)
+      g.sh_degree = highest_degree(&g);
+    scene->objects[m->object].model = scene->model_count;
+    PAGS_TRY(add_model(scene, state->tracks.objects[m->object].id, NULL, &g));
+  }
+  return PAGS_OK;
+}
+
+static void destroy_description(description *d) {
+  for (int64_t i = 0; i < d->scene.model_count; i++)
+    free(d->scene.models[i].file);
+  for (int i = 0; i < 4; i++)
+    pags_gaussians_destroy(&d->parts[i]);
+  free(d->scene.models);
+  free(d->scene.objects);
+  free(d->scene.views);
+  free(d->scene.notes);
+}
+
+/* To be destroyed on failure, too; it isn't to be moved. */
+static pags_result describe(const pags_dataset *dataset, const pags_train_state *state, description *d) {
+  const pags_train_config *config = &state->schedule.config;
+  pags_scene *scene = &d->scene;
+  pags_config_write_json(config, d->config);
+  *scene = (pags_scene){.up = pags_dataset_up(dataset),
+                        .antialiased = config->antialiased,
+                        .seed = config->seed,
+                        .dataset = borrow(pags_dataset_path(dataset)),
+                        .config = d->config,
+                        .iterations = state->step,
+                        .fps = pags_dataset_fps(dataset),
+                        .place = pags_dataset_place(dataset),
+                        .sky = state->sky.sky};
+  for (int k = 0; k < 3; k++) {
+    scene->origin[k] = pags_dataset_origin(dataset)[k];
+    scene->background[k] = (float)config->background[k];
+  }
+  PAGS_TRY(list_views(dataset, state, scene));
+  PAGS_TRY(list_objects(dataset, state, scene));
+  PAGS_TRY(list_models(state, d));
+  return scene->fps > 0.0 ? pags_model_report_write(dataset, state, &scene->notes) : PAGS_OK;
+}
+
+pags_result pags_output_scene(const pags_output *output, const pags_dataset *dataset, const pags_train_state *state) {
+  description *d = calloc(1, sizeof *d);
+  if (!d)
+    return pags_out_of_memory("the description of a scene");
+  d->by_degree = state->schedule.config.sh_error > 0.0;
+  pags_result result = describe(dataset, state, d);
+  if (result == PAGS_OK)
+    result = pags_scene_save(output->folder, &d->scene);
+  destroy_description(d);
+  free(d);
+  return result;
+}
+
+pags_result pags_output_bytes(const pags_dataset *dataset, const pags_train_state *state, uint64_t *bytes) {
+  description *d = calloc(1, sizeof *d);
+  if (!d)
+    return pags_out_of_memory("the description of a scene");
+  pags_result result = describe(dataset, state, d);
+  d->scene.dataset = NULL; /* where the data set lies must not decide how many Gaussians a run has */
+  if (result == PAGS_OK)
+    result = pags_scene_json_size(&d->scene, bytes);
+  *bytes += d->scene.sky.size > 0 ? pags_sky_file_size(&d->scene.sky) : 0;
+  destroy_description(d);
+  free(d);
+  return result;
+}
