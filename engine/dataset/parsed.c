@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Storage of what readers read. */
-#include "dataset/driving/reader.h"
+#include "dataset/driving/driving_set.h"
 
 #include <assert.h>
 #include <math.h>

@@ -60,8 +60,6 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
 pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where);
 void pags_parsed_sort_points(pags_parsed_points *points);
 
-/* "path: no memory ..." */
-
 /* A file of nerfstudio's or instant-ngp's. Both readers leave an empty draft on failure. */
 pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft);
 /* `model` holds cameras/images/points3D (.bin or .txt); pictures are looked for around `root` and `model`. */

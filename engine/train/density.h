@@ -5,8 +5,8 @@
 
 #include "train/run.h"
 
-/* Clone, split and prune (or MCMC's moves), colour over time, pruning by score, the pull onto LiDAR planes, the reset of
- * opacities, each where the schedule has it due. What looks at all rows pays everything owed first. */
+/* Clone, split and prune (or MCMC's moves), colour over time, pruning by score, the pull onto LiDAR planes, the reset
+ * of opacities, each where the schedule has it due. What looks at all rows pays everything owed first. */
 pags_result pags_density_control(pags_trainer *trainer);
 
 #endif

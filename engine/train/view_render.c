@@ -165,13 +165,14 @@ void pags_view_render_touch(void *user, int part, int64_t cluster, int worker) {
   pags_adam_touch(&m->adam, &m->gaussians, cluster, c->step);
   rows_of(m, cluster, &first, &last);
   if (m->gaussians.fourier)
-    pags_fourier_colour(&m->gaussians, c->trainer->render.models[model].basis, first, last, c->trainer->render.models[model].dc);
+    pags_fourier_colour(&m->gaussians, c->trainer->render.models[model].basis, first, last,
+                        c->trainer->render.models[model].dc);
   if (c->trainer->render.parts[c->first_part + part].opacity_factor)
     drop(c, model, cluster);
 }
 
 pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_camera *camera,
-                             const pags_frame_options *options, pags_picture *picture) {
+                                  const pags_frame_options *options, pags_picture *picture) {
   pags_render_context context = {t, step, 0};
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
@@ -179,5 +180,6 @@ pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_came
     t->render.parts[i].dc = t->state.models[model].gaussians.fourier ? t->render.models[model].dc : NULL;
     pags_adam_begin(&t->state.models[model].adam, step);
   }
-  return pags_frame_render(t->render.frame, t->render.parts, t->render.part_count, camera, options, pags_view_render_touch, &context, picture);
+  return pags_frame_render(t->render.frame, t->render.parts, t->render.part_count, camera, options,
+                           pags_view_render_touch, &context, picture);
 }

@@ -33,13 +33,13 @@ typedef struct pags_drawn_model {
 /* What training draws with besides the state; the same from step to step. */
 typedef struct pags_view_render {
   pags_frame *frame, *object_frame;
-  pags_part *parts; /* of the view: the background first, then what moves and is there */
+  pags_part *parts;        /* of the view: the background first, then what moves and is there */
   pags_drawn_model *drawn; /* by part */
   int part_count;
-  pags_model_room *models; /* by model */
+  pags_model_room *models;          /* by model */
   float *plane[PAGS_RENDER_PLANES]; /* gradient R G B, T, sum(w z); zeros; ones */
-  uint8_t *emphasis;    /* 1 where the training view shows something critical; as long as a plane */
-  int64_t plane_floats; /* room in each */
+  uint8_t *emphasis;                /* 1 where the training view shows something critical; as long as a plane */
+  int64_t plane_floats;             /* room in each */
   struct {
     int64_t count;
     pags_lidar_depth_sample *samples;
@@ -67,6 +67,6 @@ pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer, int64
 void pags_view_render_touch(void *user, int part, int64_t cluster, int worker);
 /* Renders the composed parts; owed updates of what is in view are paid. */
 pags_result pags_view_render_draw(struct pags_trainer *trainer, int64_t step, const pags_camera *camera,
-                             const pags_frame_options *options, pags_picture *picture);
+                                  const pags_frame_options *options, pags_picture *picture);
 
 #endif

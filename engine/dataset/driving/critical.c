@@ -14,6 +14,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "dataset/driving/masks.h"
 
 enum { CATEGORIES = PAGS_CATEGORY_CYCLIST + 1 };
 

@@ -4,7 +4,7 @@
 #ifndef PAGS_DATASET_DRIVING_CRITICAL_H
 #define PAGS_DATASET_DRIVING_CRITICAL_H
 
-#include "dataset/driving/reader.h"
+#include "dataset/driving/driving_set.h"
 
 /* Fills in driving->critical and the views' part_path. `list` NULL: vehicles, pedestrians and cyclists. After rules,
  * views and tracks. */

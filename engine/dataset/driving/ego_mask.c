@@ -8,7 +8,7 @@
  * of the picture. Four photographs rule most cameras out; only what they leave is looked at in twelve. */
 #include "dataset/internal.h"
 
-#include "dataset/driving/reader.h"
+#include "dataset/driving/driving_set.h"
 #include "image/resample.h"
 
 #include "base/file.h"

@@ -5,7 +5,7 @@
 
 #include <pags/image.h>
 
-#include "dataset/driving/reader.h"
+#include "dataset/driving/driving_set.h"
 #include "dataset/internal.h"
 
 /* Whether photographs of this view have a label plane. */

@@ -4,63 +4,23 @@
  * docs/dataset-layout.md has every file. TTT is the frame's number, C the camera's, both decimal:
  *   images/TTT_C.jpg|png        extrinsics/TTT_C.txt or C.txt   intrinsics/C.txt   ego_pose/TTT.txt
  * World axes are the files' own, z up, metres. */
-#include "dataset/driving/critical.h"
+#include "dataset/driving/reader.h"
 
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/sort.h"
 #include "base/text.h"
+#include "dataset/driving/critical.h"
+#include "dataset/driving/masks.h"
 
 #include <pags/camera.h>
 
 #include <assert.h>
 #include <ctype.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-
-void pags_driving_destroy(pags_driving *driving) {
-  if (!driving)
-    return;
-  for (int64_t i = 0; i < driving->sensor_count; i++) {
-    free(driving->sensors[i].name);
-    pags_image_destroy(&driving->sensors[i].ego);
-  }
-  for (int64_t i = 0; i < driving->object_count; i++)
-    pags_object_destroy(&driving->objects[i]);
-  for (int64_t i = 0; i < driving->sweep_count; i++)
-    free((char *)(uintptr_t)driving->sweeps[i].path);
-  for (int64_t i = 0; i < driving->note_count; i++)
-    free(driving->notes[i]);
-  free(driving->sensors);
-  free(driving->steps);
-  free(driving->objects);
-  free(driving->sweeps);
-  free(driving->notes);
-  free(driving->critical.list);
-  free(driving->critical.objects);
-  free(driving->root);
-  free(driving);
-}
-
-pags_result pags_driving_note(pags_driving *driving, const char *format, ...) {
-  char line[512];
-  va_list arguments;
-  va_start(arguments, format);
-  vsnprintf(line, sizeof line, format, arguments);
-  va_end(arguments);
-  char **notes = realloc(driving->notes, ((size_t)driving->note_count + 1) * sizeof *notes);
-  if (!notes)
-    return pags_out_of_memory("%s", driving->root);
-  driving->notes = notes;
-  notes[driving->note_count] = pags_text_copy(line);
-  if (!notes[driving->note_count])
-    return pags_out_of_memory("%s", driving->root);
-  driving->note_count++;
-  return PAGS_OK;
-}
 
 static bool has_folder(const char *root, const char *name) {
   char *path = pags_path_join(root, name);
@@ -178,25 +138,6 @@ static pags_result check_pictures(const char *folder, const picture *pictures, i
 }
 
 /* Time steps and cameras. */
-
-int64_t pags_driving_step(const pags_driving *driving, int64_t frame) {
-  int64_t low = 0, high = driving->step_count;
-  while (low < high) {
-    int64_t middle = low + (high - low) / 2;
-    if (driving->steps[middle].frame < frame)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low < driving->step_count && driving->steps[low].frame == frame ? low : -1;
-}
-
-pags_sensor *pags_driving_sensor(const pags_driving *driving, int number) {
-  for (int64_t i = 0; i < driving->sensor_count; i++)
-    if (driving->sensors[i].number == number)
-      return &driving->sensors[i];
-  return NULL;
-}
 
 static int by_number(const void *a, const void *b) {
   return ((const pags_sensor *)a)->number - ((const pags_sensor *)b)->number;
@@ -316,18 +257,6 @@ static pags_result read_pose(const pags_driving *driving, const pags_sensor *sen
 
 /* Views. */
 
-pags_result pags_driving_find_mask(const pags_driving *driving, const char *folder, const pags_parsed_view *view,
-                                   char **out) {
-  *out = pags_text_format("%s/%s/%0*d_%d.png", driving->root, folder, driving->digits, view->frame, view->sensor);
-  if (!*out)
-    return pags_out_of_memory("%s", driving->root);
-  if (!pags_file_exists(*out)) {
-    free(*out);
-    *out = NULL;
-  }
-  return PAGS_OK;
-}
-
 static pags_result find_masks(pags_driving *driving, pags_parsed_view *view) {
   PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
   PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
@@ -403,7 +332,7 @@ static pags_result note_rules(pags_driving *driving) {
   const pags_rules *rules = &driving->rules;
   return pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s", rules->kind,
                            rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
-                           rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->laser_frame ? "laser's" : "ego",
+                           rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "laser's" : "ego",
                            rules->forward_y ? "+y" : "+x");
 }
 

@@ -169,7 +169,7 @@ static pags_result read_rules(const char *root, const char *kind, bool per_frame
   PAGS_TRY(read_choice(s, "camera_axes", "opencv", "waymo", &rules->waymo_axes));
   PAGS_TRY(read_choice(s, "extrinsics", "per-frame", "constant", &constant));
   rules->per_frame = !constant;
-  PAGS_TRY(read_choice(s, "lidar_frame", "ego", "laser", &rules->laser_frame));
+  PAGS_TRY(read_choice(s, "lidar_frame", "ego", "laser", &rules->lidar_frame));
   PAGS_TRY(read_choice(s, "object_forward", "+x", "+y", &rules->forward_y));
   PAGS_TRY(read_columns(s, rules));
   PAGS_TRY(read_labels(s, rules));

@@ -9,6 +9,7 @@
  * elevation among far returns, for which it doesn't matter where on the car the laser sits. Thinned sweeps are made up
  * for by sweeps of other time steps, most things in the way of the sky being at rest. */
 #include "dataset/driving/label_plane.h"
+#include "dataset/driving/reader.h"
 
 #include <math.h>
 #include <stdlib.h>

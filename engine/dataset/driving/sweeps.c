@@ -26,7 +26,7 @@ static pags_result check_size(const pags_driving *driving, const char *path, uin
 }
 
 static pags_result read_pose(const pags_driving *driving, int frame, double out[12]) {
-  const char *folder = driving->rules.laser_frame ? "lidar_pose" : "ego_pose";
+  const char *folder = driving->rules.lidar_frame ? "lidar_pose" : "ego_pose";
   char *path = pags_text_format("%s/%s/%0*d.txt", driving->root, folder, driving->digits, frame);
   pags_result result = path ? pags_text_pose_read(path, out) : pags_out_of_memory("%s", driving->root);
   free(path);
