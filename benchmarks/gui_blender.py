@@ -22,6 +22,7 @@ from gui_case import (  # noqa: E402
     empty_scene,
     in_view,
     native,
+    pace,
     region,
     settled,
     tell,
@@ -118,7 +119,7 @@ def both(measure, name, *arguments):
 def moving(name, step):
     """`step(i)` moves something at each of the timer's ticks; then all stays still until the picture is sharp."""
     view = the_view()
-    view.watch = viewport.Stopwatch()
+    view.watch = pace.Stopwatch()
     ticks, begin, before = [], time.monotonic(), stolen()
     while time.monotonic() - begin < SECONDS:
         step(len(ticks))
@@ -193,7 +194,7 @@ def scrubbing():
 def still(name):
     """Redraws of what is there; Blender's own part is what is left of the whole."""
     view = the_view()
-    view.watch = viewport.Stopwatch()
+    view.watch = pace.Stopwatch()
     yield 0.2
     begin, times = time.perf_counter(), 20
     with in_view():

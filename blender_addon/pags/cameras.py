@@ -11,7 +11,6 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, St
 from bpy_extras.io_utils import ExportHelper, ImportHelper
 
 from . import curves, lens, native
-from .properties import absolute_path
 
 
 def root_of(context):
@@ -47,7 +46,7 @@ class Frame:
 
     def __init__(self, context, root):
         self.root, self.context = root, context
-        self.entry = native.load(absolute_path(root))
+        self.entry = native.load(native.absolute_path(root))
         self.info, self.scene = self.entry.info, self.entry.scene
         self.origin = np.array(self.info["origin"])
 
@@ -300,10 +299,8 @@ class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
         return f"{len(frames)} cameras in {self.filepath}"
 
     def frames(self, context, frame):
-        from .engine import picture_size
-
         scene, before, out = context.scene, context.scene.frame_current_final, []
-        width, height = picture_size(scene.render)
+        width, height = lens.picture_size(scene.render)
         numbers = [before] if self.single else range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         for number in numbers:
             set_frame(scene, number)

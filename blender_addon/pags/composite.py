@@ -232,7 +232,7 @@ class PAGS_OT_composite(cameras.OnScene, bpy.types.Operator):
         scene = context.scene
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
-        entry = native.load(cameras.absolute_path(root))
+        entry = native.load(native.absolute_path(root))
         if self.engine == "CYCLES":
             scene.render.engine = "CYCLES"
         else:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pictures onto the screen: textures without a copy in Python, and the shaders that show them."""
 
+import bpy
 import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
@@ -75,3 +76,13 @@ def texture(buffer, width, height, channels):
 
 def clear():
     _made.clear()
+
+
+def regions():
+    """The main region of every 3D view that is open, with its area."""
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "WINDOW":
+                        yield area, region

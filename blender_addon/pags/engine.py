@@ -10,11 +10,6 @@ from .native import SceneError
 EMPTY_DEPTH = 1e10  # as Cycles has it
 
 
-def picture_size(render):
-    share = render.resolution_percentage / 100
-    return max(1, int(render.resolution_x * share)), max(1, int(render.resolution_y * share))
-
-
 def border_window(render, width, height):
     """(x, y, width, height) with row 0 at the top, or None; Blender's border is counted from the bottom."""
     if not render.use_border:
@@ -58,7 +53,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             self.register_pass(scene, renderlayer, "PriorityHeat", 4, "RGBA", "COLOR")
 
     def render(self, depsgraph):
-        width, height = picture_size(depsgraph.scene.render)
+        width, height = lens.picture_size(depsgraph.scene.render)
         window = border_window(depsgraph.scene.render, width, height)
         size = window[2:] if window else (width, height)
         result = self.begin_result(

@@ -17,7 +17,7 @@ from bpy.props import BoolProperty, EnumProperty, StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from . import cameras, files, gather, lens, native
-from .properties import absolute_path, preferences
+from .properties import preferences
 
 
 def program(context):
@@ -257,7 +257,7 @@ class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
 
     def work(self, context, root):
         with tempfile.TemporaryDirectory(prefix="pags-edited-") as folder:
-            source = Edited(context, root).collect().write(folder) if self.edits else absolute_path(root)
+            source = Edited(context, root).collect().write(folder) if self.edits else native.absolute_path(root)
             run_program(context, "export", source, self.filepath, *self.form())
         return f"wrote {self.filepath}"
 

@@ -4,7 +4,6 @@
 import numpy as np
 
 from . import lens, native
-from .properties import absolute_path
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
@@ -16,7 +15,7 @@ class Gathered:
     """Everything of one scene that a picture depends on but camera and time."""
 
     def __init__(self, root):
-        self.root_name, self.path = root.name, absolute_path(root)
+        self.root_name, self.path = root.name, native.absolute_path(root)
         self.world_from_root = lens.matrix(root.matrix_world)
         self.root_from_world = np.linalg.inv(self.world_from_root)
         self.scale = lens.rigid(self.world_from_root)[1]

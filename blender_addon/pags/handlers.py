@@ -6,7 +6,7 @@ import os
 import bpy
 from bpy.app.handlers import persistent
 
-from . import draw, inspector, native, overlay, viewport
+from . import draw, native, overlay, photographs, viewport
 
 
 @persistent
@@ -15,7 +15,7 @@ def after_load(*_):
     for view in list(viewport.views):
         view.drop()
     overlay.forget()
-    inspector.forget()
+    photographs.forget()
     native.forget()
     draw.clear()
     viewport.start_timer()

@@ -102,3 +102,9 @@ def view_matrix4(view):
     out = np.eye(4)
     out[:3] = np.array(view["world_from_camera"], dtype=np.float64).reshape(3, 4)
     return out
+
+
+def picture_size(render):
+    """Width and height of what is rendered, pixels."""
+    share = render.resolution_percentage / 100
+    return max(1, int(render.resolution_x * share)), max(1, int(render.resolution_y * share))

@@ -4,6 +4,8 @@
 import os
 import threading
 
+import bpy
+
 VERSION = "0.1"
 problem = ""
 module = None
@@ -98,3 +100,13 @@ def renderer(kind, threads):
 def close():
     _renderers.clear()
     _entries.clear()
+
+
+def absolute_path(root):
+    """Of a root's scene. Falls back to a neighbour of the .blend of the same name, for .blends that were moved with it."""
+    path = os.path.normpath(bpy.path.abspath(root.pags.path))
+    if not os.path.exists(path) and bpy.data.filepath:
+        beside = os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(path))
+        if os.path.exists(beside):
+            return beside
+    return path

@@ -7,7 +7,7 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from . import draw, viewport
+from . import draw, pace, viewport
 from .native import SceneError
 
 _views = {}  # by region pointer
@@ -60,7 +60,7 @@ def on_draw():
 
 
 def draw_splats(context):
-    begin = viewport.clock()
+    begin = pace.clock()
     view, width, height = view_of(context), context.region.width, context.region.height
     depsgraph = context.evaluated_depsgraph_get()
     if view.version != _version:
@@ -69,7 +69,7 @@ def draw_splats(context):
         view.version = _version
     wanted = view.want(context, depsgraph, width, height, ("rgba", "depth"), True)
     upload = view.advance(wanted)
-    middle = viewport.clock()
+    middle = pace.clock()
     if view.shown is not None and view.shown.depth is not None and view.state is not None:
         put(context, view.shown)
     elif context.scene.pags.points:

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the add-on stores in .blend files, and its preferences."""
 
-import os
-
 import bpy
 from bpy.props import (
     BoolProperty,
@@ -12,6 +10,8 @@ from bpy.props import (
     PointerProperty,
     StringProperty,
 )
+
+from . import draw, photographs
 
 KINDS = [
     ("NONE", "None", "Not of a PAGS scene"),
@@ -33,16 +33,12 @@ MODES = [
 
 def draw_again(settings, context):
     """A script's change is seen at once, as one in the panels is."""
-    from . import viewport
-
-    for _, region in viewport.regions():
+    for _, region in draw.regions():
         region.tag_redraw()
 
 
 def wipe_moved(settings, context):
-    from . import inspector
-
-    inspector.wipe(context, settings.wipe)
+    photographs.wipe(context, settings.wipe)
 
 
 class PagsObject(bpy.types.PropertyGroup):
@@ -180,16 +176,6 @@ def preferences(context):
 def preview_budget(context):
     chosen = preferences(context)
     return chosen.budget if chosen else POINTS
-
-
-def absolute_path(root):
-    """Of a root's scene. Falls back to a neighbour of the .blend of the same name, for .blends that were moved with it."""
-    path = os.path.normpath(bpy.path.abspath(root.pags.path))
-    if not os.path.exists(path) and bpy.data.filepath:
-        beside = os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(path))
-        if os.path.exists(beside):
-            return beside
-    return path
 
 
 CLASSES = (PagsObject, PagsCamera, PagsScene, PagsPreferences)

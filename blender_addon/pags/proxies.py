@@ -11,7 +11,6 @@ from bpy.props import EnumProperty, StringProperty
 from mathutils import Matrix
 
 from . import cameras, exporter, native
-from .properties import absolute_path
 
 # Blender's importer turns every mesh from glTF's y up: (x, y, z) becomes (x, -z, y). The file's meshes are in the recording's own
 # axes (the node "scene" turns them as a whole), which this gives back.
@@ -22,7 +21,7 @@ def make(context, root, level="mesh"):
     """Has the program make them, which takes a while. Returns the meshes."""
     with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
         path = os.path.join(folder, "proxies.glb")
-        exporter.run_program(context, "export", absolute_path(root), path, "--proxy", level)
+        exporter.run_program(context, "export", native.absolute_path(root), path, "--proxy", level)
         return bring_in(context, root, path)
 
 

@@ -5,7 +5,6 @@ import bpy
 from bl_operators.presets import AddPresetBase
 
 from . import cameras, native
-from .properties import absolute_path
 
 
 class Sidebar:
@@ -26,7 +25,7 @@ class PAGS_PT_scene(Sidebar, bpy.types.Panel):
             return
         layout.prop(root.pags, "path", text="")
         try:
-            entry = native.entry(absolute_path(root), False)
+            entry = native.entry(native.absolute_path(root), False)
         except native.SceneError as error:
             layout.label(text=str(error), icon="ERROR")
         else:
@@ -213,7 +212,7 @@ class PAGS_OT_photographs(bpy.types.Operator):
 
         camera = context.scene.camera
         try:
-            notes = photographs.show(camera, native.load(absolute_path(camera.pags.root)), camera.pags.root)
+            notes = photographs.show(camera, native.load(native.absolute_path(camera.pags.root)), camera.pags.root)
         except native.SceneError as error:
             notes = [str(error)]
         for note in notes:

@@ -11,62 +11,13 @@ import weakref
 import bpy
 import gpu
 
-from . import draw, gather, lens, native
+from . import draw, gather, lens, native, pace
 from .native import SceneError
 
-# What the picture's sides are divided by, and under which opacity times area, in pixels of that picture, Gaussians that aren't critical
-# are left out: as pags render --budget-ms does it.
-CUTS = {1.0: 0.0, 1.5: 0.25, 2.0: 0.25, 3.0: 0.5, 4.0: 0.75, 6.0: 1.0, 8.0: 1.0}
 STILL = 0.12  # seconds without change before the sharp picture is drawn
 TICK = 0.008
 
 views = weakref.WeakSet()
-
-
-class Budget:
-    """How long pictures take, from those that were drawn: what goes by pixels and what doesn't, by SH degree or without."""
-
-    def __init__(self):
-        self.fixed, self.pixels, self.known = 0.0, 0.0, False
-
-    def learn(self, stats, width, height):
-        size = width * height / 1e6
-        raster = stats["ms_raster"] + max(0.0, stats["ms_job"] - stats["ms"])
-        fixed = stats["ms_job"] - raster
-        keep = 0.5 if self.known else 0.0
-        self.fixed = keep * self.fixed + (1 - keep) * fixed
-        self.pixels = keep * self.pixels + (1 - keep) * raster / max(size, 1e-3)
-        self.known = True
-
-    def choose(self, width, height, deadline):
-        """The finest scale that keeps the deadline, and whether any does; before anything is known a coarse one."""
-        if not self.known:
-            return 4.0, True
-        for scale in CUTS:
-            if self.fixed + self.pixels * width * height / 1e6 / (scale * scale) <= deadline:
-                return scale, True
-        return max(CUTS), False
-
-
-class Pace:
-    """The share of the deadline that a picture may take, so that ten come in a second: without a graphics card Blender's own drawing takes
-    the same processors, and a picture that keeps the deadline comes late all the same."""
-
-    PERIOD = 0.095  # seconds; a little less than a tenth
-    PAUSE = 0.5  # a longer one lies between two movements
-    LEAST = 0.25
-    COARSEST = 4.0  # scale; coarser ones are hardly sooner there
-
-    def __init__(self):
-        self.share, self.last = 1.0, -1e9
-
-    def came(self, now):
-        """A picture has come while something moves."""
-        period, self.last = now - self.last, now
-        if self.PERIOD < period < self.PAUSE:
-            self.share = max(self.LEAST, 0.93 * self.share)
-        elif period < 0.9 * self.PERIOD:
-            self.share = min(1.0, 1.05 * self.share)
 
 
 class Shown:
@@ -84,54 +35,15 @@ class Shown:
         self.ms_upload = 1e3 * (time.perf_counter() - begin)
 
 
-def clock():
-    """Milliseconds of the wall's clock and of this thread's processor time: on few processors the former counts other threads', too."""
-    return 1e3 * time.perf_counter(), 1e3 * time.thread_time()
-
-
-class Stopwatch:
-    """Milliseconds by part of the redraws, and what pictures came, for the tests and benchmarks. `work` is the processor's time of the parts
-    together."""
-
-    MOST = 2000
-
-    def __init__(self):
-        self.python, self.upload, self.draw, self.work, self.redraws = [], [], [], [], []
-        self.gathered = (0.0, 0.0)  # since the last redraw
-        self.pictures = []  # (time, scale, SH degree, statistics of the C module)
-
-    def gather(self, begin):
-        """What was done since `begin` belongs to the next redraw."""
-        self.gathered = tuple(all_ + end - start for all_, start, end in zip(self.gathered, begin, clock()))
-
-    def add(self, begin, middle, upload):
-        """A redraw from `begin` to now; from `middle` on the picture was handed over."""
-        end = clock()
-        for values, value in (
-            (self.python, middle[0] - begin[0] - upload + self.gathered[0]),
-            (self.upload, upload),
-            (self.draw, end[0] - middle[0]),
-            (self.work, end[1] - begin[1] + self.gathered[1]),
-            (self.redraws, time.monotonic()),
-        ):
-            values.append(value)
-            del values[: -self.MOST]
-        self.gathered = (0.0, 0.0)
-
-    def add_picture(self, shown):
-        self.pictures.append((time.monotonic(), shown.scale, shown.degree, shown.stats))
-        del self.pictures[: -self.MOST]
-
-
 class View:
     def __init__(self):
         self.state, self.count = None, 0
         self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
         self.wanted, self.changed_at, self.wanted_degree = None, 0.0, 3
         self.shown = None
-        self.budget, self.pace = Budget(), Pace()
+        self.budget, self.pace = pace.Budget(), pace.Pace()
         self.error = ""
-        self.watch = Stopwatch()
+        self.watch = pace.Stopwatch()
         self.loading = False
         views.add(self)
         start_timer()
@@ -139,7 +51,7 @@ class View:
     # ---- What is wanted ----
 
     def update(self, depsgraph):
-        begin = clock()
+        begin = pace.clock()
         self.state, self.count = gather.gather(depsgraph)
         self.watch.gather(begin)
 
@@ -177,7 +89,7 @@ class View:
         across, down = small["width"] / camera["width"], small["height"] / camera["height"]
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
-        wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]), cut=CUTS[scale])
+        wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]), cut=pace.CUTS[scale])
         placements = gather.placements(self.state, entry, camera["time"], settings.hide_noncritical)
         self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **wishes)
         self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
@@ -271,7 +183,7 @@ class View:
     # ---- Drawing ----
 
     def draw_rendered(self, engine, context, depsgraph):
-        begin = clock()
+        begin = pace.clock()
         width, height = context.region.width, context.region.height
         try:
             wanted = self.want(context, depsgraph, width, height, ("rgba",), False)
@@ -279,7 +191,7 @@ class View:
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
-        middle = clock()
+        middle = pace.clock()
         if self.shown is not None:
             self.put_plain()
         self.watch.add(begin, middle, upload)
@@ -302,15 +214,6 @@ class View:
 # ---- The timer ----
 
 
-def regions():
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "WINDOW":
-                        yield area, region
-
-
 def tick():
     """Has views drawn whose picture is ready, or whose next one is due."""
     busy = [view for view in views if view.restless()]
@@ -322,7 +225,7 @@ def tick():
         for view in busy
     )
     if due or any(view.loading for view in busy):
-        for _, region in regions():
+        for _, region in draw.regions():
             region.tag_redraw()
     return TICK if busy else 0.05
 

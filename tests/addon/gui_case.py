@@ -20,6 +20,7 @@ from mathutils import Euler
 from fixtures import read_png
 
 viewport = sys.modules[addon.__name__ + ".viewport"]
+pace = sys.modules[addon.__name__ + ".pace"]
 overlay = sys.modules[addon.__name__ + ".overlay"]
 lens = sys.modules[addon.__name__ + ".lens"]
 native = sys.modules[addon.__name__ + ".native"]

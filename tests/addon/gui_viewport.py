@@ -26,6 +26,7 @@ from gui_case import (  # noqa: E402
     sharp_shot,
     tell,
     view3d,
+    pace,
     viewport,
     wait,
     window,
@@ -151,7 +152,7 @@ def awake():
     report("while a picture of %.1f s was drawn" % (time.monotonic() - begin), ticks)
     del ticks[:]
     for view in viewport.views:
-        view.watch = viewport.Stopwatch()
+        view.watch = pace.Stopwatch()
     for step in range(30):
         view3d().region_3d.view_rotation = Euler((np.pi / 2, 0, -np.pi / 2 + 0.02 * step)).to_quaternion()
         yield 0.03

@@ -639,10 +639,10 @@ class Deadline(BlenderCase):
 
     def setUp(self):
         super().setUp()
-        self.viewport = sys.modules[addon.__name__ + ".viewport"]
+        self.pace = sys.modules[addon.__name__ + ".pace"]
 
     def test_the_finest_that_keeps_it(self):
-        budget = self.viewport.Budget()
+        budget = self.pace.Budget()
         self.assertEqual(budget.choose(1000, 1000, 50), (4, True))  # nothing is known yet
         budget.learn({"ms_raster": 160, "ms_job": 170, "ms": 170}, 1000, 1000)
         for deadline, chosen in ((170, (1, True)), (169, (1.5, True)), (50, (2, True)), (28, (3, True)), (12, (8, False))):
@@ -650,7 +650,7 @@ class Deadline(BlenderCase):
 
     def test_pace(self):
         """Falls while pictures come too seldom, rises again; a pause between movements says nothing."""
-        pace, now = self.viewport.Pace(), 100.0
+        pace, now = self.pace.Pace(), 100.0
 
         def come(times, every):
             nonlocal now
