@@ -7,6 +7,7 @@
 #include <string.h>
 #include "base/file.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 
 /* Errors below these are rounding. */
 static const double least_metres = 1e-6, least_degrees = 1e-4;
@@ -24,12 +25,8 @@ static offset offset_of(const double truth[12], const double pose[12]) {
   return (offset){{between[3], between[7], between[11]}, atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
 }
 
-static double length(const double p[3]) {
-  return sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2]);
-}
-
 static void add_offset(pags_pose_error *sum, int labelled, const double p[3], double degrees) {
-  *(labelled ? &sum->label_metres : &sum->metres) += length(p);
+  *(labelled ? &sum->label_metres : &sum->metres) += pags_length3(p);
   *(labelled ? &sum->label_degrees : &sum->degrees) += fabs(degrees);
 }
 

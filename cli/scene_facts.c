@@ -12,6 +12,7 @@
 #include "base/file.h"
 #include "base/memory.h"
 #include "base/text.h"
+#include "base/vec3.h"
 
 const char *pags_up_name(pags_up up) {
   return up == PAGS_UP_Z ? "+z" : up == PAGS_UP_MINUS_Y ? "-y" : "unknown";
@@ -182,10 +183,6 @@ static pags_result list_objects(pags_report *facts, const pags_scene *scene) {
   return PAGS_OK;
 }
 
-static double norm(const double v[3]) {
-  return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
 /* What training did to the poses of objects that have models. */
 static void put_tracks(pags_report *facts, const pags_scene *scene) {
   int64_t tracks = 0, knots = 0, trained = 0;
@@ -200,8 +197,8 @@ static void put_tracks(pags_report *facts, const pags_scene *scene) {
       if (!record->knots[k].trained)
         continue;
       trained++;
-      metres += norm(record->knots[k].translation);
-      radians += norm(record->knots[k].rotation);
+      metres += pags_length3(record->knots[k].translation);
+      radians += pags_length3(record->knots[k].rotation);
     }
   }
   if (!tracks)

@@ -8,8 +8,6 @@
 #include "base/memory.h"
 #include "init/knn.h"
 
-static const double sh_c0 = 0.28209479177387814; /* 1 / (2 sqrt(pi)) */
-
 /* Smallest square of the first sigma, m^2: duplicate points have no distance to take. INRIA's bound. */
 static const float least_square = 1e-7f;
 
@@ -52,7 +50,7 @@ static void fill_row(const pags_train_config *config, const float *xyz, const ui
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
     pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
-    pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / sh_c0);
+    pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
   pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->init_opacity / (1.0 - config->init_opacity));

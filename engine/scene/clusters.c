@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Bounds of runs of Gaussians. */
 #include <math.h>
-#include <pags/frame.h>
+#include <pags/clusters.h>
 #include <stdlib.h>
 #include <string.h>
 

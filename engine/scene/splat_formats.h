@@ -24,7 +24,4 @@ int pags_sh_degree_of(int rest_per_channel);
 /* Logit of a byte of opacity; 0 and 255 stand for 1e-6 and 1 - 1e-6, whose logits are finite. */
 float pags_logit_of_byte(uint8_t alpha);
 
-/* C0 = 1 / (2 sqrt pi): the constant basis function; colour = 0.5 + C0 * dc. */
-#define PAGS_SH_C0 0.28209479177387814
-
 #endif

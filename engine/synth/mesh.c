@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/vec3.h"
+
 #define TWO_PI 6.2831853f
 
 void pags_mesh_destroy(pags_mesh *mesh) {
@@ -69,19 +71,10 @@ void pags_mesh_face(pags_mesh *mesh, uint32_t a, uint32_t b, uint32_t c, uint32_
   mesh->materials[mesh->face_count++] = material;
 }
 
-static float length_of(const float v[3]) {
-  return sqrtf(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
-
 static void normalise(float v[3]) {
-  const float length = length_of(v);
+  const float length = pags_length3f(v);
   for (int k = 0; k < 3 && length > 0.0f; k++)
     v[k] /= length;
-}
-
-static void cross(const float a[3], const float b[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
 void pags_mesh_quad(pags_mesh *mesh, const float a[3], const float along[3], const float up[3], const float uv[2],
@@ -93,7 +86,8 @@ void pags_mesh_quad(pags_mesh *mesh, const float a[3], const float along[3], con
     float p[3];
     for (int k = 0; k < 3; k++)
       p[k] = a[k] + (far ? along[k] : 0.0f) + (high ? up[k] : 0.0f);
-    corner[i] = pags_mesh_vertex(mesh, p, NULL, u + (far ? length_of(along) : 0.0f), v + (high ? length_of(up) : 0.0f));
+    corner[i] =
+        pags_mesh_vertex(mesh, p, NULL, u + (far ? pags_length3f(along) : 0.0f), v + (high ? pags_length3f(up) : 0.0f));
   }
   pags_mesh_face(mesh, corner[0], corner[1], corner[2], corner[3], material);
 }
@@ -115,9 +109,9 @@ void pags_mesh_box(pags_mesh *mesh, const float center[3], const float half[3], 
 /* Two unit vectors square to `axis`, a unit vector. */
 static void frame_about(const float axis[3], float x[3], float y[3]) {
   const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
-  cross(other, axis, x);
+  pags_cross3f(other, axis, x);
   normalise(x);
-  cross(axis, x, y);
+  pags_cross3f(axis, x, y);
 }
 
 static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], const float y[3], float radius, int sides,
@@ -144,7 +138,7 @@ void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], flo
   float axis[3], x[3], y[3];
   for (int k = 0; k < 3; k++)
     axis[k] = to[k] - from[k];
-  const float height = length_of(axis);
+  const float height = pags_length3f(axis);
   normalise(axis);
   frame_about(axis, x, y);
   const uint32_t base = (uint32_t)mesh->vertex_count;
@@ -201,7 +195,7 @@ static void loft_normal(const float *points, int rings, int columns, int ring, i
     across[k] = right[k] - left[k];
     along[k] = high[k] - low[k];
   }
-  cross(across, along, out);
+  pags_cross3f(across, along, out);
   normalise(out);
 }
 

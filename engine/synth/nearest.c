@@ -10,6 +10,7 @@
 #include "base/file.h"
 #include "base/json.h"
 #include "base/memory.h"
+#include "base/vec3.h"
 #include "synth/street_labels.h"
 
 struct pags_street_truth {
@@ -151,14 +152,10 @@ static void destroy_grid(grid *g) {
 
 /* Distances. */
 
-static float dot(const float a[3], const float b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Squared distance to the segment from a along `edge`; `from` = point - a. */
 static float to_segment(const float from[3], const float edge[3]) {
-  const float length = dot(edge, edge);
-  float t = length > 0.0f ? dot(from, edge) / length : 0.0f, sum = 0.0f;
+  const float length = pags_dot3f(edge, edge);
+  float t = length > 0.0f ? pags_dot3f(from, edge) / length : 0.0f, sum = 0.0f;
   t = t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f;
   for (int k = 0; k < 3; k++) {
     const float d = from[k] - t * edge[k];
@@ -184,9 +181,9 @@ static float to_triangle(const float p[3], const float corner[3][3]) {
     for (int k = 0; k < 3; k++)
       side[k] = edge[i][(k + 1) % 3] * from[i][(k + 2) % 3] - edge[i][(k + 2) % 3] * from[i][(k + 1) % 3];
     nearest = along < nearest ? along : nearest;
-    inside = inside && dot(side, normal) >= 0.0f;
+    inside = inside && pags_dot3f(side, normal) >= 0.0f;
   }
-  const float area = dot(normal, normal), height = dot(from[0], normal);
+  const float area = pags_dot3f(normal, normal), height = pags_dot3f(from[0], normal);
   return inside && area > 0.0f ? height * height / area : nearest;
 }
 

@@ -11,6 +11,7 @@
 
 #include "base/memory.h"
 #include "base/rng.h"
+#include "base/vec3.h"
 #include "synth/layout.h"
 #include "synth/size_tables.h"
 #include "synth/view.h"
@@ -29,20 +30,11 @@ enum {
 enum { TRIES = 48, BLOCK = 4096, CHUNK = 64 };
 
 #define EYE_HEIGHT 1.6f
-#define SH_C0 0.28209479177387814f
-
-static float dot(const float a[3], const float b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
-static void cross(const float a[3], const float b[3], float out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
+#define SH_C0 ((float)PAGS_SH_C0)
 
 /* Returns the length that it had. */
 static float normalise(float v[3]) {
-  const float length = sqrtf(dot(v, v));
+  const float length = sqrtf(pags_dot3f(v, v));
   for (int k = 0; k < 3 && length > 0.0f; k++)
     v[k] /= length;
   return length;
@@ -84,9 +76,9 @@ static double face_weight(const pags_street *town, const pags_mesh *mesh, int64_
     first[k] = corner_of(mesh, face, 2)->position[k] - corner_of(mesh, face, 0)->position[k];
     second[k] = corner_of(mesh, face, 3)->position[k] - corner_of(mesh, face, 1)->position[k];
   }
-  cross(first, second, normal);
+  pags_cross3f(first, second, normal);
   const pags_material *material = &town->materials.list[mesh->materials[face]];
-  return 0.5 * (double)sqrtf(dot(normal, normal)) * density_of(material) / PAGS_TRAINED_DENSITY;
+  return 0.5 * (double)sqrtf(pags_dot3f(normal, normal)) * density_of(material) / PAGS_TRAINED_DENSITY;
 }
 
 static pags_result add_up_mesh(const pags_street *town, int index, pags_surface *out) {
@@ -178,9 +170,9 @@ static facet choose_facet(const pags_surface *s, double share) {
     other[k] = out.corner[out.triangle ? 2 : 3][k] - out.corner[0][k];
   }
   out.length = normalise(out.edge);
-  cross(out.edge, other, out.normal);
+  pags_cross3f(out.edge, other, out.normal);
   out.width = normalise(out.normal);
-  cross(out.normal, out.edge, out.side);
+  pags_cross3f(out.normal, out.edge, out.side);
   return out;
 }
 
@@ -254,7 +246,7 @@ static float within(double share, float sigma, float side) {
 
 static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
   const facet *f = &out->face;
-  const bool swap = fabsf(dot(out->axis[0], f->side)) > 0.7f;
+  const bool swap = fabsf(pags_dot3f(out->axis[0], f->side)) > 0.7f;
   double at[2];
   float weight[4];
   pags_rng_uniform2(s->town->options->seed, a + DRAW_SPOT, row, at);
@@ -284,7 +276,7 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
   }
   memcpy(touch->flat, f->normal, sizeof touch->flat);
   for (int k = 0; k < 3; k++)
-    touch->normal[k] = dot(f->placement->pose + 4 * k, smooth);
+    touch->normal[k] = pags_dot3f(f->placement->pose + 4 * k, smooth);
   if (normalise(touch->normal) < 0.1f)
     memcpy(touch->normal, f->normal, sizeof touch->normal);
 }
@@ -327,10 +319,10 @@ static bool is_seen(const pags_surface *s, spot *at, uint64_t a, uint64_t row) {
   for (int i = 0; i < PAGS_PACKET; i++) {
     if (hit >> i & 1u && met[i].distance < 0.999f)
       continue;
-    const float away = -dot(touch->flat, rays.direction[i]) < 0.0f ? -1.0f : 1.0f;
+    const float away = -pags_dot3f(touch->flat, rays.direction[i]) < 0.0f ? -1.0f : 1.0f;
     for (int k = 0; k < 3; k++)
       touch->flat[k] *= away;
-    const float facing = dot(touch->normal, touch->flat) < 0.0f ? -1.0f : 1.0f;
+    const float facing = pags_dot3f(touch->normal, touch->flat) < 0.0f ? -1.0f : 1.0f;
     for (int k = 0; k < 3; k++)
       touch->normal[k] *= facing;
     return true;

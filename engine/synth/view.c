@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec3.h"
 #include "synth/render.h"
 #include "synth/sky.h"
 
@@ -27,10 +28,6 @@ static const float sky_ways[PAGS_PACKET][3] = {
     {0.459f, 0.459f, 0.760f}, {-0.459f, 0.459f, 0.760f}, {-0.459f, -0.459f, 0.760f}, {0.459f, -0.459f, 0.760f}};
 static const float sky_norm = 8.0f / (4 * 0.3465f + 4 * 0.760f);
 
-static float dot(const float a[3], const float b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Rays from the touched points towards the light; leaves let it through for a hand's breadth. */
 static void light_rays(const draw_job *job, const pags_touch *touches, unsigned met, const float (*ways)[3], int step,
                        pags_rays *out) {
@@ -42,7 +39,7 @@ static void light_rays(const draw_job *job, const pags_touch *touches, unsigned 
     const float *way = ways[step * i];
     const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
     const float gap = 4e-4f + 2e-5f * (fabsf(touch->point[0]) + fabsf(touch->point[1]));
-    if (!leaf && dot(touch->flat, way) <= 0.0f)
+    if (!leaf && pags_dot3f(touch->flat, way) <= 0.0f)
       continue;
     for (int k = 0; k < 3; k++) {
       out->origin[i][k] = touch->point[k] + (leaf ? 0.15f * way[k] : gap * touch->flat[k]);
@@ -59,7 +56,7 @@ typedef struct surface {
 
 static void mirror(const pags_material *material, const pags_touch *touch, const float unit[3], uint64_t seed,
                    surface *out) {
-  const float facing = -dot(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
+  const float facing = -pags_dot3f(unit, touch->normal), away = 1.0f - (facing > 0.0f ? facing : 0.0f);
   const float share = material->gloss + 0.5f * (1.0f - material->gloss) * away * away * away * away * away;
   float direction[3];
   for (int k = 0; k < 3; k++)
@@ -73,7 +70,7 @@ static void mirror(const pags_material *material, const pags_touch *touch, const
 
 /* Of a sample that is `side` wide at a distance of 1 and seen along `unit`: long on surfaces seen at a slant. */
 static pags_footprint footprint_of(const pags_touch *touch, const float unit[3], float side) {
-  const float slant = fmaxf(fabsf(dot(unit, touch->flat)), 0.03f), across = touch->distance * side,
+  const float slant = fmaxf(fabsf(pags_dot3f(unit, touch->flat)), 0.03f), across = touch->distance * side,
               along = across / slant;
   const float level = sqrtf(unit[0] * unit[0] + unit[1] * unit[1]) + 1e-6f;
   const float x = fabsf(unit[0]) / level, y = fabsf(unit[1]) / level;
@@ -82,7 +79,7 @@ static pags_footprint footprint_of(const pags_touch *touch, const float unit[3],
 
 static void look_at(const draw_job *job, const pags_touch *touch, const float direction[3], float side, surface *out) {
   const pags_material *material = &job->street->materials.list[touch->material];
-  const float length = sqrtf(dot(direction, direction));
+  const float length = sqrtf(pags_dot3f(direction, direction));
   const float unit[3] = {direction[0] / length, direction[1] / length, direction[2] / length};
   const pags_footprint footprint = footprint_of(touch, unit, side);
   *out = (surface){{0}, {0}};
@@ -95,7 +92,7 @@ static void look_at(const draw_job *job, const pags_touch *touch, const float di
 static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
   static const float above[3] = {0.45f, 0.52f, 0.65f}, bounced[3] = {0.17f, 0.155f, 0.135f},
                      below[3] = {0.16f, 0.15f, 0.14f};
-  float sun = dot(touch->normal, pags_sun), sky = dot(touch->normal, way);
+  float sun = pags_dot3f(touch->normal, pags_sun), sky = pags_dot3f(touch->normal, way);
   sun = !sunny ? 0.0f : leaf ? 0.25f + 0.75f * fabsf(sun) : sun > 0.0f ? sun : 0.0f;
   sky = (leaf ? 0.3f + 0.5f * fabsf(sky) : sky > 0.0f ? sky : 0.0f) * sky_norm;
   for (int c = 0; c < 3; c++)
@@ -143,7 +140,7 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
     light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], color);
     for (int c = 0; c < 3; c++)
       color[c] = color[c] * seen.reflectance[c] + seen.mirrored[c];
-    add_haze(touch->distance * sqrtf(dot(rays->direction[i], rays->direction[i])), color);
+    add_haze(touch->distance * sqrtf(pags_dot3f(rays->direction[i], rays->direction[i])), color);
     for (int c = 0; c < 3; c++)
       sum[c] += color[c] < 1.0f ? color[c] : 1.0f;
   }
@@ -158,7 +155,7 @@ static void add_sky(const draw_job *job, const pags_rays *rays, unsigned sky, fl
       for (int k = 0; k < 3; k++)
         mean[k] += rays->direction[i][k];
     }
-  const float length = sqrtf(dot(mean, mean));
+  const float length = sqrtf(pags_dot3f(mean, mean));
   pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
   for (int c = 0; c < 3; c++)
     sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);

@@ -143,7 +143,7 @@ static void lower(pags_gaussians *g, int64_t row, int degree, const row_ranges *
   for (int c = 0; c < 3; c++) {
     float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
     if (lo <= hi)
-      pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / 0.28209479177387814);
+      pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / PAGS_SH_C0);
   }
   for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
     pags_plane(g, PAGS_SH + k)[row] = 0.0f;

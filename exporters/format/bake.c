@@ -12,8 +12,6 @@
 #include "base/file.h"
 #include "base/memory.h"
 
-static const double sh_c0 = 0.28209479177387814;
-
 static void bake_row(const pags_part *part, const pags_sh_rotation *turn, const double turn_q[4], int64_t i,
                      pags_gaussians *out, int64_t at) {
   const pags_gaussians *g = part->gaussians;
@@ -122,7 +120,7 @@ pags_result pags_splat_save(const char *path, const pags_gaussians *g) {
     for (int k = 0; k < 3; k++) {
       pags_store_f32(row + 4 * k, pags_plane(g, PAGS_MEAN + k)[i]);
       pags_store_f32(row + 12 + 4 * k, (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]));
-      row[24 + k] = to_byte(255 * (0.5 + sh_c0 * (double)pags_plane(g, PAGS_SH + k)[i]));
+      row[24 + k] = to_byte(255 * (0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]));
     }
     row[27] = to_byte(255 * opacity_of(g, i));
     for (int k = 0; k < 4; k++)

@@ -68,7 +68,7 @@ static void fill_columns(const pags_gaussians *g, columns *c) {
     for (int k = 0; k < 3; k++) {
       position[3 * i + k] = pags_plane(g, PAGS_MEAN + k)[i];
       scale[3 * i + k] = (float)exp((double)pags_plane(g, PAGS_SCALE + k)[i]);
-      color[4 * i + k] = (float)linear(0.5 + 0.28209479177387814 * (double)pags_plane(g, PAGS_SH + k)[i]);
+      color[4 * i + k] = (float)linear(0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + k)[i]);
     }
     opacity[i] = color[4 * i + 3] = (float)sigmoid((double)pags_plane(g, PAGS_OPACITY)[i]);
   }

@@ -1,5 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Reading sweeps: what lies in labelled boxes and what doesn't. */
+#include <pags/dataset.h>
+
 #include "exporters/proxy/lidar.h"
 
 #include <math.h>

@@ -8,6 +8,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "exporters/proxy/mesh_query.h"
 
 void pags_proxy_mesh_destroy(pags_proxy_mesh *surface) {
@@ -144,15 +145,11 @@ static void cross_of(const pags_proxy_mesh *s, int64_t triangle, double n[3]) {
     n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
 }
 
-static double length_of(const double n[3]) {
-  return sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-}
-
 double pags_proxy_mesh_area(const pags_proxy_mesh *surface) {
   double sum = 0, n[3];
   for (int64_t i = 0; i < surface->triangle_count; i++) {
     cross_of(surface, i, n);
-    sum += 0.5 * length_of(n);
+    sum += 0.5 * pags_length3(n);
   }
   return sum;
 }
@@ -218,7 +215,7 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
   for (int64_t i = 0; i < s->triangle_count; i++) {
     double n[3];
     cross_of(s, i, n);
-    out->area[root_of(out->parent, s->triangles[3 * i])] += 0.5 * length_of(n);
+    out->area[root_of(out->parent, s->triangles[3 * i])] += 0.5 * pags_length3(n);
   }
   for (int64_t i = 0; i < s->vertex_count; i++)
     out->largest = fmax(out->largest, out->area[i]);

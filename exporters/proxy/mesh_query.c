@@ -12,6 +12,7 @@
 #include <embree3/rtcore.h>
 
 #include "base/memory.h"
+#include "base/vec3.h"
 #endif
 
 struct pags_mesh_query {
@@ -29,10 +30,6 @@ typedef struct query {
   uint32_t primitive;
 } query;
 
-static double dot(const double a[3], const double b[3]) {
-  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
-
 /* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it,
  * else to the nearest edge. `foot` receives the nearest point. */
 static double triangle_distance(const double a[3], const double b[3], const double c[3], double foot[3]) {
@@ -45,7 +42,7 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   }
   for (int k = 0; k < 3; k++)
     n[k] = u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3];
-  double area = dot(n, n);
+  double area = pags_dot3(n, n);
   for (int i = 0; i < 3; i++) {
     const double *p = corners[i], *q = corners[(i + 1) % 3];
     double edge[3], side[3], at[3], squared = 0;
@@ -53,8 +50,8 @@ static double triangle_distance(const double a[3], const double b[3], const doub
       edge[k] = q[k] - p[k];
     for (int k = 0; k < 3; k++)
       side[k] = n[(k + 1) % 3] * edge[(k + 2) % 3] - n[(k + 2) % 3] * edge[(k + 1) % 3];
-    inside = inside && dot(side, p) <= 0;
-    double length = dot(edge, edge), t = length > 0 ? fmin(fmax(-dot(edge, p) / length, 0), 1) : 0;
+    inside = inside && pags_dot3(side, p) <= 0;
+    double length = pags_dot3(edge, edge), t = length > 0 ? fmin(fmax(-pags_dot3(edge, p) / length, 0), 1) : 0;
     for (int k = 0; k < 3; k++) {
       at[k] = p[k] + t * edge[k];
       squared += at[k] * at[k];
@@ -66,7 +63,7 @@ static double triangle_distance(const double a[3], const double b[3], const doub
   }
   if (!inside || !(area > 0))
     return nearest;
-  double height = dot(n, a);
+  double height = pags_dot3(n, a);
   for (int k = 0; k < 3; k++)
     foot[k] = n[k] * (height / area);
   return height * height / area;
@@ -82,7 +79,7 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
       corner[i][k] = (double)q->solid->points[3 * (size_t)at + (size_t)k] - q->point[k];
   }
   memcpy(foot, corner[0], sizeof foot);
-  squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : dot(foot, foot);
+  squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : pags_dot3(foot, foot);
   if (!(squared < q->best))
     return false;
   q->best = squared;

@@ -46,7 +46,7 @@ static void mean_color(const pags_object_shape *shape, float out[3]) {
   const pags_gaussians *g = &shape->gaussians;
   for (int c = 0; c < 3; c++) {
     for (int64_t i = 0; i < g->count; i++)
-      sum[c] += 0.5 + 0.28209479177387814 * (double)pags_plane(g, PAGS_SH + c)[i];
+      sum[c] += 0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + c)[i];
     out[c] = g->count ? (float)fmin(fmax(sum[c] / (double)g->count, 0), 1) : 0.5f;
   }
 }

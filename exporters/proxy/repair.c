@@ -12,6 +12,7 @@
 
 #include "base/memory.h"
 #include "base/sort.h"
+#include "base/vec3.h"
 #include "exporters/proxy/mesh.h"
 
 typedef struct half {
@@ -94,11 +95,6 @@ static void subtract(const float *a, const float *b, double out[3]) {
     out[k] = (double)a[k] - (double)b[k];
 }
 
-static void cross(const double a[3], const double b[3], double out[3]) {
-  for (int k = 0; k < 3; k++)
-    out[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
 /* About the axis low -> high, of the face's third corner, against a direction that depends on the axis alone. */
 static double angle_of(const pags_proxy_mesh *s, const half *h) {
   uint32_t third = s->triangles[next_corner(next_corner(h->id))];
@@ -111,8 +107,8 @@ static double angle_of(const pags_proxy_mesh *s, const half *h) {
     smallest = fabs(axis[k]) < fabs(axis[smallest]) ? k : smallest;
   double unit[3] = {0};
   unit[smallest] = 1;
-  cross(axis, unit, first);
-  cross(axis, first, second);
+  pags_cross3(axis, unit, first);
+  pags_cross3(axis, first, second);
   double length = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
   double x = arm[0] * first[0] + arm[1] * first[1] + arm[2] * first[2];
   double y = arm[0] * second[0] + arm[1] * second[1] + arm[2] * second[2];

@@ -71,6 +71,9 @@ PAGS_API const char *pags_result_name(pags_result code);
       return pags_try_result;             \
   } while (0)
 
+/* Which way is up in a scene or data set. */
+typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y } pags_up;
+
 /* Long work reports through this. `fraction` lies in [0, 1]; returning 0 cancels with PAGS_CANCELLED. */
 typedef int pags_progress_fn(void *user, double fraction, const char *what);
 

@@ -16,8 +16,6 @@
 extern "C" {
 #endif
 
-typedef enum pags_up { PAGS_UP_UNKNOWN, PAGS_UP_Z, PAGS_UP_MINUS_Y } pags_up;
-
 typedef struct pags_dataset_options {
   const char *colmap; /* model folder to use in place of transforms.json; NULL: choose (transforms.json wins) */
   double downscale;   /* >= 1; 1 = full size */

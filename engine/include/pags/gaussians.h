@@ -11,6 +11,9 @@
 
 #include <pags/base.h>
 
+/* C0 = 1 / (2 sqrt pi): the constant basis function; colour = 0.5 + C0 * dc. */
+#define PAGS_SH_C0 0.28209479177387814
+
 #ifdef __cplusplus
 extern "C" {
 #endif

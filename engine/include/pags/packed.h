@@ -18,7 +18,7 @@
 #define PAGS_PACKED_H
 
 #include <pags/base.h>
-#include <pags/frame.h>
+#include <pags/clusters.h>
 #include <pags/gaussians.h>
 
 #ifdef __cplusplus

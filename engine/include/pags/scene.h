@@ -7,7 +7,6 @@
 
 #include <pags/base.h>
 #include <pags/camera.h>
-#include <pags/dataset.h>
 #include <pags/gaussians.h>
 #include <pags/object.h>
 #include <pags/place.h>
