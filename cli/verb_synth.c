@@ -8,13 +8,12 @@
 #include <stdio.h>
 #include <string.h>
 
-/* Values of options that several kinds have lie here and are handed on; -1: the kind's own default. */
+/* Options that both kinds have are handed on; -1: the kind's own default. */
 typedef struct synth_arguments {
   pags_session session;
   const char *output, *size;
   int width, height, samples, overwrite;
   uint64_t seed;
-  pags_synth_options room;
   pags_street_options street;
   int frames; /* -1: the kind's own default */
   pags_town_options town;
@@ -26,18 +25,10 @@ typedef struct synth_arguments {
 static const pags_option options[] = {
     PAGS_OUTPUT(AT(output), "FOLDER", "folder to write the data set, or the town's scene, to"),
     PAGS_FLAG("overwrite", 0, AT(overwrite), "write into a folder that is not empty"),
-    PAGS_VALUE("width", 0, INT, AT(width), 16, 8192, "N", "pixels", "room 360, street 480, town 960",
-               "of each picture"),
-    PAGS_VALUE("height", 0, INT, AT(height), 16, 8192, "N", "pixels", "room 240, street 270, town 540",
-               "of each picture"),
-    PAGS_TEXT("size", 0, AT(size), "WxH", "", "width and height at once, 480x270"),
+    PAGS_TEXT("size", 0, AT(size), "WxH", "street 480x270, town 960x540", "width and height of each picture, pixels"),
     PAGS_VALUE("samples", 0, INT, AT(samples), 1, 1024, "N", "rays a pixel", "8",
-               "of a room and a street: more give smoother edges"),
+               "of a street: more give smoother edges"),
     PAGS_VALUE("seed", 0, UINT64, AT(seed), 0, 0, "N", NULL, NULL, "of everything that is drawn by chance"),
-    PAGS_GROUP("Of a room"),
-    PAGS_VALUE("views", 'n', INT, AT(room.views), 3, 10000, "N", "pictures", NULL, "evenly around the scene"),
-    PAGS_VALUE("points", 0, INT64, AT(room.points), 0, 1e7, "N", NULL, NULL, "coloured surface points, points.ply"),
-    PAGS_FLAG("depth", 0, AT(room.depth), "write the true depth of each picture too, depth/NAME.exr, in metres"),
     PAGS_GROUP("Of a street"),
     PAGS_VALUE("frames", 0, INT, AT(frames), 1, 10000, "N", "time steps", "street 40, town 24",
                "driven along the street, about a metre each; of a town: evenly along its middle street"),
@@ -61,16 +52,6 @@ static const pags_option options[] = {
     PAGS_SESSION_OPTIONS(synth_arguments),
     {0}};
 
-static pags_result make_room(synth_arguments *a, pags_progress_fn *progress, void *user) {
-  pags_synth_options *o = &a->room;
-  o->width = a->width > 0 ? a->width : o->width;
-  o->height = a->height > 0 ? a->height : o->height;
-  o->samples = a->samples;
-  o->seed = a->seed;
-  o->overwrite = a->overwrite;
-  return pags_synth_room(a->output, o, a->session.tasks, progress, user);
-}
-
 static pags_result make_street(synth_arguments *a, pags_progress_fn *progress, void *user) {
   pags_street_options *o = &a->street;
   o->width = a->width > 0 ? a->width : o->width;
@@ -90,15 +71,6 @@ static pags_result make_town(synth_arguments *a, pags_progress_fn *progress, voi
   o->seed = a->seed;
   o->overwrite = a->overwrite;
   return pags_synth_town(a->output, o, a->session.tasks, progress, user, &a->town_facts);
-}
-
-static void tell_room(const synth_arguments *a, double seconds, pags_json_writer *json) {
-  pags_say(&a->session, "%s: %d pictures of %dx%d in %.1f s\n", a->output, a->room.views, a->room.width, a->room.height,
-           seconds);
-  pags_json_put_integer(json, "views", a->room.views);
-  pags_json_put_integer(json, "width", a->room.width);
-  pags_json_put_integer(json, "height", a->room.height);
-  pags_json_put_integer(json, "points", a->room.points);
 }
 
 static void tell_street(const synth_arguments *a, double seconds, pags_json_writer *json) {
@@ -135,38 +107,29 @@ static const struct kind {
   pags_result (*make)(synth_arguments *arguments, pags_progress_fn *progress, void *user);
   void (*tell)(const synth_arguments *arguments, double seconds, pags_json_writer *json);
   const char *foreign[16]; /* options that it has no use for */
-} kinds[] = {{"room",
-              make_room,
-              tell_room,
-              {"frames", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise",
-               "no-shifts", "gaussians", "density"}},
-             {"street", make_street, tell_street, {"views", "points", "depth", "gaussians", "density"}},
-             {"town",
-              make_town,
-              tell_town,
-              {"samples", "views", "points", "depth", "fps", "cameras", "objects", "lidar-points", "lidar-noise",
-               "pose-noise", "yaw-noise", "no-shifts"}}};
+} kinds[] = {
+    {"street", make_street, tell_street, {"gaussians", "density"}},
+    {"town",
+     make_town,
+     tell_town,
+     {"samples", "fps", "cameras", "objects", "lidar-points", "lidar-noise", "pose-noise", "yaw-noise", "no-shifts"}}};
 enum { KIND_COUNT = sizeof kinds / sizeof kinds[0] };
 
-static const pags_positional positionals[] = {{"KIND",
-                                               "room: a courtyard with boxes and balls, seen from cameras that go "
-                                               "around; street: seen from a car that drives along it; town: a scene "
-                                               "of Gaussians on streets and houses"},
-                                              {NULL, NULL}};
+static const pags_positional positionals[] = {
+    {"KIND", "street: seen from a car that drives along it; town: a scene of Gaussians on streets and houses"},
+    {NULL, NULL}};
 
 static const pags_verb verb = {
     .name = "synth",
     .usage = "KIND -o FOLDER [options]",
     .about =
-        "Writes a data set with known truth, ray-traced. A room: pictures, transforms.json, surface points and, if "
-        "asked for, depth. A "
-        "street: a driving set in drivestudio's layout with poses, LiDAR, tracks and masks, and in truth/ the exact "
-        "tracks, depth, "
-        "object ids and pictures from shifted cameras. A town: not a data set but a scene, to render and to measure "
-        "with: "
-        "Gaussians on houses, roads, trees and cars of several blocks, sizes and opacities drawn as a trained street "
-        "has "
-        "them. The same bytes for any number of threads.",
+        "Writes scenes with known truth. A street: a driving set in drivestudio's layout, ray-traced, with poses, "
+        "LiDAR, "
+        "tracks and masks, and in truth/ the exact tracks, depth, object ids and pictures from shifted cameras. A "
+        "town: "
+        "no data set but a scene to render and to measure with: Gaussians on houses, roads, trees and cars of several "
+        "blocks, whose sizes and opacities are drawn as a trained street has them. The same bytes for any number of "
+        "threads.",
     .positionals = positionals,
     .options = options};
 
@@ -202,7 +165,6 @@ int pags_verb_synth(int argc, char **argv) {
                                .samples = 8,
                                .frames = -1,
                                .town = pags_town_options_default(),
-                               .room = pags_synth_options_default(),
                                .street = pags_street_options_default()};
   const struct kind *kind = NULL;
   pags_parsed parsed;
@@ -213,7 +175,7 @@ int pags_verb_synth(int argc, char **argv) {
     if (!strcmp(kinds[i].name, parsed.positionals[0]))
       kind = &kinds[i];
   if (!kind)
-    return pags_usage_error(&verb, "KIND: expected room, street or town, got '%s'", parsed.positionals[0]);
+    return pags_usage_error(&verb, "KIND: expected street or town, got '%s'", parsed.positionals[0]);
   for (int i = 0; kind->foreign[i]; i++)
     if (pags_option_given(&parsed, kind->foreign[i]))
       return pags_usage_error(&verb, "--%s: a %s has no such option", kind->foreign[i], kind->name);

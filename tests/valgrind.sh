@@ -36,7 +36,7 @@ check() {
 
 street=$work/street
 scene=$work/scene
-check synth synth street -o "$street" --width 64 --height 48 --frames 4 --cameras 1 --samples 1 --objects 3 --lidar-points 300 --no-shifts -j 2
+check synth synth street -o "$street" --size 64x48 --frames 4 --cameras 1 --samples 1 --objects 3 --lidar-points 300 --no-shifts -j 2
 check train train "$street" -o "$scene" --iterations 30 --max-gaussians 1500 --checkpoint-every 20 --preview-every 20 -j 2
 check resume train "$street" -o "$scene" --iterations 40 --max-gaussians 1500 --resume -j 2
 check render render "$scene" --split train -o "$work/pictures" --early-z bounded -j 2

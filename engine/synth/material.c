@@ -5,7 +5,7 @@
 #include <math.h>
 
 #include "synth/layout.h"
-#include "synth/texture.h"
+#include "synth/noise.h"
 
 static float mix(float a, float b, float t) {
   return a + (b - a) * t;

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "synth/texture.h"
+#include "synth/noise.h"
 
 const float pags_sun[3] = {-0.42f, 0.50f, 0.7573639f}; /* behind on the left, 49 degrees high */
 const float pags_sun_light[3] = {1.42f, 1.30f, 1.10f};

@@ -8,8 +8,22 @@
 #include <string.h>
 
 #include "base/vec3.h"
-#include "synth/render.h"
 #include "synth/sky.h"
+
+/* Direction in the world of the ray through pixel position (x, y), with a camera z of 1. */
+static void camera_ray(const pags_camera *camera, double x, double y, float direction[3]) {
+  const double u = (x - camera->cx) / camera->fx, v = (y - camera->cy) / camera->fy;
+  const double *m = camera->world_from_camera;
+  for (int k = 0; k < 3; k++)
+    direction[k] = (float)(m[4 * k] * u + m[4 * k + 1] * v + m[4 * k + 2]);
+}
+
+/* Display-referred sRGB of a linear value, rounded to a byte. */
+static uint8_t encode_srgb(float linear) {
+  const float v = linear <= 0.0f ? 0.0f : linear >= 1.0f ? 1.0f : linear;
+  const float s = v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
+  return (uint8_t)(s * 255.0f + 0.5f);
+}
 
 enum { ROWS = 4 }; /* a block of work */
 
@@ -227,13 +241,13 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < samples; i++) {
       const int row = (int)((int64_t)(first + i) * job->step % samples);
-      pags_camera_ray(&view->camera, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
+      camera_ray(&view->camera, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
       rays->active |= 1u << i;
     }
     add_samples(job, &view->camera, rays, sum);
   }
   for (int c = 0; c < 3; c++)
-    out[c] = pags_encode_srgb(sum[c] / (float)samples);
+    out[c] = encode_srgb(sum[c] / (float)samples);
 }
 
 static void fill_truth(const draw_job *job, const pags_street_view *view, int64_t at, const pags_touch *touch) {
@@ -249,7 +263,7 @@ static void draw_truth(const draw_job *job, const pags_street_view *view, int y,
   for (int first = 0; first < width; first += PAGS_PACKET) {
     rays->active = 0;
     for (int i = 0; i < PAGS_PACKET && first + i < width; i++) {
-      pags_camera_ray(&view->camera, first + i + 0.5, y + 0.5, rays->direction[i]);
+      camera_ray(&view->camera, first + i + 0.5, y + 0.5, rays->direction[i]);
       rays->active |= 1u << i;
     }
     const unsigned met = pags_stage_trace(job->stage, rays, touches);

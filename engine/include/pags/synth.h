@@ -10,30 +10,6 @@
 extern "C" {
 #endif
 
-typedef struct pags_synth_options {
-  int width, height; /* px, 16..8192; default 360x240 */
-  int views;         /* 3..10000, evenly around; default 36 */
-  int samples;       /* rays a pixel, 1..1024; default 8 */
-  int64_t points;    /* coloured surface points, 0..10^7; default 4000 */
-  uint64_t seed;     /* of textures and points; default 0 */
-  int depth;         /* 1: write the true depth, too. Default 0 */
-  int overwrite;     /* 1: write into a folder that is not empty. Default 0 */
-} pags_synth_options;
-
-PAGS_API pags_synth_options pags_synth_options_default(void);
-
-/* A courtyard of 8x8 m, z up, floor at z = 0, walls 3 m high at x, y = +-4, with boxes and balls about its middle,
- * seen from cameras that go around at 3.0 m from the z axis, 1.15 to 1.85 m high. Surfaces are Lambertian and lit by a
- * sun with hard shadows and a sky dome, so that every point has one colour from everywhere.
- *
- * Writes into `folder`, made if missing: images/0001.png ..., transforms.json (nerfstudio; pinhole without
- * distortion), points.ply and, if asked for, depth/0001.exr ... (channel Z: camera z in metres at the pixel's centre,
- * 0 for sky). transforms.json comes last: without it the folder is no data set. The same bytes for any number of
- * threads. `progress` may be NULL. Errors: PAGS_ERROR_ARGUMENT (an option out of range), _IO, _MEMORY, _UNSUPPORTED
- * (Embree or OpenImageIO failed), PAGS_CANCELLED. */
-PAGS_API pags_result pags_synth_room(const char *folder, const pags_synth_options *options, pags_tasks *tasks,
-                                     pags_progress_fn *progress, void *user);
-
 typedef struct pags_street_options {
   int width, height;    /* px, 16..8192; default 480x270 */
   int frames;           /* time steps, 2..10000; default 40 */
@@ -56,8 +32,9 @@ PAGS_API pags_street_options pags_street_options_default(void);
  * that drives along it: a data set in drivestudio's layout (docs/dataset-layout.md) with dataset.json, images, exact
  * ego poses, LiDAR from the same ray tracer, tracks (with noise if asked for; the exact ones in truth/), semantic, sky
  * and dynamic masks, and, in truth/, depth and object ids of every image and pictures from shifted cameras. World z up,
- * metres; the street runs along +x. The same bytes for any number of threads. dataset.json comes last. Errors as
- * pags_synth_room. */
+ * metres; the street runs along +x. The same bytes for any number of threads. dataset.json comes last: without it
+ * the folder is no data set. `progress` may be NULL. Errors: PAGS_ERROR_ARGUMENT (an option out of range), _IO,
+ * _MEMORY, _UNSUPPORTED (Embree or OpenImageIO failed), PAGS_CANCELLED. */
 PAGS_API pags_result pags_synth_street(const char *folder, const pags_street_options *options, pags_tasks *tasks,
                                        pags_progress_fn *progress, void *user);
 
@@ -99,7 +76,7 @@ typedef struct pags_town_facts { /* what was made */
  * thousand make the smallest town, two streets of two blocks, thinner than that. Writes a scene folder
  * (docs/scene-folder.md) with s_sem 1 on cars, people and bicycles and 0 elsewhere, a sky, and as views a drive along
  * the middle street 1.6 m above it, cameras in front, 50 degrees to the left and to the right. World z up, metres. The
- * same bytes for any number of threads. `progress` and `facts` may be NULL. Errors as pags_synth_room. */
+ * same bytes for any number of threads. `progress` and `facts` may be NULL. Errors as pags_synth_street. */
 PAGS_API pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,
                                      pags_progress_fn *progress, void *user, pags_town_facts *facts);
 
