@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What tracer.c and stage.c, the only files that see Embree, share: versions 3 and 4, and errors. */
+/* Embree 3 and 4, and its errors; stage.c alone sees it. */
 #ifndef PAGS_SYNTH_EMBREE_H
 #define PAGS_SYNTH_EMBREE_H
 

@@ -1,14 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* drivestudio's texts: ids, classes and boxes of objects by frame; matrices of poses. */
+/* What the street's labels say: ids, classes and boxes of objects by frame, times, cameras. The files of the layout are
+ * written by dataset/driving/writer_json.c. */
 #include "synth/street_labels.h"
 
 #include <math.h>
-#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "base/file.h"
 #include "base/json.h"
+#include "base/memory.h"
+#include "base/rng.h"
 #include "base/text.h"
+#include "dataset/driving/writer.h"
 
 enum { STREAM_POSE_NOISE = 1 << 28 };
 #define REACH 90.0 /* metres from the recording car within which boxes are labelled */
@@ -49,132 +53,110 @@ static void disturb(const pags_street_options *o, const pags_actor *actor, int f
          12 * sizeof *pose);
 }
 
-static void put_pose(pags_json_writer *json, const double pose[12]) {
-  pags_json_begin_array(json, NULL);
-  for (int r = 0; r < 3; r++)
-    pags_json_put_numbers(json, NULL, pose + 4 * r, 4);
-  pags_json_put_numbers(json, NULL, (double[]){0, 0, 0, 1}, 4);
-  pags_json_end_array(json);
-}
-
-/* A parked car's label doesn't vary: whoever labels it draws one box. */
-static void put_annotations(pags_json_writer *json, const pags_street *street, const pags_actor *actor, int exact) {
+/* The track of a labelled actor. A parked car's label doesn't vary: whoever labels it draws one box. */
+static bool make_track(const pags_street *street, const pags_actor *actor, bool exact, pags_layout_track *out) {
+  static const char *const classes[] = {"Car", "Pedestrian", "Cyclist"};
+  static const char *const words[] = {"car", "pedestrian", "cyclist"};
   const pags_street_options *o = street->options;
-  const double size[3] = {(double)actor->size[0], (double)actor->size[1], (double)actor->size[2]};
-  pags_json_begin_object(json, "frame_annotations");
-  pags_json_begin_array(json, "frame_idx");
-  for (int f = 0; f < o->frames; f++)
-    if (labelled(street, actor, f))
-      pags_json_put_integer(json, NULL, f);
-  pags_json_end_array(json);
-  pags_json_begin_array(json, "obj_to_world");
+  pags_object *object = &out->object;
+  object->id = pags_text_format("%s_%s_%03d", actor->moving ? "moving" : "parked", words[actor->role], actor->number);
+  object->class_name = pags_text_copy(classes[actor->role]);
+  object->knots = calloc((size_t)o->frames, sizeof *object->knots);
+  if (!object->id || !object->class_name || !object->knots)
+    return false;
+  for (int k = 0; k < 3; k++)
+    object->size[k] = (double)actor->size[k];
   for (int f = 0; f < o->frames; f++) {
-    double pose[12];
     if (!labelled(street, actor, f))
       continue;
-    pags_actor_pose(actor, frame_time(street, f), pose);
+    pags_knot *knot = &object->knots[object->knot_count++];
+    knot->frame = f;
+    pags_actor_pose(actor, frame_time(street, f), knot->world_from_object);
     if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0))
-      disturb(o, actor, f, pose);
-    put_pose(json, pose);
+      disturb(o, actor, f, knot->world_from_object);
   }
-  pags_json_end_array(json);
-  pags_json_begin_array(json, "box_size");
-  for (int f = 0; f < o->frames; f++)
-    if (labelled(street, actor, f))
-      pags_json_put_numbers(json, NULL, size, 3);
-  pags_json_end_array(json);
-  pags_json_end_object(json);
+  return true;
 }
 
-static pags_result save(pags_json_writer *json, const char *path) {
-  const pags_result result = pags_json_writer_save(json, path);
-  pags_json_writer_destroy(json);
-  return result;
+static void destroy_tracks(pags_layout_track *tracks, int64_t count) {
+  for (int64_t i = 0; i < count; i++)
+    pags_layout_track_destroy(&tracks[i]);
+  free(tracks);
+}
+
+/* The tracks of all labelled actors, by number. */
+static pags_result make_tracks(const pags_street *street, bool exact, pags_layout_track **out, int64_t *count) {
+  pags_layout_track *tracks = calloc((size_t)street->actor_count + 1, sizeof *tracks);
+  bool made = tracks != NULL;
+  *count = 0;
+  for (int i = 0; made && i < street->actor_count; i++)
+    if (street->actors[i].number >= 0)
+      made = make_track(street, &street->actors[i], exact, &tracks[(*count)++]);
+  *out = tracks;
+  if (made)
+    return PAGS_OK;
+  destroy_tracks(tracks, *count);
+  return pags_out_of_memory("the tracks of a street");
 }
 
 pags_result pags_street_write_instances(const pags_street *street, const char *path, int exact) {
-  static const char *const classes[] = {"Car", "Pedestrian", "Cyclist"};
-  static const char *const words[] = {"car", "pedestrian", "cyclist"};
-  pags_json_writer json;
-  pags_json_writer_init(&json, 0);
-  pags_json_begin_object(&json, NULL);
-  for (int i = 0; i < street->actor_count; i++) {
-    const pags_actor *actor = &street->actors[i];
-    char key[16], id[48];
-    if (actor->number < 0)
-      continue;
-    snprintf(key, sizeof key, "%d", actor->number);
-    snprintf(id, sizeof id, "%s_%s_%03d", actor->moving ? "moving" : "parked", words[actor->role], actor->number);
-    pags_json_begin_object(&json, key);
-    pags_json_put_string(&json, "id", id);
-    pags_json_put_string(&json, "class_name", classes[actor->role]);
-    put_annotations(&json, street, actor, exact);
-    pags_json_end_object(&json);
-  }
-  pags_json_end_object(&json);
-  return save(&json, path);
+  pags_layout_track *tracks;
+  int64_t count;
+  PAGS_TRY(make_tracks(street, exact, &tracks, &count));
+  const pags_result result = pags_layout_write_instances(path, tracks, count);
+  destroy_tracks(tracks, count);
+  return result;
 }
 
 pags_result pags_street_write_frame_instances(const pags_street *street, const char *path) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 0);
-  pags_json_begin_object(&json, NULL);
-  for (int f = 0; f < street->options->frames; f++) {
-    char key[16];
-    snprintf(key, sizeof key, "%d", f);
-    pags_json_begin_array(&json, key);
-    for (int i = 0; i < street->actor_count; i++)
-      if (street->actors[i].number >= 0 && labelled(street, &street->actors[i], f))
-        pags_json_put_integer(&json, NULL, street->actors[i].number);
-    pags_json_end_array(&json);
-  }
-  pags_json_end_object(&json);
-  return save(&json, path);
+  pags_layout_track *tracks;
+  int64_t count;
+  PAGS_TRY(make_tracks(street, true, &tracks, &count));
+  const pags_result result = pags_layout_write_frame_instances(path, tracks, count, street->options->frames);
+  destroy_tracks(tracks, count);
+  return result;
 }
 
-static void put_times(pags_json_writer *json, const pags_street *street, const char *key) {
-  pags_json_begin_array(json, key);
-  for (int f = 0; f < street->options->frames; f++)
-    pags_json_put_number(json, NULL, frame_time(street, f));
-  pags_json_end_array(json);
+/* The street as the writer of the driving layout sees it. */
+static pags_layout_info info_of(const pags_street *street, pags_layout_camera cameras[3]) {
+  static const char *const names[] = {"front", "front_left", "front_right"};
+  static const char *const columns[] = {"x", "y", "z", "intensity", NULL};
+  for (int c = 0; c < 3; c++)
+    cameras[c] = (pags_layout_camera){.number = c, .name = names[c]};
+  return (pags_layout_info){.kind = "pags",
+                            .fps = street->options->fps,
+                            .frame_count = street->options->frames,
+                            .camera_count = street->options->cameras,
+                            .cameras = cameras,
+                            .lidar_columns = columns};
 }
 
 /* Everything happens at the frame's time: cameras have no delay and no rolling shutter. */
 pags_result pags_street_write_timestamps(const pags_street *street, const char *path) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 1);
-  pags_json_begin_object(&json, NULL);
-  put_times(&json, street, "frames");
-  pags_json_begin_object(&json, "cameras");
-  for (int c = 0; c < street->options->cameras; c++)
-    put_times(&json, street, (const char *const[]){"0", "1", "2"}[c]);
-  pags_json_end_object(&json);
-  pags_json_end_object(&json);
-  return save(&json, path);
+  pags_layout_camera cameras[3];
+  const pags_layout_info info = info_of(street, cameras);
+  const int64_t exposures = info.frame_count * info.camera_count;
+  double *frames = malloc((size_t)info.frame_count * sizeof *frames);
+  pags_layout_exposure *exposure = malloc((size_t)exposures * sizeof *exposure);
+  pags_result result = frames && exposure ? PAGS_OK : pags_out_of_memory("the times of a street");
+  if (result == PAGS_OK) {
+    for (int64_t i = 0; i < exposures; i++) {
+      exposure[i] = pags_layout_exposure_unknown();
+      exposure[i].time = frame_time(street, (int)(i / info.camera_count));
+    }
+    for (int64_t f = 0; f < info.frame_count; f++)
+      frames[f] = frame_time(street, (int)f);
+    result = pags_layout_write_times(path, &info, &(pags_layout_times){.frames = frames, .exposures = exposure});
+  }
+  free(frames);
+  free(exposure);
+  return result;
 }
 
 pags_result pags_street_write_description(const pags_street *street, const char *path) {
-  static const char *const columns[] = {"x", "y", "z", "intensity"};
-  static const char *const cameras[][2] = {{"0", "front"}, {"1", "front_left"}, {"2", "front_right"}};
-  pags_json_writer json;
-  pags_json_writer_init(&json, 1);
-  pags_json_begin_object(&json, NULL);
-  pags_json_put_string(&json, "kind", "pags");
-  pags_json_put_string(&json, "camera_axes", "opencv");
-  pags_json_put_string(&json, "extrinsics", "constant camera-to-ego (C.txt)");
-  pags_json_begin_array(&json, "lidar_columns");
-  for (int i = 0; i < 4; i++)
-    pags_json_put_string(&json, NULL, columns[i]);
-  pags_json_end_array(&json);
-  pags_json_put_string(&json, "lidar_frame", "ego");
-  pags_json_put_string(&json, "object_forward", "+x");
-  pags_json_put_number(&json, "fps", street->options->fps);
-  pags_json_begin_object(&json, "cameras");
-  for (int c = 0; c < street->options->cameras; c++)
-    pags_json_put_string(&json, cameras[c][0], cameras[c][1]);
-  pags_json_end_object(&json);
-  pags_json_end_object(&json);
-  return save(&json, path);
+  pags_layout_camera cameras[3];
+  const pags_layout_info info = info_of(street, cameras);
+  return pags_layout_write_description(path, &info, 1);
 }
 
 /* Numbers one after another, `across` a line. */

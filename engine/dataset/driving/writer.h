@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers.
+/* Writes a driving data set in drivestudio's processed layout (docs/dataset-layout.md), for importers and `pags synth`.
  *
  * Begin, any number of puts in any order, finish. A file that exists is complete, because files are written beside
  * and renamed: puts of such files do nothing, so that an import that was stopped goes on where it was. What the
@@ -134,6 +134,18 @@ pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layo
 
 /* intrinsics/C.txt, timestamps.json and then dataset.json. */
 pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times);
+
+/* ---- The files about the whole, each at a path of its own: for `pags synth`, which makes its folders itself ---- */
+
+/* instances_info.json: the tracks' keys are 0, 1, ... */
+pags_result pags_layout_write_instances(const char *path, const pags_layout_track *tracks, int64_t count);
+/* frame_instances.json: the tracks that have a knot at a frame. */
+pags_result pags_layout_write_frame_instances(const char *path, const pags_layout_track *tracks, int64_t count,
+                                              int64_t frame_count);
+/* timestamps.json; of the exposures what is known of any. */
+pags_result pags_layout_write_times(const char *path, const pags_layout_info *info, const pags_layout_times *times);
+/* dataset.json, `indent` spaces a level; without source and first_frame where info->source is NULL. */
+pags_result pags_layout_write_description(const char *path, const pags_layout_info *info, int indent);
 
 #ifdef __cplusplus
 }

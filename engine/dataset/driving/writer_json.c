@@ -11,13 +11,14 @@
 #include "dataset/driving/writer.h"
 #include "scene/place_json.h"
 
-/* Saves the writer's document under `name` and destroys it. */
-static pags_result save(const pags_layout *layout, const char *name, pags_json_writer *writer) {
-  char *path = pags_path_join(layout->folder, name);
-  pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
-  if (result == PAGS_OK)
-    result = pags_json_writer_save(writer, path);
-  free(path);
+/* The path of a file of the layout, whose folder is made. */
+static pags_result make_path(const pags_layout *layout, const char *name, char **out) {
+  *out = pags_path_join(layout->folder, name);
+  return *out ? pags_layout_make_room(*out) : pags_out_of_memory("%s", layout->folder);
+}
+
+static pags_result save(pags_json_writer *writer, const char *path) {
+  const pags_result result = pags_json_writer_save(writer, path);
   pags_json_writer_destroy(writer);
   return result;
 }
@@ -50,7 +51,7 @@ static void put_annotations(pags_json_writer *writer, const pags_layout_track *t
   pags_json_end_object(writer);
 }
 
-static pags_result put_info(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
+pags_result pags_layout_write_instances(const char *path, const pags_layout_track *tracks, int64_t count) {
   pags_json_writer writer;
   char key[24];
   pags_json_writer_init(&writer, 0);
@@ -64,15 +65,16 @@ static pags_result put_info(const pags_layout *layout, const pags_layout_track *
     pags_json_end_object(&writer);
   }
   pags_json_end_object(&writer);
-  return save(layout, "instances/instances_info.json", &writer);
+  return save(&writer, path);
 }
 
-static pags_result put_frames(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
+pags_result pags_layout_write_frame_instances(const char *path, const pags_layout_track *tracks, int64_t count,
+                                              int64_t frame_count) {
   pags_json_writer writer;
   char key[24];
   pags_json_writer_init(&writer, 0);
   pags_json_begin_object(&writer, NULL);
-  for (int64_t frame = 0; frame < layout->info->frame_count; frame++) {
+  for (int64_t frame = 0; frame < frame_count; frame++) {
     snprintf(key, sizeof key, "%lld", (long long)frame);
     pags_json_begin_array(&writer, key);
     for (int64_t i = 0; i < count; i++)
@@ -81,12 +83,21 @@ static pags_result put_frames(const pags_layout *layout, const pags_layout_track
     pags_json_end_array(&writer);
   }
   pags_json_end_object(&writer);
-  return save(layout, "instances/frame_instances.json", &writer);
+  return save(&writer, path);
 }
 
 pags_result pags_layout_put_instances(const pags_layout *layout, const pags_layout_track *tracks, int64_t count) {
-  PAGS_TRY(put_info(layout, tracks, count));
-  return put_frames(layout, tracks, count);
+  char *infos = NULL, *frames = NULL;
+  pags_result result = make_path(layout, "instances/instances_info.json", &infos);
+  if (result == PAGS_OK)
+    result = make_path(layout, "instances/frame_instances.json", &frames);
+  if (result == PAGS_OK)
+    result = pags_layout_write_instances(infos, tracks, count);
+  if (result == PAGS_OK)
+    result = pags_layout_write_frame_instances(frames, tracks, count, layout->info->frame_count);
+  free(infos);
+  free(frames);
+  return result;
 }
 
 /* ---- Intrinsics ---- */
@@ -99,8 +110,8 @@ static pags_result put_intrinsics(const pags_layout *layout) {
     for (int i = 0; i < 9; i++)
       at += snprintf(text + at, sizeof text - (size_t)at, "%.17g\n", info->cameras[c].intrinsics[i]);
     snprintf(name, sizeof name, "intrinsics/%d.txt", info->cameras[c].number);
-    char *path = pags_path_join(layout->folder, name);
-    pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
+    char *path = NULL;
+    pags_result result = make_path(layout, name, &path);
     if (result == PAGS_OK)
       result = pags_file_write(path, text, (size_t)at);
     free(path);
@@ -154,8 +165,7 @@ static void put_column(pags_json_writer *writer, const pags_layout_info *info, c
   pags_json_end_object(writer);
 }
 
-static pags_result put_times(const pags_layout *layout, const pags_layout_times *times) {
-  const pags_layout_info *info = layout->info;
+pags_result pags_layout_write_times(const char *path, const pags_layout_info *info, const pags_layout_times *times) {
   pags_json_writer writer;
   pags_json_writer_init(&writer, 1);
   pags_json_begin_object(&writer, NULL);
@@ -173,7 +183,7 @@ static pags_result put_times(const pags_layout *layout, const pags_layout_times 
     pags_json_end_array(&writer);
   }
   pags_json_end_object(&writer);
-  return save(layout, "timestamps.json", &writer);
+  return save(&writer, path);
 }
 
 /* ---- dataset.json ---- */
@@ -204,10 +214,9 @@ static void put_cameras(pags_json_writer *writer, const pags_layout_info *info) 
   pags_json_end_object(writer);
 }
 
-static pags_result put_description(const pags_layout *layout) {
-  const pags_layout_info *info = layout->info;
+pags_result pags_layout_write_description(const char *path, const pags_layout_info *info, int indent) {
   pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
+  pags_json_writer_init(&writer, indent);
   pags_json_begin_object(&writer, NULL);
   pags_json_put_string(&writer, "kind", info->kind);
   pags_json_put_string(&writer, "camera_axes", "opencv");
@@ -223,16 +232,28 @@ static pags_result put_description(const pags_layout *layout) {
   pags_json_put_number(&writer, "fps", info->fps);
   pags_place_to_json(&writer, &info->place);
   put_cameras(&writer, info);
-  pags_json_put_string(&writer, "source", info->source);
-  pags_json_put_integer(&writer, "first_frame", info->first_frame);
+  if (info->source) {
+    pags_json_put_string(&writer, "source", info->source);
+    pags_json_put_integer(&writer, "first_frame", info->first_frame);
+  }
   pags_json_end_object(&writer);
-  return save(layout, "dataset.json", &writer);
+  return save(&writer, path);
 }
 
 pags_result pags_layout_finish(const pags_layout *layout, const pags_layout_times *times) {
   if (pags_layout_is_finished(layout))
     return PAGS_OK;
-  PAGS_TRY(put_intrinsics(layout));
-  PAGS_TRY(put_times(layout, times));
-  return put_description(layout);
+  char *stamps = NULL, *description = NULL;
+  pags_result result = put_intrinsics(layout);
+  if (result == PAGS_OK)
+    result = make_path(layout, "timestamps.json", &stamps);
+  if (result == PAGS_OK)
+    result = pags_layout_write_times(stamps, layout->info, times);
+  if (result == PAGS_OK)
+    result = make_path(layout, "dataset.json", &description);
+  if (result == PAGS_OK)
+    result = pags_layout_write_description(description, layout->info, 2);
+  free(stamps);
+  free(description);
+  return result;
 }
