@@ -195,8 +195,8 @@ static pags_result run_training(bench_arguments *arguments) {
   pags_dataset *dataset;
   PAGS_TRY(pags_dataset_open(arguments->input, &dataset_options, &dataset));
   pags_train_config config = pags_train_config_default();
-  config.iterations = arguments->iterations;
-  config.max_gaussians = arguments->max_gaussians;
+  config.schedule.iterations = arguments->iterations;
+  config.size_limit.max_gaussians = arguments->max_gaussians;
   pags_train_options options = pags_train_options_default();
   options.dataset = dataset;
   options.output = arguments->output;

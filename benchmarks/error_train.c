@@ -118,8 +118,8 @@ static void step_exact(adam_bench *a, int64_t step) {
 static pags_result create_adam(adam_bench *a) {
   const pags_gaussians *const from = a->view->parts[a->part].gaussians;
   pags_train_config config = pags_train_config_default();
-  config.sh_degree = from->sh_degree;
-  config.cluster_size = CLUSTER;
+  config.color.sh_degree = from->sh_degree;
+  config.picture.cluster_size = CLUSTER;
   a->schedule = pags_schedule_make(&config, 20, 100); /* a world of 20 m, as far as rates of positions go */
   a->planes = pags_plane_count(from->sh_degree);
   a->rows = from->count;

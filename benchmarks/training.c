@@ -51,16 +51,16 @@ static pags_frame_options frame_options(const pags_train_config *config, const d
   pags_frame_options options = pags_frame_options_default();
   memcpy(options.origin, origin, sizeof options.origin);
   for (int c = 0; c < 3; c++)
-    options.background[c] = (float)config->background[c];
-  options.near_plane = (float)config->near_plane;
-  options.low_pass = (float)config->low_pass;
-  options.antialiased = config->antialiased;
+    options.background[c] = (float)config->picture.background[c];
+  options.near_plane = (float)config->picture.near_plane;
+  options.low_pass = (float)config->picture.low_pass;
+  options.antialiased = config->picture.antialiased;
   return options;
 }
 
 static pags_result held_out_psnr(training *t, const pags_gaussians *gaussians, const double origin[3], double *psnr) {
   pags_clusters clusters;
-  PAGS_TRY(pags_clusters_create(&clusters, gaussians->count, t->config->cluster_size));
+  PAGS_TRY(pags_clusters_create(&clusters, gaussians->count, t->config->picture.cluster_size));
   pags_clusters_update(&clusters, gaussians, 0, clusters.count);
   const pags_part part = {
       .gaussians = gaussians, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
@@ -166,7 +166,7 @@ static pags_result put_trained(const training *t, FILE *people, pags_json_writer
     if (!pags_dataset_view(dataset, i)->test)
       cameras[count++] = pags_dataset_view(dataset, i)->camera;
   pags_clusters clusters;
-  PAGS_TRY(pags_clusters_create(&clusters, t->last.count, t->config->cluster_size));
+  PAGS_TRY(pags_clusters_create(&clusters, t->last.count, t->config->picture.cluster_size));
   pags_clusters_update(&clusters, &t->last, 0, clusters.count);
   const pags_part part = {
       .gaussians = &t->last, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};

@@ -236,10 +236,11 @@ static pags_result find_extra(const pags_dataset *dataset, const pags_train_conf
     out->count = 0;
     return PAGS_OK;
   }
-  if (config->random_start)
+  if (config->start.random_start)
     return PAGS_OK;
   out->count = MATCHED_POINTS;
-  PAGS_TRY(pags_dataset_match_points(dataset, tasks, out->count, config->seed, &out->matched_xyz, &out->matched_rgb));
+  PAGS_TRY(pags_dataset_match_points(dataset, tasks, out->count, config->schedule.seed, &out->matched_xyz,
+                                     &out->matched_rgb));
   out->xyz = out->matched_xyz;
   out->rgb = out->matched_rgb;
   return PAGS_OK;
@@ -314,7 +315,7 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
 
 pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,
                               pags_tasks *tasks, pags_start *out) {
-  work w = {.far = {.wanted = FAR_POINTS, .seed = config->seed}};
+  work w = {.far = {.wanted = FAR_POINTS, .seed = config->schedule.seed}};
   *out = (pags_start){0};
   pags_result result = make(dataset, config, lidar, tasks, &w, out);
   pags_lidar_points_destroy(&w.points);

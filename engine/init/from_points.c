@@ -45,29 +45,29 @@ static int64_t choose_points(int64_t points, const float *xyz, int64_t most, int
 
 static void fill_row(const pags_train_config *config, const float *xyz, const uint8_t *rgb, float square, double extent,
                      pags_gaussians *g, int64_t row) {
-  double sigma = config->init_scale * sqrt((double)fmaxf(square, least_square));
-  float log_sigma = (float)log(fmin(sigma, config->init_scale_max * extent));
+  double sigma = config->start.init_scale * sqrt((double)fmaxf(square, least_square));
+  float log_sigma = (float)log(fmin(sigma, config->start.init_scale_max * extent));
   for (int k = 0; k < 3; k++) {
     pags_plane(g, PAGS_MEAN + k)[row] = xyz[k];
     pags_plane(g, PAGS_SCALE + k)[row] = log_sigma;
     pags_plane(g, PAGS_SH + k)[row] = (float)((fmax((double)rgb[k], least_level) / 255.0 - 0.5) / PAGS_SH_C0);
   }
   pags_plane(g, PAGS_ROTATION)[row] = 1.0f;
-  pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->init_opacity / (1.0 - config->init_opacity));
+  pags_plane(g, PAGS_OPACITY)[row] = (float)log(config->start.init_opacity / (1.0 - config->start.init_opacity));
 }
 
 /* `xyz` and `square` hold the chosen points in order. */
 static pags_result sorted_rows(const pags_train_config *config, int64_t count, const float *xyz, const uint8_t *rgb,
                                const int64_t *chosen, const float *square, double extent, pags_gaussians *out) {
   pags_gaussians unsorted;
-  PAGS_TRY(pags_gaussians_create(&unsorted, count, config->sh_degree));
+  PAGS_TRY(pags_gaussians_create(&unsorted, count, config->color.sh_degree));
   for (int64_t i = 0; i < count; i++)
     fill_row(config, xyz + 3 * i, rgb + 3 * chosen[i], square[i], extent, &unsorted, i);
   int64_t *order = malloc((size_t)count * sizeof *order);
   pags_result result =
       order ? pags_gaussians_morton_order(&unsorted, order) : pags_out_of_memory("%lld Gaussians", (long long)count);
   if (result == PAGS_OK)
-    result = pags_gaussians_create(out, count, config->sh_degree);
+    result = pags_gaussians_create(out, count, config->color.sh_degree);
   if (result == PAGS_OK)
     pags_gaussians_gather(&unsorted, order, count, out);
   free(order);

@@ -65,7 +65,7 @@ static int active_planes(const pags_adam *adam, int64_t step) {
 /* e_k of simd/adam.inl. */
 static float epsilon_at(const pags_adam *adam, int64_t step) {
   const pags_train_config *c = config_of(adam);
-  return (float)(c->epsilon * sqrt(-expm1((double)step * log(c->beta2))));
+  return (float)(c->optimiser.epsilon * sqrt(-expm1((double)step * log(c->optimiser.beta2))));
 }
 
 static int64_t table_index(const pags_adam *adam, int64_t step) {
@@ -78,9 +78,9 @@ static void fill_tables(pags_adam *adam) {
     double rates[GROUPS];
     pags_schedule_rates(adam->schedule, k, rates);
     adam->position_rate[k] = rates[PAGS_RATE_POSITION];
-    adam->correction[k] =
-        k == 0 ? 0.0
-               : sqrt(-expm1((double)k * log(c->beta2))) / (c->beta1 > 0.0 ? -expm1((double)k * log(c->beta1)) : 1.0);
+    adam->correction[k] = k == 0 ? 0.0
+                                 : sqrt(-expm1((double)k * log(c->optimiser.beta2))) /
+                                       (c->optimiser.beta1 > 0.0 ? -expm1((double)k * log(c->optimiser.beta1)) : 1.0);
   }
 }
 
@@ -104,7 +104,7 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
 
 static pags_result make_decay(pags_adam *adam) {
   const pags_train_config *c = config_of(adam);
-  double q = c->beta1 / sqrt(c->beta2);
+  double q = c->optimiser.beta1 / sqrt(c->optimiser.beta2);
   adam->reach = q > 0.0 ? (int)ceil(log(1e-9) / log(q)) : 0;
   adam->decay = malloc((size_t)(adam->reach + 1) * sizeof(double));
   if (!adam->decay)
@@ -134,7 +134,7 @@ static pags_result reserve_clusters(pags_adam *adam, int64_t capacity) {
 
 pags_result pags_adam_create(pags_adam *adam, const pags_schedule *schedule, const pags_gaussians *g, int64_t step,
                              int64_t last_step) {
-  *adam = (pags_adam){.schedule = schedule, .cluster_size = schedule->config.cluster_size};
+  *adam = (pags_adam){.schedule = schedule, .cluster_size = schedule->config.picture.cluster_size};
   const char *why = NULL;
   adam->kernels = pags_kernels_get(&why);
   if (!adam->kernels)
@@ -206,12 +206,12 @@ void pags_adam_begin(pags_adam *adam, int64_t step) {
 static void group_rates(const pags_adam *adam, double rates[GROUPS]) {
   const pags_train_config *c = config_of(adam);
   rates[PAGS_RATE_POSITION] = 0.0; /* changes by step: from the table */
-  rates[PAGS_RATE_SCALE] = c->scale_rate;
-  rates[PAGS_RATE_ROTATION] = c->rotation_rate;
-  rates[PAGS_RATE_OPACITY] = c->opacity_rate;
-  rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = c->sh_dc_rate;
+  rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
+  rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;
+  rates[PAGS_RATE_OPACITY] = c->optimiser.opacity_rate;
+  rates[PAGS_RATE_SH_DC] = c->optimiser.sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = c->optimiser.sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = c->optimiser.sh_dc_rate;
 }
 
 /* Replays steps k0 .. k0 + count - 1 of a cluster whose moments are of step `last`. */
@@ -313,10 +313,10 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   pay(adam, g, cluster, step - 1);
   left_out out = find_left_out(adam, g, first, rows, gradient, stride, planes);
   int64_t n = step - adam->moment_step[cluster];
-  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->beta1 : pow(c->beta1, (double)n)),
-                      .decay2 = (float)(n == 1 ? c->beta2 : pow(c->beta2, (double)n)),
-                      .blend1 = (float)(1.0 - c->beta1),
-                      .blend2 = (float)(1.0 - c->beta2),
+  pags_adam_step s = {.decay1 = (float)(n == 1 ? c->optimiser.beta1 : pow(c->optimiser.beta1, (double)n)),
+                      .decay2 = (float)(n == 1 ? c->optimiser.beta2 : pow(c->optimiser.beta2, (double)n)),
+                      .blend1 = (float)(1.0 - c->optimiser.beta1),
+                      .blend2 = (float)(1.0 - c->optimiser.beta2),
                       .eps = epsilon_at(adam, step)};
   double rates[GROUPS];
   group_rates(adam, rates);
@@ -362,7 +362,7 @@ void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_cluste
     plane_reach(adam, g, PAGS_MEAN + axis, cluster, position, range);
     clusters->lo[axis][cluster] = range[0];
     clusters->hi[axis][cluster] = range[1];
-    plane_reach(adam, g, PAGS_SCALE + axis, cluster, unit * config_of(adam)->scale_rate, range);
+    plane_reach(adam, g, PAGS_SCALE + axis, cluster, unit * config_of(adam)->optimiser.scale_rate, range);
     sigma = fmaxf(sigma, range[1]);
   }
   clusters->sigma[cluster] = expf(sigma) * 1.00001f; /* the projection kernel rounds exp otherwise than libm */
@@ -400,7 +400,7 @@ static void settle_block(void *context, int64_t begin, int64_t end, int worker) 
     double n = (double)(s->step - adam->moment_step[c]);
     int64_t first;
     int rows = cluster_rows(adam, c, &first), planes = n > 0 ? active_planes(adam, adam->moment_step[c]) : 0;
-    float decay1 = (float)pow(config->beta1, n), decay2 = (float)pow(config->beta2, n);
+    float decay1 = (float)pow(config->optimiser.beta1, n), decay2 = (float)pow(config->optimiser.beta2, n);
     for (int i = 0; n > 0 && i < column_count(s->g, planes); i++) {
       column at = column_at(adam, s->g, planes, i, first);
       scale_rows(at.m, rows, decay1, 1e-30f);

@@ -9,10 +9,11 @@ int pags_adam6_step(pags_adam6 *m, const double gradient[6], const pags_train_co
     if (!(fabs(gradient[i]) < 1e150)) /* its square is finite, too; false for NaN */
       return 0;
   m->count++;
-  const double bias1 = 1.0 - pow(c->beta1, (double)m->count), bias2 = 1.0 - pow(c->beta2, (double)m->count);
+  const double bias1 = 1.0 - pow(c->optimiser.beta1, (double)m->count),
+               bias2 = 1.0 - pow(c->optimiser.beta2, (double)m->count);
   for (int i = 0; i < 6; i++) {
-    m->first[i] = c->beta1 * m->first[i] + (1.0 - c->beta1) * gradient[i];
-    m->second[i] = c->beta2 * m->second[i] + (1.0 - c->beta2) * gradient[i] * gradient[i];
+    m->first[i] = c->optimiser.beta1 * m->first[i] + (1.0 - c->optimiser.beta1) * gradient[i];
+    m->second[i] = c->optimiser.beta2 * m->second[i] + (1.0 - c->optimiser.beta2) * gradient[i] * gradient[i];
     step[i] = m->first[i] / bias1 / (sqrt(m->second[i] / bias2) + 1e-15);
   }
   return 1;

@@ -284,8 +284,8 @@ static int is_sound_run(const run_record *r, const pags_dataset *dataset, const 
 static int is_sound_model(const model_record *m, const pags_train_config *config, int64_t before, int64_t objects) {
   int in_order = before == -2 ? m->object == -1 : m->object > before;
   return in_order && m->object < objects && m->count >= 0 && m->count <= INT32_MAX - 64 &&
-         m->sh_degree == config->sh_degree && isfinite(m->extent) && m->extent > 0 &&
-         m->clusters == (m->count + config->cluster_size - 1) / config->cluster_size &&
+         m->sh_degree == config->color.sh_degree && isfinite(m->extent) && m->extent > 0 &&
+         m->clusters == (m->count + config->picture.cluster_size - 1) / config->picture.cluster_size &&
          (m->fourier == 0 || m->fourier == 1) && (m->object_ids == 0 || m->object_ids == 1) &&
          (m->s_sem == 0 || m->s_sem == 1) && (m->squared == 0 || m->squared == 1);
 }
@@ -369,11 +369,11 @@ static pags_result get_model(section_reader *r, pags_train_state *s) {
   if (!is_sound_model(&record, config, before, s->tracks.count))
     return out_of_range(r, "MODL");
   /* Before memory is asked for: can the file hold that many? */
-  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->sh_degree) >
+  if ((uint64_t)record.count * sizeof(float) * (uint64_t)pags_plane_count(config->color.sh_degree) >
       (uint64_t)(r->end - r->at))
     return pags_fail(PAGS_ERROR_FORMAT, "%s: section GAUS is cut off", r->path);
   pags_gaussians g;
-  PAGS_TRY(pags_gaussians_create(&g, record.count, config->sh_degree));
+  PAGS_TRY(pags_gaussians_create(&g, record.count, config->color.sh_degree));
   pags_result result = record.fourier ? pags_gaussians_add_fourier(&g) : PAGS_OK;
   if (result == PAGS_OK)
     result = get_planes(r, "GAUS", &g);

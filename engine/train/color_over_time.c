@@ -154,7 +154,7 @@ pags_result pags_color_over_time_decide(pags_trainer *t) {
   for (size_t i = 1; result == PAGS_OK && i < models; i++) {
     pags_train_model *m = &t->state.models[i];
     m->fourier_gain = gain_of(&fits[i]);
-    if (m->fourier_gain < m->schedule.config.fourier_gain)
+    if (m->fourier_gain < m->schedule.config.objects.fourier_gain)
       continue;
     result = pags_model_add_fourier(m);
     given++;

@@ -21,11 +21,12 @@ typedef struct field {
   const char *const *choices; /* of an enum, in order; else NULL */
 } field;
 
-#define FIELD(member, kind, least, most) {#member, kind, offsetof(pags_train_config, member), least, most, NULL}
-#define CHOICE(member, names) \
-  {#member, FIELD_CHOICE, offsetof(pags_train_config, member), 0, sizeof(names) / sizeof *(names) - 1, names}
+#define FIELD(group, member, kind, least, most) \
+  {#member, kind, offsetof(pags_train_config, group.member), least, most, NULL}
+#define CHOICE(group, member, names) \
+  {#member, FIELD_CHOICE, offsetof(pags_train_config, group.member), 0, sizeof(names) / sizeof *(names) - 1, names}
 #define COLOUR(suffix, i) \
-  {"background_" suffix, FIELD_F64, offsetof(pags_train_config, background) + (i) * sizeof(double), 0, 1, NULL}
+  {"background_" suffix, FIELD_F64, offsetof(pags_train_config, picture.background) + (i) * sizeof(double), 0, 1, NULL}
 
 /* Enums begin at 0, so their fields hold an index; all are of int's size. */
 static const char *const strategies[] = {"default", "mcmc"};
@@ -41,163 +42,163 @@ static const double max_count = 2147483584.0; /* 2^31 - 64 */
 #define LEAST_OPACITY 0.004 /* what is at or below 1/255 isn't drawn and never gets a gradient */
 
 static const field fields[] = {
-    FIELD(iterations, FIELD_I64, 1, PAGS_CONFIG_STEPS),
-    FIELD(schedule_iterations, FIELD_I64, 0, MAX_STEPS),
-    FIELD(seed, FIELD_U64, 0, INFINITY),
-    FIELD(position_rate_begin, FIELD_F64, 0, 1),
-    FIELD(position_rate_end, FIELD_F64, 0, 1),
-    FIELD(scale_rate, FIELD_F64, 0, 1),
-    FIELD(rotation_rate, FIELD_F64, 0, 1),
-    FIELD(opacity_rate, FIELD_F64, 0, 1),
-    FIELD(sh_dc_rate, FIELD_F64, 0, 1),
-    FIELD(sh_rest_rate, FIELD_F64, 0, 1),
-    FIELD(beta1, FIELD_F64, 0, 0.95),
-    FIELD(beta2, FIELD_F64, 0.95, 0.99999),
-    FIELD(epsilon, FIELD_F64, 1e-20, 1),
-    FIELD(ssim_weight, FIELD_F64, 0, 1),
-    FIELD(random_start, FIELD_INT, 0, 1),
-    FIELD(init_opacity, FIELD_F64, LEAST_OPACITY, 0.999),
-    FIELD(init_scale, FIELD_F64, 1e-6, 1e6),
-    FIELD(init_scale_max, FIELD_F64, 1e-6, 1e6),
-    FIELD(sh_degree, FIELD_INT, -1, 3),
-    FIELD(sh_interval, FIELD_I64, 0, MAX_STEPS),
-    FIELD(quarter_until, FIELD_F64, 0, 1),
-    FIELD(half_until, FIELD_F64, 0, 1),
-    FIELD(resolution_floor, FIELD_INT, 1, 65535),
-    CHOICE(strategy, strategies),
-    FIELD(densify_from, FIELD_I64, 0, MAX_STEPS),
-    FIELD(densify_until, FIELD_I64, -1, MAX_STEPS),
-    FIELD(densify_every, FIELD_I64, 1, MAX_STEPS),
-    FIELD(densify_gradient, FIELD_F64, 0, 1e6),
-    FIELD(absgrad, FIELD_INT, 0, 1),
-    FIELD(absgrad_gradient, FIELD_F64, 0, 1e6),
-    FIELD(dense_percent, FIELD_F64, 0, 1e6),
-    FIELD(split_divisor, FIELD_F64, 1, 100),
-    FIELD(revised_opacity, FIELD_INT, 0, 1),
-    FIELD(prune_opacity, FIELD_F64, 0, 1),
-    FIELD(prune_scale, FIELD_F64, 0, 1e6),
-    FIELD(reset_every, FIELD_I64, 1, MAX_STEPS),
-    FIELD(reset_opacity, FIELD_F64, LEAST_OPACITY, 1),
-    FIELD(max_gaussians, FIELD_I64, 0, max_count),
-    FIELD(target_size, FIELD_F64, 0, 1e9),
-    FIELD(sh_error, FIELD_F64, 0, 255),
-    FIELD(dropout, FIELD_INT, 0, 1),
-    FIELD(dropout_beta, FIELD_F64, 0, 1),
-    FIELD(dropout_gamma, FIELD_F64, 0, 0.9),
-    CHOICE(preset, presets),
-    FIELD(alpha, FIELD_F64, 0, 1),
-    CHOICE(hybrid, hybrids),
-    FIELD(critical_weight, FIELD_F64, -1, 100),
-    FIELD(critical_growth, FIELD_F64, -1, 100),
-    FIELD(prune_early, FIELD_F64, -1, 0.99),
-    FIELD(prune_late, FIELD_F64, -1, 0.99),
-    FIELD(prune_floor, FIELD_I64, 0, max_count),
-    CHOICE(s_sem, s_sems),
-    CHOICE(s_grad, s_grads),
-    CHOICE(s_grad_from, s_grads_from),
-    FIELD(mcmc_growth, FIELD_F64, 0, 10),
-    FIELD(mcmc_noise, FIELD_F64, 0, 1e9),
-    FIELD(mcmc_opacity_reg, FIELD_F64, 0, 1e3),
-    FIELD(mcmc_scale_reg, FIELD_F64, 0, 1e3),
-    FIELD(near_plane, FIELD_F64, 1e-6, 1e6),
-    FIELD(low_pass, FIELD_F64, 0, 100),
-    FIELD(antialiased, FIELD_INT, 0, 1),
+    FIELD(schedule, iterations, FIELD_I64, 1, PAGS_CONFIG_STEPS),
+    FIELD(schedule, schedule_iterations, FIELD_I64, 0, MAX_STEPS),
+    FIELD(schedule, seed, FIELD_U64, 0, INFINITY),
+    FIELD(optimiser, position_rate_begin, FIELD_F64, 0, 1),
+    FIELD(optimiser, position_rate_end, FIELD_F64, 0, 1),
+    FIELD(optimiser, scale_rate, FIELD_F64, 0, 1),
+    FIELD(optimiser, rotation_rate, FIELD_F64, 0, 1),
+    FIELD(optimiser, opacity_rate, FIELD_F64, 0, 1),
+    FIELD(optimiser, sh_dc_rate, FIELD_F64, 0, 1),
+    FIELD(optimiser, sh_rest_rate, FIELD_F64, 0, 1),
+    FIELD(optimiser, beta1, FIELD_F64, 0, 0.95),
+    FIELD(optimiser, beta2, FIELD_F64, 0.95, 0.99999),
+    FIELD(optimiser, epsilon, FIELD_F64, 1e-20, 1),
+    FIELD(losses, ssim_weight, FIELD_F64, 0, 1),
+    FIELD(start, random_start, FIELD_INT, 0, 1),
+    FIELD(start, init_opacity, FIELD_F64, LEAST_OPACITY, 0.999),
+    FIELD(start, init_scale, FIELD_F64, 1e-6, 1e6),
+    FIELD(start, init_scale_max, FIELD_F64, 1e-6, 1e6),
+    FIELD(color, sh_degree, FIELD_INT, -1, 3),
+    FIELD(color, sh_interval, FIELD_I64, 0, MAX_STEPS),
+    FIELD(schedule, quarter_until, FIELD_F64, 0, 1),
+    FIELD(schedule, half_until, FIELD_F64, 0, 1),
+    FIELD(schedule, resolution_floor, FIELD_INT, 1, 65535),
+    CHOICE(density, strategy, strategies),
+    FIELD(density, densify_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(density, densify_until, FIELD_I64, -1, MAX_STEPS),
+    FIELD(density, densify_every, FIELD_I64, 1, MAX_STEPS),
+    FIELD(density, densify_gradient, FIELD_F64, 0, 1e6),
+    FIELD(density, absgrad, FIELD_INT, 0, 1),
+    FIELD(density, absgrad_gradient, FIELD_F64, 0, 1e6),
+    FIELD(density, dense_percent, FIELD_F64, 0, 1e6),
+    FIELD(density, split_divisor, FIELD_F64, 1, 100),
+    FIELD(density, revised_opacity, FIELD_INT, 0, 1),
+    FIELD(density, prune_opacity, FIELD_F64, 0, 1),
+    FIELD(density, prune_scale, FIELD_F64, 0, 1e6),
+    FIELD(density, reset_every, FIELD_I64, 1, MAX_STEPS),
+    FIELD(density, reset_opacity, FIELD_F64, LEAST_OPACITY, 1),
+    FIELD(size_limit, max_gaussians, FIELD_I64, 0, max_count),
+    FIELD(size_limit, target_size, FIELD_F64, 0, 1e9),
+    FIELD(size_limit, sh_error, FIELD_F64, 0, 255),
+    FIELD(priority, dropout, FIELD_INT, 0, 1),
+    FIELD(priority, dropout_beta, FIELD_F64, 0, 1),
+    FIELD(priority, dropout_gamma, FIELD_F64, 0, 0.9),
+    CHOICE(priority, preset, presets),
+    FIELD(priority, alpha, FIELD_F64, 0, 1),
+    CHOICE(priority, hybrid, hybrids),
+    FIELD(priority, critical_weight, FIELD_F64, -1, 100),
+    FIELD(priority, critical_growth, FIELD_F64, -1, 100),
+    FIELD(priority, prune_early, FIELD_F64, -1, 0.99),
+    FIELD(priority, prune_late, FIELD_F64, -1, 0.99),
+    FIELD(priority, prune_floor, FIELD_I64, 0, max_count),
+    CHOICE(priority, s_sem, s_sems),
+    CHOICE(priority, s_grad, s_grads),
+    CHOICE(priority, s_grad_from, s_grads_from),
+    FIELD(mcmc, mcmc_growth, FIELD_F64, 0, 10),
+    FIELD(mcmc, mcmc_noise, FIELD_F64, 0, 1e9),
+    FIELD(mcmc, mcmc_opacity_reg, FIELD_F64, 0, 1e3),
+    FIELD(mcmc, mcmc_scale_reg, FIELD_F64, 0, 1e3),
+    FIELD(picture, near_plane, FIELD_F64, 1e-6, 1e6),
+    FIELD(picture, low_pass, FIELD_F64, 0, 100),
+    FIELD(picture, antialiased, FIELD_INT, 0, 1),
     COLOUR("r", 0),
     COLOUR("g", 1),
     COLOUR("b", 2),
-    FIELD(cluster_size, FIELD_INT, 16, 256),
-    FIELD(extent_most, FIELD_F64, 1e-3, 1e6),
-    FIELD(objects, FIELD_INT, 0, 1),
-    FIELD(box_prune, FIELD_INT, 0, 1),
-    FIELD(tracks, FIELD_INT, 0, 1),
-    FIELD(tracks_from, FIELD_I64, 0, MAX_STEPS),
-    FIELD(track_translation_rate, FIELD_F64, 0, 1),
-    FIELD(track_rotation_rate, FIELD_F64, 0, 1),
-    FIELD(fourier, FIELD_INT, 0, 1),
-    FIELD(fourier_from, FIELD_I64, 0, MAX_STEPS),
-    FIELD(fourier_gain, FIELD_F64, 0, 100),
-    FIELD(sky, FIELD_INT, 0, 1),
-    FIELD(sky_rate, FIELD_F64, 0, 1),
-    FIELD(sky_weight, FIELD_F64, 0, 1e3),
-    FIELD(lidar_start, FIELD_INT, 0, 1),
-    FIELD(depth_weight, FIELD_F64, 0, 1e3),
-    FIELD(depth_share, FIELD_F64, 0.01, 1),
-    FIELD(lidar_pull, FIELD_F64, 0, 1),
-    FIELD(object_weight, FIELD_F64, 0, 1e3),
-    FIELD(exposure, FIELD_INT, 0, 1),
-    FIELD(exposure_rate, FIELD_F64, 0, 1),
+    FIELD(picture, cluster_size, FIELD_INT, 16, 256),
+    FIELD(start, extent_most, FIELD_F64, 1e-3, 1e6),
+    FIELD(objects, objects, FIELD_INT, 0, 1),
+    FIELD(objects, box_prune, FIELD_INT, 0, 1),
+    FIELD(objects, tracks, FIELD_INT, 0, 1),
+    FIELD(objects, tracks_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(objects, track_translation_rate, FIELD_F64, 0, 1),
+    FIELD(objects, track_rotation_rate, FIELD_F64, 0, 1),
+    FIELD(objects, fourier, FIELD_INT, 0, 1),
+    FIELD(objects, fourier_from, FIELD_I64, 0, MAX_STEPS),
+    FIELD(objects, fourier_gain, FIELD_F64, 0, 100),
+    FIELD(sky, sky, FIELD_INT, 0, 1),
+    FIELD(sky, sky_rate, FIELD_F64, 0, 1),
+    FIELD(losses, sky_weight, FIELD_F64, 0, 1e3),
+    FIELD(start, lidar_start, FIELD_INT, 0, 1),
+    FIELD(losses, depth_weight, FIELD_F64, 0, 1e3),
+    FIELD(losses, depth_share, FIELD_F64, 0.01, 1),
+    FIELD(density, lidar_pull, FIELD_F64, 0, 1),
+    FIELD(losses, object_weight, FIELD_F64, 0, 1e3),
+    FIELD(exposure, exposure, FIELD_INT, 0, 1),
+    FIELD(exposure, exposure_rate, FIELD_F64, 0, 1),
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
 pags_train_config pags_train_config_default(void) {
   return (pags_train_config){
       .cookie = CONFIG_COOKIE,
-      .iterations = 30000,
-      .position_rate_begin = 1.6e-4,
-      .position_rate_end = 1.6e-6,
-      .scale_rate = 0.005,
-      .rotation_rate = 0.001,
-      .opacity_rate = 0.05,
-      .sh_dc_rate = 0.0025,
-      .sh_rest_rate = 0.0025 / 20,
-      .beta1 = 0.9,
-      .beta2 = 0.999,
-      .epsilon = 1e-15,
-      .ssim_weight = 0.2,
-      .init_opacity = 0.1,
-      .init_scale = 1.0,
-      .init_scale_max = 0.1,
-      .sh_degree = -1,
-      .sh_interval = 1000,
-      .quarter_until = 0.05,
-      .half_until = 0.2,
-      .resolution_floor = 64,
-      .strategy = PAGS_STRATEGY_DEFAULT,
-      .densify_from = 500,
-      .densify_until = -1,
-      .densify_every = 100,
-      .densify_gradient = 2e-4,
-      .absgrad_gradient = 8e-4,
-      .dense_percent = 0.01,
-      .split_divisor = 1.6,
-      .prune_opacity = 0.005,
-      .prune_scale = 0.1,
-      .reset_every = 3000,
-      .reset_opacity = 0.01,
-      .dropout_beta = 0.5,
-      .dropout_gamma = 0.25,
-      .alpha = 0.4,
-      .critical_weight = -1,
-      .critical_growth = -1,
-      .prune_early = -1,
-      .prune_late = -1,
-      .prune_floor = 500,
-      .mcmc_growth = 0.05,
-      .mcmc_noise = 5e5,
-      .mcmc_opacity_reg = 0.01,
-      .mcmc_scale_reg = 0.01,
-      .near_plane = 0.01,
-      .low_pass = 0.3,
-      .cluster_size = 64,
-      .extent_most = 20.0,
-      .objects = 1,
-      .box_prune = 1,
-      .tracks = 1,
-      .tracks_from = 3000,
-      .track_translation_rate = 3e-3,
-      .track_rotation_rate = 3e-4,
-      .fourier = 1,
-      .fourier_from = 15000,
-      .fourier_gain = 0.1,
-      .sky = 1,
-      .sky_rate = 0.01,
-      .sky_weight = 0.05,
-      .lidar_start = 1,
-      .depth_weight = 0.01,
-      .depth_share = 0.95,
-      .object_weight = 0.1,
-      .exposure = 1,
-      .exposure_rate = 3e-3,
+      .schedule.iterations = 30000,
+      .optimiser.position_rate_begin = 1.6e-4,
+      .optimiser.position_rate_end = 1.6e-6,
+      .optimiser.scale_rate = 0.005,
+      .optimiser.rotation_rate = 0.001,
+      .optimiser.opacity_rate = 0.05,
+      .optimiser.sh_dc_rate = 0.0025,
+      .optimiser.sh_rest_rate = 0.0025 / 20,
+      .optimiser.beta1 = 0.9,
+      .optimiser.beta2 = 0.999,
+      .optimiser.epsilon = 1e-15,
+      .losses.ssim_weight = 0.2,
+      .start.init_opacity = 0.1,
+      .start.init_scale = 1.0,
+      .start.init_scale_max = 0.1,
+      .color.sh_degree = -1,
+      .color.sh_interval = 1000,
+      .schedule.quarter_until = 0.05,
+      .schedule.half_until = 0.2,
+      .schedule.resolution_floor = 64,
+      .density.strategy = PAGS_STRATEGY_DEFAULT,
+      .density.densify_from = 500,
+      .density.densify_until = -1,
+      .density.densify_every = 100,
+      .density.densify_gradient = 2e-4,
+      .density.absgrad_gradient = 8e-4,
+      .density.dense_percent = 0.01,
+      .density.split_divisor = 1.6,
+      .density.prune_opacity = 0.005,
+      .density.prune_scale = 0.1,
+      .density.reset_every = 3000,
+      .density.reset_opacity = 0.01,
+      .priority.dropout_beta = 0.5,
+      .priority.dropout_gamma = 0.25,
+      .priority.alpha = 0.4,
+      .priority.critical_weight = -1,
+      .priority.critical_growth = -1,
+      .priority.prune_early = -1,
+      .priority.prune_late = -1,
+      .priority.prune_floor = 500,
+      .mcmc.mcmc_growth = 0.05,
+      .mcmc.mcmc_noise = 5e5,
+      .mcmc.mcmc_opacity_reg = 0.01,
+      .mcmc.mcmc_scale_reg = 0.01,
+      .picture.near_plane = 0.01,
+      .picture.low_pass = 0.3,
+      .picture.cluster_size = 64,
+      .start.extent_most = 20.0,
+      .objects.objects = 1,
+      .objects.box_prune = 1,
+      .objects.tracks = 1,
+      .objects.tracks_from = 3000,
+      .objects.track_translation_rate = 3e-3,
+      .objects.track_rotation_rate = 3e-4,
+      .objects.fourier = 1,
+      .objects.fourier_from = 15000,
+      .objects.fourier_gain = 0.1,
+      .sky.sky = 1,
+      .sky.sky_rate = 0.01,
+      .losses.sky_weight = 0.05,
+      .start.lidar_start = 1,
+      .losses.depth_weight = 0.01,
+      .losses.depth_share = 0.95,
+      .losses.object_weight = 0.1,
+      .exposure.exposure = 1,
+      .exposure.exposure_rate = 3e-3,
   };
 }
 
@@ -312,17 +313,17 @@ pags_result pags_train_config_check(const pags_train_config *config) {
     if (!(value >= f->least && value <= f->most))
       return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %g lies outside of %g..%g", f->name, value, f->least, f->most);
   }
-  PAGS_TRY(check_of_preset("critical_weight", config->critical_weight, 1, 100));
-  PAGS_TRY(check_of_preset("critical_growth", config->critical_growth, 1, 100));
-  PAGS_TRY(check_of_preset("prune_early", config->prune_early, 0, 0.99));
-  PAGS_TRY(check_of_preset("prune_late", config->prune_late, 0, 0.99));
-  if (config->cluster_size % 16)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->cluster_size);
-  if (config->preset != PAGS_PRESET_NONE && config->strategy == PAGS_STRATEGY_MCMC)
+  PAGS_TRY(check_of_preset("critical_weight", config->priority.critical_weight, 1, 100));
+  PAGS_TRY(check_of_preset("critical_growth", config->priority.critical_growth, 1, 100));
+  PAGS_TRY(check_of_preset("prune_early", config->priority.prune_early, 0, 0.99));
+  PAGS_TRY(check_of_preset("prune_late", config->priority.prune_late, 0, 0.99));
+  if (config->picture.cluster_size % 16)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->picture.cluster_size);
+  if (config->priority.preset != PAGS_PRESET_NONE && config->density.strategy == PAGS_STRATEGY_MCMC)
     return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
-  if (config->position_rate_begin > 0 && config->position_rate_end <= 0)
+  if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end <= 0)
     return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
-                     config->position_rate_end);
+                     config->optimiser.position_rate_end);
   return PAGS_OK;
 }
 
@@ -344,26 +345,26 @@ const char *pags_train_config_field(const pags_train_config *config, int index, 
 /* What a preset sets where nothing else was asked for. LEAN's figures are those of docs/lab/priority.md; densifying
  * ends at the same step in SHORT and PAPER, whose it is half of its schedule. */
 static void resolve_preset(pags_train_config *c) {
-  int lean = c->preset == PAGS_PRESET_LEAN;
-  if (c->densify_until < 0)
-    c->densify_until = c->preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
-  if (c->prune_early < 0)
-    c->prune_early = lean ? 0.5 : 0.6;
-  if (c->prune_late < 0)
-    c->prune_late = lean ? 0.2 : 0.3;
-  if (c->hybrid == PAGS_HYBRID_OF_PRESET)
-    c->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
-  if (c->critical_weight < 0)
-    c->critical_weight = lean ? 1.0 + 5.0 * c->alpha : 1.0;
-  if (c->critical_growth < 0)
-    c->critical_growth = c->critical_weight;
+  int lean = c->priority.preset == PAGS_PRESET_LEAN;
+  if (c->density.densify_until < 0)
+    c->density.densify_until = c->priority.preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
+  if (c->priority.prune_early < 0)
+    c->priority.prune_early = lean ? 0.5 : 0.6;
+  if (c->priority.prune_late < 0)
+    c->priority.prune_late = lean ? 0.2 : 0.3;
+  if (c->priority.hybrid == PAGS_HYBRID_OF_PRESET)
+    c->priority.hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
+  if (c->priority.critical_weight < 0)
+    c->priority.critical_weight = lean ? 1.0 + 5.0 * c->priority.alpha : 1.0;
+  if (c->priority.critical_growth < 0)
+    c->priority.critical_growth = c->priority.critical_weight;
 }
 
 /* Degree 1 on driving sets, as Street Gaussians: a road is passed once, in one direction. */
 pags_train_config pags_config_resolve(const pags_train_config *config, int driving) {
   pags_train_config resolved = *config;
-  if (resolved.sh_degree < 0)
-    resolved.sh_degree = driving ? 1 : 3;
+  if (resolved.color.sh_degree < 0)
+    resolved.color.sh_degree = driving ? 1 : 3;
   resolve_preset(&resolved);
   return resolved;
 }
@@ -418,8 +419,8 @@ pags_result pags_config_read(pags_train_config *config, const char *text, size_t
 const char *pags_config_difference(const pags_train_config *a, const pags_train_config *b) {
   for (int i = 0; i < FIELD_COUNT; i++) {
     char left[64], right[64];
-    if (fields[i].offset == offsetof(pags_train_config, iterations) ||
-        fields[i].offset == offsetof(pags_train_config, schedule_iterations))
+    if (fields[i].offset == offsetof(pags_train_config, schedule.iterations) ||
+        fields[i].offset == offsetof(pags_train_config, schedule.schedule_iterations))
       continue;
     print_value(a, &fields[i], left, sizeof left);
     print_value(b, &fields[i], right, sizeof right);

@@ -39,7 +39,8 @@ static float mean_gradient(const pags_train_model *model, int64_t row) {
   if (!model->gaussians.s_sem)
     return mean;
   double s_sem = (double)model->gaussians.s_sem[row];
-  return mean * (float)((1.0 + (c->critical_growth - 1.0) * s_sem) / (1.0 + (c->critical_weight - 1.0) * s_sem));
+  return mean * (float)((1.0 + (c->priority.critical_growth - 1.0) * s_sem) /
+                        (1.0 + (c->priority.critical_weight - 1.0) * s_sem));
 }
 
 typedef struct thresholds {
@@ -50,11 +51,12 @@ static thresholds thresholds_of(const pags_train_model *model) {
   const pags_schedule *s = &model->schedule;
   const pags_train_config *c = &s->config;
   int prune_large = pags_schedule_prunes_large(s, model->step);
-  return (thresholds){.gradient = (float)(c->absgrad ? c->absgrad_gradient : c->densify_gradient),
-                      .dense_sigma = (float)(c->dense_percent * s->extent),
-                      .prune_logit = logit(c->prune_opacity),
-                      .prune_sigma = prune_large ? (float)(c->prune_scale * s->extent) : INFINITY,
-                      .split_divisor = (float)c->split_divisor};
+  return (thresholds){
+      .gradient = (float)(c->density.absgrad ? c->density.absgrad_gradient : c->density.densify_gradient),
+      .dense_sigma = (float)(c->density.dense_percent * s->extent),
+      .prune_logit = logit(c->density.prune_opacity),
+      .prune_sigma = prune_large ? (float)(c->density.prune_scale * s->extent) : INFINITY,
+      .split_divisor = (float)c->density.split_divisor};
 }
 
 /* Boxes are labelled tightly: mirrors and what a label misses get half as much again. */
@@ -157,8 +159,8 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
   const pags_train_config *c = &model->schedule.config;
   double n[4], q[4], r[9], offset[3];
   int purpose = PAGS_DRAW_SPLIT + 2 * child;
-  pags_rng_normal2(c->seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
-  pags_rng_normal2(c->seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
+  pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose), (uint64_t)parent, n);
+  pags_rng_normal2(c->schedule.seed, pags_draw(model->step, purpose + 1), (uint64_t)parent, n + 2);
   for (int i = 0; i < 4; i++)
     q[i] = (double)pags_plane(g, PAGS_ROTATION + i)[row];
   pags_rotation_from_quaternion(q, r);
@@ -168,9 +170,9 @@ static void make_child(const pags_train_model *model, pags_gaussians *g, int64_t
     float *mean = &pags_plane(g, PAGS_MEAN + i)[row];
     double moved = (double)*mean + r[3 * i] * offset[0] + r[3 * i + 1] * offset[1] + r[3 * i + 2] * offset[2];
     *mean = fabs(moved) < 3e38 ? (float)moved : *mean; /* ln sigma may be anything */
-    pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->split_divisor);
+    pags_plane(g, PAGS_SCALE + i)[row] -= (float)log(c->density.split_divisor);
   }
-  if (c->revised_opacity) {
+  if (c->density.revised_opacity) {
     float *opacity = &pags_plane(g, PAGS_OPACITY)[row];
     double rest = 1.0 / (1.0 + exp((double)*opacity)); /* 1 - o */
     *opacity = logit(fmin(fmax(1.0 - sqrt(rest), 1e-6), 1.0 - 1e-6));
@@ -211,7 +213,7 @@ pags_result pags_densify_apply(pags_train_model *model, const pags_edits *edits,
 
 void pags_densify_reset(pags_train_model *model) {
   float *opacity = pags_plane(&model->gaussians, PAGS_OPACITY);
-  float most = logit(fmin(model->schedule.config.reset_opacity, 1.0 - 1e-6));
+  float most = logit(fmin(model->schedule.config.density.reset_opacity, 1.0 - 1e-6));
   for (int64_t i = 0; i < model->gaussians.count; i++)
     opacity[i] = opacity[i] > most ? most : opacity[i];
   pags_adam_forget(&model->adam, PAGS_OPACITY, PAGS_OPACITY + 1);

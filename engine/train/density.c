@@ -80,7 +80,7 @@ static pags_result share_cap(pags_trainer *t) {
 /* Density control of all models after the step just done, settled. */
 static pags_result refine(pags_trainer *t) {
   pags_train_state *s = &t->state;
-  int mcmc = s->schedule.config.strategy == PAGS_STRATEGY_MCMC;
+  int mcmc = s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
   pags_density_change change = {0};
   PAGS_TRY(share_cap(t));
   for (int64_t i = 0; i < s->model_count; i++)
@@ -93,7 +93,7 @@ static pags_result refine(pags_trainer *t) {
 /* The background onto the planes that LiDAR shows; its clusters' bounds anew. */
 static pags_result pull_to_lidar_planes(pags_trainer *t) {
   pags_train_model *m = &t->state.models[0];
-  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.lidar_pull, t->tasks))
+  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.density.lidar_pull, t->tasks))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   return PAGS_OK;
@@ -104,8 +104,8 @@ pags_result pags_density_control(pags_trainer *t) {
   pags_train_state *s = &t->state;
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
   int prune = pags_schedule_prune(&s->schedule, s->step);
-  int fourier = s->schedule.config.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
-  for (int64_t i = 0; s->schedule.config.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
+  int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
+  for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
   int draws = t->facets.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
   if (!due && !reset && !fourier && !draws && prune < 0)

@@ -12,11 +12,11 @@ enum { WORDS = 4 }; /* of one draw: rows that share it */
 pags_dropout pags_dropout_at(const pags_schedule *s, int64_t step, int64_t object) {
   const pags_train_config *c = &s->config;
   double share = fmin((double)step / (double)s->length, 1.0);
-  return (pags_dropout){.seed = c->seed,
+  return (pags_dropout){.seed = c->schedule.seed,
                         .step = step,
                         .object = object,
-                        .most = c->dropout ? c->dropout_gamma * share : 0.0,
-                        .beta = c->dropout_beta};
+                        .most = c->priority.dropout ? c->priority.dropout_gamma * share : 0.0,
+                        .beta = c->priority.dropout_beta};
 }
 
 static double rate_of(const pags_dropout *d, double s_sem) {

@@ -69,8 +69,8 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
       height = camera->height;
     }
   }
-  return pags_train_bytes(gaussians, t->state.schedule.config.sh_degree, width, height) + t->options->image_cache +
-         pags_sky_fit_bytes(t->state.sky.sky.size);
+  return pags_train_bytes(gaussians, t->state.schedule.config.color.sh_degree, width, height) +
+         t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size);
 }
 
 /* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each
@@ -78,7 +78,7 @@ static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
  * Gaussians: half of it. */
 static double scored_views(const pags_trainer *t) {
   const pags_schedule *s = &t->state.schedule;
-  int at_end = pags_score_pass_has_labels(t->dataset) && s->config.s_sem != PAGS_S_SEM_INIT;
+  int at_end = pags_score_pass_has_labels(t->dataset) && s->config.priority.s_sem != PAGS_S_SEM_INIT;
   return (0.5 * (double)s->prunes + (double)at_end) * (double)t->view_count;
 }
 

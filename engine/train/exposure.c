@@ -69,7 +69,7 @@ static int move(pags_exposure *e, const double gradient[6], const pags_train_con
 int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset, int64_t view,
                           const double gradient[6], const pags_schedule *schedule, int64_t step) {
   const pags_train_config *c = &schedule->config;
-  double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure_rate * pow(final_share, t);
+  double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure.exposure_rate * pow(final_share, t);
   int moved = move(&exposures->items[view], gradient, c, rate) &&
               move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
   hold_means(exposures, dataset);

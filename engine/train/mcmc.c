@@ -98,7 +98,7 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
   for (int64_t i = 0; i < l->count; i++)
     l->drawn[i] = 0;
   for (int64_t i = 0; i < count; i++) {
-    uint64_t seed = model->schedule.config.seed;
+    uint64_t seed = model->schedule.config.schedule.seed;
     rows[i] = draw(l, pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i));
     l->drawn[rows[i]]++;
   }
@@ -142,7 +142,7 @@ static pags_result relocate(pags_train_model *model) {
 
 static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
   int64_t count = model->gaussians.count, most = bound_of(model);
-  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc_growth) * (double)count);
+  int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count);
   target = target > most ? most : target;
   if (target <= count)
     return PAGS_OK;
@@ -180,8 +180,8 @@ static double shrink_of(const pags_train_model *model) {
 void pags_mcmc_regularise(const pags_train_model *model, int64_t first, int rows, float *gradient, int64_t stride) {
   const pags_gaussians *g = &model->gaussians;
   const pags_train_config *c = &model->schedule.config;
-  float opacity_weight = (float)(c->mcmc_opacity_reg / (double)g->count);
-  float scale_weight = (float)(c->mcmc_scale_reg * shrink_of(model) / (3.0 * (double)g->count));
+  float opacity_weight = (float)(c->mcmc.mcmc_opacity_reg / (double)g->count);
+  float scale_weight = (float)(c->mcmc.mcmc_scale_reg * shrink_of(model) / (3.0 * (double)g->count));
   for (int i = 0; i < rows; i++) {
     float o = 1.0f / (1.0f + expf(-pags_plane(g, PAGS_OPACITY)[first + i]));
     gradient[PAGS_OPACITY * stride + i] += opacity_weight * o * (1.0f - o);
@@ -203,7 +203,7 @@ static void shake_row(const noise_job *job, int64_t row) {
   if (gate < 1e-9)
     return; /* opacity over 0.21: with the usual weight, 80 extents at most, 1e-7 of sigma^2 */
   double n[4], q[4], r[9], local[3];
-  uint64_t seed = job->model->schedule.config.seed;
+  uint64_t seed = job->model->schedule.config.schedule.seed;
   pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE), (uint64_t)row, n);
   pags_rng_normal2(seed, pags_draw(job->step, PAGS_DRAW_NOISE + 1), (uint64_t)row, n + 2);
   for (int i = 0; i < 4; i++)
@@ -238,7 +238,7 @@ pags_result pags_mcmc_noise(pags_train_model *model, int64_t step, pags_tasks *t
   double rates[PAGS_RATE_GROUPS];
   pags_schedule_rates(&model->schedule, step, rates);
   const double shrink = shrink_of(model);
-  noise_job job = {model, step, model->schedule.config.mcmc_noise * rates[PAGS_RATE_POSITION] * shrink * shrink};
+  noise_job job = {model, step, model->schedule.config.mcmc.mcmc_noise * rates[PAGS_RATE_POSITION] * shrink * shrink};
   if (pags_parallel_for(tasks, model->adam.cluster_count, NOISE_GRAIN, shake_block, &job))
     return PAGS_OK;
   return pags_fail(PAGS_CANCELLED, "cancelled"); /* some rows shaken, some not: not to be saved */

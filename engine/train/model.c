@@ -44,7 +44,7 @@ static pags_result reserve_density(pags_density *density, int64_t capacity, int 
 
 static int wants_squared(const pags_train_model *model) {
   const pags_train_config *c = &model->schedule.config;
-  return c->preset != PAGS_PRESET_NONE && c->s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
+  return c->priority.preset != PAGS_PRESET_NONE && c->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING;
 }
 
 static pags_result reserve(pags_train_model *model, int64_t capacity) {
@@ -55,14 +55,17 @@ static pags_result reserve(pags_train_model *model, int64_t capacity) {
 
 static pags_result make_clusters(pags_train_model *model, pags_tasks *tasks) {
   pags_clusters_destroy(&model->clusters);
-  PAGS_TRY(pags_clusters_create(&model->clusters, model->gaussians.count, model->schedule.config.cluster_size));
+  PAGS_TRY(pags_clusters_create(&model->clusters, model->gaussians.count, model->schedule.config.picture.cluster_size));
   pags_adam_bound_all(&model->adam, &model->gaussians, &model->clusters, tasks);
   return PAGS_OK;
 }
 
 pags_result pags_model_create(pags_train_model *model, const pags_schedule *schedule, int64_t stop, pags_gaussians *g) {
-  *model = (pags_train_model){
-      .object = -1, .schedule = *schedule, .cap = schedule->config.max_gaussians, .fourier_gain = NAN, .gaussians = *g};
+  *model = (pags_train_model){.object = -1,
+                              .schedule = *schedule,
+                              .cap = schedule->config.size_limit.max_gaussians,
+                              .fourier_gain = NAN,
+                              .gaussians = *g};
   *g = (pags_gaussians){0};
   pags_result result = pags_adam_create(&model->adam, &model->schedule, &model->gaussians, 0, stop);
   if (result == PAGS_OK)

@@ -15,9 +15,9 @@ static void put_sky(pags_json_writer *w, const pags_train_state *s) {
   pags_json_put_integer(w, "texels", s->sky.sky.size);
   pags_json_put_number(w, "share_of_pixels", s->sky_share);
   pags_json_put_string(w, "why",
-                       !s->schedule.config.sky ? "switched off"
-                       : s->sky.sky.size > 0   ? "training photographs show it"
-                                               : "less than a thousandth of the training pixels shows it");
+                       !s->schedule.config.sky.sky ? "switched off"
+                       : s->sky.sky.size > 0       ? "training photographs show it"
+                                                   : "less than a thousandth of the training pixels shows it");
   pags_json_end_object(w);
 }
 
@@ -25,7 +25,7 @@ static const char *why_object(const pags_train_state *s, const pags_object *o, i
   if (!o->moving)
     return "parked: part of the background";
   if (model < 0)
-    return s->schedule.config.objects ? "moves, but nothing was found to start from" : "objects switched off";
+    return s->schedule.config.objects.objects ? "moves, but nothing was found to start from" : "objects switched off";
   return "moves";
 }
 
@@ -75,7 +75,7 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_begin_object(&w, NULL);
   put_sky(&w, s);
   pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
-  pags_json_put_bool(&w, "track_optimisation", s->schedule.config.tracks);
+  pags_json_put_bool(&w, "track_optimisation", s->schedule.config.objects.tracks);
   pags_json_put_integer(&w, "lidar_points", s->lidar_points);
   pags_json_begin_array(&w, "objects");
   for (int64_t i = 0; i < s->tracks.count; i++)

@@ -31,16 +31,17 @@ static void largest_picture(const pags_trainer *t, int *width, int *height) {
 static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config) {
   int width = 1, height = 1;
   uint64_t memory = t->options->max_memory;
-  int64_t most =
-      config->preset == PAGS_PRESET_NONE ? config->max_gaussians : 0; /* with a preset its last prune sees to it */
+  int64_t most = config->priority.preset == PAGS_PRESET_NONE ? config->size_limit.max_gaussians
+                                                             : 0; /* with a preset its last prune sees to it */
   if (memory == 0)
     return most;
   largest_picture(t, &width, &height);
-  uint64_t fixed = pags_train_bytes(0, config->sh_degree, width, height) + t->options->image_cache;
-  if (config->sky && pags_dataset_fps(t->dataset) > 0.0)
+  uint64_t fixed = pags_train_bytes(0, config->color.sh_degree, width, height) + t->options->image_cache;
+  if (config->sky.sky && pags_dataset_fps(t->dataset) > 0.0)
     fixed += pags_sky_fit_most_bytes(t->dataset);
   uint64_t each =
-      (pags_train_bytes(1 << 20, config->sh_degree, 1, 1) - pags_train_bytes(0, config->sh_degree, 1, 1)) >> 20;
+      (pags_train_bytes(1 << 20, config->color.sh_degree, 1, 1) - pags_train_bytes(0, config->color.sh_degree, 1, 1)) >>
+      20;
   uint64_t room = memory > fixed ? (memory - fixed) / each : 0;
   int64_t fits = room < 1 << 10 ? 1 << 10 : room > INT32_MAX - 64 ? INT32_MAX - 64 : (int64_t)room;
   return most > 0 && most < fits ? most : fits;
@@ -56,8 +57,9 @@ static pags_result first_gaussians(pags_trainer *t, const pags_train_config *con
   uint8_t *matched_rgb = NULL;
   int random;
   pags_dataset_points(t->dataset, &points, &xyz, &rgb, &random);
-  if (random && !config->random_start) {
-    PAGS_TRY(pags_dataset_match_points(t->dataset, t->tasks, points, config->seed, &matched_xyz, &matched_rgb));
+  if (random && !config->start.random_start) {
+    PAGS_TRY(
+        pags_dataset_match_points(t->dataset, t->tasks, points, config->schedule.seed, &matched_xyz, &matched_rgb));
     xyz = matched_xyz;
     rgb = matched_rgb;
   }
@@ -155,7 +157,7 @@ static pags_result add_object(pags_trainer *t, const pags_train_config *config, 
 static pags_result add_models(pags_trainer *t, const pags_train_config *config, const pags_start *start,
                               double extent) {
   int64_t cap = t->state.cap > 0 ? t->state.cap : INT32_MAX - 64, points = 0;
-  for (int64_t i = 0; config->objects && i < start->object_count; i++)
+  for (int64_t i = 0; config->objects.objects && i < start->object_count; i++)
     points += start->objects[i].count;
   int64_t most = points < cap / 2 ? points : cap / 2;
   PAGS_TRY(add_background(t, config, start, cap - most, extent));
@@ -168,16 +170,16 @@ static pags_result start_driving(pags_trainer *t, const pags_train_config *confi
   pags_train_state *s = &t->state;
   pags_start start;
   PAGS_TRY(pags_track_poses_create(&s->tracks, t->dataset));
-  if (config->tracks)
+  if (config->objects.tracks)
     PAGS_TRY(pags_tracks_smooth(&s->tracks));
-  PAGS_TRY(pags_start_create(t->dataset, config, config->lidar_start, t->tasks, &start));
+  PAGS_TRY(pags_start_create(t->dataset, config, config->start.lidar_start, t->tasks, &start));
   s->lidar_points = start.lidar_points;
   pags_result result = add_models(t, config, &start, extent);
   pags_start_destroy(&start);
   PAGS_TRY(result);
-  if (config->sky)
+  if (config->sky.sky)
     PAGS_TRY(pags_sky_fit_create(&s->sky, t->dataset, t->cache, &s->sky_share));
-  if (config->exposure)
+  if (config->exposure.exposure)
     PAGS_TRY(pags_exposures_create(&s->exposures, t->dataset));
   pags_log(PAGS_LOG_INFO, "start: %lld Gaussians in the background, %lld in %lld moving objects; sky %s",
            (long long)s->models[0].gaussians.count,
@@ -199,9 +201,10 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   int driving = pags_dataset_fps(t->dataset) > 0.0;
   double extent = pags_init_extent(t->dataset, t->views, t->view_count);
   if (driving)
-    extent = fmin(extent, config->extent_most);
+    extent = fmin(extent, config->start.extent_most);
   pags_schedule schedule = pags_schedule_make(config, extent, t->view_count);
-  PAGS_TRY(pags_state_create(&t->state, &schedule, config->iterations, 1 + pags_dataset_object_count(t->dataset)));
+  PAGS_TRY(
+      pags_state_create(&t->state, &schedule, config->schedule.iterations, 1 + pags_dataset_object_count(t->dataset)));
   t->state.cap = choose_cap(t, config);
   PAGS_TRY(driving ? start_driving(t, config, extent) : start_static(t, config, extent));
   for (int64_t i = 0; i < t->state.model_count; i++)
@@ -212,8 +215,8 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
 /* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
 static void take_bound(pags_train_state *s, const pags_train_config *config) {
   const pags_schedule *d = &s->schedule;
-  if (d->config.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
-    s->schedule.config.max_gaussians = config->max_gaussians;
+  if (d->config.priority.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
+    s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
 }
 
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
@@ -230,13 +233,13 @@ pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config
   if (field)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: was begun with another %s; pass the same, or --overwrite to begin afresh", path, field);
-  if (s->clocked || config->iterations == s->stop)
+  if (s->clocked || config->schedule.iterations == s->stop)
     return PAGS_OK;
-  if (config->iterations < s->stop)
+  if (config->schedule.iterations < s->stop)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: is of a run of %lld iterations; %lld asked for can't be fewer", path,
-                     (long long)s->stop, (long long)config->iterations);
+                     (long long)s->stop, (long long)config->schedule.iterations);
   pags_schedule schedule = s->schedule;
-  schedule.config.iterations = config->iterations;
-  schedule.config.schedule_iterations = s->schedule.length;
-  return pags_state_retime(s, &schedule, config->iterations);
+  schedule.config.schedule.iterations = config->schedule.iterations;
+  schedule.config.schedule.schedule_iterations = s->schedule.length;
+  return pags_state_retime(s, &schedule, config->schedule.iterations);
 }

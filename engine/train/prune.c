@@ -128,8 +128,8 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
 
 int64_t pags_prune_target(const pags_schedule *s, int index, int64_t count) {
   int64_t target = count - (int64_t)(s->prune_rate[index] * (double)count);
-  if (index == s->prunes - 1 && s->config.max_gaussians > 0 && target > s->config.max_gaussians)
-    target = s->config.max_gaussians;
+  if (index == s->prunes - 1 && s->config.size_limit.max_gaussians > 0 && target > s->config.size_limit.max_gaussians)
+    target = s->config.size_limit.max_gaussians;
   return target > least_survivors ? target : least_survivors;
 }
 
@@ -162,8 +162,8 @@ static int32_t group_of(const pags_train_model *m, int64_t row) {
 }
 
 double pags_prune_hybrid(const pags_train_config *c, double s_sem, double s_grad) {
-  return c->hybrid == PAGS_HYBRID_PRODUCT ? (1.0 - c->alpha + c->alpha * s_sem) * s_grad
-                                          : c->alpha * s_sem + (1.0 - c->alpha) * s_grad;
+  return c->priority.hybrid == PAGS_HYBRID_PRODUCT ? (1.0 - c->priority.alpha + c->priority.alpha * s_sem) * s_grad
+                                                   : c->priority.alpha * s_sem + (1.0 - c->priority.alpha) * s_grad;
 }
 
 /* S_hybrid of all rows. */
@@ -172,9 +172,9 @@ static pags_result score_rows(const pags_train_state *s, const pags_score_pass *
   int64_t at = 0;
   for (int64_t i = 0; i < s->model_count; i++)
     for (int64_t row = 0; row < s->models[i].gaussians.count; row++, at++)
-      l->raw[at] =
-          c->s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at] : (double)s->models[i].density.squared[row];
-  PAGS_TRY(pags_prune_normalise(c->s_grad, l->raw, at, l->score));
+      l->raw[at] = c->priority.s_grad_from == PAGS_S_GRAD_FROM_PASS ? scores->squared[at]
+                                                                    : (double)s->models[i].density.squared[row];
+  PAGS_TRY(pags_prune_normalise(c->priority.s_grad, l->raw, at, l->score));
   at = 0;
   for (int64_t i = 0; i < s->model_count; i++) {
     const pags_train_model *m = &s->models[i];
@@ -211,7 +211,7 @@ static pags_result target_of(const pags_trainer *t, int index, int64_t count, in
   int64_t bytes = 0;
   int most = 1;
   *target = pags_prune_target(&s->schedule, index, count);
-  if (index < s->schedule.prunes - 1 || s->schedule.config.target_size <= 0.0)
+  if (index < s->schedule.prunes - 1 || s->schedule.config.size_limit.target_size <= 0.0)
     return PAGS_OK;
   PAGS_TRY(pags_size_limit_rows(t->dataset, s, &bytes));
   for (int64_t i = 0; i < s->model_count; i++)
@@ -229,8 +229,8 @@ static pags_result prune_rows(pags_trainer *t, int index, const pags_score_pass 
                                 .score = l->score,
                                 .group = l->group,
                                 .groups = s->tracks.count + 1,
-                                .floor = s->schedule.config.prune_floor,
-                                .seed = s->schedule.config.seed,
+                                .floor = s->schedule.config.priority.prune_floor,
+                                .seed = s->schedule.config.schedule.seed,
                                 .draw = pags_draw(s->step, PAGS_DRAW_PRUNE)};
   int64_t at = 0;
   PAGS_TRY(target_of(t, index, scores->count, &request.target));

@@ -33,7 +33,7 @@ static const struct {
 _Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
 
 static void set_prunes(pags_schedule *s) {
-  size_t preset = (size_t)s->config.preset;
+  size_t preset = (size_t)s->config.priority.preset;
   for (int i = 0; i < plans[preset].prunes; i++) {
     int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s->length / plans[preset].of);
     int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
@@ -41,24 +41,25 @@ static void set_prunes(pags_schedule *s) {
       step = after;
     if (step <= 0 || step >= s->length || (s->prunes > 0 && step <= s->prune_step[s->prunes - 1]))
       continue; /* so short a run that it falls together with another, or with the end */
-    s->prune_rate[s->prunes] = i < EARLY_PRUNES ? s->config.prune_early : s->config.prune_late;
+    s->prune_rate[s->prunes] = i < EARLY_PRUNES ? s->config.priority.prune_early : s->config.priority.prune_late;
     s->prune_step[s->prunes++] = step;
   }
 }
 
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, 0), .extent = extent, .views = views};
-  s.length = config->schedule_iterations > 0 ? config->schedule_iterations : config->iterations;
-  s.densify_from = scaled(config->densify_from, s.length);
-  s.densify_until = scaled(s.config.densify_until, s.length);
-  s.densify_every = at_least(scaled(config->densify_every, s.length), at_least(views, 1));
-  int64_t reset = at_least(scaled(config->reset_every, s.length), at_least(3 * views, 1));
+  s.length =
+      config->schedule.schedule_iterations > 0 ? config->schedule.schedule_iterations : config->schedule.iterations;
+  s.densify_from = scaled(config->density.densify_from, s.length);
+  s.densify_until = scaled(s.config.density.densify_until, s.length);
+  s.densify_every = at_least(scaled(config->density.densify_every, s.length), at_least(views, 1));
+  int64_t reset = at_least(scaled(config->density.reset_every, s.length), at_least(3 * views, 1));
   s.reset_every = (reset + s.densify_every - 1) / s.densify_every * s.densify_every;
-  s.sh_interval = at_least(scaled(config->sh_interval, s.length), 1);
-  s.quarter_until = llround(config->quarter_until * (double)s.length);
-  s.half_until = llround(config->half_until * (double)s.length);
-  s.tracks_from = scaled(config->tracks_from, s.length);
-  s.fourier_from = scaled(config->fourier_from, s.length);
+  s.sh_interval = at_least(scaled(config->color.sh_interval, s.length), 1);
+  s.quarter_until = llround(config->schedule.quarter_until * (double)s.length);
+  s.half_until = llround(config->schedule.half_until * (double)s.length);
+  s.tracks_from = scaled(config->objects.tracks_from, s.length);
+  s.fourier_from = scaled(config->objects.fourier_from, s.length);
   set_prunes(&s);
   return s;
 }
@@ -67,21 +68,22 @@ void pags_schedule_rates(const pags_schedule *s, int64_t step, double rates[PAGS
   const pags_train_config *c = &s->config;
   double t = (double)step / (double)s->length;
   t = t > 1.0 ? 1.0 : t;
-  double position = c->position_rate_begin <= 0.0
-                        ? 0.0
-                        : exp((1.0 - t) * log(c->position_rate_begin) + t * log(c->position_rate_end));
+  double position =
+      c->optimiser.position_rate_begin <= 0.0
+          ? 0.0
+          : exp((1.0 - t) * log(c->optimiser.position_rate_begin) + t * log(c->optimiser.position_rate_end));
   rates[PAGS_RATE_POSITION] = position * s->extent;
-  rates[PAGS_RATE_SCALE] = c->scale_rate;
-  rates[PAGS_RATE_ROTATION] = c->rotation_rate;
-  rates[PAGS_RATE_OPACITY] = c->opacity_rate;
-  rates[PAGS_RATE_SH_DC] = c->sh_dc_rate;
-  rates[PAGS_RATE_SH_REST] = c->sh_rest_rate;
-  rates[PAGS_RATE_FOURIER] = c->sh_dc_rate;
+  rates[PAGS_RATE_SCALE] = c->optimiser.scale_rate;
+  rates[PAGS_RATE_ROTATION] = c->optimiser.rotation_rate;
+  rates[PAGS_RATE_OPACITY] = c->optimiser.opacity_rate;
+  rates[PAGS_RATE_SH_DC] = c->optimiser.sh_dc_rate;
+  rates[PAGS_RATE_SH_REST] = c->optimiser.sh_rest_rate;
+  rates[PAGS_RATE_FOURIER] = c->optimiser.sh_dc_rate;
 }
 
 int pags_schedule_sh_degree(const pags_schedule *s, int64_t step) {
-  int64_t degree = s->config.sh_interval == 0 ? s->config.sh_degree : step / s->sh_interval;
-  return degree < s->config.sh_degree ? (int)degree : s->config.sh_degree;
+  int64_t degree = s->config.color.sh_interval == 0 ? s->config.color.sh_degree : step / s->sh_interval;
+  return degree < s->config.color.sh_degree ? (int)degree : s->config.color.sh_degree;
 }
 
 int pags_schedule_is_densify(const pags_schedule *s, int64_t step) {
@@ -101,7 +103,7 @@ int pags_schedule_prune(const pags_schedule *s, int64_t step) {
 
 int pags_schedule_is_reset(const pags_schedule *s, int64_t step) {
   int64_t recovery = s->reset_every / 3;
-  if (s->config.strategy != PAGS_STRATEGY_DEFAULT || step >= s->densify_until)
+  if (s->config.density.strategy != PAGS_STRATEGY_DEFAULT || step >= s->densify_until)
     return 0;
   for (int i = 0; i < s->prunes; i++) {
     int64_t prune = s->prune_step[i];
@@ -120,11 +122,11 @@ int pags_schedule_prunes_large(const pags_schedule *s, int64_t step) {
 int pags_schedule_level(const pags_schedule *s, int64_t step, int width, int height) {
   int level = step <= s->quarter_until ? 4 : step <= s->half_until ? 2 : 1;
   int shorter = width < height ? width : height;
-  while (level > 1 && shorter / level < s->config.resolution_floor)
+  while (level > 1 && shorter / level < s->config.schedule.resolution_floor)
     level /= 2;
   return level;
 }
 
 void pags_schedule_order(const pags_schedule *s, int64_t epoch, int64_t *order) {
-  pags_rng_permutation(s->config.seed, pags_draw(epoch, PAGS_DRAW_ORDER), order, s->views);
+  pags_rng_permutation(s->config.schedule.seed, pags_draw(epoch, PAGS_DRAW_ORDER), order, s->views);
 }

@@ -89,7 +89,7 @@ static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
 /* Rough is half the size of training's pictures, unless that is smaller than they ever are. */
 static int factor_of(const pags_trainer *t, const pags_camera *camera, int level) {
   int shorter = camera->width < camera->height ? camera->width : camera->height;
-  return level < 4 && shorter / (2 * level) >= t->state.schedule.config.resolution_floor ? 2 : 1;
+  return level < 4 && shorter / (2 * level) >= t->state.schedule.config.schedule.resolution_floor ? 2 : 1;
 }
 
 static pags_result add_view(score_pass *p, int64_t index, int rough) {
@@ -107,8 +107,9 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
   fill_planes(p, &photo, &picture, factor);
-  pags_score_planes planes = {
-      .counted = p->counted, .critical = p->critical, .overlap = t->state.schedule.config.s_sem == PAGS_S_SEM_OVERLAP};
+  pags_score_planes planes = {.counted = p->counted,
+                              .critical = p->critical,
+                              .overlap = t->state.schedule.config.priority.s_sem == PAGS_S_SEM_OVERLAP};
   return pags_frame_scores(t->render.frame, &planes, add_cluster, p);
 }
 
@@ -137,7 +138,7 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
   for (int64_t m = 0; m < s->model_count; m++) {
     pags_gaussians *g = &s->models[m].gaussians;
     for (int64_t i = 0; i < g->count; i++, at++)
-      if (g->s_sem && s->schedule.config.s_sem != PAGS_S_SEM_INIT && scores->seen[at] > 0.0) {
+      if (g->s_sem && s->schedule.config.priority.s_sem != PAGS_S_SEM_INIT && scores->seen[at] > 0.0) {
         double share = scores->critical[at] / scores->seen[at];
         g->s_sem[i] = share < 1.0 ? (float)share : 1.0f; /* rounding may take it over 1 */
       }
@@ -146,7 +147,7 @@ void pags_score_pass_write_s_sem(pags_train_state *s, const pags_score_pass *sco
 
 pags_result pags_score_pass_finish(pags_trainer *t) {
   pags_score_pass scores;
-  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.s_sem == PAGS_S_SEM_INIT)
+  if (!pags_score_pass_has_labels(t->dataset) || t->state.schedule.config.priority.s_sem == PAGS_S_SEM_INIT)
     return PAGS_OK;
   PAGS_TRY(pags_score_pass_measure(t, 0, &scores));
   pags_score_pass_write_s_sem(&t->state, &scores);

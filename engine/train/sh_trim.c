@@ -192,7 +192,7 @@ static int64_t list_views(const pags_trainer *t, const pags_train_model *m, pags
       for (int k = 0; k < 3; k++)
         pose[4 * k + 3] -= origin[k];
     }
-    views[count++] = pags_sh_view_make(camera, pose, origin, c->near_plane, c->low_pass);
+    views[count++] = pags_sh_view_make(camera, pose, origin, c->picture.near_plane, c->picture.low_pass);
   }
   return count;
 }
@@ -205,9 +205,9 @@ static int64_t add_degrees(const pags_gaussians *g, int64_t degrees[4]) {
 
 pags_result pags_sh_trim(pags_trainer *t) {
   pags_train_state *s = &t->state;
-  double error = s->schedule.config.sh_error / 255.0;
+  double error = s->schedule.config.size_limit.sh_error / 255.0;
   int64_t degrees[4] = {0}, count = 0;
-  if (error <= 0.0 || s->schedule.config.sh_degree == 0)
+  if (error <= 0.0 || s->schedule.config.color.sh_degree == 0)
     return PAGS_OK;
   pags_sh_view *views = malloc((size_t)(t->view_count > 0 ? t->view_count : 1) * sizeof *views);
   if (!views)

@@ -23,7 +23,8 @@ static const int64_t least_background = 16;
 /* Colour over time may still be decided for objects. */
 int pags_size_limit_row(const pags_train_state *s, int64_t model) {
   const pags_train_model *m = &s->models[model];
-  int undecided = m->object >= 0 && s->schedule.config.fourier && isnan(m->fourier_gain) && !m->gaussians.fourier;
+  int undecided =
+      m->object >= 0 && s->schedule.config.objects.fourier && isnan(m->fourier_gain) && !m->gaussians.fourier;
   return pags_ply_row_bytes(&m->gaussians) + (undecided ? FOURIER_BYTES : 0);
 }
 
@@ -32,7 +33,7 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
   int64_t bytes = GENERAL_BYTES;
   if (s->exposures.count > 0)
     bytes += VIEW_BYTES * pags_dataset_view_count(dataset);
-  for (int64_t i = 1; i < s->model_count && s->schedule.config.tracks; i++)
+  for (int64_t i = 1; i < s->model_count && s->schedule.config.objects.tracks; i++)
     bytes += KNOT_BYTES * s->tracks.objects[s->models[i].object].knot_count;
   return bytes;
 }
@@ -40,7 +41,7 @@ static int64_t to_come(const pags_dataset *dataset, const pags_train_state *s) {
 pags_result pags_size_limit_rows(const pags_dataset *dataset, const pags_train_state *s, int64_t *bytes) {
   uint64_t rest = 0;
   PAGS_TRY(pags_output_bytes(dataset, s, &rest));
-  *bytes = (int64_t)(s->schedule.config.target_size * 1e6) - (int64_t)rest - HEADER_BYTES * s->model_count -
+  *bytes = (int64_t)(s->schedule.config.size_limit.target_size * 1e6) - (int64_t)rest - HEADER_BYTES * s->model_count -
            to_come(dataset, s);
   return PAGS_OK;
 }
@@ -67,7 +68,7 @@ pags_result pags_size_limit_room(const pags_dataset *dataset, const pags_train_s
   int64_t bytes = 0;
   int most;
   *gaussians = INT32_MAX;
-  if (s->schedule.config.target_size <= 0.0 || is_later(s))
+  if (s->schedule.config.size_limit.target_size <= 0.0 || is_later(s))
     return PAGS_OK;
   PAGS_TRY(pags_size_limit_rows(dataset, s, &bytes));
   bytes -= bytes_used(s, &most);
@@ -90,17 +91,17 @@ static pags_result keep_evenly(pags_train_model *m, int64_t kept, pags_tasks *ta
 pags_result pags_size_limit_start(const pags_dataset *dataset, pags_train_state *s, pags_tasks *tasks) {
   int64_t bytes = 0;
   int most, row = pags_size_limit_row(s, 0);
-  if (s->schedule.config.target_size <= 0.0)
+  if (s->schedule.config.size_limit.target_size <= 0.0)
     return PAGS_OK;
   PAGS_TRY(pags_size_limit_rows(dataset, s, &bytes));
   int64_t over = bytes_used(s, &most) - bytes, count = s->models[0].gaussians.count;
   int64_t kept = over > 0 ? count - (over + row - 1) / row : count;
   const int64_t least = count < least_background ? count : least_background;
   if (kept < least)
-    return pags_fail(PAGS_ERROR_LIMIT,
-                     "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
-                     s->schedule.config.target_size, (long long)least,
-                     ceil(1e3 * s->schedule.config.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
+    return pags_fail(
+        PAGS_ERROR_LIMIT, "target_size: %g MB is too small: %lld Gaussians of the background and all else take %.3f MB",
+        s->schedule.config.size_limit.target_size, (long long)least,
+        ceil(1e3 * s->schedule.config.size_limit.target_size + 1e-3 * (double)((least - kept) * row)) / 1e3);
   if (kept == count || is_later(s))
     return PAGS_OK;
   pags_log(PAGS_LOG_INFO, "start: %lld of %lld Gaussians of the background fit the target size", (long long)kept,

@@ -158,8 +158,8 @@ static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *
     return pags_out_of_memory("the sky's optimiser");
   fit->correction[0][0] = fit->correction[0][1] = 1.0f;
   for (int k = 1; k < CORRECTIONS; k++) {
-    power1 *= c->beta1;
-    power2 *= c->beta2;
+    power1 *= c->optimiser.beta1;
+    power2 *= c->optimiser.beta2;
     fit->correction[k][0] = (float)(1.0 / (1.0 - power1));
     fit->correction[k][1] = (float)(1.0 / (1.0 - power2));
   }
@@ -172,9 +172,9 @@ pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedul
   const double t = fmin((double)step / (double)schedule->length, 1.0);
   if (!fit->correction)
     PAGS_TRY(make_corrections(fit, c));
-  fit->beta1 = (float)c->beta1;
-  fit->beta2 = (float)c->beta2;
-  fit->rate = (float)(c->sky_rate * pow(final_share, t));
+  fit->beta1 = (float)c->optimiser.beta1;
+  fit->beta2 = (float)c->optimiser.beta2;
+  fit->rate = (float)(c->sky.sky_rate * pow(final_share, t));
   gradient->sky = update;
   gradient->sky_user = fit;
   gradient->sky_cut = 1.0f / 255.0f;

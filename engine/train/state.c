@@ -8,7 +8,7 @@
 #include "base/memory.h"
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models) {
-  *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.max_gaussians};
+  *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.size_limit.max_gaussians};
   pags_nonfinite_init(&state->guard);
   state->models = calloc((size_t)(models > 0 ? models : 1), sizeof *state->models);
   return state->models ? PAGS_OK : pags_out_of_memory("%lld models", (long long)models);
@@ -73,6 +73,6 @@ pags_result pags_state_retime(pags_train_state *state, const pags_schedule *sche
 
 void pags_state_fit_box(pags_train_state *s, int64_t model) {
   pags_train_model *m = &s->models[model];
-  for (int k = 0; m->object >= 0 && s->schedule.config.box_prune && k < 3; k++)
+  for (int k = 0; m->object >= 0 && s->schedule.config.objects.box_prune && k < 3; k++)
     m->half_size[k] = 0.5 * s->tracks.objects[m->object].size[k];
 }

@@ -66,7 +66,7 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
 /* The way back. */
 
 static void add_statistics(pags_train_model *m, const pags_cluster_gradient *g) {
-  const float *pull = m->schedule.config.absgrad ? g->mean2d_abs : g->mean2d;
+  const float *pull = m->schedule.config.density.absgrad ? g->mean2d_abs : g->mean2d;
   for (int i = 0; i < g->count; i++) {
     if (!g->drawn[i])
       continue;
@@ -143,7 +143,7 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   if (c->trainer->measuring || !any_drawn(g))
     return;
   add_statistics(m, g);
-  int mcmc = m->schedule.config.strategy == PAGS_STRATEGY_MCMC;
+  int mcmc = m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
   int held = p->models[model].held_step && p->models[model].held_step[g->cluster] == (int32_t)c->step, bad = any_bad(g);
   if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
@@ -195,7 +195,8 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
   float *by_t = p->plane[GRADIENT_T];
   memset(by_t, 0, (size_t)p->plane_floats * sizeof(float));
   PAGS_TRY(pags_driving_loss_objects(t->tasks, &picture, &v->photo,
-                                     OBJECTS_EVERY * t->state.schedule.config.object_weight, by_t, &v->terms.objects));
+                                     OBJECTS_EVERY * t->state.schedule.config.losses.object_weight, by_t,
+                                     &v->terms.objects));
   v->terms.objects /= OBJECTS_EVERY;
   pags_picture_gradient gradient = {.rgb = {p->plane[ZEROS], p->plane[ZEROS], p->plane[ZEROS]}, .transmittance = by_t};
   return pags_frame_backward(p->object_frame, &gradient, hold, &context, NULL);
@@ -204,7 +205,7 @@ static pags_result object_term(pags_trainer *t, int64_t step, pags_step_view *v)
 /* Where the view shows something critical, its photograph counts critical_weight times; what is being measured counts
  * as it is. */
 static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison *how) {
-  double times = t->state.schedule.config.critical_weight;
+  double times = t->state.schedule.config.priority.critical_weight;
   if (!photo->labels || !(times > 1.0) || t->measuring)
     return;
   int64_t count = (int64_t)photo->stride * photo->height;
@@ -216,7 +217,7 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
 
 static pags_result photometric(pags_trainer *t, pags_step_view *v) {
   pags_comparison how = {
-      .ssim_weight = t->state.schedule.config.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
+      .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
   if (t->state.exposures.count > 0)
     pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
   emphasise(t, &v->photo, &how);
@@ -229,24 +230,24 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   const pags_train_config *c = &t->state.schedule.config;
   size_t bytes = (size_t)p->plane_floats * sizeof(float);
   int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
-  if (late && c->object_weight > 0.0 && step % OBJECTS_EVERY == 0)
+  if (late && c->losses.object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
   PAGS_TRY(photometric(t, v));
   *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};
-  int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->sky_weight > 0.0;
+  int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->losses.sky_weight > 0.0;
   int depth = v->picture.depth_sum && p->depth[v->view].count > 0;
   if (sky || depth) {
     memset(p->plane[GRADIENT_T], 0, bytes);
     gradient->transmittance = p->plane[GRADIENT_T];
   }
   if (sky)
-    PAGS_TRY(
-        pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->sky_weight, p->plane[GRADIENT_T], &v->terms.sky));
+    PAGS_TRY(pags_driving_loss_sky(t->tasks, &v->picture, &v->photo, c->losses.sky_weight, p->plane[GRADIENT_T],
+                                   &v->terms.sky));
   if (depth) {
     memset(p->plane[GRADIENT_DEPTH], 0, bytes);
     gradient->depth_sum = p->plane[GRADIENT_DEPTH];
     PAGS_TRY(pags_driving_loss_depth(&v->picture, &v->photo, p->depth[v->view].samples, p->depth[v->view].count,
-                                     v->level, c->depth_weight, c->depth_share, p->plane[GRADIENT_DEPTH],
+                                     v->level, c->losses.depth_weight, c->losses.depth_share, p->plane[GRADIENT_DEPTH],
                                      p->plane[GRADIENT_T], &v->terms.depth));
   }
   if (t->state.sky.sky.size > 0 && !t->measuring)
@@ -265,7 +266,7 @@ static void clear_poses(pags_trainer *t) {
 
 static void update_tracks(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
-  if (!s->config.tracks || step <= s->tracks_from)
+  if (!s->config.objects.tracks || step <= s->tracks_from)
     return;
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
@@ -289,12 +290,12 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   pags_frame_options options = pags_view_render_options(t, step);
   pags_picture_gradient gradient;
   PAGS_TRY(pags_photo_cache_get(t->cache, v->view, v->level, &v->photo));
-  if (config->depth_weight > 0.0)
+  if (config->losses.depth_weight > 0.0)
     PAGS_TRY(load_depth(t, v->view));
   t->ms.wait += pags_clock_lap_ms(&clock);
   v->camera = pags_camera_downscale(&pags_dataset_view(t->dataset, v->view)->camera, v->level);
   options.keep_for_backward = 1;
-  options.absolute_gradient = config->absgrad;
+  options.absolute_gradient = config->density.absgrad;
   options.depth_sum = t->render.depth[v->view].count > 0;
   pags_view_render_compose(t, v->view);
   PAGS_TRY(pags_view_render_reserve_factors(t, step));
@@ -305,7 +306,8 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   t->ms.loss += pags_clock_lap_ms(&clock);
   clear_poses(t);
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
-  if (!t->measuring && config->preset != PAGS_PRESET_NONE && config->s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
+  if (!t->measuring && config->priority.preset != PAGS_PRESET_NONE &&
+      config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)
     PAGS_TRY(pags_score_pass_add_training(t, &gradient, t->render.plane[ONES], t->render.plane[ZEROS]));
   if (!t->measuring) {
     update_tracks(t, step);

@@ -100,8 +100,8 @@ int pags_track_poses_update(pags_track_poses *tracks, int64_t object, int64_t kn
   if (!pags_adam6_step(&tracks->moments[object][knot], g, c, direction))
     return 0;
   for (int i = 0; i < 3; i++) {
-    direction[i] *= fall * c->track_rotation_rate;
-    direction[3 + i] *= fall * c->track_translation_rate;
+    direction[i] *= fall * c->objects.track_rotation_rate;
+    direction[3 + i] *= fall * c->objects.track_translation_rate;
     k->rotation[i] -= direction[i];
     k->translation[i] -= direction[3 + i];
   }

@@ -177,8 +177,8 @@ static pags_result fit_to_clock(pags_trainer *t, const run_clock *clock) {
   int64_t steps = s->step + (int64_t)fmin(fmax(fitted, 1.0), 1e7 - ESTIMATE_STEPS);
   pags_state_settle(s, t->tasks);
   pags_train_config config = s->schedule.config;
-  config.iterations = steps;
-  config.schedule_iterations = 0;
+  config.schedule.iterations = steps;
+  config.schedule.schedule_iterations = 0;
   pags_schedule schedule = pags_schedule_make(&config, s->schedule.extent, s->schedule.views);
   s->clocked = 1;
   PAGS_TRY(pags_state_retime(s, &schedule, steps));
@@ -308,7 +308,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(pags_photo_cache_create(t->dataset, t->tasks, o->image_cache, &t->cache));
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_view_render_create(t));
-  if (config.lidar_pull > 0.0)
+  if (config.density.lidar_pull > 0.0)
     PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->facets));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);

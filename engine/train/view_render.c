@@ -130,11 +130,11 @@ pags_frame_options pags_view_render_options(const pags_trainer *t, int64_t step)
   pags_frame_options o = pags_frame_options_default();
   for (int k = 0; k < 3; k++) {
     o.origin[k] = pags_dataset_origin(t->dataset)[k];
-    o.background[k] = (float)c->background[k];
+    o.background[k] = (float)c->picture.background[k];
   }
-  o.near_plane = (float)c->near_plane;
-  o.low_pass = (float)c->low_pass;
-  o.antialiased = c->antialiased;
+  o.near_plane = (float)c->picture.near_plane;
+  o.low_pass = (float)c->picture.low_pass;
+  o.antialiased = c->picture.antialiased;
   o.early_z = PAGS_EARLY_Z_OFF; /* the view before says nothing of the next one */
   o.sh_degree = pags_schedule_sh_degree(&t->state.schedule, step);
   o.sky = t->state.sky.sky.size > 0 ? &t->state.sky.sky : NULL;

@@ -166,8 +166,8 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
   pags_scene *scene = &d->scene;
   pags_config_write_json(config, d->config);
   *scene = (pags_scene){.up = pags_dataset_up(dataset),
-                        .antialiased = config->antialiased,
-                        .seed = config->seed,
+                        .antialiased = config->picture.antialiased,
+                        .seed = config->schedule.seed,
                         .dataset = borrow(pags_dataset_path(dataset)),
                         .config = d->config,
                         .iterations = state->step,
@@ -176,7 +176,7 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
                         .sky = state->sky.sky};
   for (int k = 0; k < 3; k++) {
     scene->origin[k] = pags_dataset_origin(dataset)[k];
-    scene->background[k] = (float)config->background[k];
+    scene->background[k] = (float)config->picture.background[k];
   }
   PAGS_TRY(list_views(dataset, state, scene));
   PAGS_TRY(list_objects(dataset, state, scene));
@@ -188,7 +188,7 @@ pags_result pags_output_scene(const pags_output *output, const pags_dataset *dat
   description *d = calloc(1, sizeof *d);
   if (!d)
     return pags_out_of_memory("the description of a scene");
-  d->by_degree = state->schedule.config.sh_error > 0.0;
+  d->by_degree = state->schedule.config.size_limit.sh_error > 0.0;
   pags_result result = describe(dataset, state, d);
   if (result == PAGS_OK)
     result = pags_scene_save(output->folder, &d->scene);

@@ -160,13 +160,13 @@ static pags_result render_packed(const char *path) {
 
 static pags_train_config small_config(void) {
   pags_train_config c = pags_train_config_default();
-  c.iterations = 6;
-  c.sh_degree = 1;
-  c.resolution_floor = 8;
-  c.max_gaussians = 90;
-  c.densify_from = 0;
-  c.densify_gradient = 1e-5;
-  c.cluster_size = 16;
+  c.schedule.iterations = 6;
+  c.color.sh_degree = 1;
+  c.schedule.resolution_floor = 8;
+  c.size_limit.max_gaussians = 90;
+  c.density.densify_from = 0;
+  c.density.densify_gradient = 1e-5;
+  c.picture.cluster_size = 16;
   return c;
 }
 

@@ -60,7 +60,7 @@ static void make_dataset(void) {
 
 static void add_model(pags_train_state *state, int64_t object, int64_t count, int with_all) {
   pags_gaussians g;
-  sample_gaussians(&g, count, state->schedule.config.sh_degree, 3);
+  sample_gaussians(&g, count, state->schedule.config.color.sh_degree, 3);
   if (with_all)
     FUZZ_CHECK(pags_gaussians_add_s_sem(&g) == PAGS_OK && pags_gaussians_add_object_id(&g) == PAGS_OK);
   FUZZ_CHECK(pags_state_add_model(state, object, 2.5, &g) == PAGS_OK);
@@ -72,9 +72,9 @@ static void seed_checkpoint(void) {
   for (int full = 0; full < 2; full++) {
     pags_train_state state;
     pags_train_config config = pags_train_config_default();
-    config.iterations = 100;
-    config.sh_degree = full;
-    config.cluster_size = 16;
+    config.schedule.iterations = 100;
+    config.color.sh_degree = full;
+    config.picture.cluster_size = 16;
     const pags_schedule schedule = pags_schedule_make(&config, 2.5, VIEWS);
     FUZZ_CHECK(pags_state_create(&state, &schedule, 100, 3) == PAGS_OK);
     add_model(&state, -1, full ? 5 : 1, 0);

@@ -94,7 +94,7 @@ pags_dataset *hard_data(const char *name, const hard_data_options *options);
 /* Few Gaussians, full size from the first step, densification, no reset. */
 pags_train_config hard_config(int64_t steps);
 /* A run into hard_path(name). `start`, when not NULL, takes the place of what the run would start from (degree
- * config->sh_degree). */
+ * config->color.sh_degree). */
 pags_result hard_try(const pags_dataset *dataset, const char *name, const pags_train_config *config,
                      const pags_gaussians *start, int threads, pags_train_options options, pags_train_result *result);
 /* The same with two threads, which must succeed and leave a finite scene. */

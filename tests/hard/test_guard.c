@@ -20,7 +20,7 @@ enum { ROWS = 100, PLANES = PAGS_MAX_PLANES };
 static void begin(pags_train_model *m) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
-  config.sh_degree = 3;
+  config.color.sh_degree = 3;
   pags_schedule schedule = pags_schedule_make(&config, 2.0, 10);
   assert_int_equal(pags_gaussians_create(&g, ROWS, 3), PAGS_OK);
   for (int p = 0; p < PLANES; p++)
@@ -164,7 +164,7 @@ static void the_count_is_the_run_s(void **state) {
   pags_train_options options = pags_train_options_default();
   pags_train_result one, five, resumed;
   pags_gaussians g;
-  config.densify_until = 0;
+  config.density.densify_until = 0;
   spoil(&g);
   assert_int_equal(hard_try(dataset, "one", &config, &g, 1, options, &one), PAGS_OK);
   assert_int_equal(hard_try(dataset, "five", &config, &g, 5, options, &five), PAGS_OK);
@@ -221,7 +221,7 @@ static void too_much_fails(void **state) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   pags_gaussians g;
-  config.densify_until = 0;
+  config.density.densify_until = 0;
   options.bad_rows_most = 50;
   options.checkpoint_every = 5;
   spoil(&g);

@@ -117,12 +117,12 @@ static void train(const char *what, const char *name, const pags_dataset_options
   pags_train_config config = pags_train_config_default();
   pags_scene scene;
   assert_int_equal(pags_dataset_open(hard_path("street"), reading, &dataset), PAGS_OK);
-  config.iterations = HARD_STEPS;
-  config.resolution_floor = 24;
-  config.tracks_from = 0;
-  config.fourier_from = 3000;
-  config.fourier_gain = 0;
-  config.max_gaussians = 2000;
+  config.schedule.iterations = HARD_STEPS;
+  config.schedule.resolution_floor = 24;
+  config.objects.tracks_from = 0;
+  config.objects.fourier_from = 3000;
+  config.objects.fourier_gain = 0;
+  config.size_limit.max_gaussians = 2000;
   const pags_train_result r = hard_train(dataset, name, &config, NULL);
   assert_int_equal(pags_scene_load(hard_path(name), &scene), PAGS_OK);
   print_message("  %-40s %.1f dB, %d Gaussians, %d models, %d rows skipped\n", what, r.psnr, (int)r.gaussians,

@@ -54,7 +54,7 @@ static void duplicate_points(void **state) {
         xyz[3 * count + k] = pags_plane(&truth, PAGS_MEAN + k)[i];
   pags_gaussians_destroy(&truth);
   pags_train_config config = hard_config(HARD_STEPS);
-  config.max_gaussians = 0;
+  config.size_limit.max_gaussians = 0;
   const hard_data_options data = {.level = -1, .points = {count, xyz, NULL}};
   assert_true(train_on("duplicate points", "twice", &data, &config).psnr > 15);
 }
@@ -110,7 +110,7 @@ static void black_points(void **state) {
     xyz[i] = pags_plane(&truth, PAGS_MEAN + i % 3)[i / 3];
   pags_gaussians_destroy(&truth);
   pags_train_config config = hard_config(HARD_STEPS);
-  config.sh_dc_rate *= 4;
+  config.optimiser.sh_dc_rate *= 4;
   for (int white = 0; white < 2; white++) {
     memset(rgb, white ? 255 : 0, sizeof rgb);
     const hard_data_options data = {.level = -1, .points = {HARD_TRUTH, xyz, rgb}};
@@ -131,7 +131,7 @@ static void any_extent(void **state) {
     char name[32], what[48];
     pags_train_config config = hard_config(HARD_STEPS);
     const hard_data_options data = {.level = -1, .scale = scales[k]};
-    config.near_plane *= scales[k];
+    config.picture.near_plane *= scales[k];
     snprintf(name, sizeof name, "extent%d", k);
     snprintf(what, sizeof what, "%g times as large", scales[k]);
     const pags_train_result r = train_on(what, name, &data, &config);
@@ -149,9 +149,9 @@ static void mcmc_of_any_extent(void **state) {
     char name[32], what[48];
     pags_train_config config = hard_config(HARD_STEPS);
     const hard_data_options data = {.level = -1, .scale = scales[k]};
-    config.near_plane *= scales[k];
-    config.strategy = PAGS_STRATEGY_MCMC;
-    config.max_gaussians = 300;
+    config.picture.near_plane *= scales[k];
+    config.density.strategy = PAGS_STRATEGY_MCMC;
+    config.size_limit.max_gaussians = 300;
     snprintf(name, sizeof name, "mcmc%d", k);
     snprintf(what, sizeof what, "MCMC, %g times as large", scales[k]);
     assert_true(train_on(what, name, &data, &config).psnr > 12);
@@ -174,8 +174,8 @@ static void far_from_the_origin(void **state) {
 static void everything_pruned(void **state) {
   (void)state;
   pags_train_config config = hard_config(HARD_STEPS);
-  config.prune_opacity = 0.95;
-  config.reset_every = 1;
+  config.density.prune_opacity = 0.95;
+  config.density.reset_every = 1;
   const pags_train_result r = train_on("everything is to be pruned", "pruned", &HARD_DATA_DEFAULT, &config);
   assert_true(r.gaussians >= 16);
 }
@@ -190,8 +190,8 @@ static void resets(void **state) {
   for (int k = 0; k < 2; k++) {
     char name[32], what[48];
     pags_train_config config = hard_config(HARD_STEPS);
-    config.reset_every = 3000; /* of 30 000: every 24 steps here */
-    config.reset_opacity = levels[k];
+    config.density.reset_every = 3000; /* of 30 000: every 24 steps here */
+    config.density.reset_opacity = levels[k];
     snprintf(name, sizeof name, "reset%d", k);
     snprintf(what, sizeof what, "opacities reset to %g", levels[k]);
     const pags_train_result r = train_on(what, name, &HARD_DATA_DEFAULT, &config);
@@ -199,7 +199,7 @@ static void resets(void **state) {
   }
   for (int k = 0; k < 2; k++) {
     pags_train_config config = hard_config(HARD_STEPS);
-    *(k ? &config.init_opacity : &config.reset_opacity) = 0.0039;
+    *(k ? &config.start.init_opacity : &config.density.reset_opacity) = 0.0039;
     assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
     assert_non_null(strstr(pags_error_message(), k ? "init_opacity" : "reset_opacity"));
   }
@@ -256,15 +256,16 @@ static void absurd_rates(void **state) {
     char name[32];
     pags_train_config config = hard_config(absurd_steps());
     pags_train_result r;
-    config.position_rate_begin = config.position_rate_end = c->rate;
-    config.scale_rate = config.rotation_rate = config.opacity_rate = config.sh_dc_rate = config.sh_rest_rate = c->rate;
-    config.beta2 = c->beta2, config.epsilon = c->epsilon, config.strategy = c->strategy;
-    config.reset_every = 3000;
-    config.max_gaussians = 300;
+    config.optimiser.position_rate_begin = config.optimiser.position_rate_end = c->rate;
+    config.optimiser.scale_rate = config.optimiser.rotation_rate = config.optimiser.opacity_rate =
+        config.optimiser.sh_dc_rate = config.optimiser.sh_rest_rate = c->rate;
+    config.optimiser.beta2 = c->beta2, config.optimiser.epsilon = c->epsilon, config.density.strategy = c->strategy;
+    config.density.reset_every = 3000;
+    config.size_limit.max_gaussians = 300;
     if (c->strategy == PAGS_STRATEGY_MCMC)
-      config.mcmc_noise = 1e9, config.mcmc_opacity_reg = config.mcmc_scale_reg = 1e3;
+      config.mcmc.mcmc_noise = 1e9, config.mcmc.mcmc_opacity_reg = config.mcmc.mcmc_scale_reg = 1e3;
     if (!c->densify)
-      config.densify_until = 0;
+      config.density.densify_until = 0;
     snprintf(name, sizeof name, "absurd%d", (int)k);
     const pags_result code = hard_try(dataset, name, &config, NULL, 2, pags_train_options_default(), &r);
     print_message("  %-40s %s after %d steps: loss %.3g, %d rows skipped, %d Gaussians\n", c->name,
@@ -284,10 +285,10 @@ static void absurd_rates(void **state) {
 static void rates_out_of_range(void **state) {
   (void)state;
   pags_train_config config = hard_config(10);
-  config.scale_rate = 1e30;
+  config.optimiser.scale_rate = 1e30;
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "scale_rate"));
-  config.scale_rate = NAN;
+  config.optimiser.scale_rate = NAN;
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
 }
 

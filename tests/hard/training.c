@@ -203,14 +203,14 @@ pags_dataset *hard_data(const char *name, const hard_data_options *options) {
 
 pags_train_config hard_config(int64_t steps) {
   pags_train_config c = pags_train_config_default();
-  c.iterations = steps;
-  c.sh_degree = 1;
-  c.quarter_until = c.half_until = 0;
-  c.max_gaussians = 600;
-  c.densify_from = 0;
-  c.densify_gradient = 1e-4;
-  c.reset_every = 1000000000;
-  c.cluster_size = 16;
+  c.schedule.iterations = steps;
+  c.color.sh_degree = 1;
+  c.schedule.quarter_until = c.schedule.half_until = 0;
+  c.size_limit.max_gaussians = 600;
+  c.density.densify_from = 0;
+  c.density.densify_gradient = 1e-4;
+  c.density.reset_every = 1000000000;
+  c.picture.cluster_size = 16;
   return c;
 }
 
@@ -277,7 +277,7 @@ pags_train_result hard_train(const pags_dataset *dataset, const char *name, cons
   pags_train_result result;
   check(hard_try(dataset, name, config, start, 2, pags_train_options_default(), &result));
   assert_true(result.finished);
-  assert_int_equal(result.iterations, config->iterations);
+  assert_int_equal(result.iterations, config->schedule.iterations);
   assert_true(isfinite(result.loss) && isfinite(result.psnr));
   hard_check_scene(name);
   return result;

@@ -34,8 +34,8 @@ static float random_value(uint64_t purpose, uint64_t index) {
 
 static pags_train_config test_config(void) {
   pags_train_config config = pags_train_config_default();
-  config.iterations = STEPS;
-  config.position_rate_begin = 1e-2;
+  config.schedule.iterations = STEPS;
+  config.optimiser.position_rate_begin = 1e-2;
   return config;
 }
 

@@ -34,7 +34,7 @@ static void begin(fixture *f, pags_train_config config) {
     pags_plane(&g, PAGS_OPACITY)[i] = 1.0f;
     pags_plane(&g, PAGS_SH)[i] = (float)i; /* who it was */
   }
-  config.sh_degree = 1;
+  config.color.sh_degree = 1;
   pags_schedule schedule = pags_schedule_make(&config, extent, 10);
   assert_int_equal(pags_model_create(&f->state, &schedule, 30000, &g), PAGS_OK);
   f->state.step = AT;
@@ -96,7 +96,7 @@ static void absgrad_has_its_own_threshold(void **unused) {
   fixture f;
   pags_edits e;
   pags_train_config config = pags_train_config_default();
-  config.absgrad = 1;
+  config.density.absgrad = 1;
   begin(&f, config);
   pull(&f, 1, 7e-4f);
   pull(&f, 2, 9e-4f);
@@ -124,8 +124,8 @@ static void growth_counts_what_is_critical_by_itself(void **unused) {
       fixture f;
       pags_edits e;
       pags_train_config config = pags_train_config_default();
-      config.critical_weight = cases[i].weight;
-      config.critical_growth = cases[i].growth;
+      config.priority.critical_weight = cases[i].weight;
+      config.priority.critical_growth = cases[i].growth;
       begin(&f, config);
       assert_int_equal(pags_gaussians_add_s_sem(&f.state.gaussians), PAGS_OK);
       f.state.gaussians.s_sem[2] = 1.0f;
@@ -145,7 +145,7 @@ static void the_bound_takes_the_strongest(void **unused) {
   fixture f;
   pags_edits e;
   pags_train_config config = pags_train_config_default();
-  config.max_gaussians = ROWS + 2;
+  config.size_limit.max_gaussians = ROWS + 2;
   begin(&f, config);
   pull(&f, 11, 4e-4f);
   pull(&f, 12, 6e-4f), set_sigma(&f, 12, 0.2f);

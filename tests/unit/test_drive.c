@@ -57,8 +57,8 @@ static int remove_street(void **unused) {
 
 static pags_train_config quick(void) {
   pags_train_config config = pags_train_config_default();
-  config.iterations = ITERATIONS;
-  config.resolution_floor = 24;
+  config.schedule.iterations = ITERATIONS;
+  config.schedule.resolution_floor = 24;
   return config;
 }
 
@@ -140,10 +140,10 @@ static void threads_and_interruptions_change_no_bit(void **unused) {
   train(&config, "one", one, 1000, 0);
   train(&config, "two", tasks, 37, 0);
   assert_same_run("one", "two");
-  half.schedule_iterations = ITERATIONS;
-  half.iterations = 71; /* past the start of tracks, before the end of densifying */
+  half.schedule.schedule_iterations = ITERATIONS;
+  half.schedule.iterations = 71; /* past the start of tracks, before the end of densifying */
   train(&half, "resumed", tasks, 1000, 0);
-  half.iterations = ITERATIONS;
+  half.schedule.iterations = ITERATIONS;
   pags_train_result result = train(&half, "resumed", one, 1000, 1);
   assert_int_equal(result.resumed, 1);
   assert_same_file("one", "resumed", "background.ply");
@@ -169,10 +169,10 @@ static void pruned_runs_go_on(const pags_train_config *config, const char *name)
   snprintf(whole, sizeof whole, "%s_whole", name);
   snprintf(parts, sizeof parts, "%s_parts", name);
   pags_train_result result = train(config, whole, one, 1000, 0);
-  half.schedule_iterations = ITERATIONS;
-  half.iterations = 71;
+  half.schedule.schedule_iterations = ITERATIONS;
+  half.schedule.iterations = 71;
   train(&half, parts, tasks, 1000, 0);
-  half.iterations = ITERATIONS;
+  half.schedule.iterations = ITERATIONS;
   result = train(&half, parts, tasks, 1000, 1);
   assert_int_equal(result.resumed, 1);
   assert_same_file(whole, parts, "background.ply");
@@ -187,23 +187,23 @@ static void pruned_runs_go_on(const pags_train_config *config, const char *name)
 static void pruning_changes_no_bit_of_a_resumed_run(void **unused) {
   (void)unused;
   pags_train_config config = quick();
-  config.preset = PAGS_PRESET_SHORT;
-  config.prune_floor = 20;
-  config.dropout = 1;
-  config.max_gaussians = 1500;
+  config.priority.preset = PAGS_PRESET_SHORT;
+  config.priority.prune_floor = 20;
+  config.priority.dropout = 1;
+  config.size_limit.max_gaussians = 1500;
   pruned_runs_go_on(&config, "pass");
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch("pass_whole"), &scene), PAGS_OK);
   assert_int_equal(pags_scene_gaussian_count(&scene), 1500);
   pags_scene_destroy(&scene);
-  config.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
-  config.s_grad = PAGS_S_GRAD_LOG;
-  config.s_sem = PAGS_S_SEM_OVERLAP;
+  config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  config.priority.s_grad = PAGS_S_GRAD_LOG;
+  config.priority.s_sem = PAGS_S_SEM_OVERLAP;
   pruned_runs_go_on(&config, "training");
   config = quick();
-  config.preset = PAGS_PRESET_LEAN;
-  config.prune_floor = 20;
-  config.lidar_pull = 0.5;
+  config.priority.preset = PAGS_PRESET_LEAN;
+  config.priority.prune_floor = 20;
+  config.density.lidar_pull = 0.5;
   pruned_runs_go_on(&config, "lean");
 }
 
@@ -211,9 +211,9 @@ static void parts_can_be_left_out(void **unused) {
   (void)unused;
   pags_train_config config = quick();
   pags_scene scene;
-  config.iterations = 20;
-  config.objects = config.sky = config.exposure = config.lidar_start = 0;
-  config.depth_weight = 0.0;
+  config.schedule.iterations = 20;
+  config.objects.objects = config.sky.sky = config.exposure.exposure = config.start.lidar_start = 0;
+  config.losses.depth_weight = 0.0;
   train(&config, "bare", tasks, 1000, 0);
   assert_int_equal(pags_scene_load(scratch("bare"), &scene), PAGS_OK);
   assert_int_equal(scene.model_count, 1);
@@ -228,9 +228,9 @@ static void a_bound_holds_for_all_models(void **unused) {
   (void)unused;
   pags_train_config config = quick();
   pags_scene scene;
-  config.iterations = 40;
+  config.schedule.iterations = 40;
   for (int64_t bound = 60; bound <= 600; bound *= 10) {
-    config.max_gaussians = bound;
+    config.size_limit.max_gaussians = bound;
     train(&config, "bounded", tasks, 1000, 0);
     assert_int_equal(pags_scene_load(scratch("bounded"), &scene), PAGS_OK);
     assert_true(scene.model_count > 1);
@@ -245,8 +245,8 @@ static int64_t within_memory(int sky, uint64_t bytes) {
   pags_train_config config = quick();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.iterations = 10;
-  config.sky = sky;
+  config.schedule.iterations = 10;
+  config.sky.sky = sky;
   options.dataset = dataset;
   options.output = scratch("fitted");
   options.tasks = tasks;
@@ -263,7 +263,7 @@ static void a_bound_of_memory_counts_the_sky(void **unused) {
   (void)unused;
   pags_scene scene;
   assert_int_equal(pags_scene_load(scratch("whole"), &scene), PAGS_OK);
-  const int degree = quick().sh_degree;
+  const int degree = quick().color.sh_degree;
   const uint64_t sky = pags_sky_fit_bytes(scene.sky.size), room = sky + pags_train_bytes(2000, degree, 96, 64);
   const int64_t with = within_memory(1, room), without = within_memory(0, room);
   assert_in_range(with, 1500, 2000);
@@ -328,7 +328,7 @@ static void a_camera_is_exposed_as_its_photographs(void **unused) {
   enum { STEPS = 2000 };
   pags_dataset *pair = open_pair();
   pags_train_config config = pags_train_config_default();
-  config.iterations = STEPS;
+  config.schedule.iterations = STEPS;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, pags_dataset_view_count(pair));
   pags_exposures e;
   int64_t seen[2] = {-1, -1}, other[2] = {-1, -1}; /* the first of each camera, and its last */

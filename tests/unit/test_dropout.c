@@ -18,8 +18,8 @@ enum { WIDTH = 40, HEIGHT = 26, PIXELS = WIDTH * HEIGHT, COUNT = 28, DRAWS = 409
 /* At the end of a schedule: D = gamma (1 - beta S_sem). */
 static pags_dropout last_step(int64_t step, int64_t object) {
   pags_train_config config = pags_train_config_default();
-  config.dropout = 1;
-  config.seed = 5;
+  config.priority.dropout = 1;
+  config.schedule.seed = 5;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   pags_dropout d = pags_dropout_at(&schedule, schedule.length, object);
   d.step = step;
@@ -31,10 +31,10 @@ static void rates_follow_step_and_priority(void **unused) {
   enum { ROWS = 1 << 16 };
   static float s_sem[ROWS], factor[ROWS];
   pags_train_config config = pags_train_config_default();
-  config.iterations = 1000;
+  config.schedule.iterations = 1000;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   assert_true(pags_dropout_at(&schedule, 1000, -1).most == 0.0); /* off by default */
-  config.dropout = 1;
+  config.priority.dropout = 1;
   schedule = pags_schedule_make(&config, 1.0, 10);
   assert_true(fabs(pags_dropout_at(&schedule, 400, -1).most - 0.1) < 1e-15);
   assert_true(fabs(pags_dropout_at(&schedule, 1700, -1).most - 0.25) < 1e-15); /* resumed beyond its end */

@@ -23,9 +23,9 @@ typedef struct fixture {
 static void begin(fixture *f, int64_t cap) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
-  config.strategy = PAGS_STRATEGY_MCMC;
-  config.max_gaussians = cap;
-  config.sh_degree = 0;
+  config.density.strategy = PAGS_STRATEGY_MCMC;
+  config.size_limit.max_gaussians = cap;
+  config.color.sh_degree = 0;
   f->tasks = pags_tasks_create(2);
   assert_int_equal(pags_gaussians_create(&g, ROWS, 0), PAGS_OK);
   for (int i = 0; i < ROWS; i++) {
@@ -87,7 +87,7 @@ static double regulariser(const pags_train_model *s) {
     for (int k = 0; k < 3; k++)
       sigma += exp((double)pags_plane(g, PAGS_SCALE + k)[i]) / (3.0 * (double)g->count);
   }
-  return s->schedule.config.mcmc_opacity_reg * opacity + s->schedule.config.mcmc_scale_reg * sigma;
+  return s->schedule.config.mcmc.mcmc_opacity_reg * opacity + s->schedule.config.mcmc.mcmc_scale_reg * sigma;
 }
 
 static void regularisers_match_finite_differences(void **unused) {

@@ -46,9 +46,9 @@ static void poses_are_found(void **unused) {
   (void)unused;
   static const double points[4][3] = {{2, 0, 0}, {0, 1, 0}, {0, 0, 1}, {-2, 1, 0.5}};
   pags_train_config config = pags_train_config_default();
-  config.iterations = 2000;
-  config.track_translation_rate = 0.01;
-  config.track_rotation_rate = 0.004;
+  config.schedule.iterations = 2000;
+  config.objects.track_translation_rate = 0.01;
+  config.objects.track_rotation_rate = 0.004;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 10);
   pags_track_poses tracks = one_track();
   for (int step = 1; step <= 1200; step++) {

@@ -19,8 +19,8 @@
 
 static pags_schedule schedule_of(pags_preset preset, int64_t iterations, int64_t views) {
   pags_train_config config = pags_train_config_default();
-  config.preset = preset;
-  config.iterations = iterations;
+  config.priority.preset = preset;
+  config.schedule.iterations = iterations;
   return pags_schedule_make(&config, 1.0, views);
 }
 
@@ -55,25 +55,25 @@ static void lean_begins_earlier_and_asks_less(void **unused) {
     assert_int_equal(s.prune_step[i], 4000 * (i + 1));
     assert_true(s.prune_rate[i] == (i < 3 ? 0.5 : 0.2));
   }
-  assert_true(s.config.critical_weight == 3.0 && s.config.hybrid == PAGS_HYBRID_PRODUCT);
+  assert_true(s.config.priority.critical_weight == 3.0 && s.config.priority.hybrid == PAGS_HYBRID_PRODUCT);
   s = schedule_of(PAGS_PRESET_PAPER, 30000, 10);
-  assert_true(s.config.critical_weight == 1.0 && s.config.hybrid == PAGS_HYBRID_SUM);
+  assert_true(s.config.priority.critical_weight == 1.0 && s.config.priority.hybrid == PAGS_HYBRID_SUM);
 }
 
 /* At alpha 0 nothing of lean knows what is critical. */
 static void leans_loss_follows_alpha(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
-  config.preset = PAGS_PRESET_LEAN;
-  config.alpha = 0.0;
-  assert_true(pags_config_resolve(&config, 1).critical_weight == 1.0);
-  config.alpha = 1.0;
-  assert_true(pags_config_resolve(&config, 1).critical_weight == 6.0);
-  config.critical_weight = 2.0;
-  assert_true(pags_config_resolve(&config, 1).critical_weight == 2.0);
-  assert_true(pags_config_resolve(&config, 1).critical_growth == 2.0);
-  config.critical_growth = 1.0;
-  assert_true(pags_config_resolve(&config, 1).critical_growth == 1.0);
+  config.priority.preset = PAGS_PRESET_LEAN;
+  config.priority.alpha = 0.0;
+  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 1.0);
+  config.priority.alpha = 1.0;
+  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 6.0);
+  config.priority.critical_weight = 2.0;
+  assert_true(pags_config_resolve(&config, 1).priority.critical_weight == 2.0);
+  assert_true(pags_config_resolve(&config, 1).priority.critical_growth == 2.0);
+  config.priority.critical_growth = 1.0;
+  assert_true(pags_config_resolve(&config, 1).priority.critical_growth == 1.0);
 }
 
 /* Between the preset's -1 and 1 there is nothing to ask for. */
@@ -154,16 +154,16 @@ static void scores_come_into_0_to_1(void **unused) {
 static void the_two_scores_come_together(void **unused) {
   (void)unused;
   pags_train_config c = pags_train_config_default();
-  c.hybrid = PAGS_HYBRID_SUM;
+  c.priority.hybrid = PAGS_HYBRID_SUM;
   assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.0) - 0.4) < 1e-15);
   assert_true(fabs(pags_prune_hybrid(&c, 0.25, 0.5) - 0.4) < 1e-15);
-  c.hybrid = PAGS_HYBRID_PRODUCT;
+  c.priority.hybrid = PAGS_HYBRID_PRODUCT;
   assert_true(pags_prune_hybrid(&c, 1.0, 0.0) == 0.0);
   assert_true(fabs(pags_prune_hybrid(&c, 1.0, 0.6) - pags_prune_hybrid(&c, 0.0, 1.0)) < 1e-15);
   assert_true(fabs(pags_prune_hybrid(&c, 0.5, 0.5) - 0.4) < 1e-15);
-  c.alpha = 0.0;
+  c.priority.alpha = 0.0;
   for (int kind = PAGS_HYBRID_SUM; kind <= PAGS_HYBRID_PRODUCT; kind++) {
-    c.hybrid = (pags_hybrid)kind;
+    c.priority.hybrid = (pags_hybrid)kind;
     assert_true(pags_prune_hybrid(&c, 1.0, 0.3) == 0.3 && pags_prune_hybrid(&c, 0.0, 0.3) == 0.3);
   }
 }
@@ -225,10 +225,10 @@ static void the_bound_holds_at_the_last_prune(void **unused) {
   pags_schedule s = schedule_of(PAGS_PRESET_SHORT, 30000, 10);
   assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
-  s.config.max_gaussians = 300;
+  s.config.size_limit.max_gaussians = 300;
   assert_int_equal(pags_prune_target(&s, 0, 1000), 400);
   assert_int_equal(pags_prune_target(&s, 3, 1000), 300);
-  s.config.max_gaussians = 800;
+  s.config.size_limit.max_gaussians = 800;
   assert_int_equal(pags_prune_target(&s, 3, 1000), 700);
   assert_int_equal(pags_prune_target(&s, 3, 3), 16); /* more than there are: none goes */
 }
@@ -242,9 +242,9 @@ static void rows_take_their_scores_along(void **unused) {
   uint64_t fingerprint;
   pags_tasks *tasks = pags_tasks_create(1);
   pags_train_config config = pags_train_config_default();
-  config.sh_degree = 0;
-  config.preset = PAGS_PRESET_SHORT;
-  config.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
+  config.color.sh_degree = 0;
+  config.priority.preset = PAGS_PRESET_SHORT;
+  config.priority.s_grad_from = PAGS_S_GRAD_FROM_TRAINING;
   pags_schedule schedule = pags_schedule_make(&config, 10.0, 4);
   assert_int_equal(pags_state_create(&s, &schedule, 30000, 1), PAGS_OK);
   assert_int_equal(pags_gaussians_create(&g, 40, 0), PAGS_OK);

@@ -50,23 +50,23 @@ static void events_of_30000_steps(void **unused) {
 static void short_runs_keep_whole_passes(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
-  config.iterations = 3000;
+  config.schedule.iterations = 3000;
   pags_schedule s = pags_schedule_make(&config, 1.0, 43);
   assert_int_equal(s.densify_from, 50);
   assert_int_equal(s.densify_until, 1500);
   assert_int_equal(s.densify_every, 43);
   assert_int_equal(s.reset_every, 301); /* 300 raised to a multiple of 43 */
   assert_true(pags_schedule_is_densify(&s, 301) && pags_schedule_is_reset(&s, 301));
-  config.schedule_iterations = 30000; /* stretched over another length than is run */
+  config.schedule.schedule_iterations = 30000; /* stretched over another length than is run */
   assert_int_equal(pags_schedule_make(&config, 1.0, 43).densify_from, 500);
 }
 
 static void resolution_rises_and_small_photographs_stay(void **unused) {
   (void)unused;
   pags_train_config config = pags_train_config_default();
-  config.iterations = 1000;
-  config.quarter_until = 0.1;
-  config.half_until = 0.5;
+  config.schedule.iterations = 1000;
+  config.schedule.quarter_until = 0.1;
+  config.schedule.half_until = 0.5;
   pags_schedule s = pags_schedule_make(&config, 1.0, 1);
   assert_int_equal(pags_schedule_level(&s, 1, 540, 960), 4);
   assert_int_equal(pags_schedule_level(&s, 100, 540, 960), 4);
@@ -104,8 +104,8 @@ static void configuration_survives_text(void **unused) {
   pags_config_write(&a, text);
   assert_int_equal(pags_config_read(&b, text, strlen(text), "test"), PAGS_OK);
   assert_null(pags_config_difference(&a, &b));
-  assert_int_equal(b.strategy, PAGS_STRATEGY_MCMC);
-  assert_true(b.position_rate_begin == 0.1234567890123456 && b.background[2] == 0.5);
+  assert_int_equal(b.density.strategy, PAGS_STRATEGY_MCMC);
+  assert_true(b.optimiser.position_rate_begin == 0.1234567890123456 && b.picture.background[2] == 0.5);
   assert_int_equal(pags_config_read(&b, text, strlen(text) - 1, "test"), PAGS_ERROR_FORMAT);
   pags_config_write_json(&a, text);
   assert_non_null(strstr(text, "\"strategy\": \"mcmc\""));
@@ -118,7 +118,7 @@ static void configuration_is_checked(void **unused) {
   assert_int_equal(pags_train_config_set(&config, "iterations", "many"), PAGS_ERROR_ARGUMENT);
   assert_int_equal(pags_train_config_set(&config, "no_such_field", "1"), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "no_such_field"));
-  config.ssim_weight = 1.5;
+  config.losses.ssim_weight = 1.5;
   assert_int_equal(pags_train_config_check(&config), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "ssim_weight"));
   pags_train_config raw;

@@ -252,8 +252,8 @@ static void a_wall_behind_a_car_gets_no_credit(void **unused) {
 static void fill_state(pags_train_state *s, pags_s_sem kind) {
   pags_gaussians g;
   pags_train_config config = pags_train_config_default();
-  config.sh_degree = 0;
-  config.s_sem = kind;
+  config.color.sh_degree = 0;
+  config.priority.s_sem = kind;
   pags_schedule schedule = pags_schedule_make(&config, 1.0, 4);
   assert_int_equal(pags_state_create(s, &schedule, 100, 2), PAGS_OK);
   for (int m = 0; m < 2; m++) {

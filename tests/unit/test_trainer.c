@@ -150,14 +150,14 @@ static int remove_data(void **unused) {
 
 static pags_train_config small_config(void) {
   pags_train_config c = pags_train_config_default();
-  c.iterations = ITERATIONS;
-  c.sh_degree = 1;
-  c.resolution_floor = 16;
-  c.max_gaussians = 700;
-  c.background[2] = 0.3;
-  c.densify_from = 0;
-  c.densify_gradient = 1e-4;
-  c.cluster_size = 16;
+  c.schedule.iterations = ITERATIONS;
+  c.color.sh_degree = 1;
+  c.schedule.resolution_floor = 16;
+  c.size_limit.max_gaussians = 700;
+  c.picture.background[2] = 0.3;
+  c.density.densify_from = 0;
+  c.density.densify_gradient = 1e-4;
+  c.picture.cluster_size = 16;
   return c;
 }
 
@@ -184,7 +184,7 @@ static void train(const pags_train_config *config, const char *output, int threa
     print_message("%s\n", pags_error_message());
   assert_int_equal(code, PAGS_OK);
   assert_true(result.finished);
-  assert_int_equal(result.iterations, config->iterations);
+  assert_int_equal(result.iterations, config->schedule.iterations);
   assert_int_equal(result.bad_rows, 0);
 }
 
@@ -224,7 +224,7 @@ static void learns_the_scene(void **unused) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   pags_scene scene;
-  config.iterations = 600;
+  config.schedule.iterations = 600;
   assert_int_equal(run(&config, in_root("learn"), 2, options, &result), PAGS_OK);
   print_message("%lld Gaussians, %.2f dB\n", (long long)result.gaussians, result.psnr);
   assert_true(result.psnr > 25.0);
@@ -257,7 +257,7 @@ static void dropout_is_reproducible_too(void **unused) {
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.dropout = 1;
+  config.priority.dropout = 1;
   train(&config, in_root("drop1"), 1, 0);
   train(&config, in_root("drop2"), 2, 41);
   assert_same_folder(in_root("drop1"), in_root("drop2"));
@@ -269,7 +269,7 @@ static void dropout_is_reproducible_too(void **unused) {
     assert_int_equal(result.iterations, stops[i]);
   }
   assert_same_folder(in_root("drop1"), in_root("drop3"));
-  config.dropout = 0;
+  config.priority.dropout = 0;
   train(&config, in_root("drop4"), 2, 0);
   assert_false(is_same_file(in_root("drop1"), in_root("drop4"), "background.ply"));
 }
@@ -277,8 +277,8 @@ static void dropout_is_reproducible_too(void **unused) {
 static void mcmc_is_reproducible_too(void **unused) {
   (void)unused;
   pags_train_config config = small_config();
-  config.strategy = PAGS_STRATEGY_MCMC;
-  config.max_gaussians = 350;
+  config.density.strategy = PAGS_STRATEGY_MCMC;
+  config.size_limit.max_gaussians = 350;
   train(&config, in_root("mcmc1"), 1, 0);
   train(&config, in_root("mcmc3"), 3, 11);
   assert_same_folder(in_root("mcmc1"), in_root("mcmc3"));
@@ -346,13 +346,13 @@ static void resuming_may_go_further_but_not_elsewhere(void **unused) {
   pags_train_result result;
   train(&config, in_root("further"), 2, 0);
   options.resume = 1;
-  config.scale_rate *= 2.0;
+  config.optimiser.scale_rate *= 2.0;
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_ERROR_ARGUMENT);
   assert_non_null(strstr(pags_error_message(), "scale_rate"));
   config = small_config();
-  config.iterations = ITERATIONS - 1;
+  config.schedule.iterations = ITERATIONS - 1;
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_ERROR_ARGUMENT);
-  config.iterations = ITERATIONS + 30;
+  config.schedule.iterations = ITERATIONS + 30;
   assert_int_equal(run(&config, in_root("further"), 2, options, &result), PAGS_OK);
   assert_true(result.finished && result.resumed);
   assert_int_equal(result.iterations, ITERATIONS + 30);
@@ -400,7 +400,7 @@ static void overwriting_removes_what_the_scene_names(void **unused) {
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
   options.overwrite = 1;
-  config.iterations = 5;
+  config.schedule.iterations = 5;
   save_old_scene(in_root("old"));
   assert_int_equal(pags_file_write(in_root("old/objects/mine.ply"), "ply", 3), PAGS_OK);
   assert_int_equal(pags_file_write(in_root("old/sky.npy"), "not the scene's", 15), PAGS_OK);
@@ -430,7 +430,7 @@ static void a_time_limit_sets_the_steps(void **unused) {
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.iterations = 10000000;
+  config.schedule.iterations = 10000000;
   options.time_limit_seconds = 2.0;
   assert_int_equal(run(&config, in_root("limit"), 2, options, &result), PAGS_OK);
   print_message("%lld steps in %.2f s\n", (long long)result.iterations, result.seconds);
@@ -443,7 +443,7 @@ static void memory_becomes_a_bound_on_the_count(void **unused) {
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.max_gaussians = 0;
+  config.size_limit.max_gaussians = 0;
   options.max_memory = 1; /* too little for anything: the least bound, 1024 */
   assert_int_equal(run(&config, in_root("memory"), 2, options, &result), PAGS_OK);
   assert_true(result.gaussians <= 1024);
@@ -469,29 +469,29 @@ static void a_size_becomes_a_bound_on_the_count(void **unused) {
   pags_train_config config = small_config();
   pags_train_options options = pags_train_options_default();
   pags_train_result result;
-  config.max_gaussians = 0;
+  config.size_limit.max_gaussians = 0;
   for (int i = 0; i < 3; i++) { /* the third time the last prune sees to it */
     char name[16];
     snprintf(name, sizeof name, "size%d", i);
-    config.target_size = i ? 0.036 : 0.1;
-    config.preset = i == 2 ? PAGS_PRESET_SHORT : PAGS_PRESET_NONE;
+    config.size_limit.target_size = i ? 0.036 : 0.1;
+    config.priority.preset = i == 2 ? PAGS_PRESET_SHORT : PAGS_PRESET_NONE;
     assert_int_equal(run(&config, in_root(name), 2, options, &result), PAGS_OK);
     const uint64_t bytes = scene_bytes(in_root(name));
-    print_message("%g MB: %lld Gaussians, %llu bytes\n", config.target_size, (long long)result.gaussians,
+    print_message("%g MB: %lld Gaussians, %llu bytes\n", config.size_limit.target_size, (long long)result.gaussians,
                   (unsigned long long)bytes);
-    assert_true((double)bytes <= config.target_size * 1e6);
-    assert_true((double)bytes >= config.target_size * 1e6 - 14000.0); /* what is set aside */
+    assert_true((double)bytes <= config.size_limit.target_size * 1e6);
+    assert_true((double)bytes >= config.size_limit.target_size * 1e6 - 14000.0); /* what is set aside */
   }
-  config.target_size = 0.001;
-  config.preset = PAGS_PRESET_NONE;
+  config.size_limit.target_size = 0.001;
+  config.priority.preset = PAGS_PRESET_NONE;
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_ERROR_LIMIT);
   const char *needed = strstr(pags_error_message(), "take ");
   assert_non_null(strstr(pags_error_message(), "target_size"));
   assert_non_null(needed);
   const double least = atof(needed + strlen("take "));
-  config.target_size = least - 0.001; /* the message is rounded up to a thousandth */
+  config.size_limit.target_size = least - 0.001; /* the message is rounded up to a thousandth */
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_ERROR_LIMIT);
-  config.target_size = least;
+  config.size_limit.target_size = least;
   assert_int_equal(run(&config, in_root("size3"), 2, options, &result), PAGS_OK);
 }
 
@@ -522,12 +522,12 @@ static void colour_terms_go_where_they_do_not_show(void **unused) {
   pags_composition *scenes[2];
   pags_frame *frames[2];
   pags_tasks *tasks = pags_tasks_create(1);
-  config.sh_degree = 2;
-  config.sh_interval = 3000;
-  config.iterations = 400;
+  config.color.sh_degree = 2;
+  config.color.sh_interval = 3000;
+  config.schedule.iterations = 400;
   float most = 0.0f;
   for (int k = 0; k < 2; k++) {
-    config.sh_error = k ? 6.0 : 0.0;
+    config.size_limit.sh_error = k ? 6.0 : 0.0;
     train(&config, in_root(k ? "low" : "high"), 2, 0);
     assert_int_equal(pags_composition_load(in_root(k ? "low" : "high"), &scenes[k]), PAGS_OK);
     assert_int_equal(pags_frame_create(tasks, &frames[k]), PAGS_OK);

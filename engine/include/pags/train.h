@@ -53,134 +53,165 @@ typedef enum pags_s_grad { PAGS_S_GRAD_RANK, PAGS_S_GRAD_MINMAX, PAGS_S_GRAD_LOG
 /* ... and where it comes from: a pass over the training views, or the loss's own gradients since the last prune. */
 typedef enum pags_s_grad_from { PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING } pags_s_grad_from;
 
-/* Every constant of the training. Fields said to be "of 30 000" are steps of a run of 30 000 iterations and are
- * multiplied by schedule_iterations / 30 000 (design: one set of constants for any length). `extent` is 1.1 times the
- * largest distance of a training camera from their mean, metres. */
+/* Every constant of the training. engine/train/fields.c holds the one table of them: name, type, default, range, unit
+ * and text; `pags train --fields` prints it. `set`, checkpoints and scene.json call a member by its own name, without
+ * that of its struct. Members counted in "steps of 30 000" are steps of a run of 30 000 iterations: they are multiplied
+ * by schedule_iterations / 30 000, so that one set of constants serves runs of any length. `extent` is 1.1 times the
+ * largest distance of a training camera from their mean, in metres. int members are 0 or 1 where no unit is given. */
+
+/* How long, from which seed, and at which resolution. The first steps see shrunk photographs. */
+typedef struct pags_train_schedule {
+  int64_t iterations;          /* steps of the run */
+  int64_t schedule_iterations; /* steps that the schedule is stretched over; 0: iterations. Later steps keep its last
+                                  rates */
+  uint64_t seed;               /* any number: of everything that is random */
+  double quarter_until;        /* fraction of the schedule that sees photographs at a quarter of their size */
+  double half_until;           /* fraction of the schedule, counted from 0, that sees them at half size or less */
+  int resolution_floor;        /* px: a level is skipped where the shorter side would be smaller */
+} pags_train_schedule;
+
+/* Adam (Kingma and Ba 2015), with one learning rate for each group of planes. */
+typedef struct pags_train_optimiser {
+  double position_rate_begin; /* fraction of extent per step, at step 0 */
+  double position_rate_end;   /* fraction of extent per step, at the schedule's end; log-linear between */
+  double scale_rate;          /* per step, of ln sigma */
+  double rotation_rate;       /* per step, of the raw quaternion */
+  double opacity_rate;        /* per step, of the logit of opacity */
+  double sh_dc_rate;          /* per step, of the constant term of colour */
+  double sh_rest_rate;        /* per step, of the higher terms of colour */
+  double beta1, beta2;        /* fraction kept per step of the first and the second moment */
+  double epsilon;             /* added to the root of the second moment */
+} pags_train_optimiser;
+
+/* Weights of the loss. The terms of driving sets follow Street Gaussians (Yan et al. 2024). */
+typedef struct pags_train_losses {
+  double ssim_weight;   /* w of (1 - w) L1 + w (1 - SSIM) */
+  double depth_weight;  /* of the LiDAR depth term, per metre */
+  double depth_share;   /* fraction of the LiDAR samples that count: those with the smallest error */
+  double object_weight; /* of the object opacity term, from densify_until on */
+  double sky_weight;    /* of the sky opacity term */
+} pags_train_losses;
+
+/* The first Gaussians: from the data set's points; where it has none, from points found by matching photographs. */
+typedef struct pags_train_start {
+  int random_start;      /* 1: random points in the cameras' common view in place of matched ones */
+  double init_opacity;   /* opacity, more than 1/255, below which nothing is drawn */
+  double init_scale;     /* sigma, times the root mean square distance to the 3 nearest neighbours */
+  double init_scale_max; /* upper bound of that sigma, fraction of extent */
+  int lidar_start;       /* 1: driving sets start from LiDAR points */
+  double extent_most;    /* metres: upper bound of the extent of a driving set's background */
+} pags_train_start;
+
+/* Spherical harmonics of the colour. */
+typedef struct pags_train_color {
+  int sh_degree;       /* highest degree; -1: 3 for static sets, 1 for driving ones */
+  int64_t sh_interval; /* steps of 30 000 from one degree to the next */
+} pags_train_color;
+
+/* Density control (Kerbl et al. 2023). */
+typedef struct pags_train_density {
+  pags_strategy strategy;
+  int64_t densify_from;  /* steps of 30 000: densify after this step */
+  int64_t densify_until; /* steps of 30 000: densify before this step; -1: 15000; with preset LEAN 12000, SHORT 25000 */
+  int64_t densify_every; /* steps of 30 000, but at least one pass over the training views */
+  double densify_gradient; /* NDC: a Gaussian with a larger mean screen gradient is cloned or split */
+  int absgrad;             /* 1: the mean of absolute per-pixel gradients (Ye et al. 2024) */
+  double absgrad_gradient; /* NDC: the threshold with absgrad */
+  double dense_percent;    /* fraction of extent: a larger sigma is split, a smaller one cloned */
+  double split_divisor;    /* a child's sigma is its parent's over this */
+  int revised_opacity;     /* 1: children of a split get 1 - sqrt(1 - o) (Rota Bulo et al. 2024) */
+  double prune_opacity;    /* opacity: Gaussians below are removed */
+  double prune_scale;      /* fraction of extent: Gaussians with a larger sigma are removed after the first reset */
+  int64_t reset_every;     /* steps of 30 000 between opacity resets, but at least three passes; until densify_until */
+  double reset_opacity;    /* upper bound of opacity that a reset sets */
+  double lidar_pull;       /* fraction of the way to a plane that LiDAR shows nearby, by which each densify interval
+                              moves Gaussians of the background (docs/driving.md); 0: none */
+} pags_train_density;
+
+/* The strategy MCMC (Kheradmand et al. 2024). */
+typedef struct pags_train_mcmc {
+  double mcmc_growth;      /* fraction of new Gaussians per densify step */
+  double mcmc_noise;       /* position noise, times the position rate */
+  double mcmc_opacity_reg; /* weight of the mean opacity in the loss */
+  double mcmc_scale_reg;   /* weight of the mean sigma in the loss */
+} pags_train_mcmc;
+
+/* How large the scene may become. */
+typedef struct pags_train_size_limit {
+  int64_t max_gaussians; /* Gaussians; 0: 2^31 - 64 (MCMC: 1 000 000). With a preset the run may have more until the
+                            last prune, which keeps those with the highest scores */
+  double target_size;    /* MB (10^6 bytes) of the scene folder's scene.json, models and sky; 0: none */
+  double sh_error;       /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its
+                            colour, in any direction from which a training view sees it, by no more; 0: all keep theirs */
+} pags_train_size_limit;
+
+/* Scores, pruning by them, and adaptive stochastic dropout (docs/priority.md). */
+typedef struct pags_train_priority {
+  pags_preset preset;     /* others than NONE not with MCMC */
+  double alpha;           /* fraction of S_hybrid, and with LEAN of the loss, that is semantic */
+  pags_hybrid hybrid;     /* how S_hybrid comes of S_sem and S_grad */
+  double critical_weight; /* times a critical pixel counts in the photometric loss; -1: 1 + 5 alpha with LEAN, else 1 */
+  double critical_growth; /* times it counts for densify: the mean gradient is multiplied by (1 + (critical_growth - 1)
+                             s_sem) / (1 + (critical_weight - 1) s_sem). -1: as critical_weight */
+  double prune_early;     /* fraction removed at each of the first three prunes; -1: 0.5 with LEAN, else 0.6 */
+  double prune_late;      /* fraction removed at each later prune; -1: 0.2 with LEAN, else 0.3 */
+  int64_t prune_floor;    /* Gaussians: no object is pruned below */
+  pags_s_sem s_sem;
+  pags_s_grad s_grad;
+  pags_s_grad_from s_grad_from;
+  int dropout;          /* 1: each step leaves Gaussians out at random */
+  double dropout_beta;  /* 0..1: how much semantic priority protects a Gaussian from dropout */
+  double dropout_gamma; /* fraction left out by the last step of those without priority; rises from 0 */
+} pags_train_priority;
+
+/* How pictures are drawn. */
+typedef struct pags_train_picture {
+  double near_plane;    /* metres */
+  double low_pass;      /* px^2, added to both variances on the screen */
+  int antialiased;      /* 1: the 2D filter of Mip-Splatting */
+  double background[3]; /* display-referred sRGB, 0..1; its fields are background_r, _g and _b */
+  int cluster_size;     /* Gaussians culled together, a multiple of 16; changes speed, not results */
+} pags_train_picture;
+
+/* Moving objects of driving sets (Street Gaussians). */
+typedef struct pags_train_objects {
+  int objects;                   /* 1: a track that moves has Gaussians of its own; 0: all is background */
+  int box_prune;                 /* 1: densify removes an object's Gaussians outside of its box enlarged by half */
+  int tracks;                    /* 1: poses of moving objects are optimised */
+  int64_t tracks_from;           /* steps of 30 000 for which poses are held fixed */
+  double track_translation_rate; /* metres per step in a run that visits each photograph 100 times (inversely more or
+                                    less in others, by 4 at most), falling to a tenth */
+  double track_rotation_rate;    /* radians per step, likewise */
+  int fourier;                   /* 1: an object's colour may change over time where that pays */
+  int64_t fourier_from;          /* steps of 30 000: when that is decided */
+  double fourier_gain;           /* dB that it must promise on the object's pixels */
+} pags_train_objects;
+
+typedef struct pags_train_sky {
+  int sky;         /* 1: a cube map where training views show sky */
+  double sky_rate; /* per step, of texels, falling to a hundredth */
+} pags_train_sky;
+
+typedef struct pags_train_exposure {
+  int exposure;         /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph */
+  double exposure_rate; /* per step, of these, falling to a tenth */
+} pags_train_exposure;
+
 typedef struct pags_train_config {
   uint32_t cookie; /* set by pags_train_config_default; a struct that doesn't come from there is refused */
-
-  /* Run */
-  int64_t iterations; /* steps in all; default 30000, 1 to 10 million */
-  int64_t
-      schedule_iterations; /* steps the schedule is stretched over; 0: iterations. Steps beyond run at its end rates */
-  uint64_t seed;           /* of everything random; default 0 */
-
-  /* Optimiser: Adam, one rate per group of planes */
-  double position_rate_begin; /* times extent, at step 0; default 1.6e-4 */
-  double position_rate_end;   /* times extent, at the schedule's end (log-linear between); default 1.6e-6 */
-  double scale_rate;          /* per step, of ln sigma; default 0.005 */
-  double rotation_rate;       /* of the raw quaternion; default 0.001 */
-  double opacity_rate;        /* of the logit; default 0.05 */
-  double sh_dc_rate;          /* of the constant term; default 0.0025 */
-  double sh_rest_rate;        /* of the higher terms; default 0.000125 */
-  double beta1, beta2;        /* decay of the first and second moment; default 0.9 and 0.999 */
-  double epsilon;             /* added to the root of the second moment; default 1e-15 */
-
-  /* Loss */
-  double ssim_weight; /* w of (1 - w) L1 + w (1 - SSIM), 0..1; default 0.2 */
-
-  /* Start: the data set's points; where it has none, points found by matching its photographs */
-  int random_start;      /* 1: random points in the cameras' common view there. Default 0 */
-  double init_opacity;   /* 0.004..0.999 (1/255 is not drawn), default 0.1 */
-  double init_scale;     /* times the root mean square distance to the 3 nearest neighbours; default 1 */
-  double init_scale_max; /* upper bound of the first sigma, times extent; default 0.1 */
-
-  /* Colour */
-  int sh_degree;       /* highest degree, 0..3; default -1: 3 for static sets, 1 for driving ones */
-  int64_t sh_interval; /* one degree more every so many steps of 30 000; default 1000 */
-
-  /* Resolution: the first steps see shrunk photographs */
-  double quarter_until; /* share of the schedule at 1/4 of the size, 0..1; default 0.05 */
-  double half_until;    /* share of the schedule (from 0) at 1/2 or less; default 0.2 */
-  int resolution_floor; /* a level is skipped where the shorter side would fall under so many pixels; default 64 */
-
-  /* Density */
-  pags_strategy strategy; /* default PAGS_STRATEGY_DEFAULT */
-  int64_t densify_from;   /* first step (exclusive) of 30 000; default 500 */
-  int64_t densify_until;  /* last step (exclusive) of 30 000; default -1: 15000 (MCMC's paper: 25000); 12000 with preset
-                             LEAN, 25000 with SHORT */
-  int64_t densify_every;  /* steps of 30 000, but at least one pass over the training views; default 100 */
-  double densify_gradient; /* mean NDC gradient above which a Gaussian is cloned or split; default 2e-4 */
-  int absgrad;             /* 1: statistics from absolute per-pixel gradients (Ye et al. 2024). Default 0 */
-  double absgrad_gradient; /* the threshold then; default 8e-4 */
-  double dense_percent;    /* of extent: a larger sigma is split, a smaller cloned; default 0.01 */
-  double split_divisor;    /* children's sigma = parent's over this; default 1.6 */
-  int revised_opacity;     /* 1: split children get 1 - sqrt(1 - o) (Rota Bulo et al. 2024). Default 0 */
-  double prune_opacity;    /* below: removed; default 0.005 */
-  double prune_scale;      /* of extent: a larger sigma is removed once an opacity reset has been; default 0.1 */
-  int64_t
-      reset_every; /* opacity reset, steps of 30 000, but at least three passes; until densify_until; default 3000 */
-  double reset_opacity;  /* upper bound set then, 0.004..1; default 0.01 */
-  int64_t max_gaussians; /* never exceeded; 0: no bound but 2^31 - 64 (MCMC: 1 000 000). With a preset: kept from the
-                            last prune on, which removes those with the lowest scores; until then the run may have more.
-                            Default 0 */
-
-  /* Priority: scores and pruning by them (docs/priority.md) */
-  pags_preset preset;     /* default PAGS_PRESET_NONE; others not with MCMC */
-  double alpha;           /* how much of S_hybrid is semantic, and with LEAN of the loss, 0..1; default 0.4 */
-  pags_hybrid hybrid;     /* default PAGS_HYBRID_OF_PRESET */
-  double critical_weight; /* how often a critical pixel counts in the photometric loss, 1..100; default -1: 1 + 5 alpha
-                             with LEAN, otherwise 1 */
-  double critical_growth; /* how often where densify decides what to clone and split, 1..100: the mean gradient times
-                             (1 + (critical_growth - 1) s_sem) / (1 + (critical_weight - 1) s_sem). Default -1: as
-                             critical_weight */
-  double prune_early;  /* share removed at the first three prunes, 0..0.99; default -1: 0.5 with LEAN, otherwise 0.6 */
-  double prune_late;   /* at those after; default -1: 0.2 with LEAN, otherwise 0.3 */
-  int64_t prune_floor; /* no object is pruned below so many; default 500 */
-  pags_s_sem s_sem;    /* default PAGS_S_SEM_PASS */
-  pags_s_grad s_grad;  /* default PAGS_S_GRAD_RANK */
-  pags_s_grad_from s_grad_from; /* default PAGS_S_GRAD_FROM_PASS */
-
-  /* What the scene may store */
-  double target_size; /* MB (10^6 bytes) of the scene folder's scene.json, models and sky: no more Gaussians than fit;
-                         0: no bound. Default 0 */
-  double
-      sh_error; /* 255ths: each Gaussian of the finished scene keeps the lowest SH degree that changes its colour,
-                   from any direction    in which a training view sees it, by no more; 0: all keep theirs. Default 0 */
-
-  /* Adaptive stochastic dropout */
-  int dropout;         /* 1: each step leaves Gaussians out at random. Default 0 */
-  double dropout_beta; /* 0..1: how much semantic priority protects; default 0.5 */
-  double
-      dropout_gamma; /* share left out at the schedule's end where there is no priority, rising from 0; default 0.25 */
-
-  /* MCMC strategy */
-  double mcmc_growth;      /* share of new Gaussians per densify step; default 0.05 */
-  double mcmc_noise;       /* of the position noise, times the position rate; default 5e5 */
-  double mcmc_opacity_reg; /* weight of the mean opacity in the loss; default 0.01 */
-  double mcmc_scale_reg;   /* weight of the mean sigma in the loss; default 0.01 */
-
-  /* Picture */
-  double near_plane;    /* metres; default 0.01 */
-  double low_pass;      /* px^2; default 0.3 */
-  int antialiased;      /* 1: Mip-Splatting's 2D filter; default 0 */
-  double background[3]; /* display-referred sRGB, default 0 0 0 */
-  int cluster_size;     /* Gaussians culled together: a multiple of 16 up to 256; default 64 */
-
-  /* Driving sets. Weights and rates after Street Gaussians (Yan et al. 2024) unless said otherwise */
-  double extent_most;  /* metres: the background's extent is no larger; default 20 */
-  int objects;         /* 1: tracks that move get Gaussians of their own; 0: all is background. Default 1 */
-  int box_prune;       /* 1: an object's Gaussians outside of its box, enlarged by half, are removed at each densify.
-                          Default 1 */
-  int tracks;          /* 1: poses of moving objects are optimised. Default 1 */
-  int64_t tracks_from; /* of 30 000: held fixed until then; default 3000 */
-  double track_translation_rate; /* metres a step in a run that visits each photograph 100 times (inversely more or less
-                                    in others, by 4 at most), falling to a tenth; default 3e-3 */
-  double track_rotation_rate;    /* radians, likewise; default 3e-4 */
-  int fourier;                   /* 1: objects' colour may change over time where that pays. Default 1 */
-  int64_t fourier_from;          /* of 30 000: when that is decided; default 15000 */
-  double fourier_gain;           /* dB that it must promise on the object's pixels; default 0.1 */
-  int sky;                       /* 1: a cube map where training views show sky; 0: none. Default 1 */
-  double sky_rate;               /* of texels, falling to a hundredth; default 0.01 */
-  double sky_weight;             /* of the sky opacity term; default 0.05 */
-  int lidar_start;               /* 1: LiDAR points to start from. Default 1 */
-  double depth_weight;           /* of the LiDAR depth term, per metre; default 0.01 */
-  double depth_share;            /* of samples that count, the best ones; default 0.95 */
-  double lidar_pull;    /* 0..1: share of the way to a plane that LiDAR shows nearby by which the background's Gaussians
-                           are moved at    each interval of densify (docs/driving.md); 0: none. Default 0 */
-  double object_weight; /* of the object opacity term, from densify_until on; default 0.1 */
-  int exposure; /* 1: a gain and an offset per channel of each camera and, beside it, of each photograph. Default 1 */
-  double exposure_rate; /* of these, falling to a tenth; default 3e-3 */
+  pags_train_schedule schedule;
+  pags_train_optimiser optimiser;
+  pags_train_losses losses;
+  pags_train_start start;
+  pags_train_color color;
+  pags_train_density density;
+  pags_train_mcmc mcmc;
+  pags_train_size_limit size_limit;
+  pags_train_priority priority;
+  pags_train_picture picture;
+  pags_train_objects objects;
+  pags_train_sky sky;
+  pags_train_exposure exposure;
 } pags_train_config;
 
 PAGS_API pags_train_config pags_train_config_default(void);
