@@ -86,6 +86,11 @@ static pags_parse_status unknown_option(const pags_verb *verb, const char *name,
   names[count++] = "help";
   names[count] = NULL;
   snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
+  char replacement[96];
+  if (verb->replacement && verb->replacement(word, replacement, sizeof replacement)) {
+    pags_usage_error(verb, "--%s is now %s", word, replacement);
+    return PAGS_PARSE_USAGE;
+  }
   const char *nearest = pags_nearest_name(word, names);
   if (nearest)
     pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
@@ -481,6 +486,15 @@ static void print_real(char *text, size_t size, double value, bool single) {
   }
 }
 
+void pags_options_real(char *text, size_t size, double value) {
+  print_real(text, size, value, false);
+  char *exponent = strchr(text, 'e');
+  if (exponent) { /* 1e+09 as 1e9, 1e-06 as 1e-6 */
+    char *sign = exponent + 1, *digits = sign + 1 + strspn(sign + 1, "0");
+    memmove(sign + (*sign == '-'), digits, strlen(digits) + 1);
+  }
+}
+
 static void print_default(const pags_option *option, const void *defaults, char *text, size_t size) {
   const void *slot = (const char *)defaults + option->offset;
   text[0] = 0;
@@ -525,11 +539,11 @@ static void print_default(const pags_option *option, const void *defaults, char 
 }
 
 /* Prints words from column `column`, `used` columns being taken already, indenting further lines. */
-static void print_wrapped(const char *text, int used, int column) {
+static void print_wrapped(const char *text, int used, int column, int width) {
   int at = used;
   while (*text) {
     int length = (int)strcspn(text, " ");
-    if (at + length + (at > column) > HELP_WIDTH && at > column) {
+    if (at + length + (at > column) > width && at > column) {
       printf("\n%*s", column, "");
       at = column;
     } else if (at > column) {
@@ -545,14 +559,14 @@ static void print_wrapped(const char *text, int used, int column) {
   putchar('\n');
 }
 
-static void print_entry(const char *left, const char *text) {
+void pags_options_entry(const char *left, const char *text, int width) {
   int used = printf("%s", left);
   if (used > HELP_COLUMN - 2) {
     putchar('\n');
     used = 0;
   }
   printf("%*s", HELP_COLUMN - used, "");
-  print_wrapped(text, HELP_COLUMN, HELP_COLUMN);
+  print_wrapped(text, HELP_COLUMN, HELP_COLUMN, width);
 }
 
 static void print_option(const pags_option *option, const void *defaults) {
@@ -567,20 +581,20 @@ static void print_option(const pags_option *option, const void *defaults) {
   snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
            unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
            option->required ? " (required)" : "");
-  print_entry(left, text);
+  pags_options_entry(left, text, HELP_WIDTH);
 }
 
 void pags_options_help(const pags_verb *verb, const void *defaults) {
   char usage[512];
   snprintf(usage, sizeof usage, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
-  print_wrapped(usage, 0, 0);
+  print_wrapped(usage, 0, 0, HELP_WIDTH);
   putchar('\n');
-  print_wrapped(verb->about, 0, 0);
+  print_wrapped(verb->about, 0, 0, HELP_WIDTH);
   putchar('\n');
   for (const pags_positional *positional = verb->positionals; positional->metavar; positional++) {
     char left[80];
     snprintf(left, sizeof left, "  %s", positional->metavar);
-    print_entry(left, positional->help);
+    pags_options_entry(left, positional->help, HELP_WIDTH);
   }
   for (const pags_option *option = verb->options; !is_end(option); option++) {
     if (option->type == PAGS_OPTION_GROUP)
@@ -588,7 +602,7 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
     else
       print_option(option, defaults);
   }
-  print_entry("  --check-options", "check the command line's options, do nothing");
-  print_entry("  -h, --help", "print this");
+  pags_options_entry("  --check-options", "check the command line's options, do nothing", HELP_WIDTH);
+  pags_options_entry("  -h, --help", "print this", HELP_WIDTH);
   printf("\nExit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
 }

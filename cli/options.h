@@ -64,6 +64,7 @@ typedef struct pags_option {
   const char *fallback;    /* what help says of the default when the stored value doesn't say it; NULL: print the value;
                               "": print nothing */
   const char *help;
+  const char *field; /* of the training's configuration, whose row says the rest; NULL: the row says all itself */
 } pags_option;
 
 /* Rows of a table; letter 0: no short name; `kind` is what follows PAGS_OPTION_. */
@@ -71,13 +72,17 @@ typedef struct pags_option {
 #define PAGS_FLAG(long_name, letter, where, text) \
   {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .offset = where, .help = text}
 #define PAGS_TEXT(long_name, letter, where, meta, standard, text) \
-  {long_name, letter, false, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, standard, text}
+  {long_name, letter, false, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, standard, text, NULL}
 #define PAGS_CHOICE(long_name, where, choices, standard, text) \
-  {long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text}
+  {long_name, 0, false, PAGS_OPTION_ENUM, where, 0, 0, choices, NULL, standard, text, NULL}
 #define PAGS_VALUE(long_name, letter, kind, where, least, most, meta, units, standard, text) \
-  {long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text}
+  {long_name, letter, false, PAGS_OPTION_##kind, where, least, most, meta, units, standard, text, NULL}
 /* -o, which must be given. */
-#define PAGS_OUTPUT(where, meta, text) {"output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text}
+#define PAGS_OUTPUT(where, meta, text) \
+  {"output", 'o', true, PAGS_OPTION_STRING, where, 0, 0, meta, NULL, NULL, text, NULL}
+/* A field of the training's configuration; `meta` is NULL for switches and choices. */
+#define PAGS_FIELD(long_name, letter, meta, field_name) \
+  {.name = long_name, .short_name = letter, .type = PAGS_OPTION_FLAG, .metavar = meta, .field = field_name}
 #define PAGS_UNLIMITED HUGE_VAL
 
 typedef struct pags_positional {
@@ -92,6 +97,9 @@ typedef struct pags_verb {
   const char *about;   /* a paragraph */
   const pags_positional *positionals;
   const pags_option *options; /* ends with a row of zeros */
+  /* What to give in place of an option that is no longer there, "--set densify_from=N", in `text`; false: unknown. May
+   * be NULL. */
+  bool (*replacement)(const char *name, char *text, size_t size);
 } pags_verb;
 
 enum { PAGS_MAX_POSITIONALS = 4 };
@@ -120,6 +128,12 @@ int pags_usage_error(const pags_verb *verb, const char *format, ...)
     __attribute__((format(printf, 2, 3)))
 #endif
     ;
+
+/* Prints `left` and, from the help's column on, `text` wrapped to `width` columns. */
+void pags_options_entry(const char *left, const char *text, int width);
+
+/* The shortest decimal that reads back as the same double: 0.0001, 20, 1e9. */
+void pags_options_real(char *text, size_t size, double value);
 
 void pags_options_help(const pags_verb *verb, const void *defaults);
 

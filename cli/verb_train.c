@@ -4,9 +4,11 @@
 #include "cli/session.h"
 #include "cli/verbs.h"
 
+#include <assert.h>
 #include <math.h>
 #include <pags/dataset.h>
 #include <pags/train.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include "base/text.h"
@@ -17,234 +19,85 @@ typedef struct train_arguments {
   pags_dataset_options dataset;
   int reconstruction;
   const char *prune_rate;
+  pags_words set; /* NAME=VALUE each */
+  int fields;
   pags_train_config config;
   pags_train_options options;
 } train_arguments;
 
 #define AT(member) offsetof(train_arguments, member)
-#define CONFIG(member) offsetof(train_arguments, config.member)
 #define RUN(member) offsetof(train_arguments, options.member)
-#define STEPS "steps of 30 000"
 
-static const pags_option options[] = {
-    PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "folder to write the scene to; needed unless --estimate"),
+/* pags_verb_train completes the rows of fields from the table of the training before anything reads them. */
+static pags_option options[] = {
+    PAGS_TEXT("output", 'o', AT(output), "SCENE", NULL, "write the scene to this folder; needed unless --estimate"),
 
     PAGS_GROUP("The run"),
-    PAGS_VALUE("iterations", 'n', INT64, CONFIG(schedule.iterations), 1, PAGS_UNLIMITED, "N", "steps", NULL,
-               "how long to train; the schedule stretches with it"),
-    PAGS_VALUE("schedule-iterations", 0, INT64, CONFIG(schedule.schedule_iterations), 0, PAGS_UNLIMITED, "N", "steps",
-               "0: as --iterations", "stretch the schedule over so many; steps beyond run at its end rates"),
-    PAGS_FLAG("resume", 0, RUN(resume),
-              "go on from SCENE's checkpoint, or start where there is neither that nor a scene; --iterations may be "
-              "larger than before"),
-    PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that is not empty"),
-    PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps; 0: only at the end",
-               NULL, "write a checkpoint every N steps"),
+    PAGS_FIELD("iterations", 'n', "N", "iterations"),
+    PAGS_FLAG("resume", 0, RUN(resume), "go on from SCENE's checkpoint, or begin where there is none and no scene"),
+    PAGS_FLAG("overwrite", 0, RUN(overwrite), "train afresh into a SCENE that isn't empty"),
+    PAGS_VALUE("checkpoint-every", 0, INT64, RUN(checkpoint_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
+               "write a checkpoint so often; 0: only at the end"),
     PAGS_VALUE("log-every", 0, INT64, RUN(log_every), 1, PAGS_UNLIMITED, "N", "steps", NULL,
-               "add a line to SCENE/log.jsonl every N steps"),
-    PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps; 0: none", NULL,
-               "write a preview PNG every N steps"),
+               "add a line to SCENE/log.jsonl so often"),
+    PAGS_VALUE("preview-every", 0, INT64, RUN(preview_every), 0, PAGS_UNLIMITED, "N", "steps", NULL,
+               "write a preview PNG so often; 0: none"),
     PAGS_VALUE("time-limit", 0, DURATION, RUN(time_limit_seconds), 1, PAGS_UNLIMITED, "TIME", "90s, 30m, 2h", "none",
-               "set the number of steps from the speed measured early, so that the run fits; not reproducible"),
+               "fit the number of steps to this time; not reproducible"),
+    PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print time and memory of the whole run, write nothing"),
+    PAGS_FIELD("seed", 0, "N", "seed"),
     PAGS_VALUE("max-bad-rows", 0, INT64, RUN(bad_rows_most), 0, PAGS_UNLIMITED, "N", "updates", NULL,
-               "fail when more updates than that had to be left out because a number wasn't finite"),
-    PAGS_FLAG("estimate", 0, RUN(estimate), "run 50 steps, print minutes and memory of the whole run, write nothing"),
-    PAGS_VALUE("seed", 0, UINT64, CONFIG(schedule.seed), 0, 0, "N", NULL, NULL, "of everything random"),
+               "fail when more updates were left out as not finite"),
 
     PAGS_GROUP("The photographs"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(dataset.downscale), 1, 64, "F", "times", NULL, "shrink the photographs"),
-    PAGS_VALUE(
-        "split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", "views or time steps; 0: none",
-        "8; driving sets 4",
-        "hold out every Nth photograph, in file-name order, for eval; of driving sets all cameras of every Nth time "
-        "step"),
+    PAGS_VALUE("split-every", 0, INT, AT(dataset.split_every), 0, 1e9, "N", NULL, "8; driving sets 4",
+               "hold out every Nth photograph, of driving sets every Nth time step; 0: none"),
     PAGS_FLAG("reconstruction", 0, AT(reconstruction), "hold nothing out: train on every photograph"),
     PAGS_TEXT("colmap", 0, AT(dataset.colmap), "FOLDER", NULL,
-              "take cameras and points from this COLMAP model even where transforms.json exists"),
-    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing),
-              "leave out views whose photograph is missing; without it they are an error"),
+              "take cameras and points from this COLMAP model in place of transforms.json"),
+    PAGS_FLAG("allow-missing", 0, AT(dataset.allow_missing), "leave out views whose photograph is missing"),
     PAGS_DRIVING_OPTIONS(AT(dataset)),
     PAGS_VALUE("random-points", 0, INT64, AT(dataset.random_points), 1, 1e8, "N", NULL, NULL,
-               "how many points to start from where the data set has none"),
+               "start from so many points where the data set has none"),
     PAGS_VALUE("image-cache", 0, SIZE, RUN(image_cache), 1, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
-               "1G, at most a quarter of the memory allowed", "memory for decoded photographs"),
+               "1G, at most a quarter of the memory allowed", "limit the memory for decoded photographs"),
 
-    PAGS_GROUP("Driving scenes (see docs/driving.md)"),
-    PAGS_FLAG("no-objects", 0, CONFIG(objects.objects), "leave moving things in the background"),
-    PAGS_FLAG("no-tracks", 0, CONFIG(objects.tracks), "take poses of moving objects as labelled"),
-    PAGS_FLAG("no-fourier", 0, CONFIG(objects.fourier), "no object's colour changes over time"),
-    PAGS_FLAG("no-sky", 0, CONFIG(sky.sky), "no cube map behind everything"),
-    PAGS_FLAG("no-lidar-start", 0, CONFIG(start.lidar_start), "don't start from LiDAR points"),
-    PAGS_FLAG("no-exposure", 0, CONFIG(exposure.exposure), "no gain and offset per photograph"),
-    PAGS_FLAG("no-box-prune", 0, CONFIG(objects.box_prune), "keep objects' Gaussians that stray out of their boxes"),
-    PAGS_VALUE("depth-weight", 0, DOUBLE, CONFIG(losses.depth_weight), 0, 1e3, "W", "per metre; 0: none", NULL,
-               "of the LiDAR depth term"),
-    PAGS_VALUE("depth-share", 0, DOUBLE, CONFIG(losses.depth_share), 0.01, 1, "F", NULL, NULL,
-               "of LiDAR samples that count, those that fit best"),
-    PAGS_VALUE("lidar-pull", 0, DOUBLE, CONFIG(density.lidar_pull), 0, 1, "F", "0: none", NULL,
-               "move Gaussians of the background by this share of the way to a plane that LiDAR shows near them, as "
-               "often as densify's "
-               "interval"),
-    PAGS_VALUE("sky-weight", 0, DOUBLE, CONFIG(losses.sky_weight), 0, 1e3, "W", "0: none", NULL,
-               "of the sky opacity term"),
-    PAGS_VALUE("object-weight", 0, DOUBLE, CONFIG(losses.object_weight), 0, 1e3, "W", "0: none", NULL,
-               "of the object opacity term, once densifying is over"),
-    PAGS_VALUE("tracks-from", 0, INT64, CONFIG(objects.tracks_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "optimise poses after this step"),
-    PAGS_VALUE("track-translation-rate", 0, DOUBLE, CONFIG(objects.track_translation_rate), 0, 1, "R", "metres", NULL,
-               "learning rate of objects' positions; falls to a tenth"),
-    PAGS_VALUE("track-rotation-rate", 0, DOUBLE, CONFIG(objects.track_rotation_rate), 0, 1, "R", "radians", NULL,
-               "learning rate of objects' rotations; falls to a tenth"),
-    PAGS_VALUE("fourier-from", 0, INT64, CONFIG(objects.fourier_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "decide then whose colour changes over time"),
-    PAGS_VALUE("fourier-gain", 0, DOUBLE, CONFIG(objects.fourier_gain), 0, 100, "G", "dB", NULL,
-               "what that must promise on an object's pixels"),
-    PAGS_VALUE("sky-rate", 0, DOUBLE, CONFIG(sky.sky_rate), 0, 1, "R", NULL, NULL,
-               "learning rate of the sky; falls to a hundredth"),
-    PAGS_VALUE("exposure-rate", 0, DOUBLE, CONFIG(exposure.exposure_rate), 0, 1, "R", NULL, NULL,
-               "learning rate of exposures; falls to a tenth"),
-    PAGS_VALUE("extent-most", 0, DOUBLE, CONFIG(start.extent_most), 1e-3, 1e6, "D", "metres", NULL,
-               "upper bound of the background's extent, which rates and sizes are relative to"),
+    PAGS_GROUP("Driving scenes (docs/driving.md)"),
+    PAGS_FIELD("no-objects", 0, NULL, "objects"),
+    PAGS_FIELD("no-tracks", 0, NULL, "tracks"),
+    PAGS_FIELD("no-sky", 0, NULL, "sky"),
+    PAGS_FIELD("no-exposure", 0, NULL, "exposure"),
+    PAGS_FIELD("no-lidar-start", 0, NULL, "lidar_start"),
 
-    PAGS_GROUP("Bounds"),
-    PAGS_VALUE("max-gaussians", 0, INT64, CONFIG(size_limit.max_gaussians), 0, 2147483584.0, "N", NULL,
-               "0: none; 1000000 with --strategy mcmc",
-               "never have more Gaussians; with --preset: keep those with the highest scores at its last prune"),
-    PAGS_VALUE("max-memory", 0, SIZE, RUN(max_memory), 0, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G; 0: none",
-               "four fifths of what affinity and cgroup allow, less the image cache",
-               "turned into a bound on Gaussians by their number and the picture's size"),
+    PAGS_GROUP("Size limits (docs/budgets.md)"),
+    PAGS_FIELD("max-gaussians", 0, "N", "max_gaussians"),
+    PAGS_VALUE("max-memory", 0, SIZE, RUN(max_memory), 0, PAGS_UNLIMITED, "SIZE", "bytes; K, M, G",
+               "four fifths of the memory allowed, less the image cache",
+               "limit the number of Gaussians by the memory that they take; 0: none"),
+    PAGS_FIELD("target-size", 0, "MB", "target_size"),
 
-    PAGS_VALUE("target-size", 0, DOUBLE, CONFIG(size_limit.target_size), 0, 1e9, "MB", "10^6 bytes; 0: none", NULL,
-               "never have more Gaussians than scene.json, models and sky of the finished scene may hold in MB"),
-    PAGS_VALUE("sh-error", 0, DOUBLE, CONFIG(size_limit.sh_error), 0, 255, "E", "255ths; 0: all keep theirs", NULL,
-               "let each Gaussian of the scene keep the lowest degree of spherical harmonics that changes its colour "
-               "by no more "
-               "than E from wherever a training view sees it"),
+    PAGS_GROUP("Priority (docs/priority.md)"),
+    PAGS_FIELD("preset", 0, NULL, "preset"),
+    PAGS_FIELD("alpha", 0, "A", "alpha"),
+    PAGS_FIELD("critical-weight", 0, "W", "critical_weight"),
+    PAGS_FIELD("critical-growth", 0, "G", "critical_growth"),
+    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; preset lean 0.5/0.2",
+              "set prune_early and prune_late: the share of the Gaussians that each prune of a preset removes"),
 
-    PAGS_GROUP("Priority (see docs/priority.md)"),
-    PAGS_CHOICE("preset", CONFIG(priority.preset), "none|lean|short|paper", NULL,
-                "prune by score: lean: after steps 4000, 8000, ... 20 000 of 30 000, what loses least; the paper's: "
-                "short: after 10 000, 15 000, "
-                "20 000, 25 000 of 30 000; paper: after 10 000, 15 000, ... 45 000 of 50 000"),
-    PAGS_VALUE("alpha", 0, DOUBLE, CONFIG(priority.alpha), 0, 1, "A", NULL, NULL,
-               "how much of the score is what shows vehicles and people; the rest is what the picture hangs on"),
-    PAGS_CHOICE("hybrid", CONFIG(priority.hybrid), "preset|sum|product", "preset: product with lean, otherwise sum",
-                "the score: sum: A times the one plus 1 - A times the other; product: the other, times 1 - A where "
-                "nothing critical is shown"),
-    PAGS_VALUE("critical-weight", 0, DOUBLE, CONFIG(priority.critical_weight), 1, 100, "W", "times",
-               "1; 1 + 5 A with --preset lean", "count pixels that show vehicles and people W times in the loss"),
-    PAGS_VALUE("critical-growth", 0, DOUBLE, CONFIG(priority.critical_growth), 1, 100, "G", "times",
-               "as --critical-weight",
-               "count them G times where it is decided what to clone and split; 1: no more than the rest"),
-    PAGS_TEXT("prune-rate", 0, AT(prune_rate), "EARLY/LATE", "0.6/0.3; 0.5/0.2 with lean",
-              "share of the Gaussians removed at the first three prunes, and at those after"),
-    PAGS_VALUE("prune-floor", 0, INT64, CONFIG(priority.prune_floor), 0, 2147483584.0, "N", NULL, NULL,
-               "prune no object below so many Gaussians"),
-    PAGS_CHOICE("s-sem", CONFIG(priority.s_sem), "pass|init|overlap", NULL,
-                "what shows vehicles and people: by weight in the photographs, anew at each prune; as at the start; or "
-                "by mere overlap"),
-    PAGS_CHOICE("s-grad", CONFIG(priority.s_grad), "rank|minmax|log", NULL, "how the other score is brought to 0..1"),
-    PAGS_CHOICE("s-grad-from", CONFIG(priority.s_grad_from), "pass|training", NULL,
-                "take it from a pass over the training views, or from the loss's gradients since the last prune"),
+    PAGS_GROUP("Model and picture"),
+    PAGS_FIELD("strategy", 0, NULL, "strategy"),
+    PAGS_FIELD("sh-degree", 0, "0..3", "sh_degree"),
+    PAGS_FIELD("background", 0, "R,G,B", "background_r"),
+    PAGS_FIELD("antialiased", 0, NULL, "antialiased"),
 
-    PAGS_GROUP("Density"),
-    PAGS_CHOICE(
-        "strategy", CONFIG(density.strategy), "default|mcmc", NULL,
-        "default: clone, split, prune and reset (Kerbl et al. 2023); mcmc: relocate, grow and shake (Kheradmand "
-        "et al. 2024)"),
-    PAGS_VALUE("densify-from", 0, INT64, CONFIG(density.densify_from), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "densify after this step"),
-    PAGS_VALUE("densify-until", 0, INT64, CONFIG(density.densify_until), 0, PAGS_UNLIMITED, "N", STEPS,
-               "15000; 12000 with --preset lean, 25000 with short", "densify before this step"),
-    PAGS_VALUE("densify-every", 0, INT64, CONFIG(density.densify_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "how often, but at most once a pass over the training views"),
-    PAGS_VALUE("densify-gradient", 0, DOUBLE, CONFIG(density.densify_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,
-               "mean screen gradient above which to clone or split"),
-    PAGS_FLAG("absgrad", 0, CONFIG(density.absgrad), "judge by absolute per-pixel gradients (Ye et al. 2024)"),
-    PAGS_VALUE("absgrad-gradient", 0, DOUBLE, CONFIG(density.absgrad_gradient), 0, PAGS_UNLIMITED, "G", "NDC", NULL,
-               "the threshold with --absgrad"),
-    PAGS_VALUE("dense-percent", 0, DOUBLE, CONFIG(density.dense_percent), 0, PAGS_UNLIMITED, "F",
-               "of the scene's extent", NULL, "larger Gaussians are split, smaller ones cloned"),
-    PAGS_VALUE("split-divisor", 0, DOUBLE, CONFIG(density.split_divisor), 1, 100, "F", NULL, NULL,
-               "children's sigma is the parent's over this"),
-    PAGS_FLAG("revised-opacity", 0, CONFIG(density.revised_opacity),
-              "children of a split get 1 - sqrt(1 - o) (Rota Bulo et al. 2024)"),
-    PAGS_VALUE("prune-opacity", 0, DOUBLE, CONFIG(density.prune_opacity), 0, 1, "F", NULL, NULL,
-               "Gaussians below are removed"),
-    PAGS_VALUE("prune-scale", 0, DOUBLE, CONFIG(density.prune_scale), 0, PAGS_UNLIMITED, "F", "of the scene's extent",
-               NULL, "larger Gaussians are removed once opacities were reset"),
-    PAGS_VALUE("reset-every", 0, INT64, CONFIG(density.reset_every), 1, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "how often opacities are reset, but at most once in three passes"),
-    PAGS_VALUE("reset-opacity", 0, DOUBLE, CONFIG(density.reset_opacity), 0, 1, "F", NULL, NULL,
-               "upper bound that a reset sets"),
-    PAGS_FLAG("dropout", 0, CONFIG(priority.dropout),
-              "leave Gaussians out of steps at random, the less the higher their semantic priority"),
-    PAGS_VALUE("dropout-beta", 0, DOUBLE, CONFIG(priority.dropout_beta), 0, 1, "F", NULL, NULL,
-               "how much semantic priority protects: the share left out is (1 - F priority) gamma step / steps"),
-    PAGS_VALUE("dropout-gamma", 0, DOUBLE, CONFIG(priority.dropout_gamma), 0, 0.9, "F", NULL, NULL,
-               "share of Gaussians without priority that the last step leaves out"),
-    PAGS_VALUE("mcmc-growth", 0, DOUBLE, CONFIG(mcmc.mcmc_growth), 0, 10, "F", NULL, NULL,
-               "mcmc: share of new Gaussians per densify step"),
-    PAGS_VALUE("mcmc-noise", 0, DOUBLE, CONFIG(mcmc.mcmc_noise), 0, PAGS_UNLIMITED, "F", "times the position rate",
-               NULL, "mcmc: noise on positions"),
-    PAGS_VALUE("mcmc-opacity-reg", 0, DOUBLE, CONFIG(mcmc.mcmc_opacity_reg), 0, PAGS_UNLIMITED, "F", NULL, NULL,
-               "mcmc: weight of the mean opacity in the loss"),
-    PAGS_VALUE("mcmc-scale-reg", 0, DOUBLE, CONFIG(mcmc.mcmc_scale_reg), 0, PAGS_UNLIMITED, "F", NULL, NULL,
-               "mcmc: weight of the mean sigma in the loss"),
-
-    PAGS_GROUP("Optimiser, loss and start"),
-    PAGS_VALUE("position-rate", 0, DOUBLE, CONFIG(optimiser.position_rate_begin), 0, PAGS_UNLIMITED, "R",
-               "times the extent", NULL, "learning rate of positions at the start"),
-    PAGS_VALUE("position-rate-end", 0, DOUBLE, CONFIG(optimiser.position_rate_end), 0, PAGS_UNLIMITED, "R",
-               "times the extent", NULL, "and at the end; log-linear between"),
-    PAGS_VALUE("scale-rate", 0, DOUBLE, CONFIG(optimiser.scale_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
-               "learning rate of ln sigma"),
-    PAGS_VALUE("rotation-rate", 0, DOUBLE, CONFIG(optimiser.rotation_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
-               "learning rate of quaternions"),
-    PAGS_VALUE("opacity-rate", 0, DOUBLE, CONFIG(optimiser.opacity_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
-               "learning rate of opacity logits"),
-    PAGS_VALUE("sh-dc-rate", 0, DOUBLE, CONFIG(optimiser.sh_dc_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
-               "learning rate of the constant colour term"),
-    PAGS_VALUE("sh-rest-rate", 0, DOUBLE, CONFIG(optimiser.sh_rest_rate), 0, PAGS_UNLIMITED, "R", NULL, NULL,
-               "learning rate of the higher colour terms"),
-    PAGS_VALUE("beta1", 0, DOUBLE, CONFIG(optimiser.beta1), 0, 0.95, "F", NULL, NULL,
-               "Adam's decay of the first moment"),
-    PAGS_VALUE("beta2", 0, DOUBLE, CONFIG(optimiser.beta2), 0.95, 0.99999, "F", NULL, NULL,
-               "Adam's decay of the second moment"),
-    PAGS_VALUE("epsilon", 0, DOUBLE, CONFIG(optimiser.epsilon), 1e-20, 1, "F", NULL, NULL,
-               "added to the root of Adam's second moment"),
-    PAGS_VALUE("ssim-weight", 0, DOUBLE, CONFIG(losses.ssim_weight), 0, 1, "W", NULL, NULL,
-               "the loss is (1 - W) L1 + W (1 - SSIM)"),
-    PAGS_FLAG("random-start", 0, CONFIG(start.random_start),
-              "where the data set has no points, start from random ones instead of matching the photographs"),
-    PAGS_VALUE("init-opacity", 0, DOUBLE, CONFIG(start.init_opacity), 0, 1, "F", NULL, NULL,
-               "opacity of the first Gaussians"),
-    PAGS_VALUE("init-scale", 0, DOUBLE, CONFIG(start.init_scale), 0, PAGS_UNLIMITED, "F",
-               "times the distance to the 3 nearest neighbours", NULL, "their sigma"),
-    PAGS_VALUE("init-scale-max", 0, DOUBLE, CONFIG(start.init_scale_max), 0, PAGS_UNLIMITED, "F",
-               "of the scene's extent", NULL, "upper bound of their sigma"),
-
-    PAGS_GROUP("Picture"),
-    PAGS_VALUE("sh-degree", 0, INT, CONFIG(color.sh_degree), 0, 3, "0..3", NULL, "3; driving sets 1",
-               "highest degree of the spherical harmonics of colour"),
-    PAGS_VALUE("sh-interval", 0, INT64, CONFIG(color.sh_interval), 0, PAGS_UNLIMITED, "N", STEPS, NULL,
-               "one degree more every so many steps"),
-    PAGS_VALUE("quarter-until", 0, DOUBLE, CONFIG(schedule.quarter_until), 0, 1, "F", "of the schedule", NULL,
-               "train at a quarter of the size until then"),
-    PAGS_VALUE("half-until", 0, DOUBLE, CONFIG(schedule.half_until), 0, 1, "F", "of the schedule", NULL,
-               "train at half of the size until then"),
-    PAGS_VALUE("resolution-floor", 0, INT, CONFIG(schedule.resolution_floor), 1, 65535, "N", "pixels", NULL,
-               "skip levels whose shorter side would be smaller"),
-    PAGS_FLAG("antialiased", 0, CONFIG(picture.antialiased),
-              "scale opacities by what the low-pass takes (Mip-Splatting's 2D filter)"),
-    PAGS_VALUE("low-pass", 0, DOUBLE, CONFIG(picture.low_pass), 0, 100, "V", "px^2", NULL,
-               "added to both variances on the screen"),
-    PAGS_VALUE("near", 0, DOUBLE, CONFIG(picture.near_plane), 1e-6, PAGS_UNLIMITED, "Z", "metres", NULL,
-               "don't draw Gaussians nearer than this"),
-    PAGS_VALUE("background", 0, COLOR, CONFIG(picture.background), 0, 0, "R,G,B", "sRGB, 0..1", NULL,
-               "colour behind everything"),
-    PAGS_VALUE("cluster-size", 0, INT, CONFIG(picture.cluster_size), 16, 256, "N", "Gaussians; a multiple of 16", NULL,
-               "culled together; changes speed, not results"),
+    PAGS_GROUP("Every other setting"),
+    {.name = "set",
+     .type = PAGS_OPTION_WORDS,
+     .offset = AT(set),
+     .metavar = "NAME=VALUE",
+     .help = "set a field of the training, after the flags; may be repeated"},
+    PAGS_FLAG("fields", 0, AT(fields), "list all fields with unit, range and default, do nothing"),
     PAGS_SESSION_OPTIONS(train_arguments),
     {0}};
 
@@ -254,15 +107,103 @@ static const pags_positional positionals[] = {{"DATASET",
                                                "drivestudio's layout"},
                                               {NULL, NULL}};
 
+/* What a row of a field leaves open comes from the table of the training. The text of a switch says what it does when
+ * it is on, so --no-NAME is "don't" and that. */
+static void complete_rows(void) {
+  static char negated[8][96];
+  int negated_count = 0;
+  static const pags_option_type types[] = {
+      [PAGS_FIELD_SWITCH] = PAGS_OPTION_FLAG,   [PAGS_FIELD_INT] = PAGS_OPTION_INT,
+      [PAGS_FIELD_INT64] = PAGS_OPTION_INT64,   [PAGS_FIELD_UINT64] = PAGS_OPTION_UINT64,
+      [PAGS_FIELD_DOUBLE] = PAGS_OPTION_DOUBLE, [PAGS_FIELD_CHOICE] = PAGS_OPTION_ENUM};
+  for (pags_option *option = options; option->type != PAGS_OPTION_END; option++) {
+    if (!option->field || option->help)
+      continue;
+    const pags_train_field *f = pags_train_field_find(option->field);
+    assert(f);
+    const bool number = f->type != PAGS_FIELD_SWITCH && f->type != PAGS_FIELD_CHOICE;
+    option->type = strcmp(option->field, "background_r") == 0 ? PAGS_OPTION_COLOR : types[f->type];
+    option->offset = AT(config) + f->offset;
+    if (number && f->type != PAGS_FIELD_UINT64) {
+      option->minimum = f->least;
+      option->maximum = f->most;
+    }
+    if (f->type == PAGS_FIELD_CHOICE)
+      option->metavar = f->choices;
+    option->unit = number && strcmp(f->unit, "1") != 0 ? f->unit : NULL;
+    option->fallback = f->rule;
+    option->help = f->text;
+    if (strncmp(option->name, "no-", 3) == 0) {
+      assert(negated_count < 8);
+      snprintf(negated[negated_count], sizeof negated[0], "don't %s", f->text);
+      option->help = negated[negated_count++];
+    }
+  }
+}
+
+/* --densify-from, which was an option until fields had --set: "--set densify_from=N". */
+static bool replacement(const char *name, char *text, size_t size) {
+  static const char *const renamed[][2] = {{"position_rate", "position_rate_begin"}, {"near", "near_plane"}};
+  const bool off = strncmp(name, "no-", 3) == 0;
+  char plain[80];
+  snprintf(plain, sizeof plain, "%s", off ? name + 3 : name);
+  for (char *c = plain; *c; c++)
+    *c = *c == '-' ? '_' : *c;
+  for (size_t i = 0; i < sizeof renamed / sizeof renamed[0]; i++)
+    if (strcmp(plain, renamed[i][0]) == 0)
+      snprintf(plain, sizeof plain, "%s", renamed[i][1]);
+  const pags_train_field *f = pags_train_field_find(plain);
+  if (!f || (off && f->type != PAGS_FIELD_SWITCH))
+    return false;
+  snprintf(text, size, "--set %s=%s", f->name,
+           f->type == PAGS_FIELD_SWITCH ? (off ? "0" : "1")
+           : f->choices                 ? f->choices
+                                        : "N");
+  return true;
+}
+
 static const pags_verb verb = {
     .name = "train",
     .usage = "DATASET -o SCENE [options]",
     .about =
-        "Reconstructs a scene from posed photographs. Ctrl-C or SIGTERM writes a checkpoint and the scene as it "
-        "stands and exits with 3; --resume goes on to the same bits as if nothing had happened. Options counted in "
-        "\"" STEPS "\" are multiplied by iterations / 30 000.",
+        "Reconstructs a scene from photographs with known cameras. Ctrl-C or SIGTERM writes a checkpoint and the "
+        "scene as it stands and exits with 3; --resume goes on to the same bits as an undisturbed run. A number "
+        "of \"steps of 30 000\" is multiplied by iterations / 30 000.",
     .positionals = positionals,
-    .options = options};
+    .options = options,
+    .replacement = replacement};
+
+/* --fields: the table of the training, a group each. */
+static void list_fields(void) {
+  enum { WIDTH = 120 };
+  const pags_train_field *f;
+  const char *group = "";
+  printf("Fields of the training, for --set NAME=VALUE, with [unit; range; default].\n");
+  for (int i = 0; (f = pags_train_field_at(i)); i++) {
+    char left[40], text[1024], least[32], most[32], standard[96], range[96];
+    if (strcmp(group, f->group) != 0)
+      printf("\nGroup %s\n", f->group);
+    group = f->group;
+    pags_options_real(least, sizeof least, f->least);
+    pags_options_real(most, sizeof most, f->most);
+    pags_options_real(standard, sizeof standard, f->standard);
+    snprintf(range, sizeof range, "%s; %s to %s", f->unit, least, f->type == PAGS_FIELD_UINT64 ? "2^64 - 1" : most);
+    if (f->type == PAGS_FIELD_SWITCH)
+      snprintf(range, sizeof range, "%s", f->unit);
+    if (f->type == PAGS_FIELD_CHOICE) {
+      const char *choice = f->choices;
+      for (int k = (int)f->standard; k > 0; k--)
+        choice += strcspn(choice, "|") + 1;
+      snprintf(standard, sizeof standard, "%.*s", (int)strcspn(choice, "|"), choice);
+      snprintf(range, sizeof range, "%s", f->choices);
+    }
+    if (f->rule)
+      snprintf(standard, sizeof standard, "%s", f->rule);
+    snprintf(left, sizeof left, "  %s", f->name);
+    snprintf(text, sizeof text, "%s [%s; default %s]", f->text, range, standard);
+    pags_options_entry(left, text, WIDTH);
+  }
+}
 
 static int show_progress(void *user, const pags_train_progress *now) {
   pags_progress *progress = user;
@@ -411,6 +352,34 @@ static int read_prune_rate(train_arguments *arguments) {
                           arguments->prune_rate);
 }
 
+/* --set NAME=VALUE, in the order given. */
+static int apply_settings(train_arguments *arguments) {
+  for (int i = 0; i < arguments->set.count; i++) {
+    const char *word = arguments->set.items[i].name, *equals = strchr(word, '=');
+    char name[64];
+    const char *names[128];
+    int count = 0;
+    snprintf(name, sizeof name, "%.*s", equals && equals - word < 63 ? (int)(equals - word) : 63, word);
+    if (equals && pags_train_field_find(name)) {
+      if (pags_train_config_set(&arguments->config, name, equals + 1) != PAGS_OK)
+        return pags_usage_error(&verb, "--set %s", pags_error_message());
+      continue;
+    }
+    for (const pags_train_field *f; (f = pags_train_field_at(count)) && count < 127;)
+      names[count++] = f->name;
+    names[count] = NULL;
+    const char *nearest = pags_nearest_name(name, names);
+    if (!equals && pags_train_field_find(name))
+      return pags_usage_error(&verb, "--set %s: expected %s=VALUE", word, word);
+    if (nearest)
+      return pags_usage_error(&verb, "--set %s: '%s' is no field of the training; did you mean '%s'?", word, name,
+                              nearest);
+    return pags_usage_error(&verb, "--set %s: '%s' is no field of the training; 'pags train --fields' lists them", word,
+                            name);
+  }
+  return PAGS_EXIT_OK;
+}
+
 static int usage_conflict(const train_arguments *arguments, const pags_parsed *parsed) {
   if (!arguments->output && !arguments->options.estimate)
     return pags_usage_error(&verb, "-o SCENE is missing; usage: pags train %s", verb.usage);
@@ -429,10 +398,16 @@ int pags_verb_train(int argc, char **argv) {
                                .options = pags_train_options_default()};
   pags_train_result result = {0};
   pags_parsed parsed;
+  complete_rows();
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++) /* needs no DATASET */
+    if (!strcmp(argv[i], "--fields")) {
+      list_fields();
+      return PAGS_EXIT_OK;
+    }
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
-  if (read_prune_rate(&arguments) || usage_conflict(&arguments, &parsed))
+  if (read_prune_rate(&arguments) || apply_settings(&arguments) || usage_conflict(&arguments, &parsed))
     return PAGS_EXIT_USAGE;
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;

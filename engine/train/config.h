@@ -4,10 +4,7 @@
 #define PAGS_TRAIN_CONFIG_H
 
 #include <pags/train.h>
-
-/* Most steps of a run: each model's optimiser keeps 16 bytes for each, also where a damaged checkpoint promises them.
- */
-enum { PAGS_CONFIG_STEPS = 10000000 };
+#include "train/fields.h"
 
 /* Most bytes a configuration takes as text, either way. */
 enum { PAGS_CONFIG_TEXT = 8192 };

@@ -8,6 +8,7 @@
 #include <cmocka.h>
 
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "train/config.h"
@@ -126,12 +127,81 @@ static void configuration_is_checked(void **unused) {
   assert_int_equal(pags_train_config_check(&raw), PAGS_ERROR_ARGUMENT);
 }
 
+/* Every row says what it is, and its default passes the check by the row's own range or rule. */
+static void every_field_is_described(void **unused) {
+  (void)unused;
+  const pags_train_config config = pags_train_config_default();
+  const pags_train_field *f;
+  int count = 0;
+  for (; (f = pags_train_field_at(count)); count++) {
+    char text[64];
+    pags_train_config again = config;
+    assert_ptr_equal(pags_train_field_find(f->name), f);
+    assert_true(f->least < f->most && strlen(f->unit) > 0 && strlen(f->text) > 0);
+    assert_true(f->rule ? f->standard == PAGS_FIELD_AUTO : f->standard >= f->least && f->standard <= f->most);
+    assert_true((f->type == PAGS_FIELD_CHOICE) == (f->choices != NULL));
+    snprintf(text, sizeof text, "%.17g", f->standard);
+    assert_int_equal(f->type == PAGS_FIELD_CHOICE || pags_train_config_set(&again, f->name, text) == PAGS_OK, 1);
+    assert_null(pags_config_difference(&config, &again));
+    /* Beyond the row's range nothing is taken; "auto" is what the rule is called. */
+    if (f->type == PAGS_FIELD_DOUBLE) {
+      snprintf(text, sizeof text, "%.17g", 2 * f->most + 1);
+      assert_int_equal(pags_train_config_set(&again, f->name, text), PAGS_OK);
+      assert_int_equal(pags_train_config_check(&again), PAGS_ERROR_ARGUMENT);
+      assert_non_null(strstr(pags_error_message(), f->name));
+    }
+    assert_int_equal(pags_train_config_set(&again, f->name, "auto"), f->rule ? PAGS_OK : PAGS_ERROR_ARGUMENT);
+  }
+  assert_true(count > 80);
+  assert_null(pags_train_field_at(-1));
+  assert_null(pags_train_field_find("densify"));
+  assert_true(config.optimiser.sh_rest_rate == 0.0025 / 20 && config.density.densify_until == -1);
+}
+
+/* The lines of a checkpoint written before the fields were grouped: the same names in another order. */
+static void a_configuration_of_old_is_read(void **unused) {
+  (void)unused;
+  static const char old[] =
+      "iterations=300\nschedule_iterations=0\nseed=7\nposition_rate_begin=0.00016\nposition_rate_end=1.6e-06\n"
+      "scale_rate=0.005\nrotation_rate=0.001\nopacity_rate=0.05\nsh_dc_rate=0.0025\nsh_rest_rate=0.000125\n"
+      "beta1=0.9\nbeta2=0.999\nepsilon=1e-15\nssim_weight=0.2\nrandom_start=0\ninit_opacity=0.1\ninit_scale=1\n"
+      "init_scale_max=0.1\nsh_degree=3\nsh_interval=1000\nquarter_until=0.05\nhalf_until=0.2\n"
+      "resolution_floor=64\nstrategy=default\ndensify_from=500\ndensify_until=12000\ndensify_every=100\n"
+      "densify_gradient=0.0002\nabsgrad=0\nabsgrad_gradient=0.0008\ndense_percent=0.01\nsplit_divisor=1.6\n"
+      "revised_opacity=0\nprune_opacity=0.005\nprune_scale=0.1\nreset_every=3000\nreset_opacity=0.01\n"
+      "max_gaussians=0\ntarget_size=0\nsh_error=0\ndropout=0\ndropout_beta=0.5\ndropout_gamma=0.25\n"
+      "preset=lean\nalpha=0.4\nhybrid=product\ncritical_weight=3\ncritical_growth=3\nprune_early=0.5\n"
+      "prune_late=0.2\nprune_floor=500\ns_sem=pass\ns_grad=rank\ns_grad_from=pass\nmcmc_growth=0.05\n"
+      "mcmc_noise=500000\nmcmc_opacity_reg=0.01\nmcmc_scale_reg=0.01\nnear_plane=0.01\nlow_pass=0.3\n"
+      "antialiased=0\nbackground_r=0\nbackground_g=0\nbackground_b=0\ncluster_size=64\nextent_most=20\n"
+      "objects=1\nbox_prune=1\ntracks=1\ntracks_from=3000\ntrack_translation_rate=0.003\n"
+      "track_rotation_rate=0.0003\nfourier=1\nfourier_from=15000\nfourier_gain=0\nsky=1\nsky_rate=0.01\n"
+      "sky_weight=0.05\nlidar_start=1\ndepth_weight=0.01\ndepth_share=0.95\nlidar_pull=0\nobject_weight=0.1\n"
+      "exposure=1\nexposure_rate=0.003\n";
+  pags_train_config config = pags_train_config_default(), expected = pags_train_config_default();
+  expected.schedule.iterations = 300;
+  expected.schedule.seed = 7;
+  expected.priority.preset = PAGS_PRESET_LEAN;
+  expected.objects.fourier_gain = 0.0;
+  expected.color.sh_degree = 3;
+  /* What the run had resolved when it was written */
+  expected.density.densify_until = 12000;
+  expected.priority.hybrid = PAGS_HYBRID_PRODUCT;
+  expected.priority.critical_weight = expected.priority.critical_growth = 3.0;
+  expected.priority.prune_early = 0.5;
+  expected.priority.prune_late = 0.2;
+  assert_int_equal(pags_config_read(&config, old, strlen(old), "old"), PAGS_OK);
+  assert_null(pags_config_difference(&config, &expected));
+  assert_int_equal(config.schedule.iterations, 300);
+}
+
 int main(void) {
   const struct CMUnitTest tests[] = {
       cmocka_unit_test(rates_are_those_of_3dgs),          cmocka_unit_test(events_of_30000_steps),
       cmocka_unit_test(short_runs_keep_whole_passes),     cmocka_unit_test(resolution_rises_and_small_photographs_stay),
       cmocka_unit_test(every_pass_shows_every_view_once), cmocka_unit_test(configuration_survives_text),
-      cmocka_unit_test(configuration_is_checked),
+      cmocka_unit_test(configuration_is_checked),         cmocka_unit_test(every_field_is_described),
+      cmocka_unit_test(a_configuration_of_old_is_read),
   };
   return cmocka_run_group_tests(tests, NULL, NULL);
 }

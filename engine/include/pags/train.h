@@ -219,13 +219,39 @@ PAGS_API pags_train_config pags_train_config_default(void);
 /* Checks the cookie and every range; the message names the field. */
 PAGS_API pags_result pags_train_config_check(const pags_train_config *config);
 
-/* Sets the field `name` (as above; background is background_r, _g, _b; strategy "default" or "mcmc") from text.
- * PAGS_ERROR_ARGUMENT names an unknown field or a value that is no number. */
-PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value);
+typedef enum pags_field_type {
+  PAGS_FIELD_SWITCH, /* int, 0 or 1 */
+  PAGS_FIELD_INT,    /* int */
+  PAGS_FIELD_INT64,  /* int64_t */
+  PAGS_FIELD_UINT64, /* uint64_t */
+  PAGS_FIELD_DOUBLE, /* double */
+  PAGS_FIELD_CHOICE  /* int, the index in `choices` */
+} pags_field_type;
 
-/* The i-th field's name, or NULL beyond the last; its value and default as text go to the buffers (any may be NULL). */
-PAGS_API const char *pags_train_config_field(const pags_train_config *config, int index, char *value,
-                                             size_t value_size);
+enum { PAGS_FIELD_AUTO = -1 }; /* the value of a field that follows its rule */
+
+/* A row of the table of fields. */
+typedef struct pags_train_field {
+  const char *name;  /* "densify_from"; background has three: background_r, _g, _b */
+  const char *group; /* "density", the struct that it lies in */
+  pags_field_type type;
+  size_t offset;       /* of the value in pags_train_config, bytes */
+  double standard;     /* the default */
+  double least, most;  /* both included */
+  const char *choices; /* "default|mcmc"; NULL for other types */
+  const char *unit;    /* "1": no unit */
+  const char *rule;    /* "auto: ...", what PAGS_FIELD_AUTO means; NULL: the field has no such value */
+  const char *text;    /* what a value does, in the imperative */
+} pags_train_field;
+
+/* The i-th row, or NULL beyond the last; rows of a group follow each other. */
+PAGS_API const pags_train_field *pags_train_field_at(int index);
+/* The row of that name, or NULL. */
+PAGS_API const pags_train_field *pags_train_field_find(const char *name);
+
+/* Sets the field `name` from text: a number, "auto" where the field has a rule, one of its choices.
+ * PAGS_ERROR_ARGUMENT names an unknown field or a value that is no number. Ranges are left to the check. */
+PAGS_API pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value);
 
 /* What a step tells. Running figures are exponential means over about one pass of the training views. */
 typedef struct pags_train_progress {

@@ -1,0 +1,202 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The one table of the training's fields. Defaults, range checks, --set, --fields, the help of `pags train`,
+ * checkpoints, scene.json and the page of the command line come from it. A row without range, unit and text doesn't
+ * compile. Units are words of the field; "1" is a number without a unit. Texts are in the imperative: the help of a
+ * flag --no-NAME is "don't" and the text. */
+#include "train/fields.h"
+
+#define MOST_STEPS 1e9
+#define MOST_COUNT 2147483584.0 /* 2^31 - 64: rows are counted in int32_t */
+#define LEAST_OPACITY 0.004     /* what is at or below 1/255 isn't drawn and never gets a gradient */
+#define STEPS "steps of 30 000"
+#define EXTENT "times the extent"
+
+#define SAID(words)                                                                                 \
+  (&(words)[0 * sizeof(struct {                                                                     \
+              _Static_assert(sizeof(words) > 1, "a field of the training needs a unit and a text"); \
+              char unused;                                                                          \
+            })])
+#define TYPE_OF(member)                      \
+  _Generic(((pags_train_config *)0)->member, \
+      int: PAGS_FIELD_INT,                   \
+      int64_t: PAGS_FIELD_INT64,             \
+      uint64_t: PAGS_FIELD_UINT64,           \
+      double: PAGS_FIELD_DOUBLE)
+#define ROW(group, member, kind, standard, least, most, choices, unit, rule, text)                           \
+  {#member,    #group, kind,      offsetof(pags_train_config, group.member), standard, least, most, choices, \
+   SAID(unit), rule,   SAID(text)}
+
+#define NUMBER(group, member, standard, least, most, unit, text) \
+  ROW(group, member, TYPE_OF(group.member), standard, least, most, NULL, unit, NULL, text)
+/* A number that follows a rule unless it is given. */
+#define AUTO(group, member, least, most, unit, rule, text) \
+  ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, SAID("auto: " rule), text)
+#define SWITCH(group, member, standard, text) \
+  ROW(group, member, PAGS_FIELD_SWITCH, standard, 0, 1, NULL, "0 or 1", NULL, text)
+/* `last` is the enum's last value. */
+#define CHOICE(group, member, standard, last, choices, text) \
+  ROW(group, member, PAGS_FIELD_CHOICE, standard, 0, last, choices, "a name", NULL, text)
+#define BACKGROUND(suffix, i)                                              \
+  {"background_" suffix,                                                   \
+   "picture",                                                              \
+   PAGS_FIELD_DOUBLE,                                                      \
+   offsetof(pags_train_config, picture.background) + (i) * sizeof(double), \
+   0,                                                                      \
+   0,                                                                      \
+   1,                                                                      \
+   NULL,                                                                   \
+   "sRGB",                                                                 \
+   NULL,                                                                   \
+   "show this colour where nothing covers the view"}
+
+_Static_assert(sizeof(pags_strategy) == sizeof(int) && sizeof(pags_preset) == sizeof(int), "enums are read as int");
+
+const pags_train_field pags_fields[] = {
+    NUMBER(schedule, iterations, 30000, 1, PAGS_CONFIG_STEPS, "steps",
+           "train for so many steps; the schedule stretches with them"),
+    NUMBER(schedule, schedule_iterations, 0, 0, MOST_STEPS, "steps",
+           "stretch the schedule over so many steps; later steps keep its last rates; 0: as iterations"),
+    NUMBER(schedule, seed, 0, 0, 18446744073709551615.0, "1", "seed everything that is random"),
+    NUMBER(schedule, quarter_until, 0.05, 0, 1, "of the schedule",
+           "show photographs at a quarter of their size until then"),
+    NUMBER(schedule, half_until, 0.2, 0, 1, "of the schedule", "show photographs at half of their size until then"),
+    NUMBER(schedule, resolution_floor, 64, 1, 65535, "px",
+           "skip a smaller size where the shorter side would have fewer pixels"),
+
+    NUMBER(optimiser, position_rate_begin, 1.6e-4, 0, 1, EXTENT,
+           "set the learning rate of positions at the first step"),
+    NUMBER(optimiser, position_rate_end, 1.6e-6, 0, 1, EXTENT,
+           "set the learning rate of positions at the schedule's end; log-linear between"),
+    NUMBER(optimiser, scale_rate, 0.005, 0, 1, "per step", "set the learning rate of ln sigma"),
+    NUMBER(optimiser, rotation_rate, 0.001, 0, 1, "per step", "set the learning rate of quaternions"),
+    NUMBER(optimiser, opacity_rate, 0.05, 0, 1, "per step", "set the learning rate of opacity logits"),
+    NUMBER(optimiser, sh_dc_rate, 0.0025, 0, 1, "per step", "set the learning rate of the constant term of colour"),
+    NUMBER(optimiser, sh_rest_rate, 0.0025 / 20, 0, 1, "per step",
+           "set the learning rate of the higher terms of colour"),
+    NUMBER(optimiser, beta1, 0.9, 0, 0.95, "per step", "set Adam's decay of the first moment"),
+    NUMBER(optimiser, beta2, 0.999, 0.95, 0.99999, "per step", "set Adam's decay of the second moment"),
+    NUMBER(optimiser, epsilon, 1e-15, 1e-20, 1, "1", "add this to the root of Adam's second moment"),
+
+    NUMBER(losses, ssim_weight, 0.2, 0, 1, "1", "set w of the photometric loss (1 - w) L1 + w (1 - SSIM)"),
+    NUMBER(losses, depth_weight, 0.01, 0, 1e3, "per metre", "weigh the LiDAR depth term; 0: none"),
+    NUMBER(losses, depth_share, 0.95, 0.01, 1, "of the samples",
+           "count only the LiDAR samples with the smallest errors"),
+    NUMBER(losses, object_weight, 0.1, 0, 1e3, "1", "weigh the object opacity term once densify is over; 0: none"),
+    NUMBER(losses, sky_weight, 0.05, 0, 1e3, "1", "weigh the sky opacity term; 0: none"),
+
+    SWITCH(start, random_start, 0,
+           "start from random points, where the data set has none, without matching photographs"),
+    NUMBER(start, init_opacity, 0.1, LEAST_OPACITY, 0.999, "1", "set the opacity of the first Gaussians"),
+    NUMBER(start, init_scale, 1, 1e-6, 1e6, "times the distance to the 3 nearest points",
+           "set the sigma of the first Gaussians"),
+    NUMBER(start, init_scale_max, 0.1, 1e-6, 1e6, EXTENT, "limit the sigma of the first Gaussians"),
+    SWITCH(start, lidar_start, 1, "start from LiDAR points"),
+    NUMBER(start, extent_most, 20, 1e-3, 1e6, "metres",
+           "limit the extent of a driving set's background, to which rates and sizes are relative"),
+
+    AUTO(color, sh_degree, 0, 3, "1", "3; driving sets 1",
+         "set the highest degree of the spherical harmonics of colour"),
+    NUMBER(color, sh_interval, 1000, 0, MOST_STEPS, STEPS,
+           "raise the degree by one each time so many steps are over; 0: begin with the highest"),
+
+    CHOICE(density, strategy, PAGS_STRATEGY_DEFAULT, PAGS_STRATEGY_MCMC, "default|mcmc",
+           "default: clone, split, prune and reset (Kerbl et al. 2023); mcmc: relocate, grow and add noise (Kheradmand "
+           "et al. 2024)"),
+    NUMBER(density, densify_from, 500, 0, MOST_STEPS, STEPS, "densify after this step"),
+    AUTO(density, densify_until, 0, MOST_STEPS, STEPS, "15000; preset lean 12000, short 25000",
+         "densify before this step"),
+    NUMBER(density, densify_every, 100, 1, MOST_STEPS, STEPS,
+           "densify so often, but at most once in a pass over the training views"),
+    NUMBER(density, densify_gradient, 2e-4, 0, 1e6, "NDC",
+           "clone or split a Gaussian whose mean screen gradient is larger"),
+    SWITCH(density, absgrad, 0, "densify by absolute per-pixel gradients (Ye et al. 2024)"),
+    NUMBER(density, absgrad_gradient, 8e-4, 0, 1e6, "NDC", "use this threshold with absgrad"),
+    NUMBER(density, dense_percent, 0.01, 0, 1e6, EXTENT,
+           "split a Gaussian whose sigma is larger, clone one whose sigma is smaller"),
+    NUMBER(density, split_divisor, 1.6, 1, 100, "1", "divide the parent's sigma by this for the children of a split"),
+    SWITCH(density, revised_opacity, 0,
+           "give the children of a split the opacity 1 - sqrt(1 - o) (Rota Bulo et al. 2024)"),
+    NUMBER(density, prune_opacity, 0.005, 0, 1, "1", "remove Gaussians whose opacity is lower"),
+    NUMBER(density, prune_scale, 0.1, 0, 1e6, EXTENT,
+           "remove Gaussians whose sigma is larger, once opacities have been reset"),
+    NUMBER(density, reset_every, 3000, 1, MOST_STEPS, STEPS,
+           "reset opacities so often, but at most once in three passes, until densify_until"),
+    NUMBER(density, reset_opacity, 0.01, LEAST_OPACITY, 1, "1", "lower opacities to this at a reset"),
+    NUMBER(density, lidar_pull, 0, 0, 1, "of the way",
+           "move Gaussians of the background towards the plane that LiDAR shows nearby, as often as densify; 0: don't"),
+
+    NUMBER(mcmc, mcmc_growth, 0.05, 0, 10, "of the Gaussians",
+           "add so many Gaussians at each densify step of strategy mcmc"),
+    NUMBER(mcmc, mcmc_noise, 5e5, 0, 1e9, "times the position rate", "add this noise to positions with strategy mcmc"),
+    NUMBER(mcmc, mcmc_opacity_reg, 0.01, 0, 1e3, "1", "weigh the mean opacity in the loss of strategy mcmc"),
+    NUMBER(mcmc, mcmc_scale_reg, 0.01, 0, 1e3, "1", "weigh the mean sigma in the loss of strategy mcmc"),
+
+    NUMBER(size_limit, max_gaussians, 0, 0, MOST_COUNT, "Gaussians",
+           "limit the number of Gaussians; a preset applies it at its last prune; 0: none, with strategy mcmc 1000000"),
+    NUMBER(size_limit, target_size, 0, 0, 1e9, "MB",
+           "limit what scene.json, models and sky of the finished scene take; 0: none"),
+    NUMBER(size_limit, sh_error, 0, 0, 255, "255ths",
+           "give each Gaussian of the finished scene the lowest degree of colour that changes what training views see "
+           "by no more; 0: don't"),
+
+    CHOICE(priority, preset, PAGS_PRESET_NONE, PAGS_PRESET_PAPER, "none|lean|short|paper",
+           "prune by score; lean: after steps 4000, 8000, ... 20000 of 30 000, the least loss of quality for its time; "
+           "short: after 10000, 15000, 20000, 25000; paper: after 10000, 15000, ... 45000 of 50 000"),
+    NUMBER(priority, alpha, 0.4, 0, 1, "1",
+           "set the share of vehicles and people in the score; the rest is how much the picture changes with the "
+           "Gaussian"),
+    CHOICE(priority, hybrid, PAGS_HYBRID_OF_PRESET, PAGS_HYBRID_PRODUCT, "preset|sum|product",
+           "combine S_sem and S_grad; sum: alpha S_sem + (1 - alpha) S_grad; product: (1 - alpha + alpha S_sem) "
+           "S_grad; preset: product with lean, otherwise sum"),
+    AUTO(priority, critical_weight, 1, 100, "times", "1; preset lean 1 + 5 alpha",
+         "count pixels of vehicles and people so often in the loss"),
+    AUTO(priority, critical_growth, 1, 100, "times", "as critical_weight",
+         "count pixels of vehicles and people so often when densify chooses"),
+    AUTO(priority, prune_early, 0, 0.99, "of the Gaussians", "0.6; preset lean 0.5",
+         "remove so many at each of a preset's first three prunes"),
+    AUTO(priority, prune_late, 0, 0.99, "of the Gaussians", "0.3; preset lean 0.2",
+         "remove so many at each later prune of a preset"),
+    NUMBER(priority, prune_floor, 500, 0, MOST_COUNT, "Gaussians", "prune no object below so many"),
+    CHOICE(
+        priority, s_sem, PAGS_S_SEM_PASS, PAGS_S_SEM_OVERLAP, "pass|init|overlap",
+        "find S_sem, the share of a Gaussian that shows vehicles and people; pass: by its weight in the photographs' "
+        "pixels, again before each prune; init: once at the start; overlap: as pass, without occlusion"),
+    CHOICE(priority, s_grad, PAGS_S_GRAD_RANK, PAGS_S_GRAD_LOG, "rank|minmax|log", "bring S_grad to 0..1"),
+    CHOICE(priority, s_grad_from, PAGS_S_GRAD_FROM_PASS, PAGS_S_GRAD_FROM_TRAINING, "pass|training",
+           "measure S_grad in a pass over the training views, or take the loss's gradients since the last prune"),
+    SWITCH(priority, dropout, 0, "leave Gaussians out of each step at random; those of high semantic priority least"),
+    NUMBER(priority, dropout_beta, 0.5, 0, 1, "1",
+           "protect semantic priority from dropout: leave out (1 - beta priority) gamma step / steps"),
+    NUMBER(priority, dropout_gamma, 0.25, 0, 0.9, "of the Gaussians",
+           "leave so many Gaussians without priority out of the last step"),
+
+    NUMBER(picture, near_plane, 0.01, 1e-6, 1e6, "metres", "don't draw Gaussians that are nearer"),
+    NUMBER(picture, low_pass, 0.3, 0, 100, "px^2", "add this to both variances of a Gaussian on the screen"),
+    SWITCH(picture, antialiased, 0,
+           "lower opacities by what the low-pass filter adds (the 2D filter of Mip-Splatting)"),
+    BACKGROUND("r", 0),
+    BACKGROUND("g", 1),
+    BACKGROUND("b", 2),
+    NUMBER(picture, cluster_size, 64, 16, 256, "Gaussians",
+           "cull so many Gaussians together, a multiple of 16; changes speed, not results"),
+
+    SWITCH(objects, objects, 1, "model moving objects apart from the background"),
+    SWITCH(objects, box_prune, 1, "remove an object's Gaussians that leave its box enlarged by half"),
+    SWITCH(objects, tracks, 1, "optimise the labelled poses of moving objects"),
+    NUMBER(objects, tracks_from, 3000, 0, MOST_STEPS, STEPS, "optimise poses after this step"),
+    NUMBER(objects, track_translation_rate, 3e-3, 0, 1, "metres",
+           "set the learning rate of objects' positions; it falls to a tenth"),
+    NUMBER(objects, track_rotation_rate, 3e-4, 0, 1, "radians",
+           "set the learning rate of objects' rotations; it falls to a tenth"),
+    SWITCH(objects, fourier, 1, "let an object's colour change over time where that pays"),
+    NUMBER(objects, fourier_from, 15000, 0, MOST_STEPS, STEPS, "decide then which objects' colour changes over time"),
+    NUMBER(objects, fourier_gain, 0.1, 0, 100, "dB",
+           "let colour change over time where it promises so much on the object's pixels"),
+
+    SWITCH(sky, sky, 1, "model the sky as a cube map"),
+    NUMBER(sky, sky_rate, 0.01, 0, 1, "per step", "set the learning rate of the sky; it falls to a hundredth"),
+
+    SWITCH(exposure, exposure, 1, "fit a gain and an offset for each photograph"),
+    NUMBER(exposure, exposure_rate, 3e-3, 0, 1, "per step", "set the learning rate of exposures; it falls to a tenth"),
+};
+const int pags_field_count = sizeof pags_fields / sizeof pags_fields[0];
