@@ -431,7 +431,7 @@ static bool wants_help(int argc, char **argv) {
 
 pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
   int positionals = 0, limit = positional_count(verb);
-  bool options_end = false, check_only = false;
+  bool options_end = false;
   memset(parsed, 0, sizeof *parsed);
   parsed->verb = verb;
   if (wants_help(argc, argv)) {
@@ -444,7 +444,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     if (!options_end && !strcmp(argument, "--")) {
       options_end = true;
     } else if (!options_end && !strcmp(argument, "--check-options")) {
-      check_only = true;
+      parsed->check_only = true;
     } else if (!options_end && argument[0] == '-' && argument[1]) {
       int used =
           argument[1] == '-' ? take_long(parsed, argument, next, values) : take_short(parsed, argument, next, values);
@@ -459,7 +459,7 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
     }
   }
   pags_parse_status status = check_complete(parsed, positionals);
-  return status == PAGS_PARSE_OK && check_only ? PAGS_PARSE_HELP : status;
+  return status == PAGS_PARSE_OK && parsed->check_only ? PAGS_PARSE_HELP : status;
 }
 
 static void print_size(char *text, size_t size, uint64_t bytes) {

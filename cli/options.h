@@ -114,6 +114,7 @@ typedef struct pags_parsed {
   const pags_verb *verb;
   const char *positionals[PAGS_MAX_POSITIONALS];
   uint64_t given[4]; /* bit per row of the table */
+  bool check_only;   /* --check-options was given */
 } pags_parsed;
 
 /* `argv` without program and verb. `values` holds the defaults and receives what was given. */

@@ -405,10 +405,12 @@ int pags_verb_train(int argc, char **argv) {
       return PAGS_EXIT_OK;
     }
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
-  if (status != PAGS_PARSE_OK)
+  if (status != PAGS_PARSE_OK && !(status == PAGS_PARSE_HELP && parsed.check_only))
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   if (read_prune_rate(&arguments) || apply_settings(&arguments) || usage_conflict(&arguments, &parsed))
     return PAGS_EXIT_USAGE;
+  if (parsed.check_only)
+    return PAGS_EXIT_OK;
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;
   arguments.dataset.seed = arguments.config.schedule.seed;

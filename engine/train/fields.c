@@ -100,8 +100,8 @@ const pags_train_field pags_fields[] = {
            "raise the degree by one each time so many steps are over; 0: begin with the highest"),
 
     CHOICE(density, strategy, PAGS_STRATEGY_DEFAULT, PAGS_STRATEGY_MCMC, "default|mcmc",
-           "default: clone, split, prune and reset (Kerbl et al. 2023); mcmc: relocate, grow and add noise (Kheradmand "
-           "et al. 2024)"),
+           "default: clone, split, prune, reset (Kerbl et al. 2023); mcmc: relocate, grow, add noise (Kheradmand et "
+           "al. 2024)"),
     NUMBER(density, densify_from, 500, 0, MOST_STEPS, STEPS, "densify after this step"),
     AUTO(density, densify_until, 0, MOST_STEPS, STEPS, "15000; preset lean 12000, short 25000",
          "densify before this step"),
