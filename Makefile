@@ -16,6 +16,7 @@
 #   make guide   the pictures of docs/blender-guide.md, of the demo's street
 #   make same-bits REFERENCE=COMMIT  build that commit too and compare, bit by bit, what both programs write (OPTIONS=--quick: a minute)
 #   make figures REFERENCE=COMMIT  count what tests/figures.py counts of the code and the manual, at that commit and now
+#   make docs    write the options and fields of pags train into docs/command-line.md
 #   make format  format every C and C++ file
 #   make install install program, library, headers and Python module below PREFIX (/usr/local)
 #   make clean   remove build/
@@ -99,6 +100,9 @@ same-bits: all
 figures:
 	python3 tests/figures.py --reference "$(REFERENCE)" $(OPTIONS)
 
+docs: all
+	python3 scripts/options_page.py build/pags
+
 format:
 	sh scripts/format.sh
 
@@ -108,4 +112,4 @@ install: all
 clean:
 	rm -rf build
 
-.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures install clean
+.PHONY: all setup demo check fuzz fuzz-long sanitize valgrind bench addon check-blender check-blender-new bench-blender guide same-bits figures docs install clean

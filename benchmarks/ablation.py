@@ -28,12 +28,14 @@ import time
 from ablation_tables import OF_MOMENT, QUALITIES, Tables, write, write_plots
 
 MOST_SEEDS, MOST_MOMENTS = 16, 64
-SPR = "--preset short --alpha 0.4 --dropout --dropout-beta 0.5"
-WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--dropout --dropout-beta 0", "spr": SPR, "lean": "--preset lean"}
+SPR = "--preset short --alpha 0.4 --set dropout=1 --set dropout_beta=0.5"
+WHOLE = {"baseline": "", "sp": "--preset short --alpha 0", "sd": "--set dropout=1 --set dropout_beta=0", "spr": SPR, "lean": "--preset lean"}
 # These change one option of spr, or of sp, sd or lean where the row names one of them.
-CHANGES = {"alpha": "alpha", "rate": "prune-rate", "preset": "preset", "beta": "dropout-beta", "gamma": "dropout-gamma", "hybrid": "hybrid",
-           "critical-weight": "critical-weight", "s-sem": "s-sem", "s-grad": "s-grad", "s-grad-from": "s-grad-from"}
-SWITCHES = ["no-objects", "no-tracks", "no-fourier", "no-sky", "no-lidar-start", "no-exposure"]
+CHANGES = {"alpha": "--alpha", "rate": "--prune-rate", "preset": "--preset", "beta": "--set dropout_beta", "gamma": "--set dropout_gamma",
+           "hybrid": "--set hybrid", "critical-weight": "--critical-weight", "s-sem": "--set s_sem", "s-grad": "--set s_grad",
+           "s-grad-from": "--set s_grad_from"}
+SWITCHES = {"no-objects": "--no-objects", "no-tracks": "--no-tracks", "no-fourier": "--set fourier=0", "no-sky": "--no-sky",
+            "no-lidar-start": "--no-lidar-start", "no-exposure": "--no-exposure", "no-lidar-loss": "--set depth_weight=0"}
 # Options for every row: of pags train, and where a scene does not record them of pags eval, too.
 PASSED = {"downscale": False, "split-every": False, "cameras": False, "frames": False, "holdout-camera": False, "max-gaussians": False,
           "kind": True, "ego-mask": True, "sfm": True, "colmap": True, "critical": True}
@@ -106,18 +108,18 @@ class Row:
         elif part == "pdr":
             self.eval.put("--early-z", "paper")
         elif part in SWITCHES:
-            self.train.put(f"--{part}")
-        elif part == "no-lidar-loss":
-            self.train.put("--depth-weight", "0")
+            self.train.put_text(SWITCHES[part])
         elif not equals or key not in [*CHANGES, "sh"]:
-            known = ", ".join([*WHOLE, "pdr", *(f"{c}=..." for c in CHANGES), *SWITCHES, "no-lidar-loss", "sh=..."])
+            known = ", ".join([*WHOLE, "pdr", *(f"{c}=..." for c in CHANGES), *SWITCHES, "sh=..."])
             raise Failure(f"row '{self.name}': '{part}' is none of {known}, nor an option of pags train (--NAME=VALUE, set:NAME=VALUE)")
         elif not value:
             raise Failure(f"row '{self.name}': expected a value behind '{part}'")
         elif key == "sh":
             self.train.put("--sh-degree", value)
         else:
-            self.train.put(f"--{CHANGES[key]}", self.checked(key, value))
+            option, _, field = CHANGES[key].partition(" ")
+            value = self.checked(key, value)
+            self.train.put(option, f"{field}={value}" if field else value)
 
     def checked(self, key, value):
         if key == "alpha":
@@ -285,7 +287,7 @@ class Run:
             link(self.known(self.state["step"]), self.checkpoint)
         if os.path.exists(report):
             os.unlink(report)
-        words = ["train", a.dataset, "--output", self.scene, "--iterations", target, "--schedule-iterations", a.iterations, "--resume"]
+        words = ["train", a.dataset, "--output", self.scene, "--iterations", target, "--set", f"schedule_iterations={a.iterations}", "--resume"]
         words += ["--checkpoint-every", 0, "--preview-every", 0, "--json", report, "--seed", self.seed, "--threads", a.threads]
         seconds, whole = self.call([*words, *a.train, *self.train.words()])
         if os.path.exists(report):

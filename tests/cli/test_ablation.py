@@ -197,6 +197,8 @@ class Ablation(DataCase):
             ("alpha=x", ["alpha=x"]),
             ("rate=60", ["60/30"]),
             ("--no-such-thing", ["row '--no-such-thing'", "unknown option"]),
+            ("set:no_such=1", ["row 'set:no_such=1'", "no field"]),
+            ("--densify-from=5", ["row '--densify-from=5'", "--set densify_from=N"]),
             ("baseline,baseline", ["twice"]),
             ("baseline*99", ["baseline"]),
             ("baseline,", ["name of a row"]),
@@ -211,11 +213,12 @@ class Ablation(DataCase):
         row = ablation.Row
         for name, words in [
             ("baseline", ""),
-            ("alpha=0.2", "--preset short --alpha 0.2 --dropout --dropout-beta 0.5"),
-            ("sp+sd", "--preset short --alpha 0 --dropout --dropout-beta 0"),
+            ("alpha=0.2", "--preset short --alpha 0.2 --set dropout=1 --set dropout_beta=0.5"),
+            ("sp+sd", "--preset short --alpha 0 --set dropout=1 --set dropout_beta=0"),
+            ("sd+beta=0.1+s-sem=init+no-fourier", "--set dropout=1 --set dropout_beta=0.1 --set s_sem=init --set fourier=0"),
             ("lean+rate=40/20+no-sky", "--preset lean --prune-rate 0.4/0.2 --no-sky"),
             ("sh=2+--sh-degree=1+--mcmc", "--sh-degree 1 --mcmc"),
-            ("no-lidar-loss+--a=b=c", "--depth-weight 0 --a b=c"),
+            ("no-lidar-loss+--a=b=c", "--set depth_weight=0 --a b=c"),
             ("set:a=1+--set=b=2+set:a=3", "--set a=3 --set b=2"),
         ]:
             self.assertEqual(" ".join(row(name, 1).train.words()), words, name)

@@ -75,7 +75,7 @@ class Eval(fixtures.Case):
 
     def test_pruning_by_score(self):
         out = self.path("pruned")
-        options = ["--iterations", "60", "--preset", "short", "--prune-rate", "0.5/0.25", "--prune-floor", "10", "-q"]
+        options = ["--iterations", "60", "--preset", "short", "--prune-rate", "0.5/0.25", "--set", "prune_floor=10", "-q"]
         self.succeeds("train", self.street, "-o", out, *options)
         with open(os.path.join(out, "log.jsonl")) as log:
             prunes = [line for line in map(json.loads, log) if "pruned_by_score" in line]
@@ -98,7 +98,7 @@ class Eval(fixtures.Case):
         left_out = []
         for pull in ["0", "0.5"]:
             out = self.path("pull" + pull)
-            self.succeeds("train", self.street, "-o", out, "--iterations", "150", "--lidar-pull", pull, "-q")
+            self.succeeds("train", self.street, "-o", out, "--iterations", "150", "--set", f"lidar_pull={pull}", "-q")
             figures = json.loads(self.succeeds("eval", out, "--split", "test", "--json", "-").stdout)
             left_out.append(figures["priorities"]["astray"])
         self.assertLess(left_out[1], 0.8 * left_out[0])

@@ -42,10 +42,10 @@ class Usage(Case):
 
     def test_bad_values(self):
         train = ["train", "x", "-o", "y"]
-        expected = "pags train: --iterations: expected a whole number of at least 1, got 'x'"
+        expected = "pags train: --iterations: expected a whole number from 1 to 10000000, got 'x'"
         self.assertEqual(self.refused([*train, "--iterations", "x"]), expected)
         for value in ["0", "-5", "1.5", "", "99999999999999999999", "5 ", " 5", "5x"]:
-            self.refused([*train, "--iterations", value], "--iterations", "at least 1")
+            self.refused([*train, "--iterations", value], "--iterations", "from 1 to 10000000")
         for value in ["nan", "inf", "0.5", "1e999", "2,5"]:
             self.refused([*train, "--downscale", value], "--downscale", "from 1 to 64")
         for value in ["2Q", "-1G", "G", "1e30G"]:
@@ -58,7 +58,7 @@ class Usage(Case):
         self.refused([*train, "--strategy", ""], "default|mcmc")
         self.refused([*train, "--iterations"], "got nothing")
         self.refused([*train, "--resume=1"], "takes no value")
-        self.refused([*train, "--cluster-size", "17"], "cluster")
+        self.refused([*train, "--set", "cluster_size=17"], "cluster")
 
     def test_conflicts(self):
         self.refused(["train", "x", "-o", "y", "--resume", "--overwrite"], "exclude each other")
@@ -98,9 +98,55 @@ class Usage(Case):
                     self.fails([verb, "x", name], f"{name}: expected", "got nothing", code=2)
         shown = " ".join(run("train", "--help").stdout.split())
         self.assertIn("[steps; default 30000]", shown)
-        self.assertIn("[px^2; default 0.3]", shown)
-        self.assertIn("[default 0.2]", shown)
-        self.assertIn("[times the position rate; default 500000]", shown)  # not 5e+05
+        self.assertIn("[sRGB; default 0,0,0]", shown)
+        self.assertIn("[default 0.4]", shown)
+        self.assertIn("[default auto: 3; driving sets 1]", shown)
+        self.assertNotIn("default -1", shown)
+
+    def test_help_of_train_is_short(self):
+        self.assertLessEqual(len(run("train", "--help").stdout.splitlines()), 110)
+
+    def test_settings(self):
+        train = ["train", "x", "-o", "y", "--check-options"]
+        for good in ["densify_from=0", "densify_until=auto", "densify_until=-1", "strategy=mcmc", "background_b=0.5", "seed=18446744073709551615"]:
+            self.succeeds(*train, "--set", good)
+        self.refused([*train, "--set", "densify_fro=5"], "densify_fro=5", "did you mean 'densify_from'")
+        self.refused([*train, "--set", "qqqqqqqq=5"], "'qqqqqqqq' is no field", "--fields")
+        self.refused([*train, "--set", "densify_from"], "expected densify_from=VALUE")
+        self.refused([*train, "--set", "densify_from=x"], "densify_from: expected a whole number, got 'x'")
+        self.refused([*train, "--set", "densify_from=auto"], "densify_from: expected a whole number, got 'auto'")
+        self.refused([*train, "--set", "densify_from=-1"], "densify_from: -1 lies outside of 0..1000000000")
+        self.refused([*train, "--set", "critical_weight=0.5"], "critical_weight: 0.5 lies outside of 1..100 and isn't auto")
+        self.refused([*train, "--set", "strategy=mc"], "strategy: expected one of default|mcmc, got 'mc'")
+        self.refused([*train, "--set", "alpha=0.1", "--set", "alpha=2", "--set", "beta1=0"], "alpha: 2")  # the last one counts
+        self.succeeds(*train, "--set", "alpha=2", "--set", "alpha=1")
+        self.succeeds(*train, "--set", "alpha=1", "--alpha", "0.5")
+
+    def test_fields(self):
+        """Each in the group of its struct, with unit, range and default; nothing that is decided later shows as -1."""
+        shown = self.succeeds("train", "--fields").stdout
+        self.assertLessEqual(max(map(len, shown.splitlines())), 120)
+        fields = re.findall(r"^  ([a-z]\w*) ", shown, re.M)
+        self.assertGreater(len(fields), 80)
+        self.assertEqual(len(fields), len(set(fields)))
+        words = re.sub(r"\s+", " ", shown)
+        self.assertEqual(len(re.findall(r"\[[^]]+; default [^]]+\]", words)), len(fields))
+        self.assertNotIn("default -1", words)
+        for row in ["[steps of 30 000; 0 to 1e9; default 500]", "[px^2; 0 to 100; default 0.3]", "[0 or 1; default 1]",
+                    "[times the position rate; 0 to 1e9; default 500000]", "[default|mcmc; default default]",
+                    "[steps of 30 000; 0 to 1e9; default auto: 15000; preset lean 12000, short 25000]", "[1; 0 to 2^64 - 1; default 0]"]:
+            self.assertIn(row, words)
+        for field in fields:
+            self.refused(["train", "x", "-o", "y", "--check-options", "--set", f"{field}=?"], field)
+
+    def test_options_of_old_are_told(self):
+        """A flag that is a field now is refused with the form that took its place."""
+        for flag, form in [(["--densify-from", "500"], "--set densify_from=N"), (["--no-fourier"], "--set fourier=0"), (["--absgrad"], "--set absgrad=1"),
+                           (["--near=1"], "--set near_plane=N"), (["--position-rate", "1"], "--set position_rate_begin=N"),
+                           (["--hybrid", "sum"], "--set hybrid=preset|sum|product")]:
+            said = self.refused(["train", "x", "-o", "y", *flag])
+            self.assertEqual(said, f"pags train: {flag[0].split('=')[0]} is now {form}")
+        self.refused(["train", "x", "-o", "y", "--no-alpha"], "unknown option '--no-alpha'")
 
     def test_manual_names_every_option(self):
         manual = fixtures.read(os.path.join(os.path.dirname(__file__), "../../docs/command-line.md")).decode()
