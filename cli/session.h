@@ -20,32 +20,32 @@ typedef struct pags_session {
 } pags_session;
 
 /* Rows for the end of a verb's table; `owner` is the verb's struct, which has a member `session`. */
-#define PAGS_SESSION_OPTIONS(owner)                                                                                    \
-  PAGS_GROUP("In general"),                                                                                            \
-      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                             \
-                 "0: as affinity and cgroup allow", "threads to work with; results are the same bits for any number"), \
-      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                              \
-                "write what a machine reads to FILE, or to standard output"),                                          \
+#define PAGS_SESSION_OPTIONS(owner)                                                                                   \
+  PAGS_GROUP("In general"),                                                                                           \
+      PAGS_VALUE("threads", 'j', INT, offsetof(owner, session.threads), 0, 256, "N", NULL,                            \
+                 "0: as affinity and cgroup allow", "use so many threads; results are the same bits for any number"), \
+      PAGS_TEXT("json", 0, offsetof(owner, session.json), "FILE|-", NULL,                                             \
+                "write what a machine reads to FILE, or to standard output"),                                         \
       PAGS_FLAG("quiet", 'q', offsetof(owner, session.quiet), "print nothing but errors")
 
 /* Rows for verbs that open driving sets; `where` is the offset of a pags_dataset_options. */
 #define PAGS_DRIVING_OPTIONS(where)                                                                                   \
   PAGS_TEXT("kind", 0, (where) + offsetof(pags_dataset_options, kind),                                                \
             "waymo|pandaset|kitti|nuscenes|argoverse2|nuplan", "as dataset.json says",                                \
-            "driving sets: whose rules drivestudio's layout follows"),                                                \
+            "driving sets: read drivestudio's layout by the rules of this source"),                                   \
       PAGS_TEXT("cameras", 0, (where) + offsetof(pags_dataset_options, cameras), "LIST", "all",                       \
-                "driving sets: numbers of the cameras to use, separated by commas"),                                  \
+                "driving sets: use these cameras, numbers separated by commas"),                                      \
       PAGS_VALUE("frames", 0, SPAN, (where) + offsetof(pags_dataset_options, frame_first), 0, 0, "A-B", "time steps", \
-                 "all", "driving sets: time steps to use, both included"),                                            \
+                 "all", "driving sets: use these time steps, both ends included"),                                    \
       PAGS_TEXT("holdout-camera", 0, (where) + offsetof(pags_dataset_options, holdout_camera), "N", "none",           \
-                "driving sets: hold out this camera altogether"),                                                     \
+                "driving sets: hold this camera out altogether"),                                                     \
       PAGS_TEXT("ego-mask", 0, (where) + offsetof(pags_dataset_options, ego_mask), "FILE|FOLDER",                     \
-                "ego_masks/C.png, else found", "driving sets: white where the recording car itself is seen"),         \
+                "ego_masks/C.png, else found", "driving sets: leave out what is white here, the recording car"),      \
       PAGS_TEXT("critical", 0, (where) + offsetof(pags_dataset_options, critical), "LIST",                            \
                 "vehicle,pedestrian,cyclist",                                                                         \
-                "driving sets: what is critical: kinds, classes of semantic by name or number, classes of boxes"),    \
+                "driving sets: treat these kinds or classes (of semantic or of boxes) as critical"),                  \
       PAGS_TEXT("sfm", 0, (where) + offsetof(pags_dataset_options, sfm), "FOLDER", "none",                            \
-                "driving sets: a COLMAP model of the same world, whose points are added")
+                "driving sets: add the points of this COLMAP model of the same world")
 
 /* Opens the streams, checks that --json can be written, sends the library's log lines to people, starts the threads. */
 pags_result pags_session_begin(pags_session *session);

@@ -31,22 +31,6 @@ import time
 import zlib
 from pathlib import Path
 
-# ---- How an option is spelled ----
-# The command line of train changes: a flag that it no longer has is given as --set FIELD=VALUE. Where `pags train --fields` lists none of
-# the names here, the flag's own name with underscores is tried, alone and as the end of a nested name. Edit this table alone.
-FIELDS = {
-    "--densify-from": ["density.from", "density.densify_from"],
-    "--densify-until": ["density.until", "density.densify_until"],
-    "--fourier-gain": ["objects.fourier_gain"],
-    "--fourier-from": ["objects.fourier_from"],
-    "--sh-interval": ["schedule.sh_interval"],
-    "--reset-every": ["density.reset_every"],
-    "--absgrad": ["density.absgrad"],
-    "--dropout": ["density.dropout", "priority.dropout"],
-    "--lidar-pull": ["objects.lidar_pull", "losses.lidar_pull"],
-    "--antialiased": ["picture.antialiased"],
-}
-
 
 class Program:
     """A build of pags: where it is, its hash, and how it spells options."""
@@ -73,7 +57,7 @@ class Program:
         return self.texts[arguments]
 
     def spell(self, verb, flag, value):
-        """Arguments that mean `flag value` to this program; a value of True is a switch."""
+        """Arguments that mean `flag value` to this program; a value of True is a switch. A flag that train no longer has is --set of its field."""
         if re.search(rf"(?<![\w-]){re.escape(flag)}(?![\w-])", self.text(verb, "--help")):
             return [flag] if value is True else [flag, str(value)]
         if flag == "--size":
@@ -81,12 +65,10 @@ class Program:
             return ["--width", width, "--height", height]
         if verb == "train":
             plain = flag[2:].replace("-", "_")
-            known = re.findall(r"^\s*(?:--set )?([a-z][a-z0-9_.]*)", self.text("train", "--fields"), re.M)
-            fitting = [name for name in FIELDS.get(flag, []) if name in known]
-            fitting += [name for name in known if name == plain or name.endswith("." + plain)]
-            if fitting:
-                return ["--set", f"{fitting[0]}={1 if value is True else value}"]
-        raise Failure(f"{self.path}: 'pags {verb}' knows no {flag}, nor a field for it; add it to FIELDS in {Path(__file__).name}")
+            known = re.findall(r"^  ([a-z][a-z0-9_]*) ", self.text("train", "--fields"), re.M)
+            if plain in known:
+                return ["--set", f"{plain}={1 if value is True else value}"]
+        raise Failure(f"{self.path}: 'pags {verb}' knows no {flag}, nor a field for it")
 
 
 class Failure(Exception):
