@@ -69,13 +69,6 @@ static const pags_option *find_long(const pags_verb *verb, const char *name, siz
   return NULL;
 }
 
-static const pags_option *find_short(const pags_verb *verb, char name) {
-  for (const pags_option *option = verb->options; !is_end(option); option++)
-    if (option->short_name == name && name)
-      return option;
-  return NULL;
-}
-
 static pags_parse_status unknown_option(const pags_verb *verb, const char *name, size_t length) {
   const char *names[MAX_ROWS + 2];
   char word[80];
@@ -312,12 +305,6 @@ static bool store(const pags_option *option, const char *text, void *slot) {
   return false;
 }
 
-static void mark_given(pags_parsed *parsed, const pags_option *option) {
-  size_t row = (size_t)(option - parsed->verb->options);
-  assert(row < MAX_ROWS);
-  parsed->given[row / 64] |= (uint64_t)1 << (row % 64);
-}
-
 static bool was_given(const pags_parsed *parsed, const pags_option *option) {
   size_t row = (size_t)(option - parsed->verb->options);
   return parsed->given[row / 64] >> (row % 64) & 1;
@@ -344,7 +331,9 @@ static int take_option(pags_parsed *parsed, const pags_option *option, const cha
                        char **next, void *values) {
   void *slot = (char *)values + option->offset;
   char expected[160];
-  mark_given(parsed, option);
+  const size_t row = (size_t)(option - parsed->verb->options);
+  assert(row < MAX_ROWS);
+  parsed->given[row / 64] |= (uint64_t)1 << (row % 64);
   if (option->type == PAGS_OPTION_FLAG) {
     if (value) {
       pags_usage_error(parsed->verb, "%s: takes no value, got '%s'", shown, value);
@@ -385,9 +374,11 @@ static int take_long(pags_parsed *parsed, const char *argument, char **next, voi
 }
 
 static int take_short(pags_parsed *parsed, const char *argument, char **next, void *values) {
-  const pags_option *option = find_short(parsed->verb, argument[1]);
+  const pags_option *option = parsed->verb->options;
   char shown[3] = {'-', argument[1], 0};
-  if (!option) {
+  while (!is_end(option) && option->short_name != argument[1])
+    option++;
+  if (is_end(option)) {
     pags_usage_error(parsed->verb, "unknown option '%s'; '%s %s --help' lists them", argument, pags_program_name,
                      parsed->verb->name);
     return -1;
@@ -422,22 +413,16 @@ static pags_parse_status check_complete(const pags_parsed *parsed, int positiona
   return PAGS_PARSE_OK;
 }
 
-static bool wants_help(int argc, char **argv) {
-  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++)
-    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h"))
-      return true;
-  return false;
-}
-
 pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **argv, void *values, pags_parsed *parsed) {
   int positionals = 0, limit = positional_count(verb);
   bool options_end = false;
   memset(parsed, 0, sizeof *parsed);
   parsed->verb = verb;
-  if (wants_help(argc, argv)) {
-    pags_options_help(verb, values);
-    return PAGS_PARSE_HELP;
-  }
+  for (int i = 0; i < argc && strcmp(argv[i], "--"); i++)
+    if (!strcmp(argv[i], "--help") || !strcmp(argv[i], "-h")) {
+      pags_options_help(verb, values);
+      return PAGS_PARSE_HELP;
+    }
   for (int i = 0; i < argc; i++) {
     const char *argument = argv[i];
     char *next[2] = {i + 1 < argc ? argv[i + 1] : NULL, i + 2 < argc ? argv[i + 2] : NULL};
@@ -460,16 +445,6 @@ pags_parse_status pags_options_parse(const pags_verb *verb, int argc, char **arg
   }
   pags_parse_status status = check_complete(parsed, positionals);
   return status == PAGS_PARSE_OK && parsed->check_only ? PAGS_PARSE_HELP : status;
-}
-
-static void print_size(char *text, size_t size, uint64_t bytes) {
-  static const char suffix[] = {0, 'K', 'M', 'G'};
-  int k = 0;
-  while (k < 3 && bytes && bytes % 1024 == 0) {
-    bytes /= 1024;
-    k++;
-  }
-  snprintf(text, size, "%llu%.1s", (unsigned long long)bytes, k ? &suffix[k] : "");
 }
 
 /* The shortest decimal that reads back as the same value of its type: 1e-4f prints as 0.0001; but 20, not 2e+01. */
@@ -509,7 +484,14 @@ static void print_default(const pags_option *option, const void *defaults, char 
     case PAGS_OPTION_FLOAT: print_real(text, size, (double)*(const float *)slot, true); break;
     case PAGS_OPTION_DOUBLE:
     case PAGS_OPTION_DURATION: print_real(text, size, *(const double *)slot, false); break;
-    case PAGS_OPTION_SIZE: print_size(text, size, *(const uint64_t *)slot); break;
+    case PAGS_OPTION_SIZE: {
+      uint64_t bytes = *(const uint64_t *)slot;
+      int k = 0;
+      for (; k < 3 && bytes && bytes % 1024 == 0; k++)
+        bytes /= 1024;
+      snprintf(text, size, "%llu%.*s", (unsigned long long)bytes, k > 0, &"KMG"[k > 0 ? k - 1 : 0]);
+      break;
+    }
     case PAGS_OPTION_COLOR: {
       const double *rgb = slot;
       snprintf(text, size, "%g,%g,%g", rgb[0], rgb[1], rgb[2]);

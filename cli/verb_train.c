@@ -221,18 +221,6 @@ static int show_progress(void *user, const pags_train_progress *now) {
   return 1;
 }
 
-/* Memory and image cache where the command line says nothing: from what this process may use. The cache changes no bit;
- * the bound matters only to runs that would not fit. */
-static void default_memory(train_arguments *arguments, const pags_parsed *parsed) {
-  uint64_t available = pags_available_memory();
-  if (!pags_option_given(parsed, "image-cache") && arguments->options.image_cache > available / 4)
-    arguments->options.image_cache = available / 4;
-  if (!pags_option_given(parsed, "max-memory")) {
-    uint64_t most = available / 5 * 4, cache = arguments->options.image_cache;
-    arguments->options.max_memory = most > 2 * cache ? most - cache : most / 2;
-  }
-}
-
 static pags_result write_json(const train_arguments *arguments, const pags_train_result *result) {
   pags_json_writer writer;
   pags_json_writer_init(&writer, 2);
@@ -284,16 +272,6 @@ static void report(const train_arguments *arguments, const pags_train_result *re
              (long long)result->bad_rows, result->first_bad_row);
 }
 
-static void describe_driving(const train_arguments *arguments, const pags_dataset *dataset) {
-  int64_t objects = pags_dataset_object_count(dataset), moving = 0;
-  for (int64_t i = 0; i < objects; i++)
-    moving += pags_dataset_object(dataset, i)->moving;
-  pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
-           (long long)moving, (long long)pags_dataset_sweep_count(dataset));
-  for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
-}
-
 static void describe_dataset(const train_arguments *arguments, const pags_dataset *dataset) {
   int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
   const float *xyz;
@@ -303,8 +281,15 @@ static void describe_dataset(const train_arguments *arguments, const pags_datase
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
   const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-  if (pags_dataset_fps(dataset) > 0)
-    describe_driving(arguments, dataset);
+  if (pags_dataset_fps(dataset) > 0) {
+    int64_t objects = pags_dataset_object_count(dataset), moving = 0;
+    for (int64_t i = 0; i < objects; i++)
+      moving += pags_dataset_object(dataset, i)->moving;
+    pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
+             (long long)moving, (long long)pags_dataset_sweep_count(dataset));
+    for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+      pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
+  }
   const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
   pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
            pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
@@ -414,7 +399,16 @@ int pags_verb_train(int argc, char **argv) {
   if (arguments.reconstruction)
     arguments.dataset.split_every = 0;
   arguments.dataset.seed = arguments.config.schedule.seed;
-  default_memory(&arguments, &parsed);
+
+  /* Memory and image cache where the command line says nothing: from what this process may use. The cache changes no
+   * bit; the limit matters only to runs that would not fit. */
+  const uint64_t available = pags_available_memory();
+  if (!pags_option_given(&parsed, "image-cache") && arguments.options.image_cache > available / 4)
+    arguments.options.image_cache = available / 4;
+  if (!pags_option_given(&parsed, "max-memory")) {
+    const uint64_t most = available / 5 * 4, cache = arguments.options.image_cache;
+    arguments.options.max_memory = most > 2 * cache ? most - cache : most / 2;
+  }
 
   pags_result outcome = pags_session_begin(&arguments.session);
   /* An absolute path, so that eval finds the data set again from any folder. */

@@ -41,20 +41,6 @@ pags_train_config pags_train_config_default(void) {
   return config;
 }
 
-/* The field's value for the range check; 64-bit seeds have no range. */
-static double value_of(const pags_train_config *config, const pags_train_field *f) {
-  const void *p = (const char *)config + f->offset;
-  switch (f->type) {
-    case PAGS_FIELD_SWITCH:
-    case PAGS_FIELD_CHOICE:
-    case PAGS_FIELD_INT: return *(const int *)p;
-    case PAGS_FIELD_INT64: return (double)*(const int64_t *)p;
-    case PAGS_FIELD_UINT64: return 0.0;
-    case PAGS_FIELD_DOUBLE: return *(const double *)p;
-  }
-  return NAN;
-}
-
 /* The name of the `index`-th choice of `choices`, "a|b|c", NULL beyond the last; its length goes to `length`. */
 static const char *choice_at(const char *choices, int index, int *length) {
   for (; index > 0 && choices[strcspn(choices, "|")]; index--)
@@ -91,7 +77,40 @@ static void print_value(const pags_train_config *config, const pags_train_field 
   }
 }
 
-static pags_result parse_value(pags_train_config *config, const pags_train_field *f, const char *text) {
+pags_result pags_train_config_check(const pags_train_config *config) {
+  if (config->cookie != CONFIG_COOKIE)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
+  for (int i = 0; i < pags_field_count; i++) {
+    const pags_train_field *f = &pags_fields[i];
+    const void *p = (const char *)config + f->offset;
+    double value = 0.0; /* 64-bit seeds have no range */
+    switch (f->type) {
+      case PAGS_FIELD_SWITCH:
+      case PAGS_FIELD_CHOICE:
+      case PAGS_FIELD_INT: value = *(const int *)p; break;
+      case PAGS_FIELD_INT64: value = (double)*(const int64_t *)p; break;
+      case PAGS_FIELD_UINT64: break;
+      case PAGS_FIELD_DOUBLE: value = *(const double *)p; break;
+    }
+    const bool follows_rule = f->rule && value == PAGS_FIELD_AUTO;
+    if (!follows_rule && !(value >= f->least && value <= f->most))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %.10g lies outside of %.10g..%.10g%s", f->name, value, f->least,
+                       f->most, f->rule ? " and isn't auto" : "");
+  }
+  if (config->picture.cluster_size % 16)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->picture.cluster_size);
+  if (config->priority.preset != PAGS_PRESET_NONE && config->density.strategy == PAGS_STRATEGY_MCMC)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
+  if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end <= 0)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
+                     config->optimiser.position_rate_end);
+  return PAGS_OK;
+}
+
+pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *text) {
+  const pags_train_field *f = pags_train_field_find(name);
+  if (!f)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "'%s' is no field of the training configuration", name);
   void *p = (char *)config + f->offset;
   char *end = NULL;
   if (f->type == PAGS_FIELD_CHOICE) {
@@ -132,57 +151,27 @@ static pags_result parse_value(pags_train_config *config, const pags_train_field
   return PAGS_OK;
 }
 
-pags_result pags_train_config_check(const pags_train_config *config) {
-  if (config->cookie != CONFIG_COOKIE)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "training configuration doesn't come from pags_train_config_default");
-  for (int i = 0; i < pags_field_count; i++) {
-    const pags_train_field *f = &pags_fields[i];
-    double value = value_of(config, f);
-    const bool follows_rule = f->rule && value == PAGS_FIELD_AUTO;
-    if (!follows_rule && !(value >= f->least && value <= f->most))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "%s: %.10g lies outside of %.10g..%.10g%s", f->name, value, f->least,
-                       f->most, f->rule ? " and isn't auto" : "");
-  }
-  if (config->picture.cluster_size % 16)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "cluster_size: %d is no multiple of 16", config->picture.cluster_size);
-  if (config->priority.preset != PAGS_PRESET_NONE && config->density.strategy == PAGS_STRATEGY_MCMC)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "preset: strategy mcmc keeps its own count; expected none with it");
-  if (config->optimiser.position_rate_begin > 0 && config->optimiser.position_rate_end <= 0)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "position_rate_end: a log-linear rate can't end at %g",
-                     config->optimiser.position_rate_end);
-  return PAGS_OK;
-}
-
-pags_result pags_train_config_set(pags_train_config *config, const char *name, const char *value) {
-  const pags_train_field *f = pags_train_field_find(name);
-  return f ? parse_value(config, f, value)
-           : pags_fail(PAGS_ERROR_ARGUMENT, "'%s' is no field of the training configuration", name);
-}
-
-/* What the fields with a rule are, in words also in their rows. The figures of LEAN are those of docs/lab/priority.md.
+/* What the fields with a rule are, in words also in their rows. Degree 1 on driving sets is that of Street Gaussians
+ * (Yan et al. 2024): a road is passed once, in one direction. The figures of LEAN are those of docs/lab/priority.md.
  * SHORT and PAPER end densify at the same step of their runs, which is half of the schedule of PAPER. */
-static void resolve_preset(pags_train_config *c) {
-  int lean = c->priority.preset == PAGS_PRESET_LEAN;
-  if (c->density.densify_until < 0)
-    c->density.densify_until = c->priority.preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
-  if (c->priority.prune_early < 0)
-    c->priority.prune_early = lean ? 0.5 : 0.6;
-  if (c->priority.prune_late < 0)
-    c->priority.prune_late = lean ? 0.2 : 0.3;
-  if (c->priority.hybrid == PAGS_HYBRID_OF_PRESET)
-    c->priority.hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
-  if (c->priority.critical_weight < 0)
-    c->priority.critical_weight = lean ? 1.0 + 5.0 * c->priority.alpha : 1.0;
-  if (c->priority.critical_growth < 0)
-    c->priority.critical_growth = c->priority.critical_weight;
-}
-
-/* Degree 1 on driving sets, as Street Gaussians: a road is passed once, in one direction. */
-pags_train_config pags_config_resolve(const pags_train_config *config, int driving) {
+pags_train_config pags_config_resolve(const pags_train_config *config, bool driving) {
   pags_train_config resolved = *config;
+  pags_train_priority *priority = &resolved.priority;
+  const bool lean = priority->preset == PAGS_PRESET_LEAN;
   if (resolved.color.sh_degree < 0)
     resolved.color.sh_degree = driving ? 1 : 3;
-  resolve_preset(&resolved);
+  if (resolved.density.densify_until < 0)
+    resolved.density.densify_until = priority->preset == PAGS_PRESET_SHORT ? 25000 : lean ? 12000 : 15000;
+  if (priority->prune_early < 0)
+    priority->prune_early = lean ? 0.5 : 0.6;
+  if (priority->prune_late < 0)
+    priority->prune_late = lean ? 0.2 : 0.3;
+  if (priority->hybrid == PAGS_HYBRID_OF_PRESET)
+    priority->hybrid = lean ? PAGS_HYBRID_PRODUCT : PAGS_HYBRID_SUM;
+  if (priority->critical_weight < 0)
+    priority->critical_weight = lean ? 1.0 + 5.0 * priority->alpha : 1.0;
+  if (priority->critical_growth < 0)
+    priority->critical_growth = priority->critical_weight;
   return resolved;
 }
 

@@ -4,6 +4,7 @@
 #define PAGS_TRAIN_CONFIG_H
 
 #include <pags/train.h>
+#include <stdbool.h>
 #include "train/fields.h"
 
 /* Most bytes a configuration takes as text, either way. */
@@ -16,7 +17,7 @@ pags_result pags_config_read(pags_train_config *config, const char *text, size_t
 /* The same as a JSON object in one line. */
 void pags_config_write_json(const pags_train_config *config, char text[PAGS_CONFIG_TEXT]);
 /* `config` with what it leaves to the kind of data set filled in. */
-pags_train_config pags_config_resolve(const pags_train_config *config, int driving);
+pags_train_config pags_config_resolve(const pags_train_config *config, bool driving);
 /* Name of the first field that differs, iterations and schedule_iterations left out; NULL when none does. */
 const char *pags_config_difference(const pags_train_config *a, const pags_train_config *b);
 
