@@ -69,29 +69,6 @@ static const pags_option *find_long(const pags_verb *verb, const char *name, siz
   return NULL;
 }
 
-static pags_parse_status unknown_option(const pags_verb *verb, const char *name, size_t length) {
-  const char *names[MAX_ROWS + 2];
-  char word[80];
-  int count = 0;
-  for (const pags_option *option = verb->options; !is_end(option); option++)
-    if (option->name && count < MAX_ROWS)
-      names[count++] = option->name;
-  names[count++] = "help";
-  names[count] = NULL;
-  snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
-  char replacement[96];
-  if (verb->replacement && verb->replacement(word, replacement, sizeof replacement)) {
-    pags_usage_error(verb, "--%s is now %s", word, replacement);
-    return PAGS_PARSE_USAGE;
-  }
-  const char *nearest = pags_nearest_name(word, names);
-  if (nearest)
-    pags_usage_error(verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
-  else
-    pags_usage_error(verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name, verb->name);
-  return PAGS_PARSE_USAGE;
-}
-
 /* What a value should have been, for messages: "a whole number of at least 1". */
 static void describe(const pags_option *option, char *text, size_t size) {
   static const char *const nouns[] = {[PAGS_OPTION_INT] = "a whole number",
@@ -141,16 +118,6 @@ static bool parse_int64(const char *text, int64_t *value) {
   return end != text && !*end && !errno;
 }
 
-static bool parse_uint64(const char *text, uint64_t *value) {
-  char *end;
-  if (!isdigit((unsigned char)*text))
-    return false;
-  errno = 0;
-  unsigned long long parsed = strtoull(text, &end, 10);
-  *value = parsed;
-  return !*end && !errno;
-}
-
 static bool parse_size(const char *text, uint64_t *value) {
   const char *end;
   double number, unit = 1;
@@ -192,18 +159,6 @@ static bool parse_duration(const char *text, double *seconds) {
   return true;
 }
 
-static bool parse_color(const char *text, double *rgb) {
-  for (int c = 0; c < 3; c++) {
-    double value;
-    const char *end;
-    if (!parse_real(text, &end, &value) || *end != (c < 2 ? ',' : '\0') || value < 0 || value > 1)
-      return false;
-    rgb[c] = value;
-    text = end + 1;
-  }
-  return true;
-}
-
 static bool parse_span(const char *text, int64_t span[2]) {
   const char *dash = strchr(text, '-');
   char first[24];
@@ -224,20 +179,6 @@ static bool parse_span(const char *text, int64_t span[2]) {
   return true;
 }
 
-static bool parse_enum(const char *choices, const char *text, int *value) {
-  size_t length = strlen(text);
-  for (int index = 0;; index++) {
-    size_t n = strcspn(choices, "|");
-    if (n == length && !strncmp(choices, text, n)) {
-      *value = index;
-      return true;
-    }
-    if (!choices[n])
-      return false;
-    choices += n + 1;
-  }
-}
-
 static bool store_word(pags_words *words, const char *name, size_t length, const char *value) {
   if (length == 0 || length > INT32_MAX || words->count == PAGS_MAX_WORDS || (value && !*value))
     return false;
@@ -253,6 +194,7 @@ static bool store(const pags_option *option, const char *text, void *slot) {
   int64_t whole;
   uint64_t natural;
   const char *end;
+  char *stop;
   switch (option->type) {
     case PAGS_OPTION_INT:
       if (!parse_int64(text, &whole) || whole < INT32_MIN || whole > INT32_MAX || !in_range(option, (double)whole))
@@ -265,7 +207,9 @@ static bool store(const pags_option *option, const char *text, void *slot) {
       *(int64_t *)slot = whole;
       return true;
     case PAGS_OPTION_UINT64:
-      if (!parse_uint64(text, &natural) || !in_range(option, (double)natural))
+      errno = 0;
+      natural = strtoull(text, &stop, 10);
+      if (!isdigit((unsigned char)*text) || *stop || errno || !in_range(option, (double)natural))
         return false;
       *(uint64_t *)slot = natural;
       return true;
@@ -288,8 +232,25 @@ static bool store(const pags_option *option, const char *text, void *slot) {
         return false;
       *(double *)slot = real;
       return true;
-    case PAGS_OPTION_ENUM: return parse_enum(option->metavar, text, (int *)slot);
-    case PAGS_OPTION_COLOR: return parse_color(text, (double *)slot);
+    case PAGS_OPTION_ENUM:
+      end = option->metavar;
+      for (int index = 0;; index++) {
+        const size_t n = strcspn(end, "|");
+        if (n == strlen(text) && !strncmp(end, text, n)) {
+          *(int *)slot = index;
+          return true;
+        }
+        if (!end[n])
+          return false;
+        end += n + 1;
+      }
+    case PAGS_OPTION_COLOR:
+      for (int c = 0; c < 3; c++, text = end + 1) {
+        if (!parse_real(text, &end, &real) || *end != (c < 2 ? ',' : '\0') || real < 0 || real > 1)
+          return false;
+        ((double *)slot)[c] = real;
+      }
+      return true;
     case PAGS_OPTION_SPAN: return parse_span(text, (int64_t *)slot);
     case PAGS_OPTION_STRING:
       if (!*text)
@@ -366,7 +327,26 @@ static int take_long(pags_parsed *parsed, const char *argument, char **next, voi
   const pags_option *option = find_long(parsed->verb, name, length);
   char shown[84];
   if (!option) {
-    unknown_option(parsed->verb, name, length);
+    const char *names[MAX_ROWS + 2];
+    char word[80];
+    int count = 0;
+    for (const pags_option *row = parsed->verb->options; !is_end(row); row++)
+      if (row->name && count < MAX_ROWS)
+        names[count++] = row->name;
+    names[count++] = "help";
+    names[count] = NULL;
+    snprintf(word, sizeof word, "%.*s", (int)(length < 79 ? length : 79), name);
+    char replacement[96];
+    if (parsed->verb->replacement && parsed->verb->replacement(word, replacement, sizeof replacement)) {
+      pags_usage_error(parsed->verb, "--%s is now %s", word, replacement);
+      return -1;
+    }
+    const char *nearest = pags_nearest_name(word, names);
+    if (nearest)
+      pags_usage_error(parsed->verb, "unknown option '--%s'; did you mean '--%s'?", word, nearest);
+    else
+      pags_usage_error(parsed->verb, "unknown option '--%s'; '%s %s --help' lists them", word, pags_program_name,
+                       parsed->verb->name);
     return -1;
   }
   snprintf(shown, sizeof shown, "--%s", option->name);
@@ -551,21 +531,6 @@ void pags_options_entry(const char *left, const char *text, int width) {
   print_wrapped(text, HELP_COLUMN, HELP_COLUMN, width);
 }
 
-static void print_option(const pags_option *option, const void *defaults) {
-  char left[160], standard[120], text[1024];
-  bool value = option->type != PAGS_OPTION_FLAG;
-  char short_form[5] = "    ";
-  if (option->short_name)
-    snprintf(short_form, sizeof short_form, "-%c, ", option->short_name);
-  snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "", value ? option->metavar : "");
-  print_default(option, defaults, standard, sizeof standard);
-  bool unit = option->unit != NULL, shown = standard[0] != 0;
-  snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
-           unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
-           option->required ? " (required)" : "");
-  pags_options_entry(left, text, HELP_WIDTH);
-}
-
 void pags_options_help(const pags_verb *verb, const void *defaults) {
   char usage[512];
   snprintf(usage, sizeof usage, "usage: %s %s %s", pags_program_name, verb->name, verb->usage);
@@ -579,10 +544,23 @@ void pags_options_help(const pags_verb *verb, const void *defaults) {
     pags_options_entry(left, positional->help, HELP_WIDTH);
   }
   for (const pags_option *option = verb->options; !is_end(option); option++) {
-    if (option->type == PAGS_OPTION_GROUP)
+    if (option->type == PAGS_OPTION_GROUP) {
       printf("\n%s\n", option->help);
-    else
-      print_option(option, defaults);
+      continue;
+    }
+    char left[160], standard[120], text[1024];
+    bool value = option->type != PAGS_OPTION_FLAG;
+    char short_form[5] = "    ";
+    if (option->short_name)
+      snprintf(short_form, sizeof short_form, "-%c, ", option->short_name);
+    snprintf(left, sizeof left, "  %s--%s%s%s", short_form, option->name, value ? " " : "",
+             value ? option->metavar : "");
+    print_default(option, defaults, standard, sizeof standard);
+    bool unit = option->unit != NULL, shown = standard[0] != 0;
+    snprintf(text, sizeof text, "%s%s%s%s%s%s%s%s", option->help, unit || shown ? " [" : "", unit ? option->unit : "",
+             unit && shown ? "; " : "", shown ? "default " : "", shown ? standard : "", unit || shown ? "]" : "",
+             option->required ? " (required)" : "");
+    pags_options_entry(left, text, HELP_WIDTH);
   }
   pags_options_entry("  --check-options", "check the command line's options, do nothing", HELP_WIDTH);
   pags_options_entry("  -h, --help", "print this", HELP_WIDTH);

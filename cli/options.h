@@ -40,7 +40,7 @@ typedef enum pags_option_type {
   PAGS_OPTION_PAIRS /* pags_words with values: NAME VALUE, or NAME=VALUE where VALUE has a comma; may be given again */
 } pags_option_type;
 
-enum { PAGS_MAX_WORDS = 64 };
+enum { PAGS_MAX_WORDS = 128 }; /* more than the training has fields */
 
 /* What an option was given, in order. */
 typedef struct pags_words {
