@@ -11,7 +11,7 @@
 #define STEPS "steps of 30 000"
 #define EXTENT "times the extent"
 
-#define SAID(words)                                                                                 \
+#define NOT_EMPTY(words)                                                                            \
   (&(words)[0 * sizeof(struct {                                                                     \
               _Static_assert(sizeof(words) > 1, "a field of the training needs a unit and a text"); \
               char unused;                                                                          \
@@ -22,15 +22,15 @@
       int64_t: PAGS_FIELD_INT64,             \
       uint64_t: PAGS_FIELD_UINT64,           \
       double: PAGS_FIELD_DOUBLE)
-#define ROW(group, member, kind, standard, least, most, choices, unit, rule, text)                           \
-  {#member,    #group, kind,      offsetof(pags_train_config, group.member), standard, least, most, choices, \
-   SAID(unit), rule,   SAID(text)}
+#define ROW(group, member, kind, standard, least, most, choices, unit, rule, text)                                     \
+  {#member,         #group, kind,           offsetof(pags_train_config, group.member), standard, least, most, choices, \
+   NOT_EMPTY(unit), rule,   NOT_EMPTY(text)}
 
 #define NUMBER(group, member, standard, least, most, unit, text) \
   ROW(group, member, TYPE_OF(group.member), standard, least, most, NULL, unit, NULL, text)
 /* A number that follows a rule unless it is given. */
 #define AUTO(group, member, least, most, unit, rule, text) \
-  ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, SAID("auto: " rule), text)
+  ROW(group, member, TYPE_OF(group.member), PAGS_FIELD_AUTO, least, most, NULL, unit, NOT_EMPTY("auto: " rule), text)
 #define SWITCH(group, member, standard, text) \
   ROW(group, member, PAGS_FIELD_SWITCH, standard, 0, 1, NULL, "0 or 1", NULL, text)
 /* `last` is the enum's last value. */
