@@ -11,7 +11,7 @@
  * seen is brought into the proxy's own frame, the true surface as it is to the proxy at the middle of its track.
  * Measured are the distances from there to the proxy; from places spread evenly over the proxy to the true surface,
  * apart by whether the nearest place of it is observed; what both cover of each picture; the ground's heights against
- * the street's surfaces and against the laser's ground in held-out sweeps; and objects' distances from the laser's
+ * the street's surfaces and against LiDAR's ground in held-out sweeps; and objects' distances from LiDAR's
  * points on them there. The last line says what exceeds the bounds: means of 0.1 m, an overlap of 0.9, a 95th
  * percentile of the ground of 0.05 m. */
 #include <math.h>
@@ -24,17 +24,17 @@
 #include "exporters/proxy/mesh_query.h"
 
 #include "base/memory.h"
-#include "benchmarks/laser_ground.h"
+#include "benchmarks/lidar_ground.h"
 #include "benchmarks/proxies.h"
 #include "benchmarks/verbs.h"
 
 static const double ground_bound = 0.05, ground_reach = 10; /* metres */
 
 /* A node's mesh, to be asked for distances; both are the caller's to destroy, whatever is returned. */
-static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_proxy_mesh *shell,
-                             pags_mesh_query **solid) {
-  PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), shell));
-  return pags_mesh_query_of_mesh(shell, solid);
+static pags_result open_mesh(const pags_proxy_bench *self, const pags_json_value *node, pags_proxy_mesh *mesh,
+                             pags_mesh_query **query) {
+  PAGS_TRY(pags_glb_mesh(&self->file, pags_glb_integer(node, "mesh", -1), mesh));
+  return pags_mesh_query_of_mesh(mesh, query);
 }
 
 /* ---- The ground. ---- */
@@ -60,9 +60,9 @@ static int near_path(const pags_proxy_bench *self, double x, double y) {
 
 static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value *node) {
   pags_proxy_mesh ground = {0};
-  pags_mesh_query *solid = NULL;
+  pags_mesh_query *query = NULL;
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
-  pags_result result = open_mesh(self, node, &ground, &solid);
+  pags_result result = open_mesh(self, node, &ground, &query);
   for (int64_t i = 0; i < ground.vertex_count; i++)
     for (int k = 0; k < 2; k++) {
       lo[k] = fmin(lo[k], (double)ground.positions[3 * i + k]);
@@ -78,7 +78,7 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
     for (double x = lo[0]; x <= hi[0] && count < most; x += step) {
       const double from[3] = {x, y, 1000}, down[3] = {0, 0, -1};
       double z, world[2] = {x + self->scene.origin[0], y + self->scene.origin[1]};
-      double t = pags_mesh_query_ray(solid, from, down, NULL);
+      double t = pags_mesh_query_ray(query, from, down, NULL);
       int close_by = near_path(self, world[0], world[1]);
       holes += close_by && !(t > 0);
       if (!(t > 0) || !true_height(self, world[0], world[1], &z))
@@ -105,18 +105,18 @@ static pags_result measure_ground(pags_proxy_bench *self, const pags_json_value 
   }
   free(all);
   free(close);
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   pags_proxy_mesh_destroy(&ground);
   return result;
 }
 
-static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *node) {
+static pags_result measure_lidar(pags_proxy_bench *self, const pags_json_value *node) {
   pags_proxy_mesh ground = {0};
-  pags_mesh_query *solid = NULL;
-  pags_laser_ground found;
-  pags_result result = open_mesh(self, node, &ground, &solid);
+  pags_mesh_query *query = NULL;
+  pags_lidar_ground found;
+  pags_result result = open_mesh(self, node, &ground, &query);
   if (result == PAGS_OK)
-    result = pags_laser_ground_measure(&self->scene, solid, &found);
+    result = pags_lidar_ground_measure(&self->scene, query, &found);
   if (result == PAGS_OK && found.points) {
     int good = found.error.p95 <= ground_bound;
     self->failures += !good;
@@ -130,7 +130,7 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
     pags_json_put_integer(&self->json, "missed", found.missed);
     pags_json_end_object(&self->json);
   }
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   pags_proxy_mesh_destroy(&ground);
   return result;
 }
@@ -140,21 +140,21 @@ static pags_result measure_laser(pags_proxy_bench *self, const pags_json_value *
 /* How far each point of `cloud` is from a node's mesh. */
 static pags_result add_distances(pags_proxy_bench *self, const pags_json_value *node, const pags_lidar_fit *cloud,
                                  double *distances) {
-  pags_proxy_mesh shell = {0};
-  pags_mesh_query *solid = NULL;
-  pags_result result = open_mesh(self, node, &shell, &solid);
+  pags_proxy_mesh mesh = {0};
+  pags_mesh_query *query = NULL;
+  pags_result result = open_mesh(self, node, &mesh, &query);
   for (int64_t i = 0; i < cloud->count && result == PAGS_OK; i++) {
     const double p[3] = {(double)cloud->points[3 * i], (double)cloud->points[3 * i + 1],
                          (double)cloud->points[3 * i + 2]};
-    distances[i] = pags_mesh_query_distance(solid, p, NULL);
+    distances[i] = pags_mesh_query_distance(query, p, NULL);
   }
-  pags_mesh_query_destroy(solid);
-  pags_proxy_mesh_destroy(&shell);
+  pags_mesh_query_destroy(query);
+  pags_proxy_mesh_destroy(&mesh);
   return result;
 }
 
-/* Parked ones, then moving ones, against the laser where nothing was trained. */
-static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_lidar *laser) {
+/* Parked ones, then moving ones, against LiDAR where nothing was trained. */
+static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value *nodes, const pags_lidar *lidar) {
   static const char *const kinds[] = {"parked", "moving"};
   for (int moving = 0; moving < 2; moving++) {
     double *distances = NULL;
@@ -164,7 +164,7 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
       const pags_scene_object *object = track && track->type == PAGS_JSON_STRING && pags_glb_member(node, "mesh")
                                             ? pags_scene_find_object(&self->scene, track->text)
                                             : NULL;
-      const pags_lidar_fit *cloud = object ? &laser->objects[object - self->scene.objects] : NULL;
+      const pags_lidar_fit *cloud = object ? &lidar->objects[object - self->scene.objects] : NULL;
       if (!object || object->record.moving != moving || !cloud->count)
         continue;
       double *grown = realloc(distances, (size_t)(count + cloud->count) * sizeof *grown);
@@ -188,11 +188,11 @@ static pags_result measure_objects(pags_proxy_bench *self, const pags_json_value
   return PAGS_OK;
 }
 
-static pags_result measure_by_laser(pags_proxy_bench *self, const pags_json_value *nodes) {
-  pags_lidar laser;
-  PAGS_TRY(pags_lidar_read(&self->scene, 1, &laser));
-  pags_result result = laser.objects ? measure_objects(self, nodes, &laser) : PAGS_OK;
-  pags_lidar_destroy(&laser);
+static pags_result measure_by_lidar(pags_proxy_bench *self, const pags_json_value *nodes) {
+  pags_lidar lidar;
+  PAGS_TRY(pags_lidar_read(&self->scene, 1, &lidar));
+  pags_result result = lidar.objects ? measure_objects(self, nodes, &lidar) : PAGS_OK;
+  pags_lidar_destroy(&lidar);
   return result;
 }
 
@@ -226,9 +226,9 @@ static pags_result run(pags_proxy_bench *self) {
       continue;
     if (!self->pictures)
       PAGS_TRY(measure_ground(self, node));
-    PAGS_TRY(measure_laser(self, node));
+    PAGS_TRY(measure_lidar(self, node));
   }
-  PAGS_TRY(measure_by_laser(self, nodes));
+  PAGS_TRY(measure_by_lidar(self, nodes));
   pags_say(&self->session, "%d of these exceed the bounds\n", self->failures);
   return PAGS_OK;
 }

@@ -19,7 +19,7 @@ static const double cloud_cell = 0.02, near_observed = 0.06; /* metres */
 static const double mean_bound = 0.1, iou_bound = 0.9;
 
 /* The actor's meshes in its box's own frame, as it is at the stage's time. */
-static pags_result true_shell(const pags_proxy_bench *self, int actor, pags_proxy_mesh *out) {
+static pags_result true_mesh(const pags_proxy_bench *self, int actor, pags_proxy_mesh *out) {
   static const float grey[3] = {0.5f, 0.5f, 0.5f};
   double world_from_box[12], box_from_world[12];
   pags_actor_pose(&self->street.actors[actor], self->stage_time, world_from_box);
@@ -57,7 +57,7 @@ typedef struct vehicle {
   int actor;
   double truth_from_proxy[12]; /* frames: that of the true box, that of the proxy */
   pags_proxy_mesh truth, proxy;
-  pags_mesh_query *truth_solid, *proxy_solid, *cloud_solid;
+  pags_mesh_query *truth_query, *proxy_query, *cloud_query;
   pags_lidar_fit cloud;           /* where rays of training cameras meet it first, in its frame; one point a cell */
   int64_t pixels;                 /* of the lattice that see it */
   int64_t both, either;           /* silhouettes of truth and proxy, each alone */
@@ -81,12 +81,12 @@ static void bring(const double m[12], const double origin[3], const double direc
 static pags_result take_ray(vehicle *v, const frames *f, const double origin[3], const double direction[3],
                             double distance, int met, int is_it) {
   double from[3], along[3], p[3], truth = -1;
-  if (v->truth_solid) {
+  if (v->truth_query) {
     bring(f->truth_from_world, origin, direction, from, along);
-    truth = pags_mesh_query_ray(v->truth_solid, from, along, NULL);
+    truth = pags_mesh_query_ray(v->truth_query, from, along, NULL);
   }
   bring(f->proxy_from_world, origin, direction, from, along);
-  double proxy = pags_mesh_query_ray(v->proxy_solid, from, along, NULL);
+  double proxy = pags_mesh_query_ray(v->proxy_query, from, along, NULL);
   v->both += truth > 0 && proxy > 0;
   v->either += truth > 0 || proxy > 0;
   int shows = proxy > 0 && (is_it || !met || proxy < distance);
@@ -95,7 +95,7 @@ static pags_result take_ray(vehicle *v, const frames *f, const double origin[3],
   if (!is_it)
     return PAGS_OK;
   v->pixels++;
-  if (!v->truth_solid && proxy > 0) {
+  if (!v->truth_query && proxy > 0) {
     for (int k = 0; k < 3; k++)
       p[k] = from[k] + proxy * along[k];
     PAGS_TRY(pags_lidar_fit_add(&v->met, p));
@@ -257,12 +257,12 @@ typedef struct spread {
 
 /* Even over the proxy's area. */
 static void measure_proxy(const vehicle *v, spread *out) {
-  if (!v->truth_solid) {
+  if (!v->truth_query) {
     int64_t step = v->met.count / PROXY_SAMPLES + 1;
     for (int64_t i = 0; i < v->met.count; i += step) {
       const double p[3] = {(double)v->met.points[3 * i], (double)v->met.points[3 * i + 1],
                            (double)v->met.points[3 * i + 2]};
-      out->seen[out->seen_count++] = pags_mesh_query_distance(v->cloud_solid, p, NULL);
+      out->seen[out->seen_count++] = pags_mesh_query_distance(v->cloud_query, p, NULL);
     }
     return;
   }
@@ -273,10 +273,10 @@ static void measure_proxy(const vehicle *v, spread *out) {
       double p[3], q[3], foot[3], back[12];
       place_in(&v->proxy, t, n, p);
       pags_rigid_point(v->truth_from_proxy, p, q);
-      double distance = pags_mesh_query_nearest(v->truth_solid, q, foot);
+      double distance = pags_mesh_query_nearest(v->truth_query, q, foot);
       pags_rigid_inverse(v->truth_from_proxy, back);
       pags_rigid_point(back, foot, q);
-      if (pags_mesh_query_distance(v->cloud_solid, q, NULL) <= near_observed)
+      if (pags_mesh_query_distance(v->cloud_query, q, NULL) <= near_observed)
         out->seen[out->seen_count++] = distance;
       else
         out->rest[out->rest_count++] = distance;
@@ -291,7 +291,7 @@ static pags_result tell(pags_proxy_bench *self, vehicle *v, spread *to) {
   for (int64_t i = 0; i < v->cloud.count; i++) {
     const double p[3] = {(double)v->cloud.points[3 * i], (double)v->cloud.points[3 * i + 1],
                          (double)v->cloud.points[3 * i + 2]};
-    from[i] = pags_mesh_query_distance(v->proxy_solid, p, NULL);
+    from[i] = pags_mesh_query_distance(v->proxy_query, p, NULL);
   }
   pags_proxy_distance back = pags_distance_summary(from, v->cloud.count),
                       seen = pags_distance_summary(to->seen, to->seen_count),
@@ -333,7 +333,7 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
     return PAGS_OK;
   }
   thin(v);
-  PAGS_TRY(pags_mesh_query_of_points(v->cloud.points, v->cloud.count, &v->cloud_solid));
+  PAGS_TRY(pags_mesh_query_of_points(v->cloud.points, v->cloud.count, &v->cloud_query));
   spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)),
                .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};
   pags_result result = to.seen && to.rest ? PAGS_OK : pags_out_of_memory(NULL);
@@ -376,16 +376,16 @@ pags_result pags_proxy_bench_vehicle(pags_proxy_bench *self, const pags_json_val
   if (result == PAGS_OK && !self->pictures)
     result = relate(self, &v);
   if (result == PAGS_OK && !self->pictures)
-    result = true_shell(self, v.actor, &v.truth);
+    result = true_mesh(self, v.actor, &v.truth);
   if (result == PAGS_OK && !self->pictures)
-    result = pags_mesh_query_of_mesh(&v.truth, &v.truth_solid);
+    result = pags_mesh_query_of_mesh(&v.truth, &v.truth_query);
   if (result == PAGS_OK)
-    result = pags_mesh_query_of_mesh(&v.proxy, &v.proxy_solid);
+    result = pags_mesh_query_of_mesh(&v.proxy, &v.proxy_query);
   if (result == PAGS_OK)
     result = measure(self, &v);
-  pags_mesh_query_destroy(v.truth_solid);
-  pags_mesh_query_destroy(v.proxy_solid);
-  pags_mesh_query_destroy(v.cloud_solid);
+  pags_mesh_query_destroy(v.truth_query);
+  pags_mesh_query_destroy(v.proxy_query);
+  pags_mesh_query_destroy(v.cloud_query);
   pags_proxy_mesh_destroy(&v.truth);
   pags_proxy_mesh_destroy(&v.proxy);
   pags_lidar_fit_destroy(&v.cloud);

@@ -191,13 +191,13 @@ static void free_streams(spz_streams *s) {
 
 static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   const size_t each[SPZ_STREAMS] = {9, 1, 3, 3, 4, 3 * ((size_t)pags_sh_coefficients(g->sh_degree) - 1)};
-  int whole = 1;
+  int scene_depth = 1;
   for (int k = 0; k < SPZ_STREAMS; k++) {
     s->sizes[k] = each[k] * (size_t)g->count;
     s->bytes[k] = malloc(s->sizes[k] + 1);
-    whole = whole && s->bytes[k];
+    scene_depth = scene_depth && s->bytes[k];
   }
-  if (!whole)
+  if (!scene_depth)
     return pags_out_of_memory("%lld Gaussians", (long long)g->count);
   for (int64_t i = 0; i < g->count; i++)
     pack_row(g, i, s);

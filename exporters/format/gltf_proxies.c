@@ -43,7 +43,7 @@ typedef struct group {
 } group;
 
 typedef struct exporter {
-  pags_workshop workshop;
+  pags_proxy_maker maker;
   pags_gltf *gltf;
   pags_proxy_report *report;
   int root, critical, background; /* nodes; -1: not there yet */
@@ -159,7 +159,7 @@ static void pose_at(const exporter *self, const pags_object *object, const pags_
   if (!pags_object_pose(object, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
   for (int k = 0; k < 3; k++)
-    out[4 * k + 3] -= self->workshop.scene->origin[k];
+    out[4 * k + 3] -= self->maker.scene->origin[k];
 }
 
 static pags_result place(exporter *self, int node, const pags_object *object) {
@@ -203,34 +203,34 @@ static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts 
 }
 
 /* One level of one object into the file; `mesh` receives its number there. */
-static pags_result add_level(exporter *self, int64_t object, pags_made_level *made, const char *name, int *mesh) {
-  pags_proxy_facts *facts = &made->facts;
+static pags_result add_level(exporter *self, int64_t object, pags_built_level *built, const char *name, int *mesh) {
+  pags_proxy_facts *facts = &built->facts;
   char mesh_name[NAME_SIZE];
   facts->name = name;
-  facts->class_name = self->workshop.scene->objects[object].record.class_name;
-  if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
+  facts->class_name = self->maker.scene->objects[object].record.class_name;
+  if (self->maker.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_HULL)
     snprintf(mesh_name, NAME_SIZE, "UCX_%.80s_00", name);
-  else if (self->workshop.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
+  else if (self->maker.options->naming == PAGS_NAMING_UNREAL && facts->level == PAGS_PROXY_BOX)
     snprintf(mesh_name, NAME_SIZE, "UBX_%.80s_00", name);
   else
     snprintf(mesh_name, NAME_SIZE, "%.80s_%s", name, pags_proxy_level_name(facts->level));
   *mesh = pags_gltf_mesh(
-      self->gltf, mesh_name, &made->shell, self->material,
+      self->gltf, mesh_name, &built->mesh, self->material,
       (facts->level < PAGS_PROXY_HULL ? PAGS_GLTF_NORMALS : 0) | (facts->closed ? PAGS_GLTF_MANIFOLD : 0));
   return pags_proxy_report_add(self->report, facts);
 }
 
 /* The levels below the finest as nodes outside of the scene, named by MSFT_lod of the node that holds the finest. */
-static pags_result add_coarser(exporter *self, int64_t object, pags_made_object *made, const char *name, int node) {
+static pags_result add_coarser(exporter *self, int64_t object, pags_built_object *built, const char *name, int node) {
   char ids[96] = "", child_name[NAME_SIZE];
   int used = 0;
-  for (int level = 1; level < made->level_count; level++) {
+  for (int level = 1; level < built->level_count; level++) {
     int mesh;
-    PAGS_TRY(add_level(self, object, &made->levels[level], name, &mesh));
+    PAGS_TRY(add_level(self, object, &built->levels[level], name, &mesh));
     snprintf(child_name, NAME_SIZE, "%.80s_lod%d", name, level);
     int child = pags_gltf_node(self->gltf, -2, child_name);
     pags_gltf_node_mesh(self->gltf, child, mesh);
-    PAGS_TRY(put_extras(self, child, &made->levels[level].facts, &self->workshop.scene->objects[object].record));
+    PAGS_TRY(put_extras(self, child, &built->levels[level].facts, &self->maker.scene->objects[object].record));
     used += snprintf(ids + used, sizeof ids - (size_t)used, "%s%d", used ? "," : "{\"ids\":[", child);
   }
   snprintf(ids + used, sizeof ids - (size_t)used, "]}");
@@ -240,10 +240,10 @@ static pags_result add_coarser(exporter *self, int64_t object, pags_made_object 
   return PAGS_OK;
 }
 
-static pags_result add_object(exporter *self, int64_t object, pags_made_object *made) {
-  const pags_proxy_options *options = self->workshop.options;
-  const pags_scene_object *o = &self->workshop.scene->objects[object];
-  const pags_proxy_facts *facts = &made->levels[0].facts;
+static pags_result add_object(exporter *self, int64_t object, pags_built_object *built) {
+  const pags_proxy_options *options = self->maker.options;
+  const pags_scene_object *o = &self->maker.scene->objects[object];
+  const pags_proxy_facts *facts = &built->levels[0].facts;
   char plain[NAME_SIZE], name[NAME_SIZE], child_name[NAME_SIZE];
   int mesh = -1;
   plain_name(o->record.class_name, plain);
@@ -251,7 +251,7 @@ static pags_result add_object(exporter *self, int64_t object, pags_made_object *
   int node = pags_gltf_node(self->gltf, class_node(self, o->critical, o->record.class_name), name);
   pags_result result = place(self, node, &o->record);
   if (result == PAGS_OK)
-    result = add_level(self, object, &made->levels[0], name, &mesh);
+    result = add_level(self, object, &built->levels[0], name, &mesh);
   if (result == PAGS_OK)
     result = put_extras(self, node, facts, &o->record);
   if (result == PAGS_OK && (options->lod || options->naming == PAGS_NAMING_UNREAL)) {
@@ -266,7 +266,7 @@ static pags_result add_object(exporter *self, int64_t object, pags_made_object *
     int child = pags_gltf_node(self->gltf, node, child_name);
     pags_gltf_node_mesh(self->gltf, child, mesh);
     if (options->lod)
-      result = add_coarser(self, object, made, name, child);
+      result = add_coarser(self, object, built, name, child);
   } else {
     pags_gltf_node_mesh(self->gltf, node, mesh);
   }
@@ -285,7 +285,7 @@ static void root_pose(pags_up up, double out[12]) {
 }
 
 static pags_result put_asset(const exporter *self) {
-  const pags_scene *scene = self->workshop.scene;
+  const pags_scene *scene = self->maker.scene;
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
@@ -307,7 +307,7 @@ static pags_result put_asset(const exporter *self) {
 }
 
 static void find_time_zero(exporter *self) {
-  const pags_scene *scene = self->workshop.scene;
+  const pags_scene *scene = self->maker.scene;
   self->time_zero = scene->time_begin;
   for (int64_t i = 0; i < scene->object_count; i++)
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
@@ -324,19 +324,19 @@ static pags_result finish_shapes(exporter *self) {
 
 static int tell_background(void *user, double fraction, const char *what) {
   const exporter *self = user;
-  return tell(self, self->workshop.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
+  return tell(self, self->maker.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
 }
 
 /* All chunks as one mesh, and whose its triangles are. */
 static pags_result join_chunks(const pags_background *b, pags_proxy_mesh *all, int32_t **group_of) {
   int64_t triangles = 0;
   for (int64_t i = 0; i < b->chunk_count; i++)
-    triangles += b->chunks[i].shell.triangle_count;
+    triangles += b->chunks[i].mesh.triangle_count;
   *group_of = malloc(((size_t)triangles + 1) * sizeof **group_of);
   if (!*group_of)
     return pags_out_of_memory("%lld triangles", (long long)triangles);
   for (int64_t i = 0; i < b->chunk_count; i++) {
-    const pags_proxy_mesh *s = &b->chunks[i].shell;
+    const pags_proxy_mesh *s = &b->chunks[i].mesh;
     uint32_t first = (uint32_t)all->vertex_count;
     for (int64_t v = 0; v < s->vertex_count; v++)
       pags_proxy_mesh_vertex(all, s->positions + 3 * v, s->colors + 3 * v, s->observed[v]);
@@ -362,16 +362,15 @@ static pags_result add_chunk(exporter *self, const pags_background *b, int64_t i
   facts->object = -1;
   facts->gaussians = b->gaussians;
   facts->s_sem = b->s_sem;
-  facts->vertices = chunk->shell.vertex_count;
-  facts->triangles = chunk->shell.triangle_count;
-  facts->observed = pags_proxy_mesh_observed(&chunk->shell);
+  facts->vertices = chunk->mesh.vertex_count;
+  facts->triangles = chunk->mesh.triangle_count;
+  facts->observed = pags_proxy_mesh_observed(&chunk->mesh);
   if (self->background < 0)
     self->background = pags_gltf_node(self->gltf, self->root, "background");
   int parent = strcmp(chunk->class_name, "ground") ? class_node(self, 0, chunk->class_name) : self->background;
   int node = pags_gltf_node(self->gltf, parent, name);
-  pags_gltf_node_mesh(self->gltf, node,
-                      pags_gltf_mesh(self->gltf, name, &chunk->shell, self->sheet, PAGS_GLTF_NORMALS));
-  if (self->workshop.options->visibility)
+  pags_gltf_node_mesh(self->gltf, node, pags_gltf_mesh(self->gltf, name, &chunk->mesh, self->sheet, PAGS_GLTF_NORMALS));
+  if (self->maker.options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   PAGS_TRY(put_extras(self, node, facts, NULL));
   return pags_proxy_report_add(self->report, facts);
@@ -382,8 +381,8 @@ static pags_result measure_chunks(exporter *self, const pags_background *b, pags
   int32_t *group_of = NULL;
   pags_result result = join_chunks(b, &all, &group_of);
   if (result == PAGS_OK)
-    result = pags_proxies_compare(&all, group_of, b->chunk_count, &b->sights, self->workshop.options->range,
-                                  self->workshop.tasks, facts);
+    result = pags_proxies_compare(&all, group_of, b->chunk_count, &b->depth_views, self->maker.options->range,
+                                  self->maker.tasks, facts);
   free(group_of);
   pags_proxy_mesh_destroy(&all);
   return result;
@@ -391,7 +390,7 @@ static pags_result measure_chunks(exporter *self, const pags_background *b, pags
 
 static pags_result add_background(exporter *self) {
   pags_background b;
-  PAGS_TRY(pags_background_make(&self->workshop, tell_background, self, &b));
+  PAGS_TRY(pags_background_make(&self->maker, tell_background, self, &b));
   pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
   pags_result result = facts ? PAGS_OK : pags_out_of_memory("%lld chunks", (long long)b.chunk_count);
   if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
@@ -407,23 +406,23 @@ static pags_result add_background(exporter *self) {
 
 static int tell_objects(void *user, double fraction, const char *what) {
   const exporter *self = user;
-  return tell(self, self->workshop.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
+  return tell(self, self->maker.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
 }
 
 static pags_result add_objects(exporter *self) {
-  const pags_scene *scene = self->workshop.scene;
-  pags_made_object *made;
-  PAGS_TRY(pags_objects_make(&self->workshop, 1, tell_objects, self, &made));
+  const pags_scene *scene = self->maker.scene;
+  pags_built_object *built;
+  PAGS_TRY(pags_objects_make(&self->maker, 1, tell_objects, self, &built));
   pags_result result = PAGS_OK;
   for (int64_t i = 0; i < scene->object_count && result == PAGS_OK; i++)
-    if (made[i].level_count)
-      result = add_object(self, i, &made[i]);
-  pags_objects_destroy(made, scene->object_count);
+    if (built[i].level_count)
+      result = add_object(self, i, &built[i]);
+  pags_objects_destroy(built, scene->object_count);
   return result;
 }
 
 static pags_result fill(exporter *self) {
-  const pags_scene *scene = self->workshop.scene;
+  const pags_scene *scene = self->maker.scene;
   double pose[12];
   find_time_zero(self);
   root_pose(scene->up, pose);
@@ -433,9 +432,9 @@ static pags_result fill(exporter *self) {
     self->material = pags_gltf_material(self->gltf, "proxy", 0);
   if (scene->object_count)
     PAGS_TRY(add_objects(self));
-  if (self->workshop.options->background)
+  if (self->maker.options->background)
     PAGS_TRY(add_background(self));
-  if (self->workshop.options->cameras)
+  if (self->maker.options->cameras)
     PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));
   return finish_shapes(self);
@@ -450,7 +449,7 @@ pags_result pags_export_proxies(const pags_scene *scene, const char *path, const
   pags_json_writer_init(&self.shapes, 0);
   pags_json_begin_object(&self.shapes, NULL);
   pags_json_begin_array(&self.shapes, "shapes");
-  pags_result result = pags_workshop_open(scene, options, tasks, &self.workshop);
+  pags_result result = pags_proxy_maker_open(scene, options, tasks, &self.maker);
   if (result == PAGS_OK)
     result = pags_gltf_create(&self.gltf);
   if (result == PAGS_OK)
@@ -460,7 +459,7 @@ pags_result pags_export_proxies(const pags_scene *scene, const char *path, const
   if (result == PAGS_OK)
     result = pags_gltf_save(self.gltf, path);
   pags_gltf_destroy(self.gltf);
-  pags_workshop_close(&self.workshop);
+  pags_proxy_maker_close(&self.maker);
   pags_json_writer_destroy(&self.shapes);
   if (!report || result != PAGS_OK)
     pags_proxy_report_destroy(self.report);

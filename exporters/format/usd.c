@@ -28,8 +28,8 @@ typedef struct usd_export {
   pags_progress_fn *progress;
   void *user;
   int64_t object_count;
-  pags_made_object *objects;
-  pags_background backdrop;
+  pags_built_object *objects;
+  pags_background background;
   pags_composition *composition;
   pags_usd usd;
   double time_zero, rate; /* time code = (time - time_zero) rate */
@@ -54,13 +54,13 @@ static int tell_objects(void *user, double fraction, const char *what) {
 }
 
 static pags_result make_proxies(usd_export *self, const pags_scene *scene) {
-  pags_workshop workshop;
+  pags_proxy_maker maker;
   self->object_count = scene->object_count;
-  PAGS_TRY(pags_workshop_open(scene, self->proxies, self->tasks, &workshop));
-  pags_result result = pags_objects_make(&workshop, 0, tell_objects, self, &self->objects);
+  PAGS_TRY(pags_proxy_maker_open(scene, self->proxies, self->tasks, &maker));
+  pags_result result = pags_objects_make(&maker, 0, tell_objects, self, &self->objects);
   if (result == PAGS_OK && self->proxies->background)
-    result = pags_background_make(&workshop, tell_background, self, &self->backdrop);
-  pags_workshop_close(&workshop);
+    result = pags_background_make(&maker, tell_background, self, &self->background);
+  pags_proxy_maker_close(&maker);
   return result;
 }
 
@@ -80,10 +80,10 @@ static void put_extent(pags_usd *usd, const float *positions, int64_t count, con
   pags_usd_floats(usd, "float3[] extent", bounds, 2, 3, NULL);
 }
 
-static void put_mesh(usd_export *self, const char *name, const char *label, const pags_proxy_mesh *shell,
+static void put_mesh(usd_export *self, const char *name, const char *label, const pags_proxy_mesh *mesh,
                      const char *approximation) {
   pags_usd *usd = &self->usd;
-  float *colors = malloc(((size_t)shell->vertex_count * 3 + 1) * sizeof *colors);
+  float *colors = malloc(((size_t)mesh->vertex_count * 3 + 1) * sizeof *colors);
   pags_usd_line(usd, "def Mesh \"%s\" (", name);
   pags_usd_line(
       usd,
@@ -91,14 +91,14 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   pags_usd_line(usd, ")");
   pags_usd_line(usd, "{");
   usd->depth++;
-  put_extent(usd, shell->positions, shell->vertex_count, NULL);
-  pags_usd_repeat(usd, "int[] faceVertexCounts", 3, shell->triangle_count);
-  pags_usd_integers(usd, "int[] faceVertexIndices", shell->triangles, 3 * shell->triangle_count);
-  pags_usd_floats(usd, "point3f[] points", shell->positions, shell->vertex_count, 3, NULL);
-  for (int64_t i = 0; colors && i < 3 * shell->vertex_count; i++)
-    colors[i] = linear(shell->colors[i]);
+  put_extent(usd, mesh->positions, mesh->vertex_count, NULL);
+  pags_usd_repeat(usd, "int[] faceVertexCounts", 3, mesh->triangle_count);
+  pags_usd_integers(usd, "int[] faceVertexIndices", mesh->triangles, 3 * mesh->triangle_count);
+  pags_usd_floats(usd, "point3f[] points", mesh->positions, mesh->vertex_count, 3, NULL);
+  for (int64_t i = 0; colors && i < 3 * mesh->vertex_count; i++)
+    colors[i] = linear(mesh->colors[i]);
   if (colors)
-    pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, shell->vertex_count, 3, "vertex");
+    pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, mesh->vertex_count, 3, "vertex");
   else
     usd->result = pags_out_of_memory("a mesh's colours");
   pags_usd_line(usd, "uniform token subdivisionScheme = \"none\"");
@@ -252,8 +252,8 @@ static pags_result put_object(usd_export *self, int64_t object) {
   put_pose(self, &track);
   pags_object_gaussians_track_destroy(&track);
   pags_result result = put_splats(self, object);
-  const pags_made_level *made = &self->objects[object].levels[0];
-  put_mesh(self, "proxy", label, &made->shell, approximations[made->facts.level]);
+  const pags_built_level *built = &self->objects[object].levels[0];
+  put_mesh(self, "proxy", label, &built->mesh, approximations[built->facts.level]);
   pags_usd_close(usd);
   return result;
 }
@@ -263,10 +263,10 @@ static pags_result put_background(usd_export *self) {
   char name[NAME_SIZE];
   pags_usd_open(usd, "def Xform \"background\"");
   pags_result result = put_splats(self, -1);
-  for (int64_t i = 0; i < self->backdrop.chunk_count && result == PAGS_OK; i++) {
-    const pags_chunk *chunk = &self->backdrop.chunks[i];
+  for (int64_t i = 0; i < self->background.chunk_count && result == PAGS_OK; i++) {
+    const pags_chunk *chunk = &self->background.chunks[i];
     snprintf(name, sizeof name, "%s_%03d", chunk->class_name, chunk->number);
-    put_mesh(self, name, chunk->class_name, &chunk->shell, "none");
+    put_mesh(self, name, chunk->class_name, &chunk->mesh, "none");
   }
   pags_usd_close(usd);
   return result;
@@ -347,7 +347,7 @@ pags_result pags_export_usd(pags_scene *scene, const char *path, const pags_prox
   if (count)
     *count = self.gaussians;
   pags_objects_destroy(self.objects, self.object_count);
-  pags_background_destroy(&self.backdrop);
+  pags_background_destroy(&self.background);
   pags_composition_destroy(self.composition);
   return result;
 }

@@ -27,12 +27,12 @@ static const double ground_reach =
 static const double ground_skin = 0.2; /* metres above the ground that still are the ground */
 static const double least_area = 0.4;  /* square metres of a part: less floats */
 
-void pags_background_destroy(pags_background *backdrop) {
-  pags_depth_views_destroy(&backdrop->sights);
-  for (int64_t i = 0; i < backdrop->chunk_count; i++)
-    pags_proxy_mesh_destroy(&backdrop->chunks[i].shell);
-  free(backdrop->chunks);
-  memset(backdrop, 0, sizeof *backdrop);
+void pags_background_destroy(pags_background *background) {
+  pags_depth_views_destroy(&background->depth_views);
+  for (int64_t i = 0; i < background->chunk_count; i++)
+    pags_proxy_mesh_destroy(&background->chunks[i].mesh);
+  free(background->chunks);
+  memset(background, 0, sizeof *background);
 }
 
 /* Cityscapes' train ids. */
@@ -43,7 +43,7 @@ static uint8_t class_of_label(uint8_t label) {
 }
 
 /* The scene's Gaussians that are nobody's: no object's number, in no parked object's box. */
-static pags_result gather_background(const pags_workshop *w, pags_gaussians *out) {
+static pags_result gather_background(const pags_proxy_maker *w, pags_gaussians *out) {
   const pags_gaussians *g = &w->scene->models[0].gaussians;
   uint8_t *taken = calloc((size_t)g->count + 1, 1);
   int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
@@ -70,31 +70,31 @@ static pags_result gather_background(const pags_workshop *w, pags_gaussians *out
   return result;
 }
 
-/* The data set's semantic picture of a view, brought to the sight's size; nothing where there is none. */
-static void load_labels(const pags_workshop *w, const pags_scene_view *view, pags_depth_view *sight) {
+/* The data set's semantic picture of a view, brought to the depth view's size; nothing where there is none. */
+static void load_labels(const pags_proxy_maker *w, const pags_scene_view *view, pags_depth_view *depth_view) {
 #ifdef PAGS_WITH_IMAGES
   char path[1024];
   pags_image image;
   const char *name = pags_path_name(view->name);
   int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
-  int width = sight->camera.width, height = sight->camera.height;
+  int width = depth_view->camera.width, height = depth_view->camera.height;
   if (!w->scene->dataset)
     return;
   snprintf(path, sizeof path, "%s/semantic/%.*s.png", w->scene->dataset, stem, name);
   if (!pags_file_exists(path) || pags_image_load(path, PAGS_U8, 1, &image) != PAGS_OK)
     return;
-  sight->labels = malloc((size_t)width * (size_t)height);
-  for (int y = 0; sight->labels && y < height; y++)
+  depth_view->labels = malloc((size_t)width * (size_t)height);
+  for (int y = 0; depth_view->labels && y < height; y++)
     for (int x = 0; x < width; x++) {
       int u = (2 * x + 1) * image.width / (2 * width), v = (2 * y + 1) * image.height / (2 * height);
-      sight->labels[(size_t)y * (size_t)width + (size_t)x] =
+      depth_view->labels[(size_t)y * (size_t)width + (size_t)x] =
           class_of_label(((const uint8_t *)image.data)[(size_t)v * (size_t)image.width + (size_t)u]);
     }
   pags_image_destroy(&image);
 #else
   (void)w;
   (void)view;
-  (void)sight;
+  (void)depth_view;
 #endif
 }
 
@@ -102,7 +102,7 @@ static int shows_training(const pags_scene_view *view) {
   return !view->test;
 }
 
-static pags_result look(const pags_workshop *w, const pags_part *part, pags_progress_fn *tell, void *user,
+static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_progress_fn *tell, void *user,
                         pags_background *out) {
   int64_t count = 0, taken = 0, seen = 0;
   for (int64_t v = 0; v < w->scene->view_count; v++)
@@ -114,17 +114,18 @@ static pags_result look(const pags_workshop *w, const pags_part *part, pags_prog
     taken++;
     if (!tell(user, 0.4 * (double)v / (double)w->scene->view_count, "background: views"))
       return pags_fail(PAGS_CANCELLED, "interrupted");
-    const pags_camera *camera = &w->whole.views[v].camera;
+    const pags_camera *camera = &w->scene_depth.views[v].camera;
     pags_frame_options drawing = pags_drawing_at(&w->drawing, &view->camera, camera);
-    PAGS_TRY(pags_depth_views_add(&out->sights, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
-    pags_depth_view_hide(&out->sights.list[out->sights.count - 1], &w->whole.views[v]);
-    load_labels(w, view, &out->sights.list[out->sights.count - 1]);
-    out->labelled = out->labelled || out->sights.list[out->sights.count - 1].labels != NULL;
+    PAGS_TRY(
+        pags_depth_views_add(&out->depth_views, w->frame, part, 1, camera, &drawing, v, w->scene->up == PAGS_UP_Z));
+    pags_depth_view_hide(&out->depth_views.list[out->depth_views.count - 1], &w->scene_depth.views[v]);
+    load_labels(w, view, &out->depth_views.list[out->depth_views.count - 1]);
+    out->labelled = out->labelled || out->depth_views.list[out->depth_views.count - 1].labels != NULL;
   }
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_workshop *w, const pags_gaussians *g, pags_progress_fn *tell, void *user,
+static pags_result draw_views(const pags_proxy_maker *w, const pags_gaussians *g, pags_progress_fn *tell, void *user,
                               pags_background *out) {
   pags_clusters clusters;
   pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
@@ -135,13 +136,13 @@ static pags_result draw_views(const pags_workshop *w, const pags_gaussians *g, p
   return result;
 }
 
-/* Takes the shell over. */
-static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *shell) {
+/* Takes the mesh over. */
+static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
   if (b->chunk_count == b->chunk_capacity) {
     int64_t capacity = 2 * b->chunk_capacity + 64;
     pags_chunk *grown = realloc(b->chunks, (size_t)capacity * sizeof *grown);
     if (!grown) {
-      pags_proxy_mesh_destroy(shell);
+      pags_proxy_mesh_destroy(mesh);
       return pags_out_of_memory("%lld chunks", (long long)capacity);
     }
     b->chunks = grown;
@@ -150,8 +151,8 @@ static pags_result add_chunk(pags_background *b, const char *class_name, pags_pr
   int number = 0;
   for (int64_t i = 0; i < b->chunk_count; i++)
     number += !strcmp(b->chunks[i].class_name, class_name);
-  b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .shell = *shell};
-  *shell = (pags_proxy_mesh){0};
+  b->chunks[b->chunk_count++] = (pags_chunk){.class_name = class_name, .number = number, .mesh = *mesh};
+  *mesh = (pags_proxy_mesh){0};
   return PAGS_OK;
 }
 
@@ -164,27 +165,27 @@ static double *path_of(const pags_scene *scene) {
   return path;
 }
 
-static pags_result add_ground(const pags_workshop *w, pags_background *out, pags_ground *ground) {
+static pags_result add_ground(const pags_proxy_maker *w, pags_background *out, pags_ground *ground) {
   double *path = path_of(w->scene);
-  pags_result result = path
-                           ? pags_ground_find(&out->sights, &w->laser, path, w->scene->view_count, ground_reach, ground)
-                           : pags_out_of_memory("%lld views", (long long)w->scene->view_count);
+  pags_result result =
+      path ? pags_ground_find(&out->depth_views, &w->lidar, path, w->scene->view_count, ground_reach, ground)
+           : pags_out_of_memory("%lld views", (long long)w->scene->view_count);
   free(path);
   PAGS_TRY(result);
   if (!ground->nx)
     return PAGS_OK;
-  pags_proxy_mesh shell;
-  PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &shell));
-  if (!pags_proxy_mesh_paint(&shell, &out->sights, 0.3, w->tasks)) {
-    pags_proxy_mesh_destroy(&shell);
+  pags_proxy_mesh mesh;
+  PAGS_TRY(pags_ground_mesh(ground, w->options->ground_triangles, &mesh));
+  if (!pags_proxy_mesh_paint(&mesh, &out->depth_views, 0.3, w->tasks)) {
+    pags_proxy_mesh_destroy(&mesh);
     return pags_fail(PAGS_CANCELLED, "interrupted");
   }
-  return add_chunk(out, "ground", &shell);
+  return add_chunk(out, "ground", &mesh);
 }
 
 typedef struct naming {
-  const pags_proxy_mesh *shell;
-  const pags_depth_views *sights;
+  const pags_proxy_mesh *mesh;
+  const pags_depth_views *depth_views;
   const pags_ground *ground;
   double tolerance;
   uint8_t *class_of; /* one a vertex */
@@ -194,12 +195,12 @@ static uint8_t vote(const naming *self, const int64_t *seen, int64_t seen_count,
   int votes[CLASSES] = {0}, best = 0, x, y;
   double z;
   for (int64_t s = 0; s < seen_count; s++) {
-    const pags_depth_view *sight = &self->sights->list[seen[s]];
-    if (!sight->labels || !pags_depth_view_project(sight, point, &x, &y, &z))
+    const pags_depth_view *depth_view = &self->depth_views->list[seen[s]];
+    if (!depth_view->labels || !pags_depth_view_project(depth_view, point, &x, &y, &z))
       continue;
-    int64_t pixel = (int64_t)y * sight->camera.width + x;
-    if (fabs((double)sight->depth[pixel] - z) < self->tolerance && sight->labels[pixel] < CLASSES)
-      votes[sight->labels[pixel]]++;
+    int64_t pixel = (int64_t)y * depth_view->camera.width + x;
+    if (fabs((double)depth_view->depth[pixel] - z) < self->tolerance && depth_view->labels[pixel] < CLASSES)
+      votes[depth_view->labels[pixel]]++;
   }
   for (int c = 1; c < CLASSES; c++)
     best = votes[c] > votes[best] ? c : best;
@@ -216,52 +217,53 @@ static uint8_t guess(const float normal[3], const float color[3]) {
 
 static void name_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const naming *self = context;
-  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
   (void)worker;
   if (!seen)
     return; /* of class 0 */
-  seen_count = pags_depth_views_of_run(self->sights, self->shell, begin, end, seen);
+  seen_count = pags_depth_views_of_run(self->depth_views, self->mesh, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
-    const float *p = self->shell->positions + 3 * i;
+    const float *p = self->mesh->positions + 3 * i;
     const double point[3] = {(double)p[0], (double)p[1], (double)p[2]};
     self->class_of[i] = vote(self, seen, seen_count, point);
   }
   free(seen);
 }
 
-static pags_result find_classes(const pags_workshop *w, const pags_background *b, const pags_proxy_mesh *shell,
+static pags_result find_classes(const pags_proxy_maker *w, const pags_background *b, const pags_proxy_mesh *mesh,
                                 uint8_t *class_of) {
-  naming self = {.shell = shell, .sights = &b->sights, .tolerance = 3 * w->options->voxel, .class_of = class_of};
+  naming self = {
+      .mesh = mesh, .depth_views = &b->depth_views, .tolerance = 3 * w->options->voxel, .class_of = class_of};
   if (b->labelled)
-    return pags_parallel_for(w->tasks, shell->vertex_count, 256, name_vertices, &self)
+    return pags_parallel_for(w->tasks, mesh->vertex_count, 256, name_vertices, &self)
                ? PAGS_OK
                : pags_fail(PAGS_CANCELLED, "interrupted");
-  float *normals = malloc(((size_t)shell->vertex_count + 1) * 3 * sizeof *normals);
+  float *normals = malloc(((size_t)mesh->vertex_count + 1) * 3 * sizeof *normals);
   if (!normals)
-    return pags_out_of_memory("%lld vertices", (long long)shell->vertex_count);
-  pags_proxy_mesh_normals(shell, normals);
-  for (int64_t i = 0; i < shell->vertex_count; i++)
-    class_of[i] = guess(normals + 3 * i, shell->colors + 3 * i);
+    return pags_out_of_memory("%lld vertices", (long long)mesh->vertex_count);
+  pags_proxy_mesh_normals(mesh, normals);
+  for (int64_t i = 0; i < mesh->vertex_count; i++)
+    class_of[i] = guess(normals + 3 * i, mesh->colors + 3 * i);
   free(normals);
   return PAGS_OK;
 }
 
 /* Leaves out triangles that are the ground, or below it. */
-static void drop_ground(pags_proxy_mesh *shell, const pags_ground *ground) {
+static void drop_ground(pags_proxy_mesh *mesh, const pags_ground *ground) {
   int64_t kept = 0;
-  for (int64_t i = 0; i < shell->triangle_count; i++) {
+  for (int64_t i = 0; i < mesh->triangle_count; i++) {
     double p[3] = {0}, z;
     for (int c = 0; c < 3; c++)
       for (int k = 0; k < 3; k++)
-        p[k] += (double)shell->positions[3 * (int64_t)shell->triangles[3 * i + c] + k] / 3;
+        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
     if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
       continue;
-    memmove(shell->triangles + 3 * kept++, shell->triangles + 3 * i, 3 * sizeof(uint32_t));
+    memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
   }
-  shell->triangle_count = kept;
+  mesh->triangle_count = kept;
 }
 
-/* What a tile gives: a shell of each class, or none. */
+/* What a tile gives: a mesh of each class, or none. */
 typedef struct tile {
   double lo[3], hi[3];
   int64_t first, last; /* of the points sorted by tile */
@@ -270,15 +272,16 @@ typedef struct tile {
   char message[256]; /* of a failure: messages belong to threads */
 } tile;
 
-static pags_result take_class(const pags_proxy_mesh *whole, const uint8_t *class_of, int class, pags_proxy_mesh *part) {
-  pags_proxy_mesh view = *whole; /* borrows the vertices */
+static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t *class_of, int class,
+                              pags_proxy_mesh *part) {
+  pags_proxy_mesh view = *scene_depth; /* borrows the vertices */
   *part = (pags_proxy_mesh){0};
-  view.triangles = malloc(((size_t)whole->triangle_count + 1) * 3 * sizeof *view.triangles);
+  view.triangles = malloc(((size_t)scene_depth->triangle_count + 1) * 3 * sizeof *view.triangles);
   if (!view.triangles)
-    return pags_out_of_memory("%lld triangles", (long long)whole->triangle_count);
+    return pags_out_of_memory("%lld triangles", (long long)scene_depth->triangle_count);
   view.triangle_count = 0;
-  for (int64_t i = 0; i < whole->triangle_count; i++) {
-    const uint32_t *t = whole->triangles + 3 * i;
+  for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
+    const uint32_t *t = scene_depth->triangles + 3 * i;
     /* The class of two corners, else of the first. */
     int own = class_of[t[1]] == class_of[t[2]] ? class_of[t[1]] : class_of[t[0]];
     if (own == class)
@@ -291,29 +294,29 @@ static pags_result take_class(const pags_proxy_mesh *whole, const uint8_t *class
   return result == PAGS_OK ? pags_proxy_mesh_drop_floaters(part, least_area) : result;
 }
 
-static pags_result cut_by_class(const pags_workshop *w, const pags_background *b, const pags_ground *ground,
-                                pags_proxy_mesh *whole, tile *out) {
-  drop_ground(whole, ground);
-  PAGS_TRY(pags_proxy_mesh_compact(whole));
-  PAGS_TRY(pags_proxy_mesh_drop_floaters(whole, least_area));
-  if (!whole->triangle_count)
+static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background *b, const pags_ground *ground,
+                                pags_proxy_mesh *scene_depth, tile *out) {
+  drop_ground(scene_depth, ground);
+  PAGS_TRY(pags_proxy_mesh_compact(scene_depth));
+  PAGS_TRY(pags_proxy_mesh_drop_floaters(scene_depth, least_area));
+  if (!scene_depth->triangle_count)
     return PAGS_OK;
-  if (!pags_proxy_mesh_paint(whole, &b->sights, 3 * w->options->voxel, w->tasks))
+  if (!pags_proxy_mesh_paint(scene_depth, &b->depth_views, 3 * w->options->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
-  uint8_t *class_of = calloc((size_t)whole->vertex_count, 1);
+  uint8_t *class_of = calloc((size_t)scene_depth->vertex_count, 1);
   if (!class_of)
-    return pags_out_of_memory("%lld vertices", (long long)whole->vertex_count);
-  pags_result result = find_classes(w, b, whole, class_of);
+    return pags_out_of_memory("%lld vertices", (long long)scene_depth->vertex_count);
+  pags_result result = find_classes(w, b, scene_depth, class_of);
   for (int class = 0; class < CLASSES && result == PAGS_OK; class ++)
-    result = take_class(whole, class_of, class, &out->parts[class]);
+    result = take_class(scene_depth, class_of, class, &out->parts[class]);
   free(class_of);
   return result;
 }
 
 /* Depths as points, those of a tile together; a point near a border belongs to all tiles that it is near to. */
 typedef struct tiling {
-  const pags_workshop *workshop;
-  const pags_background *backdrop;
+  const pags_proxy_maker *maker;
+  const pags_background *background;
   const pags_ground *ground;
   pags_progress_fn *tell;
   void *user;
@@ -332,13 +335,13 @@ static int64_t tile_of(const tiling *t, double x, int axis) {
 
 /* Twice over all depths: first counting into `last`, then putting. */
 static void visit_depths(tiling *t) {
-  const pags_depth_views *sights = &t->backdrop->sights;
-  for (int64_t i = 0; i < sights->count; i++) {
-    const pags_depth_view *s = &sights->list[i];
+  const pags_depth_views *depth_views = &t->background->depth_views;
+  for (int64_t i = 0; i < depth_views->count; i++) {
+    const pags_depth_view *s = &depth_views->list[i];
     for (int y = 0; y < s->camera.height; y += 2)
       for (int x = 0; x < s->camera.width; x += 2) {
         double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
-        if (!(depth > 0 && depth < t->workshop->options->range))
+        if (!(depth > 0 && depth < t->maker->options->range))
           continue;
         pags_depth_view_point(s, x, y, depth, p);
         for (int64_t v = tile_of(t, p[1] - t->reach, 1); v <= tile_of(t, p[1] + t->reach, 1); v++)
@@ -368,9 +371,9 @@ static pags_result sort_depths(tiling *t) {
 }
 
 static pags_result make_tile(const tiling *t, tile *own) {
-  const pags_workshop *w = t->workshop;
+  const pags_proxy_maker *w = t->maker;
   pags_tsdf grid;
-  pags_proxy_mesh whole = {0};
+  pags_proxy_mesh scene_depth = {0};
   if (own->first == own->last)
     return PAGS_OK;
   PAGS_TRY(pags_tsdf_create(&grid, own->lo, own->hi, t->step, 1));
@@ -380,14 +383,14 @@ static pags_result make_tile(const tiling *t, tile *own) {
     pags_tsdf_touch(&grid, point, t->reach);
   }
   pags_result result = PAGS_OK;
-  if (!pags_tsdf_fuse(&grid, &t->backdrop->sights, 3 * t->step, w->options->range, 1, w->tasks))
+  if (!pags_tsdf_fuse(&grid, &t->background->depth_views, 3 * t->step, w->options->range, 1, w->tasks))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   if (result == PAGS_OK)
-    result = pags_tsdf_surface(&grid, 1, &whole);
+    result = pags_tsdf_surface(&grid, 1, &scene_depth);
   pags_tsdf_destroy(&grid);
   if (result == PAGS_OK)
-    result = cut_by_class(w, t->backdrop, t->ground, &whole, own);
-  pags_proxy_mesh_destroy(&whole);
+    result = cut_by_class(w, t->background, t->ground, &scene_depth, own);
+  pags_proxy_mesh_destroy(&scene_depth);
   return result;
 }
 
@@ -408,20 +411,21 @@ static void make_tiles(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 /* Where depths within range are: the box that holds all but stray ones (a thousandth at either end of each axis). */
-static pags_result find_extent(const pags_workshop *w, const pags_depth_views *sights, double lo[3], double hi[3]) {
+static pags_result find_extent(const pags_proxy_maker *w, const pags_depth_views *depth_views, double lo[3],
+                               double hi[3]) {
   enum { BINS = 4096 };
   int64_t *bins = calloc(3 * BINS, sizeof *bins), count = 0;
   double from[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, to[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
   if (!bins)
     return pags_out_of_memory(NULL);
-  for (int64_t i = 0; i < sights->count; i++)
+  for (int64_t i = 0; i < depth_views->count; i++)
     for (int k = 0; k < 3; k++) {
-      double c = sights->list[i].camera.world_from_camera[4 * k + 3];
+      double c = depth_views->list[i].camera.world_from_camera[4 * k + 3];
       from[k] = fmin(from[k], c - w->options->range * 1.5);
       to[k] = fmax(to[k], c + w->options->range * 1.5);
     }
-  for (int64_t i = 0; i < sights->count; i++) {
-    const pags_depth_view *s = &sights->list[i];
+  for (int64_t i = 0; i < depth_views->count; i++) {
+    const pags_depth_view *s = &depth_views->list[i];
     for (int y = 0; y < s->camera.height; y += 4)
       for (int x = 0; x < s->camera.width; x += 4) {
         double p[3], depth = (double)s->depth[(int64_t)y * s->camera.width + x];
@@ -462,11 +466,11 @@ static pags_result take_tiles(tiling *t, pags_background *b) {
 }
 
 /* Tiles are independent: each worker takes the next one. */
-static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
+static pags_result add_tiles(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, const pags_ground *ground,
                              pags_background *b) {
   double lo[3], hi[3];
-  tiling t = {.workshop = w, .backdrop = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
-  PAGS_TRY(find_extent(w, &b->sights, lo, hi));
+  tiling t = {.maker = w, .background = b, .ground = ground, .tell = tell, .user = user, .side = w->options->chunk};
+  PAGS_TRY(find_extent(w, &b->depth_views, lo, hi));
   t.step = t.side / ceil(t.side / w->options->voxel); /* tiles meet on points of both grids */
   t.reach = 3 * t.step;
   for (int k = 0; k < 2; k++) {
@@ -500,8 +504,8 @@ static pags_result add_tiles(const pags_workshop *w, pags_progress_fn *tell, voi
 }
 
 typedef struct decimation {
-  const pags_workshop *workshop;
-  pags_background *backdrop;
+  const pags_proxy_maker *maker;
+  pags_background *background;
   int64_t total;        /* triangles of all chunks but the ground */
   pags_result *results; /* one a chunk */
 } decimation;
@@ -510,23 +514,23 @@ static void decimate_chunks(void *context, int64_t begin, int64_t end, int worke
   const decimation *d = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
-    pags_proxy_mesh *shell = &d->backdrop->chunks[i].shell, simple = {0};
-    if (!strcmp(d->backdrop->chunks[i].class_name, "ground"))
+    pags_proxy_mesh *mesh = &d->background->chunks[i].mesh, simple = {0};
+    if (!strcmp(d->background->chunks[i].class_name, "ground"))
       continue;
     int64_t budget =
-        (int64_t)((double)shell->triangle_count * (double)d->workshop->options->chunk_triangles / (double)d->total);
-    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(shell, budget, &simple);
-    pags_proxy_mesh_destroy(shell);
-    *shell = simple;
+        (int64_t)((double)mesh->triangle_count * (double)d->maker->options->chunk_triangles / (double)d->total);
+    d->results[i] = budget < LEAST_TRIANGLES ? PAGS_ERROR_LIMIT : pags_proxy_mesh_simplify(mesh, budget, &simple);
+    pags_proxy_mesh_destroy(mesh);
+    *mesh = simple;
   }
 }
 
 /* Each chunk gets its share of the budget by triangles; what would have fewer than a few is left out. */
-static pags_result decimate(const pags_workshop *w, pags_background *b) {
+static pags_result decimate(const pags_proxy_maker *w, pags_background *b) {
   int64_t kept = 0;
-  decimation d = {.workshop = w, .backdrop = b};
+  decimation d = {.maker = w, .background = b};
   for (int64_t i = 0; i < b->chunk_count; i++)
-    d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].shell.triangle_count : 0;
+    d.total += strcmp(b->chunks[i].class_name, "ground") ? b->chunks[i].mesh.triangle_count : 0;
   if (d.total <= w->options->chunk_triangles)
     return PAGS_OK;
   d.results = calloc((size_t)b->chunk_count, sizeof *d.results);
@@ -543,7 +547,7 @@ static pags_result decimate(const pags_workshop *w, pags_background *b) {
       result = pags_fail(d.results[i], "a chunk of the background can't be decimated");
     b->chunks[kept] = *chunk;
     if (kept++ != i)
-      chunk->shell = (pags_proxy_mesh){0};
+      chunk->mesh = (pags_proxy_mesh){0};
   }
   free(d.results);
   if (result == PAGS_OK)
@@ -551,7 +555,7 @@ static pags_result decimate(const pags_workshop *w, pags_background *b) {
   return result;
 }
 
-static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *user, pags_background *out,
+static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void *user, pags_background *out,
                         pags_gaussians *g, pags_ground *ground) {
   PAGS_TRY(gather_background(w, g));
   out->gaussians = g->count;
@@ -562,7 +566,7 @@ static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *us
       out->s_sem += (double)g->s_sem[i] / (double)g->count;
   }
   PAGS_TRY(draw_views(w, g, tell, user, out));
-  if (!out->sights.count)
+  if (!out->depth_views.count)
     return PAGS_OK;
   if (w->scene->up == PAGS_UP_Z)
     PAGS_TRY(add_ground(w, out, ground));
@@ -570,14 +574,14 @@ static pags_result make(const pags_workshop *w, pags_progress_fn *tell, void *us
   return decimate(w, out);
 }
 
-pags_result pags_background_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user,
+pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,
                                  pags_background *out) {
   pags_gaussians g = {0};
   pags_ground ground = {0};
   *out = (pags_background){.s_sem = (double)NAN};
-  if (!workshop->scene->model_count)
+  if (!maker->scene->model_count)
     return PAGS_OK;
-  pags_result result = make(workshop, tell, user, out, &g, &ground);
+  pags_result result = make(maker, tell, user, out, &g, &ground);
   pags_gaussians_destroy(&g);
   pags_ground_destroy(&ground);
   if (result != PAGS_OK)

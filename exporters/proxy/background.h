@@ -14,11 +14,11 @@ typedef struct pags_chunk {
   const char *class_name; /* static: "ground", "road", "building", ... */
   int number;             /* of its class */
   int64_t gaussians;      /* of the background within its tile */
-  pags_proxy_mesh shell;  /* relative to the scene's origin */
+  pags_proxy_mesh mesh;   /* relative to the scene's origin */
 } pags_chunk;
 
 typedef struct pags_background {
-  pags_depth_views sights; /* in the scene's frame */
+  pags_depth_views depth_views; /* in the scene's frame */
   int64_t gaussians;
   double s_sem;
   int64_t chunk_count, chunk_capacity;
@@ -27,9 +27,9 @@ typedef struct pags_background {
 } pags_background;
 
 /* `tell` is called with 0..1. */
-pags_result pags_background_make(const pags_workshop *workshop, pags_progress_fn *tell, void *user,
+pags_result pags_background_make(const pags_proxy_maker *maker, pags_progress_fn *tell, void *user,
                                  pags_background *out);
-void pags_background_destroy(pags_background *backdrop);
+void pags_background_destroy(pags_background *background);
 
 #ifdef __cplusplus
 }

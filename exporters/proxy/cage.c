@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fitting a cage: a box of quads about the shell, moved so that its limit surface comes to lie on the shell.
+/* Fitting a cage: a box of quads about the mesh, moved so that its limit surface comes to lie on the mesh.
  *
- * Each round, every sample of the limit surface is drawn to the nearest point of the shell, and the nearest sample to
- * every vertex of the shell to that vertex (so that what sticks out is not lost). The control points that do this best
+ * Each round, every sample of the limit surface is drawn to the nearest point of the mesh, and the nearest sample to
+ * every vertex of the mesh to that vertex (so that what sticks out is not lost). The control points that do this best
  * are found by linear least squares over the limit stencils, with a price on the second differences of the cage that
  * falls from round to round. */
 #include "exporters/proxy/cage.h"
@@ -17,7 +17,7 @@
 
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
-/* Price of all pulls at the shell's vertices beside that of all at samples: what sticks out, a wheel, has few of the
+/* Price of all pulls at the mesh's vertices beside that of all at samples: what sticks out, a wheel, has few of the
  * first and none of the second, which find something nearer. */
 static const double vertex_price = 8;
 
@@ -143,8 +143,8 @@ static void solve(equations *e) {
 }
 
 typedef struct fit {
-  const pags_proxy_mesh *shell;
-  const pags_mesh_query *solid;
+  const pags_proxy_mesh *mesh;
+  const pags_mesh_query *query;
   cage *cage;
   pags_stencils stencils;
   float *limit; /* samples of the limit surface */
@@ -199,13 +199,13 @@ static pags_result round_of(fit *f, int round) {
   for (int64_t i = 0; i < f->stencils.count; i++) {
     const double p[3] = {(double)f->limit[3 * i], (double)f->limit[3 * i + 1], (double)f->limit[3 * i + 2]};
     double target[3];
-    pags_mesh_query_nearest(f->solid, p, target);
+    pags_mesh_query_nearest(f->query, p, target);
     pull(f, i, target, 1);
   }
-  int64_t step = f->shell->vertex_count / MOST_PULLS + 1;
-  double share = (double)f->stencils.count / (double)(f->shell->vertex_count / step + 1);
-  for (int64_t i = 0; i < f->shell->vertex_count; i += step) {
-    const float *v = f->shell->positions + 3 * i;
+  int64_t step = f->mesh->vertex_count / MOST_PULLS + 1;
+  double share = (double)f->stencils.count / (double)(f->mesh->vertex_count / step + 1);
+  for (int64_t i = 0; i < f->mesh->vertex_count; i += step) {
+    const float *v = f->mesh->positions + 3 * i;
     const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
     uint32_t sample;
     pags_mesh_query_distance(cloud, target, &sample);
@@ -226,8 +226,8 @@ static pags_result round_of(fit *f, int round) {
   return PAGS_OK;
 }
 
-static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query *solid, cage *c) {
-  fit f = {.shell = shell, .solid = solid, .cage = c, .equations = {.n = c->vertex_count}};
+static pags_result fit_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, cage *c) {
+  fit f = {.mesh = mesh, .query = query, .cage = c, .equations = {.n = c->vertex_count}};
   size_t n = (size_t)c->vertex_count;
   PAGS_TRY(pags_subdiv_stencils(c->vertex_count, c->quad_count, c->quads, SIDE, &f.stencils));
   f.limit = malloc((size_t)f.stencils.count * 3 * sizeof *f.limit);
@@ -243,15 +243,15 @@ static pags_result fit_cage(const pags_proxy_mesh *shell, const pags_mesh_query 
   return result;
 }
 
-/* Quads as triangles, colours and flags from the nearest place of the shell. */
-static pags_result write_out(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int vertex_count,
+/* Quads as triangles, colours and flags from the nearest place of the mesh. */
+static pags_result write_out(const pags_proxy_mesh *mesh, const pags_mesh_query *query, int vertex_count,
                              const float *positions, int quad_count, const int *quads, pags_proxy_mesh *out) {
   for (int i = 0; i < vertex_count; i++) {
     const double p[3] = {(double)positions[3 * i], (double)positions[3 * i + 1], (double)positions[3 * i + 2]};
     uint32_t triangle;
-    pags_mesh_query_distance(solid, p, &triangle);
-    int64_t nearest = shell->triangles[3 * (size_t)triangle];
-    pags_proxy_mesh_vertex(out, positions + 3 * i, shell->colors + 3 * nearest, shell->observed[nearest]);
+    pags_mesh_query_distance(query, p, &triangle);
+    int64_t nearest = mesh->triangles[3 * (size_t)triangle];
+    pags_proxy_mesh_vertex(out, positions + 3 * i, mesh->colors + 3 * nearest, mesh->observed[nearest]);
   }
   for (int i = 0; i < quad_count; i++) {
     const int *q = quads + 4 * i;
@@ -261,35 +261,35 @@ static pags_result write_out(const pags_proxy_mesh *shell, const pags_mesh_query
   return pags_proxy_mesh_check(out);
 }
 
-static pags_result make_cage(const pags_proxy_mesh *shell, const pags_mesh_query *solid, int level, int64_t budget,
+static pags_result make_cage(const pags_proxy_mesh *mesh, const pags_mesh_query *query, int level, int64_t budget,
                              cage *c, pags_proxy_mesh *out) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
-  for (int64_t i = 0; i < 3 * shell->vertex_count; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
+  for (int64_t i = 0; i < 3 * mesh->vertex_count; i++) {
+    lo[i % 3] = fmin(lo[i % 3], (double)mesh->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)mesh->positions[i]);
   }
   PAGS_TRY(build_box(c, lo, hi, budget / 2 >> 2 * level));
-  PAGS_TRY(fit_cage(shell, solid, c));
+  PAGS_TRY(fit_cage(mesh, query, c));
   if (level == 0)
-    return write_out(shell, solid, c->vertex_count, c->positions, c->quad_count, c->quads, out);
+    return write_out(mesh, query, c->vertex_count, c->positions, c->quad_count, c->quads, out);
   int vertex_count, quad_count, *quads;
   float *positions;
   PAGS_TRY(pags_subdiv_refine(c->vertex_count, c->positions, c->quad_count, c->quads, level, &vertex_count, &positions,
                               &quad_count, &quads));
-  pags_result result = write_out(shell, solid, vertex_count, positions, quad_count, quads, out);
+  pags_result result = write_out(mesh, query, vertex_count, positions, quad_count, quads, out);
   free(positions);
   free(quads);
   return result;
 }
 
-pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *shell, int level, int64_t budget, pags_proxy_mesh *out) {
+pags_result pags_proxy_mesh_cage(const pags_proxy_mesh *mesh, int level, int64_t budget, pags_proxy_mesh *out) {
   cage c = {0};
-  pags_mesh_query *solid = NULL;
+  pags_mesh_query *query = NULL;
   *out = (pags_proxy_mesh){0};
-  pags_result result = pags_mesh_query_of_mesh(shell, &solid);
+  pags_result result = pags_mesh_query_of_mesh(mesh, &query);
   if (result == PAGS_OK)
-    result = make_cage(shell, solid, level, budget, &c, out);
-  pags_mesh_query_destroy(solid);
+    result = make_cage(mesh, query, level, budget, &c, out);
+  pags_mesh_query_destroy(query);
   free(c.lattice);
   free(c.positions);
   free(c.quads);

@@ -19,34 +19,34 @@ static const float jump = 0.05f;
 
 static const double flatness = 0.3; /* of flat Gaussians: their thinnest axis, as a share of the next */
 
-void pags_depth_views_destroy(pags_depth_views *sights) {
-  for (int64_t i = 0; i < sights->count; i++) {
-    free(sights->list[i].depth);
-    free(sights->list[i].plane);
-    free(sights->list[i].cover);
-    free(sights->list[i].rgb);
-    free(sights->list[i].labels);
-    free(sights->list[i].lo);
+void pags_depth_views_destroy(pags_depth_views *depth_views) {
+  for (int64_t i = 0; i < depth_views->count; i++) {
+    free(depth_views->list[i].depth);
+    free(depth_views->list[i].plane);
+    free(depth_views->list[i].cover);
+    free(depth_views->list[i].rgb);
+    free(depth_views->list[i].labels);
+    free(depth_views->list[i].lo);
   }
-  free(sights->list);
-  memset(sights, 0, sizeof *sights);
+  free(depth_views->list);
+  memset(depth_views, 0, sizeof *depth_views);
 }
 
 static uint8_t byte_of(float value) {
   return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
 }
 
-static void read_pixels(const pags_picture *picture, pags_depth_view *sight) {
+static void read_pixels(const pags_picture *picture, pags_depth_view *depth_view) {
   for (int y = 0; y < picture->height; y++)
     for (int x = 0; x < picture->width; x++) {
       int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
       float alpha = 1.0f - picture->transmittance[from];
-      sight->cover[to] = byte_of(alpha);
-      sight->depth[to] = sight->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
-                         : sight->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
-                                                                              : PAGS_SIGHT_UNKNOWN;
+      depth_view->cover[to] = byte_of(alpha);
+      depth_view->depth[to] = depth_view->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
+                              : depth_view->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
+                                                                                        : PAGS_SIGHT_UNKNOWN;
       for (int c = 0; c < 3; c++)
-        sight->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
+        depth_view->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
     }
 }
 
@@ -86,16 +86,16 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
 
 /* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in
  * front of the plane that they are in. */
-static void find_planes(const pags_picture *picture, const pags_part *part, pags_depth_view *sight) {
-  const double *m = sight->camera.world_from_camera;
+static void find_planes(const pags_picture *picture, const pags_part *part, pags_depth_view *depth_view) {
+  const double *m = depth_view->camera.world_from_camera;
   for (int y = 0; y < picture->height; y++)
     for (int x = 0; x < picture->width; x++) {
       int64_t to = (int64_t)y * picture->width + x, row = picture->id[(int64_t)y * picture->stride + x];
       double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
-      sight->plane[to] = 0;
-      if (!(sight->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
+      depth_view->plane[to] = 0;
+      if (!(depth_view->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
         continue;
-      pags_depth_view_point(sight, x, y, 1, along);
+      pags_depth_view_point(depth_view, x, y, 1, along);
       for (int k = 0; k < 3; k++) {
         along[k] -= m[4 * k + 3];
         above += normal[k] * (middle[k] - m[4 * k + 3]);
@@ -104,7 +104,7 @@ static void find_planes(const pags_picture *picture, const pags_part *part, pags
       for (int k = 0; k < 3; k++)
         off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
       if (above / slant > 0 && off < reach * reach)
-        sight->plane[to] = (float)(above / slant);
+        depth_view->plane[to] = (float)(above / slant);
     }
 }
 
@@ -114,87 +114,87 @@ static int jumps(const float *depth, int64_t at, int64_t other) {
 }
 
 /* A pixel whose neighbour jumps is at an edge: the mean of two surfaces, or beside one. */
-static void drop_edges(pags_depth_view *sight, float *scratch) {
-  int w = sight->camera.width, h = sight->camera.height;
-  memcpy(scratch, sight->depth, (size_t)w * (size_t)h * sizeof *scratch);
+static void drop_edges(pags_depth_view *depth_view, float *scratch) {
+  int w = depth_view->camera.width, h = depth_view->camera.height;
+  memcpy(scratch, depth_view->depth, (size_t)w * (size_t)h * sizeof *scratch);
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
       int64_t at = (int64_t)y * w + x;
       if (scratch[at] > 0 && ((x > 0 && jumps(scratch, at, at - 1)) || (x + 1 < w && jumps(scratch, at, at + 1)) ||
                               (y > 0 && jumps(scratch, at, at - w)) || (y + 1 < h && jumps(scratch, at, at + w))))
-        sight->depth[at] = PAGS_SIGHT_UNKNOWN;
+        depth_view->depth[at] = PAGS_SIGHT_UNKNOWN;
     }
 }
 
-static pags_result make_cells(pags_depth_view *sight) {
-  int w = sight->camera.width, h = sight->camera.height;
-  sight->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
-  sight->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
-  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
-  sight->lo = malloc(2 * (size_t)count * sizeof *sight->lo);
-  if (!sight->lo)
+static pags_result make_cells(pags_depth_view *depth_view) {
+  int w = depth_view->camera.width, h = depth_view->camera.height;
+  depth_view->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  depth_view->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
+  depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
+  if (!depth_view->lo)
     return pags_out_of_memory("a view of %dx%d", w, h);
-  sight->hi = sight->lo + count;
-  pags_depth_view_bound(sight);
+  depth_view->hi = depth_view->lo + count;
+  pags_depth_view_bound(depth_view);
   return PAGS_OK;
 }
 
-void pags_depth_view_bound(pags_depth_view *sight) {
-  int w = sight->camera.width, h = sight->camera.height;
-  int64_t count = (int64_t)sight->cells_x * sight->cells_y;
+void pags_depth_view_bound(pags_depth_view *depth_view) {
+  int w = depth_view->camera.width, h = depth_view->camera.height;
+  int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
   for (int64_t i = 0; i < count; i++) {
-    sight->lo[i] = INFINITY;
-    sight->hi[i] = 0;
+    depth_view->lo[i] = INFINITY;
+    depth_view->hi[i] = 0;
   }
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
-      int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * sight->cells_x + x / PAGS_SIGHT_CELL;
-      float depth = sight->depth[(int64_t)y * w + x];
+      int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * depth_view->cells_x + x / PAGS_SIGHT_CELL;
+      float depth = depth_view->depth[(int64_t)y * w + x];
       depth = fabsf(depth);
-      sight->lo[at] = depth < sight->lo[at] ? depth : sight->lo[at];
-      sight->hi[at] = depth > sight->hi[at] ? depth : sight->hi[at];
+      depth_view->lo[at] = depth < depth_view->lo[at] ? depth : depth_view->lo[at];
+      depth_view->hi[at] = depth > depth_view->hi[at] ? depth : depth_view->hi[at];
     }
 }
 
-static pags_result reserve(pags_depth_views *sights) {
-  if (sights->count < sights->capacity)
+static pags_result reserve(pags_depth_views *depth_views) {
+  if (depth_views->count < depth_views->capacity)
     return PAGS_OK;
-  int64_t capacity = 2 * sights->capacity + 16;
-  pags_depth_view *grown = realloc(sights->list, (size_t)capacity * sizeof *grown);
+  int64_t capacity = 2 * depth_views->capacity + 16;
+  pags_depth_view *grown = realloc(depth_views->list, (size_t)capacity * sizeof *grown);
   if (!grown)
     return pags_out_of_memory("%lld views", (long long)capacity);
-  sights->list = grown;
-  sights->capacity = capacity;
+  depth_views->list = grown;
+  depth_views->capacity = capacity;
   return PAGS_OK;
 }
 
-pags_result pags_depth_views_add(pags_depth_views *sights, pags_frame *frame, const pags_part *parts, int part_count,
-                                 const pags_camera *camera, const pags_frame_options *options, int64_t view,
-                                 int planes) {
+pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *frame, const pags_part *parts,
+                                 int part_count, const pags_camera *camera, const pags_frame_options *options,
+                                 int64_t view, int planes) {
   pags_picture picture;
   size_t pixels = (size_t)camera->width * (size_t)camera->height;
-  PAGS_TRY(reserve(sights));
+  PAGS_TRY(reserve(depth_views));
   PAGS_TRY(pags_frame_render(frame, parts, part_count, camera, options, NULL, NULL, &picture));
-  pags_depth_view *sight = &sights->list[sights->count++];
-  *sight = (pags_depth_view){.camera = *camera,
-                             .blur = sqrt((double)options->low_pass),
-                             .view = view,
-                             .depth = malloc(pixels * sizeof(float)),
-                             .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
-                             .cover = malloc(pixels),
-                             .rgb = malloc(3 * pixels)};
+  pags_depth_view *depth_view = &depth_views->list[depth_views->count++];
+  *depth_view = (pags_depth_view){.camera = *camera,
+                                  .blur = sqrt((double)options->low_pass),
+                                  .view = view,
+                                  .depth = malloc(pixels * sizeof(float)),
+                                  .plane = planes ? malloc(pixels * sizeof(float)) : NULL,
+                                  .cover = malloc(pixels),
+                                  .rgb = malloc(3 * pixels)};
   float *scratch = malloc(pixels * sizeof *scratch);
-  if (!sight->depth || !sight->cover || (planes && !sight->plane) || !sight->rgb || !scratch) {
+  if (!depth_view->depth || !depth_view->cover || (planes && !depth_view->plane) || !depth_view->rgb || !scratch) {
     free(scratch);
     return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
   }
-  pags_rigid_inverse(camera->world_from_camera, sight->camera_from_model);
-  read_pixels(&picture, sight);
+  pags_rigid_inverse(camera->world_from_camera, depth_view->camera_from_model);
+  read_pixels(&picture, depth_view);
   if (planes)
-    find_planes(&picture, &parts[0], sight);
-  drop_edges(sight, scratch);
+    find_planes(&picture, &parts[0], depth_view);
+  drop_edges(depth_view, scratch);
   free(scratch);
-  return make_cells(sight);
+  return make_cells(depth_view);
 }
 
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
@@ -236,10 +236,10 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
   return 1;
 }
 
-int pags_depth_view_may_see(const pags_depth_view *sight, const double middle[3], double radius, double range) {
-  const pags_camera *c = &sight->camera;
+int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range) {
+  const pags_camera *c = &depth_view->camera;
   double p[3];
-  pags_rigid_point(sight->camera_from_model, middle, p);
+  pags_rigid_point(depth_view->camera_from_model, middle, p);
   if (p[2] < -radius || p[2] > range + radius)
     return 0;
   const double edges[2][2] = {{-c->cx / c->fx, (c->width - c->cx) / c->fx},
@@ -253,11 +253,11 @@ int pags_depth_view_may_see(const pags_depth_view *sight, const double middle[3]
   return 1;
 }
 
-pags_depth_view_verdict pags_depth_view_judge(const pags_depth_view *sight, const double middle[3], double radius,
-                                              double margin, double *z) {
-  const pags_camera *c = &sight->camera;
+pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],
+                                                 double radius, double margin, double *z) {
+  const pags_camera *c = &depth_view->camera;
   double p[3];
-  pags_rigid_point(sight->camera_from_model, middle, p);
+  pags_rigid_point(depth_view->camera_from_model, middle, p);
   *z = p[2];
   double near = p[2] - radius;
   if (near < 0.1)
@@ -272,16 +272,16 @@ pags_depth_view_verdict pags_depth_view_judge(const pags_depth_view *sight, cons
   double lo = HUGE_VAL, hi = 0;
   for (int y = y0; y <= y1; y++)
     for (int x = x0; x <= x1; x++) {
-      lo = fmin(lo, (double)sight->lo[(int64_t)y * sight->cells_x + x]);
-      hi = fmax(hi, (double)sight->hi[(int64_t)y * sight->cells_x + x]);
+      lo = fmin(lo, (double)depth_view->lo[(int64_t)y * depth_view->cells_x + x]);
+      hi = fmax(hi, (double)depth_view->hi[(int64_t)y * depth_view->cells_x + x]);
     }
   return lo >= p[2] + radius + margin ? PAGS_SIGHT_CLEAR : hi < near - margin ? PAGS_SIGHT_HIDDEN : PAGS_SIGHT_MIXED;
 }
 
-int pags_depth_view_project(const pags_depth_view *sight, const double point[3], int *x, int *y, double *z) {
+int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z) {
   double p[3];
-  const pags_camera *camera = &sight->camera;
-  pags_rigid_point(sight->camera_from_model, point, p);
+  const pags_camera *camera = &depth_view->camera;
+  pags_rigid_point(depth_view->camera_from_model, point, p);
   if (p[2] <= 0.05)
     return 0;
   double u = camera->fx * p[0] / p[2] + camera->cx, v = camera->fy * p[1] / p[2] + camera->cy;
@@ -293,8 +293,8 @@ int pags_depth_view_project(const pags_depth_view *sight, const double point[3],
   return 1;
 }
 
-void pags_depth_view_point(const pags_depth_view *sight, int x, int y, double z, double point[3]) {
-  const pags_camera *camera = &sight->camera;
+void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]) {
+  const pags_camera *camera = &depth_view->camera;
   const double p[3] = {(x + 0.5 - camera->cx) / camera->fx * z, (y + 0.5 - camera->cy) / camera->fy * z, z};
   pags_rigid_point(camera->world_from_camera, p, point);
 }

@@ -37,23 +37,23 @@ typedef struct pags_depth_views {
   pags_depth_view *list;
 } pags_depth_views;
 
-void pags_depth_views_destroy(pags_depth_views *sights); /* frees and zeroes */
+void pags_depth_views_destroy(pags_depth_views *depth_views); /* frees and zeroes */
 
 /* Draws `parts` (whose world is the model's frame) by `camera` (in the model's frame) and adds what is seen; `planes`
  * of the only part. */
-pags_result pags_depth_views_add(pags_depth_views *sights, pags_frame *frame, const pags_part *parts, int part_count,
-                                 const pags_camera *camera, const pags_frame_options *options, int64_t view,
-                                 int planes);
+pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *frame, const pags_part *parts,
+                                 int part_count, const pags_camera *camera, const pags_frame_options *options,
+                                 int64_t view, int planes);
 
 /* Brings `lo` and `hi` up to date after a change of depths. */
-void pags_depth_view_bound(pags_depth_view *sight);
+void pags_depth_view_bound(pags_depth_view *depth_view);
 
 /* Cuts the camera down to where the box `lo`..`hi` of its world may be seen; 0: nowhere. */
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,
                      pags_camera *out);
 
 /* Whether any point of a ball may be in the picture, no farther than `range`. */
-int pags_depth_view_may_see(const pags_depth_view *sight, const double middle[3], double radius, double range);
+int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range);
 
 typedef enum pags_depth_view_verdict {
   PAGS_SIGHT_MIXED, /* look at its points */
@@ -61,13 +61,13 @@ typedef enum pags_depth_view_verdict {
   PAGS_SIGHT_HIDDEN /* all of it lies behind it by more than that, or where nothing is known */
 } pags_depth_view_verdict;
 /* Of a ball that may be seen: how it lies to what is seen where it is in the picture. `z` receives its middle's. */
-pags_depth_view_verdict pags_depth_view_judge(const pags_depth_view *sight, const double middle[3], double radius,
-                                              double margin, double *z);
+pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],
+                                                 double radius, double margin, double *z);
 
 /* Pixel and camera z of a point of the model; 0 when it is not in the picture. */
-int pags_depth_view_project(const pags_depth_view *sight, const double point[3], int *x, int *y, double *z);
+int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z);
 /* The point of the model at a pixel's centre and camera z. */
-void pags_depth_view_point(const pags_depth_view *sight, int x, int y, double z, double point[3]);
+void pags_depth_view_point(const pags_depth_view *depth_view, int x, int y, double z, double point[3]);
 
 #ifdef __cplusplus
 }

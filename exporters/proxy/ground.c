@@ -3,7 +3,7 @@
  *
  * Pixels whose neighbours make a level plane give heights to the cells of a lattice. From below the cameras, where the
  * ground must be, it grows from cell to cell: a cell's height is the median of those near what its neighbours say, so
- * that tables, roofs and reflections are passed over and a kerb is not. Heights are the laser's where there are some,
+ * that tables, roofs and reflections are passed over and a kerb is not. Heights are LiDAR's where there are some,
  * else those of near pixels, else of far ones. */
 #include "exporters/proxy/ground.h"
 
@@ -21,17 +21,17 @@ static const double
 static const double most_blur = 0.03; /* by which drawing may widen the ground upwards where it is looked at, metres */
 static const double seed_band = 0.3,
                     grow_band = 0.18; /* about the height expected; above a kerb, below a low wall; metres */
-static const double laser_band =
-    0.06; /* of pixels where there is a laser, which is better at kerbs: they must go on as it begins */
+static const double lidar_band =
+    0.06; /* of pixels where there is a LiDAR, which is better at kerbs: they must go on as it begins */
 static const double upright = 2; /* how far above the ground to look for what stands on it, metres */
 enum {
   LEAST_HEIGHTS = 3,
   ENOUGH_HEIGHTS = 8,
   WINDOW = 2,
   LEAP = 7
-}; /* windows of cells: what lies about one, how far laser rings lie apart */
+}; /* windows of cells: what lies about one, how far LiDAR rings lie apart */
 
-/* Of one source: the laser, near pixels, all pixels. */
+/* Of one source: LiDAR, near pixels, all pixels. */
 typedef struct heights {
   int64_t *first;             /* cells + 1 */
   float *values;              /* by cell, ascending */
@@ -42,8 +42,8 @@ typedef struct heights {
 
 /* What gives heights. */
 typedef struct source {
-  const pags_depth_views *sights; /* NULL: the laser */
-  const pags_lidar *laser;
+  const pags_depth_views *depth_views; /* NULL: LiDAR */
+  const pags_lidar *lidar;
   double reach; /* of pixels, metres */
 } source;
 
@@ -81,8 +81,8 @@ static int level_point(const pags_depth_view *s, int x, int y, double reach, dou
 
 /* Twice over all pixels: first counting, then putting. */
 static void visit_pixels(const pags_ground *g, const source *from, int64_t *count, float *values) {
-  for (int64_t i = 0; i < from->sights->count; i++) {
-    const pags_depth_view *s = &from->sights->list[i];
+  for (int64_t i = 0; i < from->depth_views->count; i++) {
+    const pags_depth_view *s = &from->depth_views->list[i];
     double reach = s->blur > 0 ? fmin(from->reach, most_blur * s->camera.fx / s->blur) : from->reach;
     for (int y = 0; y + 1 < s->camera.height; y++)
       for (int x = 0; x + 1 < s->camera.width; x++) {
@@ -96,9 +96,9 @@ static void visit_pixels(const pags_ground *g, const source *from, int64_t *coun
   }
 }
 
-static void visit_points(const pags_ground *g, const pags_lidar *laser, int64_t *count, float *values) {
-  for (int64_t i = 0; i < laser->count; i++) {
-    const float *p = laser->points + 3 * i;
+static void visit_points(const pags_ground *g, const pags_lidar *lidar, int64_t *count, float *values) {
+  for (int64_t i = 0; i < lidar->count; i++) {
+    const float *p = lidar->points + 3 * i;
     int64_t at = cell_of(g, (double)p[0], (double)p[1]);
     if (at >= 0 && values)
       values[count[at]++] = p[2];
@@ -108,10 +108,10 @@ static void visit_points(const pags_ground *g, const pags_lidar *laser, int64_t 
 }
 
 static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
-  if (from->sights)
+  if (from->depth_views)
     visit_pixels(g, from, count, values);
   else
-    visit_points(g, from->laser, count, values);
+    visit_points(g, from->lidar, count, values);
 }
 
 static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
@@ -208,11 +208,11 @@ static int around(const pags_ground *g, int64_t x, int64_t y, int window, double
   return count;
 }
 
-/* Whether the laser met something upright in a cell: a wall's foot, which heights would climb. */
-static int is_foot(const heights *laser, int64_t at, double expected) {
+/* Whether LiDAR met something upright in a cell: a wall's foot, which heights would climb. */
+static int is_foot(const heights *lidar, int64_t at, double expected) {
   int64_t level = 0, above = 0;
-  for (int64_t i = laser->first[at]; i < laser->first[at + 1]; i++) {
-    double over = (double)laser->values[i] - expected;
+  for (int64_t i = lidar->first[at]; i < lidar->first[at + 1]; i++) {
+    double over = (double)lidar->values[i] - expected;
     level += fabs(over) <= grow_band;
     above += over > grow_band && over < upright;
   }
@@ -236,18 +236,18 @@ static void grow(pags_ground *g, const heights *h, int64_t *queue, int64_t count
     }
 }
 
-/* Growing stops where a laser's rings lie too far apart and no pixel says what is between them: cells that it measured
+/* Growing stops where LiDAR's rings lie too far apart and no pixel says what is between them: cells that it measured
  * beyond go on. */
 static void leap(pags_ground *g, const heights *h, int64_t *queue) {
-  heights laser = *h;
-  laser.next = NULL;
+  heights lidar = *h;
+  lidar.next = NULL;
   for (int64_t count = 1; count > 0; grow(g, h, queue, count)) {
     count = 0;
     for (int64_t at = 0; at < (int64_t)g->nx * g->ny; at++) {
       double expected, z;
-      if (g->known[at] || laser.first[at + 1] - laser.first[at] < LEAST_HEIGHTS ||
-          !around(g, at % g->nx, at / g->nx, LEAP, &expected) || is_foot(&laser, at, expected) ||
-          median_near(&laser, at, expected, grow_band, &z) < LEAST_HEIGHTS)
+      if (g->known[at] || lidar.first[at + 1] - lidar.first[at] < LEAST_HEIGHTS ||
+          !around(g, at % g->nx, at / g->nx, LEAP, &expected) || is_foot(&lidar, at, expected) ||
+          median_near(&lidar, at, expected, grow_band, &z) < LEAST_HEIGHTS)
         continue;
       g->z[at] = (float)z;
       queue[count++] = at;
@@ -257,32 +257,33 @@ static void leap(pags_ground *g, const heights *h, int64_t *queue) {
   }
 }
 
-/* Weights of cells for smoothing: a height of the laser counts 1, a pixel's nearly nothing beside it, since pixels blur
+/* Weights of cells for smoothing: a height of LiDAR counts 1, a pixel's nearly nothing beside it, since pixels blur
  * kerbs. */
-static pags_result weigh(const pags_ground *g, const heights *laser, const heights *all, float **out) {
+static pags_result weigh(const pags_ground *g, const heights *lidar, const heights *all, float **out) {
   int64_t cells = (int64_t)g->nx * g->ny;
-  double of_pixel = laser->first[cells] ? 0.004 : 0.5;
+  double of_pixel = lidar->first[cells] ? 0.004 : 0.5;
   float *weights = *out = malloc(((size_t)cells + 1) * sizeof *weights);
   if (!weights)
     return pags_out_of_memory("the ground's %lld cells", (long long)cells);
   for (int64_t i = 0; i < cells; i++) {
-    double by_laser = (double)(laser->first[i + 1] - laser->first[i]),
+    double by_lidar = (double)(lidar->first[i + 1] - lidar->first[i]),
            count = (double)(all->first[i + 1] - all->first[i]);
-    weights[i] = (float)(by_laser >= laser->enough ? fmin(by_laser, 40) : fmin(count, 24) * of_pixel);
+    weights[i] = (float)(by_lidar >= lidar->enough ? fmin(by_lidar, 40) : fmin(count, 24) * of_pixel);
   }
   return PAGS_OK;
 }
 
-static pags_result find(const pags_depth_views *sights, const pags_lidar *laser, const double *path, int64_t path_count,
-                        double reach, heights sources[3], pags_ground *g) {
-  const source from[3] = {{.laser = laser}, {.sights = sights, .reach = nearer}, {.sights = sights, .reach = farthest}};
+static pags_result find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
+                        int64_t path_count, double reach, heights sources[3], pags_ground *g) {
+  const source from[3] = {
+      {.lidar = lidar}, {.depth_views = depth_views, .reach = nearer}, {.depth_views = depth_views, .reach = farthest}};
   static const int enough[3] = {LEAST_HEIGHTS, ENOUGH_HEIGHTS, LEAST_HEIGHTS};
   int64_t cells = (int64_t)g->nx * g->ny;
   for (int i = 0; i < 3; i++) {
     PAGS_TRY(gather_heights(g, &from[i], &sources[i]));
     sources[i].enough = enough[i];
     sources[i].next = i < 2 ? &sources[i + 1] : NULL;
-    sources[i].most_band = i > 0 && laser->count ? laser_band : HUGE_VAL;
+    sources[i].most_band = i > 0 && lidar->count ? lidar_band : HUGE_VAL;
   }
   double height = camera_height(g, &sources[2], path, path_count);
   int64_t *queue = malloc(((size_t)cells + 1) * sizeof *queue);
@@ -303,7 +304,7 @@ static pags_result find(const pags_depth_views *sights, const pags_lidar *laser,
   return result;
 }
 
-pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *laser, const double *path,
+pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
                              int64_t path_count, double reach, pags_ground *out) {
   double lo[2] = {HUGE_VAL, HUGE_VAL}, hi[2] = {-HUGE_VAL, -HUGE_VAL};
   *out = (pags_ground){.step = cell};
@@ -325,7 +326,7 @@ pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *l
   out->z = calloc((size_t)(nx * ny), sizeof *out->z);
   out->known = calloc((size_t)(nx * ny), 1);
   heights sources[3] = {{0}};
-  pags_result result = out->z && out->known ? find(sights, laser, path, path_count, reach, sources, out)
+  pags_result result = out->z && out->known ? find(depth_views, lidar, path, path_count, reach, sources, out)
                                             : pags_out_of_memory("the ground");
   for (int i = 0; i < 3; i++) {
     free(sources[i].first);

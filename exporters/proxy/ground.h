@@ -19,9 +19,9 @@ typedef struct pags_ground {
   uint8_t *known; /* 0: no ground here; 1: measured; 2: filled in */
 } pags_ground;
 
-/* From what the views (in the scene's frame) see and the laser measured; `path` are 3 doubles a camera. nx is 0 where
+/* From what the views (in the scene's frame) see and LiDAR measured; `path` are 3 doubles a camera. nx is 0 where
  * no ground was found. */
-pags_result pags_ground_find(const pags_depth_views *sights, const pags_lidar *laser, const double *path,
+pags_result pags_ground_find(const pags_depth_views *depth_views, const pags_lidar *lidar, const double *path,
                              int64_t path_count, double reach, pags_ground *out);
 /* Ground everywhere within `reach` of the path, what is there smoothed; cells that are known count by their weights. */
 pags_result pags_ground_fill(pags_ground *ground, const float *weights, const double *path, int64_t path_count,

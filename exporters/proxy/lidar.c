@@ -11,12 +11,12 @@
 #include "base/log.h"
 #include "base/memory.h"
 
-void pags_lidar_destroy(pags_lidar *laser) {
-  for (int64_t i = 0; laser->objects && i < laser->object_count; i++)
-    pags_lidar_fit_destroy(&laser->objects[i]);
-  free(laser->objects);
-  free(laser->points);
-  memset(laser, 0, sizeof *laser);
+void pags_lidar_destroy(pags_lidar *lidar) {
+  for (int64_t i = 0; lidar->objects && i < lidar->object_count; i++)
+    pags_lidar_fit_destroy(&lidar->objects[i]);
+  free(lidar->objects);
+  free(lidar->points);
+  memset(lidar, 0, sizeof *lidar);
 }
 
 #ifdef PAGS_WITH_DATASET

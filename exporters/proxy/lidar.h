@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the laser of a recording measured, where the data set of a scene is at hand. */
+/* What LiDAR of a recording measured, where the data set of a scene is at hand. */
 #ifndef PAGS_PROXY_LIDAR_H
 #define PAGS_PROXY_LIDAR_H
 
@@ -15,13 +15,13 @@ typedef struct pags_lidar {
   int64_t count;
   float *points; /* outside of labelled boxes: 3 each, metres, relative to the scene's origin */
   int64_t object_count;
-  pags_lidar_fit *objects; /* in the box of each of the scene's objects; NULL: there is no laser */
+  pags_lidar_fit *objects; /* in the box of each of the scene's objects; NULL: there is no LiDAR */
 } pags_lidar;
 
 /* The points of the sweeps of time steps that are trained on, or with `held_out` of those that aren't. None where there
- * is no data set, or no laser, or where it can't be read (a line in the log). */
+ * is no data set, or no LiDAR, or where it can't be read (a line in the log). */
 pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *out);
-void pags_lidar_destroy(pags_lidar *laser); /* frees and zeroes */
+void pags_lidar_destroy(pags_lidar *lidar); /* frees and zeroes */
 
 #ifdef __cplusplus
 }

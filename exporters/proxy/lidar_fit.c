@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Holding a surface to a laser's points, which are sparse, but not wrong in depth as far views are. */
+/* Holding a surface to LiDAR's points, which are sparse, but not wrong in depth as far views are. */
 #include "exporters/proxy/lidar_fit.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "base/memory.h"
 
 /* Radii of neighbourhoods in metres, and how many points one must have for half of what they say to be taken off: doubt
- * / radius^2, the more the finer it is, or noise (of cars that move while a laser turns, 5 to 10 cm) would be modelled.
+ * / radius^2, the more the finer it is, or noise (of cars that move while a LiDAR turns, 5 to 10 cm) would be modelled.
  */
 static const double radii[] = {0.4, 0.2, 0.1};
 static const double doubt = 0.16;
@@ -75,7 +75,7 @@ static void spread(const pags_tsdf *g, const float p[3], double radius, double r
       }
 }
 
-pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach) {
+pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   if (!cloud->count)
     return PAGS_OK;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points that a laser measured on an object. */
+/* Points that a LiDAR measured on an object. */
 #ifndef PAGS_PROXY_LIDAR_FIT_H
 #define PAGS_PROXY_LIDAR_FIT_H
 
@@ -20,7 +20,7 @@ void pags_lidar_fit_destroy(pags_lidar_fit *cloud); /* frees and zeroes */
 /* Draws the surface where the grid is zero to the points, passing over those farther than `reach` metres from it: what
  * the grid says at them is spread over coarse, then finer neighbourhoods and taken off (multilevel approximation of
  * scattered data, Lee, Wolberg and Shin 1997). */
-pags_result pags_lidar_fit_hold(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
+pags_result pags_lidar_fit_pull(const pags_lidar_fit *cloud, pags_tsdf *grid, double reach);
 
 #ifdef __cplusplus
 }

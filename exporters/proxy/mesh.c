@@ -225,7 +225,7 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
 /* Small parts count for large ones that they come close to. */
 static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large, double reach, const double size[3]) {
   pags_proxy_mesh main = *s;
-  pags_mesh_query *solid = NULL;
+  pags_mesh_query *query = NULL;
   main.triangle_count = 0;
   main.triangles = malloc((3 * (size_t)s->triangle_count + 1) * sizeof *main.triangles);
   if (!main.triangles)
@@ -233,16 +233,16 @@ static pags_result annex_parts(const pags_proxy_mesh *s, parts *p, double large,
   for (int64_t i = 0; i < s->triangle_count; i++)
     if (p->area[root_of(p->parent, s->triangles[3 * i])] >= large)
       memcpy(main.triangles + 3 * main.triangle_count++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
-  pags_result result = pags_mesh_query_of_mesh(&main, &solid);
+  pags_result result = pags_mesh_query_of_mesh(&main, &query);
   for (int64_t i = 0; i < s->vertex_count && result == PAGS_OK; i++) {
     const double at[3] = {(double)s->positions[3 * i], (double)s->positions[3 * i + 1],
                           (double)s->positions[3 * i + 2]};
     double *area = &p->area[root_of(p->parent, (uint32_t)i)];
     int within = fabs(at[0]) <= 0.5 * size[0] && fabs(at[1]) <= 0.5 * size[1] && fabs(at[2]) <= 0.5 * size[2];
-    if (within && *area < large && *area >= crumb * p->largest && pags_mesh_query_distance(solid, at, NULL) < reach)
+    if (within && *area < large && *area >= crumb * p->largest && pags_mesh_query_distance(query, at, NULL) < reach)
       *area = large;
   }
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   free(main.triangles);
   return result;
 }
@@ -256,13 +256,13 @@ static pags_result drop_parts(pags_proxy_mesh *s, parts *p, double least) {
   return pags_proxy_mesh_compact(s);
 }
 
-pags_result pags_proxy_mesh_keep_parts(pags_proxy_mesh *shell, double share, double reach, const double *size) {
+pags_result pags_proxy_mesh_keep_parts(pags_proxy_mesh *mesh, double share, double reach, const double *size) {
   parts p;
-  PAGS_TRY(measure_parts(shell, &p));
+  PAGS_TRY(measure_parts(mesh, &p));
   double large = share * p.largest;
-  pags_result result = size ? annex_parts(shell, &p, large, reach, size) : PAGS_OK;
+  pags_result result = size ? annex_parts(mesh, &p, large, reach, size) : PAGS_OK;
   if (result == PAGS_OK)
-    result = drop_parts(shell, &p, large);
+    result = drop_parts(mesh, &p, large);
   forget_parts(&p);
   return result;
 }

@@ -19,17 +19,17 @@ typedef struct pags_proxy_mesh {
   bool failed;         /* memory ran out: the surface lacks parts */
 } pags_proxy_mesh;
 
-void pags_proxy_mesh_destroy(pags_proxy_mesh *shell); /* frees and zeroes; a zeroed struct is allowed */
+void pags_proxy_mesh_destroy(pags_proxy_mesh *mesh); /* frees and zeroes; a zeroed struct is allowed */
 /* PAGS_ERROR_MEMORY where `failed` is set. */
-pags_result pags_proxy_mesh_check(const pags_proxy_mesh *shell);
+pags_result pags_proxy_mesh_check(const pags_proxy_mesh *mesh);
 
-uint32_t pags_proxy_mesh_vertex(pags_proxy_mesh *shell, const float position[3], const float color[3], int observed);
+uint32_t pags_proxy_mesh_vertex(pags_proxy_mesh *mesh, const float position[3], const float color[3], int observed);
 /* Left out where two corners are the same. */
-void pags_proxy_mesh_triangle(pags_proxy_mesh *shell, uint32_t a, uint32_t b, uint32_t c);
+void pags_proxy_mesh_triangle(pags_proxy_mesh *mesh, uint32_t a, uint32_t b, uint32_t c);
 pags_result pags_proxy_mesh_copy(const pags_proxy_mesh *from, pags_proxy_mesh *to);
 
 /* Keeps vertices that triangles use, in the order of their first use. */
-pags_result pags_proxy_mesh_compact(pags_proxy_mesh *shell);
+pags_result pags_proxy_mesh_compact(pags_proxy_mesh *mesh);
 
 /* The box of this size about the origin: 8 vertices, 12 triangles. */
 pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags_proxy_mesh *out);
@@ -37,10 +37,10 @@ pags_result pags_proxy_mesh_box(const double size[3], const float color[3], pags
 /* Keeps the largest connected part (by area), those with at least `share` of its area, and what else isn't a crumb,
  * lies in the box of this size about the origin and comes closer to those than `reach` metres: wing mirrors, whose arms
  * are too thin to be seen. NULL: nothing else. */
-pags_result pags_proxy_mesh_keep_parts(pags_proxy_mesh *shell, double share, double reach, const double *size);
+pags_result pags_proxy_mesh_keep_parts(pags_proxy_mesh *mesh, double share, double reach, const double *size);
 
 /* Drops connected parts of less than `area` square metres. */
-pags_result pags_proxy_mesh_drop_floaters(pags_proxy_mesh *shell, double area);
+pags_result pags_proxy_mesh_drop_floaters(pags_proxy_mesh *mesh, double area);
 
 typedef struct pags_proxy_mesh_topology {
   int64_t open_edges;    /* with one face */
@@ -48,13 +48,13 @@ typedef struct pags_proxy_mesh_topology {
   double volume;         /* signed, as if closed */
   bool closed;           /* no such edges, positive volume, not empty */
 } pags_proxy_mesh_topology;
-pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *shell, pags_proxy_mesh_topology *out);
+pags_result pags_proxy_mesh_inspect(const pags_proxy_mesh *mesh, pags_proxy_mesh_topology *out);
 
 /* Takes out faces that cover each other and cuts edges of more than two faces apart by doubling vertices. */
-pags_result pags_proxy_mesh_repair(pags_proxy_mesh *shell);
+pags_result pags_proxy_mesh_repair(pags_proxy_mesh *mesh);
 
-double pags_proxy_mesh_area(const pags_proxy_mesh *shell);
-void pags_proxy_mesh_normals(const pags_proxy_mesh *shell, float *normals); /* by area; 3 a vertex, unit length */
+double pags_proxy_mesh_area(const pags_proxy_mesh *mesh);
+void pags_proxy_mesh_normals(const pags_proxy_mesh *mesh, float *normals); /* by area; 3 a vertex, unit length */
 
 /* At most `budget` triangles (meshoptimizer). A closed surface stays closed: where a collapse would break it, it is
  * made from a coarser one until it holds. */

@@ -22,13 +22,13 @@ struct pags_mesh_query {
   const uint32_t *triangles; /* NULL: points */
 };
 
-typedef struct query {
-  const pags_mesh_query *solid;
+typedef struct nearest_query {
+  const pags_mesh_query *query;
   double point[3];
   double best;    /* squared */
   double foot[3]; /* the nearest point, relative to `point` */
   uint32_t primitive;
-} query;
+} nearest_query;
 
 /* Squared distance of the origin to the triangle a, b, c: to its inside where the foot of the perpendicular lies in it,
  * else to the nearest edge. `foot` receives the nearest point. */
@@ -70,13 +70,13 @@ static double triangle_distance(const double a[3], const double b[3], const doub
 }
 
 static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
-  query *q = arguments->userPtr;
+  nearest_query *q = arguments->userPtr;
   double corner[3][3], foot[3], squared;
-  int corners = q->solid->triangles ? 3 : 1;
+  int corners = q->query->triangles ? 3 : 1;
   for (int i = 0; i < corners; i++) {
-    uint32_t at = corners == 3 ? q->solid->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
+    uint32_t at = corners == 3 ? q->query->triangles[3 * (size_t)arguments->primID + (size_t)i] : arguments->primID;
     for (int k = 0; k < 3; k++)
-      corner[i][k] = (double)q->solid->points[3 * (size_t)at + (size_t)k] - q->point[k];
+      corner[i][k] = (double)q->query->points[3 * (size_t)at + (size_t)k] - q->point[k];
   }
   memcpy(foot, corner[0], sizeof foot);
   squared = corners == 3 ? triangle_distance(corner[0], corner[1], corner[2], foot) : pags_dot3(foot, foot);
@@ -90,40 +90,40 @@ static bool visit(struct RTCPointQueryFunctionArguments *arguments) {
   return true;
 }
 
-static pags_result failed(const pags_mesh_query *solid) {
-  enum RTCError code = rtcGetDeviceError(solid->device);
+static pags_result failed(const pags_mesh_query *query) {
+  enum RTCError code = rtcGetDeviceError(query->device);
   if (code == RTC_ERROR_OUT_OF_MEMORY)
     return pags_out_of_memory("Embree");
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 
 static void point_bounds(const struct RTCBoundsFunctionArguments *arguments) {
-  const pags_mesh_query *solid = arguments->geometryUserPtr;
-  const float *p = solid->points + 3 * (size_t)arguments->primID;
+  const pags_mesh_query *query = arguments->geometryUserPtr;
+  const float *p = query->points + 3 * (size_t)arguments->primID;
   *arguments->bounds_o = (struct RTCBounds){
       .lower_x = p[0], .lower_y = p[1], .lower_z = p[2], .upper_x = p[0], .upper_y = p[1], .upper_z = p[2]};
 }
 
-static pags_result attach(pags_mesh_query *solid, RTCGeometry geometry) {
+static pags_result attach(pags_mesh_query *query, RTCGeometry geometry) {
   rtcCommitGeometry(geometry);
-  rtcAttachGeometry(solid->scene, geometry);
+  rtcAttachGeometry(query->scene, geometry);
   rtcReleaseGeometry(geometry);
-  rtcSetSceneFlags(solid->scene, RTC_SCENE_FLAG_ROBUST);
-  rtcCommitScene(solid->scene);
-  return rtcGetDeviceError(solid->device) == RTC_ERROR_NONE ? PAGS_OK : failed(solid);
+  rtcSetSceneFlags(query->scene, RTC_SCENE_FLAG_ROBUST);
+  rtcCommitScene(query->scene);
+  return rtcGetDeviceError(query->device) == RTC_ERROR_NONE ? PAGS_OK : failed(query);
 }
 
-static pags_result open_scene(pags_mesh_query *solid) {
-  solid->device = rtcNewDevice("threads=1"); /* the same tree, hence the same of two equally near, every time */
-  if (!solid->device)
-    return failed(solid);
-  solid->scene = rtcNewScene(solid->device);
-  return solid->scene ? PAGS_OK : failed(solid);
+static pags_result open_scene(pags_mesh_query *query) {
+  query->device = rtcNewDevice("threads=1"); /* the same tree, hence the same of two equally near, every time */
+  if (!query->device)
+    return failed(query);
+  query->scene = rtcNewScene(query->device);
+  return query->scene ? PAGS_OK : failed(query);
 }
 
-static pags_result add_triangles(pags_mesh_query *solid, const pags_proxy_mesh *surface) {
-  PAGS_TRY(open_scene(solid));
-  RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *surface) {
+  PAGS_TRY(open_scene(query));
+  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_TRIANGLE);
   /* Embree reads 16 bytes at a vertex, so that a shared array needs padding behind the last: it gets its own. */
   float *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 12,
                                             (size_t)surface->vertex_count);
@@ -131,88 +131,89 @@ static pags_result add_triangles(pags_mesh_query *solid, const pags_proxy_mesh *
                                                 (size_t)surface->triangle_count);
   if (!vertices || !triangles) {
     rtcReleaseGeometry(geometry);
-    return failed(solid);
+    return failed(query);
   }
   for (int64_t i = 0; i < 3 * surface->vertex_count; i++)
     vertices[i] = surface->positions[i];
   for (int64_t i = 0; i < 3 * surface->triangle_count; i++)
     triangles[i] = surface->triangles[i];
-  return attach(solid, geometry);
+  return attach(query, geometry);
 }
 
-static pags_result add_points(pags_mesh_query *solid, int64_t count) {
-  PAGS_TRY(open_scene(solid));
-  RTCGeometry geometry = rtcNewGeometry(solid->device, RTC_GEOMETRY_TYPE_USER);
+static pags_result add_points(pags_mesh_query *query, int64_t count) {
+  PAGS_TRY(open_scene(query));
+  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
   rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
-  rtcSetGeometryUserData(geometry, solid);
+  rtcSetGeometryUserData(geometry, query);
   rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
-  return attach(solid, geometry);
+  return attach(query, geometry);
 }
 
 pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
   *out = NULL;
-  pags_mesh_query *solid = calloc(1, sizeof *solid);
-  if (!solid)
+  pags_mesh_query *query = calloc(1, sizeof *query);
+  if (!query)
     return pags_out_of_memory("a mesh");
-  solid->points = surface->positions;
-  solid->triangles = surface->triangles;
-  pags_result result = add_triangles(solid, surface);
+  query->points = surface->positions;
+  query->triangles = surface->triangles;
+  pags_result result = add_triangles(query, surface);
   if (result == PAGS_OK)
-    *out = solid;
+    *out = query;
   else
-    pags_mesh_query_destroy(solid);
+    pags_mesh_query_destroy(query);
   return result;
 }
 
 pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_mesh_query **out) {
   *out = NULL;
-  pags_mesh_query *solid = calloc(1, sizeof *solid);
-  if (!solid)
+  pags_mesh_query *query = calloc(1, sizeof *query);
+  if (!query)
     return pags_out_of_memory("points");
-  solid->points = points;
-  pags_result result = add_points(solid, count);
+  query->points = points;
+  pags_result result = add_points(query, count);
   if (result == PAGS_OK)
-    *out = solid;
+    *out = query;
   else
-    pags_mesh_query_destroy(solid);
+    pags_mesh_query_destroy(query);
   return result;
 }
 
-void pags_mesh_query_destroy(pags_mesh_query *solid) {
-  if (!solid)
+void pags_mesh_query_destroy(pags_mesh_query *query) {
+  if (!query)
     return;
-  if (solid->scene)
-    rtcReleaseScene(solid->scene);
-  if (solid->device)
-    rtcReleaseDevice(solid->device);
-  free(solid);
+  if (query->scene)
+    rtcReleaseScene(query->scene);
+  if (query->device)
+    rtcReleaseDevice(query->device);
+  free(query);
 }
 
-static query ask(const pags_mesh_query *solid, const double point[3]) {
-  query q = {.solid = solid, .point = {point[0], point[1], point[2]}, .best = HUGE_VAL, .primitive = UINT32_MAX};
+static nearest_query ask(const pags_mesh_query *query, const double point[3]) {
+  nearest_query q = {
+      .query = query, .point = {point[0], point[1], point[2]}, .best = HUGE_VAL, .primitive = UINT32_MAX};
   struct RTCPointQuery sphere = {
       .x = (float)point[0], .y = (float)point[1], .z = (float)point[2], .time = 0, .radius = INFINITY};
   struct RTCPointQueryContext context;
   rtcInitPointQueryContext(&context);
-  rtcPointQuery(solid->scene, &sphere, &context, visit, &q);
+  rtcPointQuery(query->scene, &sphere, &context, visit, &q);
   return q;
 }
 
-double pags_mesh_query_distance(const pags_mesh_query *solid, const double point[3], uint32_t *primitive) {
-  query q = ask(solid, point);
+double pags_mesh_query_distance(const pags_mesh_query *query, const double point[3], uint32_t *primitive) {
+  nearest_query q = ask(query, point);
   if (primitive)
     *primitive = q.primitive;
   return sqrt(q.best);
 }
 
-double pags_mesh_query_nearest(const pags_mesh_query *solid, const double point[3], double nearest[3]) {
-  query q = ask(solid, point);
+double pags_mesh_query_nearest(const pags_mesh_query *query, const double point[3], double nearest[3]) {
+  nearest_query q = ask(query, point);
   for (int k = 0; k < 3; k++)
     nearest[k] = point[k] + q.foot[k];
   return sqrt(q.best);
 }
 
-double pags_mesh_query_ray(const pags_mesh_query *solid, const double origin[3], const double direction[3],
+double pags_mesh_query_ray(const pags_mesh_query *query, const double origin[3], const double direction[3],
                            uint32_t *primitive) {
   struct RTCRayHit ray = {.ray = {.org_x = (float)origin[0],
                                   .org_y = (float)origin[1],
@@ -224,11 +225,11 @@ double pags_mesh_query_ray(const pags_mesh_query *solid, const double origin[3],
                                   .mask = ~0u}};
   ray.hit.geomID = RTC_INVALID_GEOMETRY_ID;
 #if PAGS_EMBREE >= 4
-  rtcIntersect1(solid->scene, &ray, NULL);
+  rtcIntersect1(query->scene, &ray, NULL);
 #else
   struct RTCIntersectContext context;
   rtcInitIntersectContext(&context);
-  rtcIntersect1(solid->scene, &context, &ray);
+  rtcIntersect1(query->scene, &context, &ray);
 #endif
   if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID)
     return -1;

@@ -10,9 +10,10 @@
 #include "base/log.h"
 #include "exporters/proxy/cage.h"
 
-pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
-                               pags_workshop *out) {
-  *out = (pags_workshop){.scene = scene, .options = options, .tasks = tasks, .drawing = pags_frame_options_default()};
+pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_options *options, pags_tasks *tasks,
+                                  pags_proxy_maker *out) {
+  *out =
+      (pags_proxy_maker){.scene = scene, .options = options, .tasks = tasks, .drawing = pags_frame_options_default()};
   pags_json *json;
   double value;
   out->drawing.antialiased = scene->antialiased;
@@ -25,20 +26,20 @@ pags_result pags_workshop_open(const pags_scene *scene, const pags_proxy_options
   }
   pags_result result = pags_frame_create(tasks, &out->frame);
   if (result == PAGS_OK)
-    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->whole);
+    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->scene_depth);
   if (result == PAGS_OK)
-    result = pags_lidar_read(scene, 0, &out->laser);
+    result = pags_lidar_read(scene, 0, &out->lidar);
   if (result != PAGS_OK)
-    pags_workshop_close(out);
+    pags_proxy_maker_close(out);
   return result;
 }
 
-void pags_workshop_close(pags_workshop *workshop) {
-  if (workshop->frame)
-    pags_frame_destroy(workshop->frame);
-  workshop->frame = NULL;
-  pags_scene_depth_destroy(&workshop->whole);
-  pags_lidar_destroy(&workshop->laser);
+void pags_proxy_maker_close(pags_proxy_maker *maker) {
+  if (maker->frame)
+    pags_frame_destroy(maker->frame);
+  maker->frame = NULL;
+  pags_scene_depth_destroy(&maker->scene_depth);
+  pags_lidar_destroy(&maker->lidar);
 }
 
 static void mean_color(const pags_object_shape *shape, float out[3]) {
@@ -51,7 +52,7 @@ static void mean_color(const pags_object_shape *shape, float out[3]) {
   }
 }
 
-static pags_result make_level(const pags_workshop *w, const pags_object_shape *shape, pags_proxy_level level,
+static pags_result make_level(const pags_proxy_maker *w, const pags_object_shape *shape, pags_proxy_level level,
                               pags_proxy_mesh *out) {
   switch (level) {
     case PAGS_PROXY_MESH: return pags_proxy_mesh_simplify(&shape->surface, w->options->triangles, out);
@@ -62,7 +63,7 @@ static pags_result make_level(const pags_workshop *w, const pags_object_shape *s
   }
 }
 
-pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object, const pags_object_shape *shape,
+pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object, const pags_object_shape *shape,
                                    pags_proxy_level wanted, pags_proxy_mesh *out, pags_proxy_level *level,
                                    const char **note) {
   pags_proxy_mesh_topology topology;
@@ -72,7 +73,7 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
   if (wanted != PAGS_PROXY_BOX) {
     pags_result result = PAGS_ERROR_ARGUMENT;
     if (shape->surface.triangle_count)
-      result = make_level(workshop, shape, wanted, out);
+      result = make_level(maker, shape, wanted, out);
     if (result == PAGS_ERROR_MEMORY || result == PAGS_CANCELLED)
       return result;
     if (result == PAGS_OK) {
@@ -84,11 +85,11 @@ pags_result pags_object_proxy_make(const pags_workshop *workshop, int64_t object
                 (long long)topology.crossed_edges, topology.volume);
     }
     if (shape->surface.triangle_count)
-      pags_log(PAGS_LOG_INFO, "%s: %s", workshop->scene->objects[object].record.id, pags_error_message());
+      pags_log(PAGS_LOG_INFO, "%s: %s", maker->scene->objects[object].record.id, pags_error_message());
     if (!*note || shape->surface.triangle_count)
       *note = "no closed surface could be made: the labelled box";
   }
   *level = PAGS_PROXY_BOX;
   mean_color(shape, color);
-  return pags_proxy_mesh_box(workshop->scene->objects[object].record.size, color, out);
+  return pags_proxy_mesh_box(maker->scene->objects[object].record.size, color, out);
 }

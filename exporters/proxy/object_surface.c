@@ -25,13 +25,13 @@ static const double margin = 0.15, lift = 0.08;
 
 void pags_object_shape_destroy(pags_object_shape *shape) {
   pags_gaussians_destroy(&shape->gaussians);
-  pags_depth_views_destroy(&shape->sights);
+  pags_depth_views_destroy(&shape->depth_views);
   pags_proxy_mesh_destroy(&shape->surface);
   memset(shape, 0, sizeof *shape);
 }
 
 /* Where a parked object stands: its middle label. */
-static void parked_pose(const pags_workshop *w, const pags_object *object, double out[12]) {
+static void parked_pose(const pags_proxy_maker *w, const pags_object *object, double out[12]) {
   const pags_knot *knot = &object->knots[object->knot_count / 2];
   if (!pags_object_pose(object, knot->time, out))
     memcpy(out, knot->world_from_object, 12 * sizeof *out);
@@ -55,11 +55,11 @@ static int is_its_own(const double object_from_scene[12], const double size[3], 
   return q[2] > -0.5 * size[2] + (id == object ? -margin : lift);
 }
 
-void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *taken) {
-  const pags_object *record = &workshop->scene->objects[object].record;
-  const pags_gaussians *g = &workshop->scene->models[0].gaussians;
+void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *taken) {
+  const pags_object *record = &maker->scene->objects[object].record;
+  const pags_gaussians *g = &maker->scene->models[0].gaussians;
   double pose[12], object_from_scene[12];
-  parked_pose(workshop, record, pose);
+  parked_pose(maker, record, pose);
   pags_rigid_inverse(pose, object_from_scene);
   for (int64_t i = 0; i < g->count; i++)
     if (is_its_own(object_from_scene, record->size, pags_plane(g, PAGS_MEAN), pags_plane(g, PAGS_MEAN + 1),
@@ -68,7 +68,7 @@ void pags_object_mark(const pags_workshop *workshop, int64_t object, uint8_t *ta
 }
 
 /* Of the background, what is known as the parked object's and what lies in its box. */
-static pags_result gather_parked(const pags_workshop *w, int64_t object, pags_gaussians *out) {
+static pags_result gather_parked(const pags_proxy_maker *w, int64_t object, pags_gaussians *out) {
   const pags_gaussians *g = &w->scene->models[0].gaussians;
   int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
   uint8_t *taken = calloc((size_t)g->count + 1, 1);
@@ -123,7 +123,7 @@ static void reach_of(const pags_object *record, double reach[3]) {
 }
 
 /* The views that have it in the picture; of too many an even choice. */
-static pags_result look(const pags_workshop *w, int64_t object, const pags_part *part, const double reach[3],
+static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_part *part, const double reach[3],
                         pags_object_shape *shape) {
   const pags_object *record = &w->scene->objects[object].record;
   int64_t count = 0, taken = 0;
@@ -136,18 +136,18 @@ static pags_result look(const pags_workshop *w, int64_t object, const pags_part 
     if (count <= MOST_VIEWS || seen * MOST_VIEWS / count >= taken) {
       taken++;
       pags_frame_options drawing = pags_drawing_at(&w->drawing, &w->scene->views[v].camera, &camera);
-      PAGS_TRY(pags_depth_views_add(&shape->sights, w->frame, part, 1, &camera, &drawing, v, 0));
-      pags_depth_view *sight = &shape->sights.list[shape->sights.count - 1];
-      pags_depth_view_hide(sight, &w->whole.views[v]);
+      PAGS_TRY(pags_depth_views_add(&shape->depth_views, w->frame, part, 1, &camera, &drawing, v, 0));
+      pags_depth_view *depth_view = &shape->depth_views.list[shape->depth_views.count - 1];
+      pags_depth_view_hide(depth_view, &w->scene_depth.views[v]);
       if (record->category == PAGS_CATEGORY_VEHICLE)
-        PAGS_TRY(pags_depth_view_filter_shadow(sight, record->size));
+        PAGS_TRY(pags_depth_view_filter_shadow(depth_view, record->size));
     }
     seen++;
   }
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_workshop *w, int64_t object, const double model_pose[12],
+static pags_result draw_views(const pags_proxy_maker *w, int64_t object, const double model_pose[12],
                               const double reach[3], pags_object_shape *shape) {
   pags_clusters clusters;
   PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
@@ -159,15 +159,15 @@ static pags_result draw_views(const pags_workshop *w, int64_t object, const doub
   return result;
 }
 
-static int64_t count_pixels(const pags_depth_views *sights) {
+static int64_t count_pixels(const pags_depth_views *depth_views) {
   int64_t count = 0;
-  for (int64_t i = 0; i < sights->count; i++)
-    for (int64_t p = 0; p < (int64_t)sights->list[i].camera.width * sights->list[i].camera.height; p++)
-      count += sights->list[i].depth[p] > 0;
+  for (int64_t i = 0; i < depth_views->count; i++)
+    for (int64_t p = 0; p < (int64_t)depth_views->list[i].camera.width * depth_views->list[i].camera.height; p++)
+      count += depth_views->list[i].depth[p] > 0;
   return count;
 }
 
-static pags_result fuse(const pags_workshop *w, const pags_object *record, const double reach[3],
+static pags_result fuse(const pags_proxy_maker *w, const pags_object *record, const double reach[3],
                         pags_object_shape *shape, pags_tsdf *grid) {
   double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
   shape->voxel = fmax(0.02, longest / STEPS);
@@ -177,13 +177,13 @@ static pags_result fuse(const pags_workshop *w, const pags_object *record, const
     hi[k] = half - 0.5 * shape->voxel;
   }
   PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
-  return pags_tsdf_fuse(grid, &shape->sights, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
+  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
              ? PAGS_OK
              : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
-static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
+static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
   const pags_scene_object *o = &w->scene->objects[object];
   double pose[12], model_pose[12], reach[3];
@@ -199,21 +199,21 @@ static pags_result look_and_fuse(const pags_workshop *w, int64_t object, pags_ob
   reach_of(&o->record, reach);
   if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS)
     PAGS_TRY(draw_views(w, object, model_pose, reach, shape));
-  shape->surface_pixels = count_pixels(&shape->sights);
+  shape->surface_pixels = count_pixels(&shape->depth_views);
   return fuse(w, &o->record, reach, shape, grid);
 }
 
-static const pags_lidar_fit *cloud_of(const pags_workshop *w, int64_t object) {
-  return w->laser.objects ? &w->laser.objects[object] : NULL;
+static const pags_lidar_fit *cloud_of(const pags_proxy_maker *w, int64_t object) {
+  return w->lidar.objects ? &w->lidar.objects[object] : NULL;
 }
 
-static pags_result make_surface(const pags_workshop *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
+static pags_result make_surface(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   const pags_object *record = &w->scene->objects[object].record;
   int vehicle = record->category == PAGS_CATEGORY_VEHICLE;
-  pags_shape_prior form = {0};
+  pags_shape_prior prior = {0};
   if (vehicle)
-    PAGS_TRY(pags_shape_prior_blend(w->forms, w->form_count, record->size, object, cloud_of(w, object), &form));
-  int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || form.distance;
+    PAGS_TRY(pags_shape_prior_blend(w->priors, w->prior_count, record->size, object, cloud_of(w, object), &prior));
+  int enough = shape->surface_pixels >= LEAST_PIXELS, possible = enough || prior.distance;
   int few = shape->gaussians.count < PAGS_LEAST_GAUSSIANS;
   if (!enough && possible)
     shape->note = few ? "too few Gaussians: the form of vehicles of its size"
@@ -221,46 +221,46 @@ static pags_result make_surface(const pags_workshop *w, int64_t object, pags_obj
   else if (!enough)
     shape->note = few ? "too few Gaussians: the labelled box" : "hardly seen by the training cameras: the labelled box";
   pags_result result =
-      possible ? pags_shape_prior_complete(grid, record->size, vehicle, &form, cloud_of(w, object)) : PAGS_OK;
-  pags_shape_prior_destroy(&form);
+      possible ? pags_shape_prior_complete(grid, record->size, vehicle, &prior, cloud_of(w, object)) : PAGS_OK;
+  pags_shape_prior_destroy(&prior);
   if (!possible || result != PAGS_OK)
     return result;
   PAGS_TRY(pags_tsdf_surface(grid, 0, &shape->surface));
   PAGS_TRY(pags_proxy_mesh_keep_parts(&shape->surface, 0.1, 0.1, record->size));
-  if (!pags_proxy_mesh_paint(&shape->surface, &shape->sights, 4 * shape->voxel, w->tasks))
+  if (!pags_proxy_mesh_paint(&shape->surface, &shape->depth_views, 4 * shape->voxel, w->tasks))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   return PAGS_OK;
 }
 
-pags_result pags_object_shape_make(const pags_workshop *workshop, int64_t object, pags_object_shape *shape) {
+pags_result pags_object_shape_make(const pags_proxy_maker *maker, int64_t object, pags_object_shape *shape) {
   pags_tsdf grid = {0};
   *shape = (pags_object_shape){0};
-  pags_result result = look_and_fuse(workshop, object, shape, &grid);
+  pags_result result = look_and_fuse(maker, object, shape, &grid);
   if (result == PAGS_OK)
-    result = make_surface(workshop, object, shape, &grid);
+    result = make_surface(maker, object, shape, &grid);
   pags_tsdf_destroy(&grid);
   return result;
 }
 
-pags_result pags_object_form_make(const pags_workshop *workshop, int64_t object, pags_shape_prior *out) {
+pags_result pags_object_prior_make(const pags_proxy_maker *maker, int64_t object, pags_shape_prior *out) {
   pags_tsdf grid = {0};
   pags_object_shape shape = {0};
   *out = (pags_shape_prior){0};
-  pags_result result = look_and_fuse(workshop, object, &shape, &grid);
+  pags_result result = look_and_fuse(maker, object, &shape, &grid);
   if (result == PAGS_OK && shape.surface_pixels >= LEAST_PIXELS)
-    result = pags_shape_prior_take(&grid, workshop->scene->objects[object].record.size, object, out);
+    result = pags_shape_prior_take(&grid, maker->scene->objects[object].record.size, object, out);
   pags_tsdf_destroy(&grid);
   pags_object_shape_destroy(&shape);
   return result;
 }
 
-double pags_object_pixels(const pags_workshop *workshop, int64_t object) {
-  const pags_object *record = &workshop->scene->objects[object].record;
+double pags_object_pixels(const pags_proxy_maker *maker, int64_t object) {
+  const pags_object *record = &maker->scene->objects[object].record;
   double reach[3], sum = 0;
   pags_camera camera;
   reach_of(record, reach);
-  for (int64_t v = 0; v < workshop->scene->view_count; v++)
-    if (camera_of(record, &workshop->scene->views[v], reach, &camera))
+  for (int64_t v = 0; v < maker->scene->view_count; v++)
+    if (camera_of(record, &maker->scene->views[v], reach, &camera))
       sum += (double)camera.width * camera.height;
   return sum;
 }

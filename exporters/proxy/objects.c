@@ -12,8 +12,8 @@
 enum { MOST_FORMS = 24 };
 
 typedef struct making {
-  const pags_workshop *workshop;
-  pags_made_object *objects;
+  const pags_proxy_maker *maker;
+  pags_built_object *objects;
   pags_frame **frames; /* one a worker, made when first needed */
   pags_progress_fn *tell;
   void *user;
@@ -22,8 +22,8 @@ typedef struct making {
   atomic_int stopped;
 } making;
 
-static pags_result make_level(const pags_workshop *w, int64_t object, const pags_object_shape *shape,
-                              pags_proxy_level level, int measure, pags_made_level *out) {
+static pags_result make_level(const pags_proxy_maker *w, int64_t object, const pags_object_shape *shape,
+                              pags_proxy_level level, int measure, pags_built_level *out) {
   const pags_scene_object *o = &w->scene->objects[object];
   pags_proxy_facts *facts = &out->facts;
   pags_proxy_mesh_topology topology;
@@ -32,20 +32,20 @@ static pags_result make_level(const pags_workshop *w, int64_t object, const pags
                               .moving = o->record.moving,
                               .gaussians = shape->gaussians.count,
                               .s_sem = shape->s_sem};
-  PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->shell, &facts->level, &facts->note));
-  PAGS_TRY(pags_proxy_mesh_inspect(&out->shell, &topology));
-  facts->vertices = out->shell.vertex_count;
-  facts->triangles = out->shell.triangle_count;
+  PAGS_TRY(pags_object_proxy_make(w, object, shape, level, &out->mesh, &facts->level, &facts->note));
+  PAGS_TRY(pags_proxy_mesh_inspect(&out->mesh, &topology));
+  facts->vertices = out->mesh.vertex_count;
+  facts->triangles = out->mesh.triangle_count;
   facts->closed = topology.closed;
   facts->volume = topology.closed ? topology.volume : 0;
   if (measure)
-    PAGS_TRY(pags_proxy_compare(&out->shell, &shape->sights, w->tasks, facts));
+    PAGS_TRY(pags_proxy_compare(&out->mesh, &shape->depth_views, w->tasks, facts));
   if (facts->level == PAGS_PROXY_BOX) /* a label's, not anything a camera saw */
     facts->observed = 0;
   return PAGS_OK;
 }
 
-static pags_result make_object(const pags_workshop *w, int64_t object, int measure, pags_made_object *out) {
+static pags_result make_object(const pags_proxy_maker *w, int64_t object, int measure, pags_built_object *out) {
   pags_object_shape shape = {0};
   int first = w->options->lod ? PAGS_PROXY_MESH : (int)w->options->level;
   int last = w->options->lod ? PAGS_PROXY_LEVELS - 1 : first;
@@ -58,11 +58,11 @@ static pags_result make_object(const pags_workshop *w, int64_t object, int measu
 
 static void make_objects(void *context, int64_t begin, int64_t end, int worker) {
   making *self = context;
-  const pags_scene *scene = self->workshop->scene;
-  const uint8_t *chosen = self->workshop->options->chosen;
+  const pags_scene *scene = self->maker->scene;
+  const uint8_t *chosen = self->maker->options->chosen;
   for (int64_t i = begin; i < end; i++) {
-    pags_made_object *object = &self->objects[i];
-    pags_workshop own = *self->workshop;
+    pags_built_object *object = &self->objects[i];
+    pags_proxy_maker own = *self->maker;
     if (!atomic_load(&self->stopped) && (!chosen || chosen[i])) {
       if (!self->frames[worker])
         object->result = pags_frame_create(own.tasks, &self->frames[worker]);
@@ -81,22 +81,22 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
 }
 
 typedef struct forming {
-  const pags_workshop *workshop;
-  pags_shape_prior forms[MOST_FORMS]; /* `object` says whose are to be made */
+  const pags_proxy_maker *maker;
+  pags_shape_prior priors[MOST_FORMS]; /* `object` says whose are to be made */
   pags_result results[MOST_FORMS];
   int64_t count;
   pags_frame **frames;
 } forming;
 
 /* The vehicles that fill most of the views; of equals the first. */
-static pags_result choose_forms(forming *self) {
-  const pags_scene *scene = self->workshop->scene;
+static pags_result choose_priors(forming *self) {
+  const pags_scene *scene = self->maker->scene;
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   if (!pixels)
     return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   for (int64_t i = 0; i < scene->object_count; i++)
     if (scene->objects[i].record.category == PAGS_CATEGORY_VEHICLE)
-      pixels[i] = pags_object_pixels(self->workshop, i);
+      pixels[i] = pags_object_pixels(self->maker, i);
   for (; self->count < MOST_FORMS; self->count++) {
     int64_t best = 0;
     for (int64_t i = 1; i < scene->object_count; i++)
@@ -104,52 +104,52 @@ static pags_result choose_forms(forming *self) {
     if (!(pixels[best] > 0))
       break;
     pixels[best] = 0;
-    self->forms[self->count].object = best;
+    self->priors[self->count].object = best;
   }
   free(pixels);
   return PAGS_OK;
 }
 
-static void make_forms(void *context, int64_t begin, int64_t end, int worker) {
+static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
   forming *self = context;
   for (int64_t i = begin; i < end; i++) {
-    pags_workshop own = *self->workshop;
+    pags_proxy_maker own = *self->maker;
     if (!self->frames[worker])
       self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
     own.frame = self->frames[worker];
     if (self->results[i] == PAGS_OK)
-      self->results[i] = pags_object_form_make(&own, self->forms[i].object, &self->forms[i]);
+      self->results[i] = pags_object_prior_make(&own, self->priors[i].object, &self->priors[i]);
   }
 }
 
-static pags_result find_forms(forming *self) {
-  PAGS_TRY(choose_forms(self));
-  if (!pags_parallel_for(self->workshop->tasks, self->count, 1, make_forms, self))
+static pags_result find_priors(forming *self) {
+  PAGS_TRY(choose_priors(self));
+  if (!pags_parallel_for(self->maker->tasks, self->count, 1, make_priors, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < self->count; i++)
     if (self->results[i] != PAGS_OK)
       return pags_fail(self->results[i], "the form of object %s can't be made",
-                       self->workshop->scene->objects[self->forms[i].object].record.id);
+                       self->maker->scene->objects[self->priors[i].object].record.id);
   return PAGS_OK;
 }
 
-pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_progress_fn *tell, void *user,
-                              pags_made_object **out) {
-  int64_t count = workshop->scene->object_count;
-  int workers = pags_tasks_workers(workshop->tasks);
-  pags_workshop equipped = *workshop;
-  making self = {.workshop = &equipped, .tell = tell, .user = user, .measure = measure};
+pags_result pags_objects_make(const pags_proxy_maker *maker, int measure, pags_progress_fn *tell, void *user,
+                              pags_built_object **out) {
+  int64_t count = maker->scene->object_count;
+  int workers = pags_tasks_workers(maker->tasks);
+  pags_proxy_maker equipped = *maker;
+  making self = {.maker = &equipped, .tell = tell, .user = user, .measure = measure};
   *out = NULL;
   self.objects = calloc((size_t)count + 1, sizeof *self.objects);
   self.frames = calloc((size_t)workers, sizeof(pags_frame *));
   pags_result result = self.objects && self.frames ? PAGS_OK : pags_out_of_memory("%lld objects", (long long)count);
-  forming rough = {.workshop = workshop, .frames = self.frames};
-  if (result == PAGS_OK && count && workshop->options->level != PAGS_PROXY_BOX)
-    result = find_forms(&rough);
-  equipped.forms = rough.forms;
-  equipped.form_count = rough.count;
+  forming rough = {.maker = maker, .frames = self.frames};
+  if (result == PAGS_OK && count && maker->options->level != PAGS_PROXY_BOX)
+    result = find_priors(&rough);
+  equipped.priors = rough.priors;
+  equipped.prior_count = rough.count;
   if (result == PAGS_OK &&
-      (!pags_parallel_for(workshop->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
+      (!pags_parallel_for(maker->tasks, count, 1, make_objects, &self) || atomic_load(&self.stopped) == 2))
     result = pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < count && result == PAGS_OK; i++)
     if (self.objects[i].result != PAGS_OK)
@@ -159,7 +159,7 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
       pags_frame_destroy(self.frames[i]);
   free(self.frames);
   for (int64_t i = 0; i < rough.count; i++)
-    pags_shape_prior_destroy(&rough.forms[i]);
+    pags_shape_prior_destroy(&rough.priors[i]);
   if (result == PAGS_OK)
     *out = self.objects;
   else
@@ -167,9 +167,9 @@ pags_result pags_objects_make(const pags_workshop *workshop, int measure, pags_p
   return result;
 }
 
-void pags_objects_destroy(pags_made_object *objects, int64_t count) {
+void pags_objects_destroy(pags_built_object *objects, int64_t count) {
   for (int64_t i = 0; objects && i < count; i++)
     for (int l = 0; l < PAGS_PROXY_LEVELS; l++)
-      pags_proxy_mesh_destroy(&objects[i].levels[l].shell);
+      pags_proxy_mesh_destroy(&objects[i].levels[l].mesh);
   free(objects);
 }

@@ -38,8 +38,8 @@ typedef struct sample {
 } sample;
 
 typedef struct comparison {
-  const pags_depth_views *sights;
-  const pags_mesh_query *solid, *cloud;
+  const pags_depth_views *depth_views;
+  const pags_mesh_query *query, *cloud;
   sample *samples; /* SIDE * SIDE a view */
 
   const int32_t *group_of; /* of the proxy's triangles; NULL: one group */
@@ -48,26 +48,26 @@ typedef struct comparison {
   double *to, *from; /* one a sample; negative: none */
 } comparison;
 
-static void take_sample(const comparison *self, const pags_depth_view *sight, int x, int y, sample *out) {
-  int64_t pixel = (int64_t)y * sight->camera.width + x;
-  const double *m = sight->camera.world_from_camera;
+static void take_sample(const comparison *self, const pags_depth_view *depth_view, int x, int y, sample *out) {
+  int64_t pixel = (int64_t)y * depth_view->camera.width + x;
+  const double *m = depth_view->camera.world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
-  double direction[3], point[3], depth = (double)sight->depth[pixel];
+  double direction[3], point[3], depth = (double)depth_view->depth[pixel];
   *out = (sample){0};
-  pags_depth_view_point(sight, x, y, 1, direction);
+  pags_depth_view_point(depth_view, x, y, 1, direction);
   for (int k = 0; k < 3; k++)
     direction[k] -= origin[k];
-  double t = pags_mesh_query_ray(self->solid, origin, direction, &out->triangle_met);
+  double t = pags_mesh_query_ray(self->query, origin, direction, &out->triangle_met);
   /* Hidden by the rest of the scene, either of them: nothing is known. */
-  if (depth < 0 && (sight->cover[pixel] >= 128 || t > -depth))
+  if (depth < 0 && (depth_view->cover[pixel] >= 128 || t > -depth))
     return;
-  out->covered = sight->cover[pixel] >= 128;
+  out->covered = depth_view->cover[pixel] >= 128;
   out->has_met = t > 0;
   out->has_seen = depth > 0 && depth < self->range;
   for (int k = 0; k < 3 && t > 0; k++)
     out->met[k] = (float)(origin[k] + t * direction[k]);
   if (depth > 0) {
-    pags_depth_view_point(sight, x, y, depth, point);
+    pags_depth_view_point(depth_view, x, y, depth, point);
     for (int k = 0; k < 3; k++)
       out->seen[k] = (float)point[k];
   }
@@ -77,13 +77,13 @@ static void sample_views(void *context, int64_t begin, int64_t end, int worker) 
   comparison *self = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++) {
-    const pags_depth_view *sight = &self->sights->list[i];
-    int w = sight->camera.width, h = sight->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
+    const pags_depth_view *depth_view = &self->depth_views->list[i];
+    int w = depth_view->camera.width, h = depth_view->camera.height, nx = w < SIDE ? w : SIDE, ny = h < SIDE ? h : SIDE;
     sample *out = self->samples + i * SIDE * SIDE;
     memset(out, 0, SIDE * SIDE * sizeof *out);
     for (int y = 0; y < ny; y++)
       for (int x = 0; x < nx; x++)
-        take_sample(self, sight, (2 * x + 1) * w / (2 * nx), (2 * y + 1) * h / (2 * ny), &out[y * SIDE + x]);
+        take_sample(self, depth_view, (2 * x + 1) * w / (2 * nx), (2 * y + 1) * h / (2 * ny), &out[y * SIDE + x]);
   }
 }
 
@@ -95,7 +95,7 @@ static void measure_samples(void *context, int64_t begin, int64_t end, int worke
     self->to[i] = self->from[i] = -1;
     if (s->has_seen) {
       const double p[3] = {(double)s->seen[0], (double)s->seen[1], (double)s->seen[2]};
-      self->from[i] = pags_mesh_query_distance(self->solid, p, &s->triangle_near);
+      self->from[i] = pags_mesh_query_distance(self->query, p, &s->triangle_near);
     }
     if (s->has_met && s->has_seen) {
       const double p[3] = {(double)s->met[0], (double)s->met[1], (double)s->met[2]};
@@ -158,7 +158,7 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
 }
 
 static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
-  if (!pags_parallel_for(tasks, self->sights->count, 1, sample_views, self))
+  if (!pags_parallel_for(tasks, self->depth_views->count, 1, sample_views, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   if (!self->group_of)
     overlap(self->samples, count, facts);
@@ -188,18 +188,18 @@ double pags_proxy_mesh_observed(const pags_proxy_mesh *surface) {
 }
 
 static pags_result run(const pags_proxy_mesh *proxy, comparison *self, pags_tasks *tasks, pags_proxy_facts *facts) {
-  int64_t count = self->sights->count * SIDE * SIDE;
-  pags_mesh_query *solid = NULL;
+  int64_t count = self->depth_views->count * SIDE * SIDE;
+  pags_mesh_query *query = NULL;
   for (int64_t g = 0; g < self->group_count; g++) {
     const pags_proxy_distance nothing = {(double)NAN, (double)NAN, (double)NAN};
     facts[g].to_gaussians = facts[g].from_gaussians = nothing;
     facts[g].silhouette_iou = (double)NAN;
-    facts[g].silhouette_views = (int)self->sights->count;
+    facts[g].silhouette_views = (int)self->depth_views->count;
   }
-  if (!self->sights->count || !proxy->triangle_count)
+  if (!self->depth_views->count || !proxy->triangle_count)
     return PAGS_OK;
-  PAGS_TRY(pags_mesh_query_of_mesh(proxy, &solid));
-  self->solid = solid;
+  PAGS_TRY(pags_mesh_query_of_mesh(proxy, &query));
+  self->query = query;
   self->samples = malloc((size_t)count * sizeof *self->samples);
   self->to = malloc((size_t)count * sizeof *self->to);
   self->from = malloc((size_t)count * sizeof *self->from);
@@ -208,20 +208,20 @@ static pags_result run(const pags_proxy_mesh *proxy, comparison *self, pags_task
   free(self->samples);
   free(self->to);
   free(self->from);
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   return result;
 }
 
-pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *sights, pags_tasks *tasks,
+pags_result pags_proxy_compare(const pags_proxy_mesh *proxy, const pags_depth_views *depth_views, pags_tasks *tasks,
                                pags_proxy_facts *facts) {
-  comparison self = {.sights = sights, .range = HUGE_VAL, .group_count = 1};
+  comparison self = {.depth_views = depth_views, .range = HUGE_VAL, .group_count = 1};
   facts->observed = pags_proxy_mesh_observed(proxy);
   return run(proxy, &self, tasks, facts);
 }
 
 pags_result pags_proxies_compare(const pags_proxy_mesh *proxies, const int32_t *group_of, int64_t group_count,
-                                 const pags_depth_views *sights, double range, pags_tasks *tasks,
+                                 const pags_depth_views *depth_views, double range, pags_tasks *tasks,
                                  pags_proxy_facts *facts) {
-  comparison self = {.sights = sights, .range = range, .group_of = group_of, .group_count = group_count};
+  comparison self = {.depth_views = depth_views, .range = range, .group_of = group_of, .group_count = group_count};
   return run(proxies, &self, tasks, facts);
 }

@@ -11,14 +11,14 @@
 
 enum { CLUSTER = 64 };
 
-static const float solid = 0.5f;          /* alpha from which a pixel's depth is one */
+static const float query = 0.5f;          /* alpha from which a pixel's depth is one */
 static const float least_low_pass = 0.1f; /* px^2: below, small Gaussians would fall between pixels */
 
-void pags_scene_depth_destroy(pags_scene_depth *whole) {
-  for (int64_t i = 0; i < whole->count; i++)
-    free(whole->views[i].depth);
-  free(whole->views);
-  memset(whole, 0, sizeof *whole);
+void pags_scene_depth_destroy(pags_scene_depth *scene_depth) {
+  for (int64_t i = 0; i < scene_depth->count; i++)
+    free(scene_depth->views[i].depth);
+  free(scene_depth->views);
+  memset(scene_depth, 0, sizeof *scene_depth);
 }
 
 pags_frame_options pags_drawing_at(const pags_frame_options *drawing, const pags_camera *trained,
@@ -100,7 +100,7 @@ static pags_result draw_view(const pags_scene *scene, const layout *l, pags_fram
     for (int x = 0; x < camera->width; x++) {
       int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * camera->width + x;
       float alpha = 1 - picture.transmittance[from];
-      view->depth[to] = pags_half_from_float(alpha >= solid ? picture.depth[from] : INFINITY);
+      view->depth[to] = pags_half_from_float(alpha >= query ? picture.depth[from] : INFINITY);
     }
   return PAGS_OK;
 }
@@ -147,14 +147,14 @@ static int bounds_at(const pags_scene_depth_view *view, double u, double v, doub
   return *farthest > 0;
 }
 
-void pags_depth_view_hide(pags_depth_view *sight, const pags_scene_depth_view *view) {
-  const pags_camera *c = &sight->camera;
+void pags_depth_view_hide(pags_depth_view *depth_view, const pags_scene_depth_view *view) {
+  const pags_camera *c = &depth_view->camera;
   if (!view->depth)
     return;
   for (int y = 0; y < c->height; y++)
     for (int x = 0; x < c->width; x++) {
       double nearest, farthest;
-      float *depth = &sight->depth[(int64_t)y * c->width + x];
+      float *depth = &depth_view->depth[(int64_t)y * c->width + x];
       if (!bounds_at(view, (x + 0.5 - c->cx) / c->fx, (y + 0.5 - c->cy) / c->fy, &nearest, &farthest))
         continue;
       /* Depths are a blend's: what is a little behind may be the same surface. */
@@ -162,5 +162,5 @@ void pags_depth_view_hide(pags_depth_view *sight, const pags_scene_depth_view *v
       if ((hidden || *depth < 0) && nearest < (double)-PAGS_SIGHT_FREE)
         *depth = (float)-nearest;
     }
-  pags_depth_view_bound(sight);
+  pags_depth_view_bound(depth_view);
 }

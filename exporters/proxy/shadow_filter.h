@@ -11,7 +11,7 @@ extern "C" {
 
 /* Rays of a view of a vehicle, drawn alone in its box's frame, that meet its shadow or the ground beside it are free as
  * far as that. `size` is the box's, metres. Fails for want of memory alone. */
-pags_result pags_depth_view_filter_shadow(pags_depth_view *sight, const double size[3]);
+pags_result pags_depth_view_filter_shadow(pags_depth_view *depth_view, const double size[3]);
 
 #ifdef __cplusplus
 }

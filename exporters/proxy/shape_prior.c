@@ -21,16 +21,16 @@ static const float least_known = 0.3f;
 
 /* A form that is sure counts for `form_weight` views beside what was hardly seen, less the more was, nothing from
  * `seen_well` views on. What far views show is no help: they all look from one side, and are wrong in depth alike. */
-static const double form_weight = 16, seen_well = 12;
+static const double prior_weight = 16, seen_well = 12;
 
-/* Points of the laser, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of
+/* Points of LiDAR, metres: farther than `far_off` from a form's surface is all the same (forms end at four steps of
  * their grids), `tells` is what they are off by noise and by cars of a kind being different, and no more than
  * `most_points` tell anything new. A form that fits badly keeps `least_weight`, for what no better one knows. */
 static const double far_off = 0.14, tells = 0.08, most_points = 60, least_weight = 0.03;
 enum { ROUNDS = 3 }; /* of choosing by whom those that know less are measured */
 
 /* Points farther from the completed surface are of something else, or of what was seen to be different; metres. */
-static const double laser_reach = 0.13;
+static const double lidar_reach = 0.13;
 
 /* What so many such views say is free is. A vehicle's sides are looked for this far within its box's, which may be
  * those of its mirrors; metres. */
@@ -49,10 +49,10 @@ enum { SEEN_DEPTH = 4 };
 
 static const float meet = 0.02f; /* half a step of the lattice; metres */
 
-void pags_shape_prior_destroy(pags_shape_prior *form) {
-  free(form->distance);
-  free(form->known);
-  memset(form, 0, sizeof *form);
+void pags_shape_prior_destroy(pags_shape_prior *prior) {
+  free(prior->distance);
+  free(prior->known);
+  memset(prior, 0, sizeof *prior);
 }
 
 static pags_result make_room(const double size[3], int64_t object, pags_shape_prior *out) {
@@ -105,18 +105,18 @@ static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
 /* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The
  * free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that know
  * better. */
-static void meet_unknown(pags_shape_prior *form) {
+static void meet_unknown(pags_shape_prior *prior) {
   for (int i = NX * NY; i < POINTS; i++) {
     int below = i - NX * NY;
     double p[3];
-    point_of(form->size, below, p);
-    if (!(form->known[i] > 0) || form->known[below] > 0 || !(form->distance[i] > 0) ||
-        p[2] < body - 0.5 * form->size[2] || p[2] > 0.5 * form->size[2] || fabs(p[0]) > 0.5 * form->size[0] ||
-        fabs(p[1]) > 0.5 * form->size[1])
+    point_of(prior->size, below, p);
+    if (!(prior->known[i] > 0) || prior->known[below] > 0 || !(prior->distance[i] > 0) ||
+        p[2] < body - 0.5 * prior->size[2] || p[2] > 0.5 * prior->size[2] || fabs(p[0]) > 0.5 * prior->size[0] ||
+        fabs(p[1]) > 0.5 * prior->size[1])
       continue;
-    form->distance[i] = fminf(form->distance[i], meet);
-    form->distance[below] = -meet;
-    form->known[below] = form->known[i];
+    prior->distance[i] = fminf(prior->distance[i], meet);
+    prior->distance[below] = -meet;
+    prior->known[below] = prior->known[i];
   }
 }
 
@@ -147,24 +147,24 @@ static double likeness(const double a[3], const double b[3]) {
   return exp(-0.5 * sum) < least_likeness ? 0 : exp(-0.5 * sum);
 }
 
-static double sample(const pags_shape_prior *form, const double p[3], double *distance) {
+static double sample(const pags_shape_prior *prior, const double p[3], double *distance) {
   static const int n[3] = {NX, NY, NZ};
   double u[3];
   for (int k = 0; k < 3; k++)
-    u[k] = (p[k] / (form->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
-  return between(n, form->distance, form->known, u, distance);
+    u[k] = (p[k] / (prior->size[k] * reach) + 1) * 0.5 * (n[k] - 1);
+  return between(n, prior->distance, prior->known, u, distance);
 }
 
-/* How a point of the laser lies to a form: how well the form knows, and how far off its surface that is, squared. */
+/* How a point of LiDAR lies to a form: how well the form knows, and how far off its surface that is, squared. */
 typedef struct fit {
   double known, square;
 } fit;
 
-static fit fit_point(const pags_shape_prior *form, const double size[3], const float *point) {
+static fit fit_point(const pags_shape_prior *prior, const double size[3], const float *point) {
   double p[3], d = 0;
   for (int k = 0; k < 3; k++)
-    p[k] = (double)point[k] * form->size[k] / size[k];
-  double known = sample(form, p, &d);
+    p[k] = (double)point[k] * prior->size[k] / size[k];
+  double known = sample(prior, p, &d);
   return (fit){known, fmin(d * d, far_off * far_off)};
 }
 
@@ -187,8 +187,8 @@ static void add_misfits(const fit *fits, int64_t count, const float *trust, floa
 /* What each form counts beside the one that the points fit best: its likelihood, if points are off by normal deviates.
  * Who counts follows from who fits: first all do that are alike, then by what came of that. `weights` has room for
  * twice `count`. */
-static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, const double size[3], const float *like,
-                                  const pags_lidar_fit *cloud, float *weights) {
+static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count, const double size[3],
+                                  const float *like, const pags_lidar_fit *cloud, float *weights) {
   double points = fmin((double)cloud->count, most_points);
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
@@ -196,7 +196,7 @@ static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, 
     return pags_out_of_memory("%lld points of the laser", (long long)cloud->count);
   for (int64_t i = 0; i < cloud->count * count; i++)
     if (like[i % count] > 0)
-      fits[i] = fit_point(&forms[i % count], size, cloud->points + 3 * (i / count));
+      fits[i] = fit_point(&priors[i % count], size, cloud->points + 3 * (i / count));
   memcpy(weights, like, (size_t)count * sizeof *weights);
   for (int round = 0; round < ROUNDS; round++) {
     double least = HUGE_VAL;
@@ -215,41 +215,41 @@ static pags_result weigh_by_cloud(const pags_shape_prior *forms, int64_t count, 
   return PAGS_OK;
 }
 
-/* What alike forms say, whether the laser fits them or not, is known; how far the surface is, those say that it fits.
+/* What alike forms say, whether LiDAR fits them or not, is known; how far the surface is, those say that it fits.
  */
-static void add_forms(const pags_shape_prior *forms, int64_t count, const float *like, const float *weights,
-                      pags_shape_prior *out) {
+static void add_priors(const pags_shape_prior *priors, int64_t count, const float *like, const float *weights,
+                       pags_shape_prior *out) {
   for (int i = 0; i < POINTS; i++) {
     float sum = 0, total = 0, known = 0;
     for (int64_t f = 0; f < count; f++)
       if (like[f] > 0) {
-        sum += weights[f] * forms[f].known[i] * forms[f].distance[i];
-        total += weights[f] * forms[f].known[i];
-        known += like[f] * forms[f].known[i];
+        sum += weights[f] * priors[f].known[i] * priors[f].distance[i];
+        total += weights[f] * priors[f].known[i];
+        known += like[f] * priors[f].known[i];
       }
     out->distance[i] = total > 0 ? sum / total : 0;
     out->known[i] = known < least_known ? 0 : fminf(1, known);
   }
 }
 
-pags_result pags_shape_prior_blend(const pags_shape_prior *forms, int64_t count, const double size[3], int64_t object,
+pags_result pags_shape_prior_blend(const pags_shape_prior *priors, int64_t count, const double size[3], int64_t object,
                                    const pags_lidar_fit *cloud, pags_shape_prior *out) {
   float total = 0, *like = calloc(3 * (size_t)count + 1, sizeof *like);
   *out = (pags_shape_prior){0};
   if (!like)
     return pags_out_of_memory("%lld forms", (long long)count);
   for (int64_t f = 0; f < count; f++) {
-    like[f] = forms[f].distance && forms[f].object != object ? (float)likeness(forms[f].size, size) : 0;
+    like[f] = priors[f].distance && priors[f].object != object ? (float)likeness(priors[f].size, size) : 0;
     total += like[f];
   }
   float *weights = like;
   pags_result result = PAGS_OK;
   if (total > 0 && cloud && cloud->count)
-    result = weigh_by_cloud(forms, count, size, like, cloud, weights = like + count);
+    result = weigh_by_cloud(priors, count, size, like, cloud, weights = like + count);
   if (total > 0 && result == PAGS_OK)
     result = make_room(size, object, out);
   if (total > 0 && result == PAGS_OK)
-    add_forms(forms, count, like, weights, out);
+    add_priors(priors, count, like, weights, out);
   free(like);
   return result;
 }
@@ -285,7 +285,7 @@ static pags_result smooth(pags_tsdf *grid) {
 }
 
 static void fill_point(pags_tsdf *grid, const float *own, const double size[3], int vehicle,
-                       const pags_shape_prior *form, const int at[3]) {
+                       const pags_shape_prior *prior, const int at[3]) {
   int64_t row = grid->n[0], layer = row * grid->n[1];
   int64_t here = at[2] * layer + at[1] * row + at[0], mirror = at[2] * layer + (grid->n[1] - 1 - at[1]) * row + at[0];
   double p[3], d = 0, weight = (double)grid->weight[here], value = (double)own[here], limit = 4 * grid->step, known = 0;
@@ -296,7 +296,7 @@ static void fill_point(pags_tsdf *grid, const float *own, const double size[3], 
     value = (double)own[mirror];
   }
   double room = fmax(0, 1 - weight / seen_well);
-  if (form && room > 0 && (known = form_weight * room * sample(form, p, &d)) > 0) {
+  if (prior && room > 0 && (known = prior_weight * room * sample(prior, p, &d)) > 0) {
     value = (weight * value + known * fmin(fmax(d, -limit), limit)) / (weight + known);
     weight += known;
   }
@@ -383,7 +383,7 @@ static void close_border(pags_tsdf *grid) {
   }
 }
 
-pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int vehicle, const pags_shape_prior *form,
+pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int vehicle, const pags_shape_prior *prior,
                                       const pags_lidar_fit *cloud) {
   size_t count = (size_t)grid->n[0] * (size_t)grid->n[1] * (size_t)grid->n[2];
   float *own = malloc(count * sizeof *own);
@@ -394,7 +394,7 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
   for (at[2] = 0; at[2] < grid->n[2]; ++at[2])
     for (at[1] = 0; at[1] < grid->n[1]; ++at[1])
       for (at[0] = 0; at[0] < grid->n[0]; ++at[0])
-        fill_point(grid, own, size, vehicle, form && form->distance ? form : NULL, at);
+        fill_point(grid, own, size, vehicle, prior && prior->distance ? prior : NULL, at);
   free(own);
   if (vehicle)
     fill_across(grid, size);
@@ -403,7 +403,7 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
   if (vehicle)
     stand_wheels(grid, size);
   if (cloud)
-    PAGS_TRY(pags_lidar_fit_hold(cloud, grid, laser_reach));
+    PAGS_TRY(pags_lidar_fit_pull(cloud, grid, lidar_reach));
   close_border(grid);
   return PAGS_OK;
 }

@@ -59,31 +59,31 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach) {
 
 typedef struct fusion {
   pags_tsdf *grid;
-  const pags_depth_views *sights;
+  const pags_depth_views *depth_views;
   double truncation, range;
   int carve;
 } fusion;
 
 /* By how finely the view sees a step of the grid: its share of a pixel, squared, as the variance of depth goes. */
-static double weigh(const pags_depth_view *sight, double step, double z) {
-  double pixels = sight->camera.fx * step / z;
+static double weigh(const pags_depth_view *depth_view, double step, double z) {
+  double pixels = depth_view->camera.fx * step / z;
   return fmin(1, pixels * pixels) + 1e-3;
 }
 
 /* What one view says of one point: returns its weight, 0 for nothing. */
-static double ask(const fusion *self, const pags_depth_view *sight, const double point[3], double *distance) {
+static double ask(const fusion *self, const pags_depth_view *depth_view, const double point[3], double *distance) {
   int x, y;
   double z;
-  if (!pags_depth_view_project(sight, point, &x, &y, &z) || z > self->range)
+  if (!pags_depth_view_project(depth_view, point, &x, &y, &z) || z > self->range)
     return 0;
-  double depth = (double)sight->depth[(int64_t)y * sight->camera.width + x];
+  double depth = (double)depth_view->depth[(int64_t)y * depth_view->camera.width + x];
   if (depth == 0 || (depth < 0 && (!self->carve || z > -depth)))
     return 0;
   *distance = depth < 0 ? self->truncation : depth - z;
   if (*distance < -self->truncation)
     return 0;
   *distance = fmin(*distance, self->truncation);
-  return weigh(sight, self->grid->step, z);
+  return weigh(depth_view, self->grid->step, z);
 }
 
 /* Views that say the same of all of a block. */
@@ -95,7 +95,7 @@ static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_cou
                        int64_t at) {
   double sum = sure.sum, weight = sure.weight, distance = 0;
   for (int64_t i = 0; i < seen_count; i++) {
-    double w = ask(self, &self->sights->list[seen[i]], point, &distance);
+    double w = ask(self, &self->depth_views->list[seen[i]], point, &distance);
     if (w > 0) {
       sum += w * distance;
       weight += w;
@@ -111,14 +111,14 @@ static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_cou
 static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
   int64_t count = 0;
   *sure = (known){0};
-  for (int64_t i = 0; i < self->sights->count; i++) {
-    const pags_depth_view *sight = &self->sights->list[i];
+  for (int64_t i = 0; i < self->depth_views->count; i++) {
+    const pags_depth_view *depth_view = &self->depth_views->list[i];
     double z;
-    if (!pags_depth_view_may_see(sight, middle, radius, self->range))
+    if (!pags_depth_view_may_see(depth_view, middle, radius, self->range))
       continue;
-    pags_depth_view_verdict verdict = pags_depth_view_judge(sight, middle, radius, self->truncation, &z);
+    pags_depth_view_verdict verdict = pags_depth_view_classify(depth_view, middle, radius, self->truncation, &z);
     if (verdict == PAGS_SIGHT_CLEAR && self->carve && z + radius <= self->range) {
-      double w = weigh(sight, self->grid->step, z);
+      double w = weigh(depth_view, self->grid->step, z);
       sure->sum += w * self->truncation;
       sure->weight += w;
     } else if (verdict != PAGS_SIGHT_HIDDEN) {
@@ -153,67 +153,67 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
 static void fuse_blocks(void *context, int64_t begin, int64_t end, int worker) {
   const fusion *self = context;
   (void)worker;
-  int64_t *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  int64_t *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
   for (int64_t block = begin; seen && block < end; block++)
     if (!self->grid->active || self->grid->active[block])
       fuse_block(self, block, seen);
   free(seen);
 }
 
-bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *sights, double truncation, double range, int carve,
+bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range, int carve,
                     pags_tasks *tasks) {
-  fusion self = {grid, sights, truncation, range, carve};
+  fusion self = {grid, depth_views, truncation, range, carve};
   int64_t blocks = (int64_t)grid->blocks[0] * grid->blocks[1] * grid->blocks[2];
   return pags_parallel_for(tasks, blocks, 16, fuse_blocks, &self);
 }
 
-int64_t pags_depth_views_of_run(const pags_depth_views *sights, const pags_proxy_mesh *shell, int64_t begin,
+int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen) {
   double lo[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, hi[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, middle[3], radius = 0;
   int64_t count = 0;
   for (int64_t i = 3 * begin; i < 3 * end; i++) {
-    lo[i % 3] = fmin(lo[i % 3], (double)shell->positions[i]);
-    hi[i % 3] = fmax(hi[i % 3], (double)shell->positions[i]);
+    lo[i % 3] = fmin(lo[i % 3], (double)mesh->positions[i]);
+    hi[i % 3] = fmax(hi[i % 3], (double)mesh->positions[i]);
   }
   for (int k = 0; k < 3; k++) {
     middle[k] = 0.5 * (lo[k] + hi[k]);
     radius += 0.25 * (hi[k] - lo[k]) * (hi[k] - lo[k]);
   }
-  for (int64_t s = 0; s < sights->count; s++)
-    if (pags_depth_view_may_see(&sights->list[s], middle, sqrt(radius), HUGE_VAL))
+  for (int64_t s = 0; s < depth_views->count; s++)
+    if (pags_depth_view_may_see(&depth_views->list[s], middle, sqrt(radius), HUGE_VAL))
       seen[count++] = s;
   return count;
 }
 
 typedef struct painting {
   pags_proxy_mesh *surface;
-  const pags_depth_views *sights;
+  const pags_depth_views *depth_views;
   double tolerance;
 } painting;
 
 static void paint_vertices(void *context, int64_t begin, int64_t end, int worker) {
   const painting *self = context;
-  int64_t seen_count, *seen = malloc(((size_t)self->sights->count + 1) * sizeof *seen);
+  int64_t seen_count, *seen = malloc(((size_t)self->depth_views->count + 1) * sizeof *seen);
   (void)worker;
   if (!seen)
     return; /* grey */
-  seen_count = pags_depth_views_of_run(self->sights, self->surface, begin, end, seen);
+  seen_count = pags_depth_views_of_run(self->depth_views, self->surface, begin, end, seen);
   for (int64_t i = begin; i < end; i++) {
     float *position = self->surface->positions + 3 * i, *color = self->surface->colors + 3 * i;
     const double point[3] = {(double)position[0], (double)position[1], (double)position[2]};
     double sum[3] = {0}, weight = 0, z;
     int x, y;
     for (int64_t s = 0; s < seen_count; s++) {
-      const pags_depth_view *sight = &self->sights->list[seen[s]];
-      if (!pags_depth_view_project(sight, point, &x, &y, &z))
+      const pags_depth_view *depth_view = &self->depth_views->list[seen[s]];
+      if (!pags_depth_view_project(depth_view, point, &x, &y, &z))
         continue;
-      int64_t pixel = (int64_t)y * sight->camera.width + x;
-      double depth = (double)sight->depth[pixel];
+      int64_t pixel = (int64_t)y * depth_view->camera.width + x;
+      double depth = (double)depth_view->depth[pixel];
       if (depth <= 0 || fabs(depth - z) > self->tolerance)
         continue;
       double w = 1 / (z * z);
       for (int c = 0; c < 3; c++)
-        sum[c] += w * sight->rgb[3 * pixel + c] / 255.0;
+        sum[c] += w * depth_view->rgb[3 * pixel + c] / 255.0;
       weight += w;
     }
     for (int c = 0; c < 3; c++)
@@ -222,9 +222,9 @@ static void paint_vertices(void *context, int64_t begin, int64_t end, int worker
   free(seen);
 }
 
-bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *sights, double tolerance,
+bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                            pags_tasks *tasks) {
-  painting self = {surface, sights, tolerance};
+  painting self = {surface, depth_views, tolerance};
   double mean[3] = {0}, count = 0;
   if (!pags_parallel_for(tasks, surface->vertex_count, 256, paint_vertices, &self))
     return false;

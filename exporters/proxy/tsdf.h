@@ -34,7 +34,7 @@ void pags_tsdf_touch(pags_tsdf *grid, const double point[3], double reach);
 /* Curless and Levoy 1996: the weighted mean of the distances along the rays, cut off at `truncation` in front and
  * unknown beyond it behind. With `carve`, rays that meet nothing say that they are free. Same bits for any number of
  * threads; false when cancelled. */
-bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *sights, double truncation, double range, int carve,
+bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *depth_views, double truncation, double range, int carve,
                     pags_tasks *tasks);
 
 /* Marching tetrahedra (Kuhn's six a cell), which leaves no hole and no edge with more than two faces: closed where the
@@ -43,11 +43,11 @@ bool pags_tsdf_fuse(pags_tsdf *grid, const pags_depth_views *sights, double trun
 pags_result pags_tsdf_surface(const pags_tsdf *grid, int known_only, pags_proxy_mesh *out);
 
 /* Views that may see any of a run of vertices; `seen` has room for all. */
-int64_t pags_depth_views_of_run(const pags_depth_views *sights, const pags_proxy_mesh *shell, int64_t begin,
+int64_t pags_depth_views_of_run(const pags_depth_views *depth_views, const pags_proxy_mesh *mesh, int64_t begin,
                                 int64_t end, int64_t *seen);
 
 /* Colours of vertices: the mean over the views that see them, the nearer the more. Others take the mean of those. */
-bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *sights, double tolerance,
+bool pags_proxy_mesh_paint(pags_proxy_mesh *surface, const pags_depth_views *depth_views, double tolerance,
                            pags_tasks *tasks);
 
 #ifdef __cplusplus

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Exporters: shells stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files
+/* Exporters: meshes stay closed through everything done to them, budgets are kept, odd scenes give boxes, splat files
  * read back. */
 #include <math.h>
 #include <setjmp.h>
@@ -31,32 +31,32 @@ static void assert_near(double a, double b, double tolerance) {
 }
 
 /* Two balls that overlap and a ring around them, in a grid whose border is outside. */
-static double made_distance(const double p[3]) {
+static double built_distance(const double p[3]) {
   double a = sqrt(pow(p[0] - 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.8;
   double b = sqrt(pow(p[0] + 0.5, 2) + p[1] * p[1] + p[2] * p[2]) - 0.7;
   double r = sqrt(p[0] * p[0] + p[1] * p[1]) - 1.3, ring = sqrt(r * r + p[2] * p[2]) - 0.25;
   return fmin(fmin(a, b), ring);
 }
 
-static pags_proxy_mesh made_shell(double step) {
+static pags_proxy_mesh built_mesh(double step) {
   const double lo[3] = {-2, -2, -2}, hi[3] = {2, 2, 2};
   pags_tsdf grid;
-  pags_proxy_mesh shell;
+  pags_proxy_mesh mesh;
   assert_int_equal(pags_tsdf_create(&grid, lo, hi, step, 0), PAGS_OK);
   for (int z = 0; z < grid.n[2]; z++)
     for (int y = 0; y < grid.n[1]; y++)
       for (int x = 0; x < grid.n[0]; x++) {
         const double p[3] = {lo[0] + x * step, lo[1] + y * step, lo[2] + z * step};
-        grid.distance[(z * grid.n[1] + y) * grid.n[0] + x] = (float)made_distance(p);
+        grid.distance[(z * grid.n[1] + y) * grid.n[0] + x] = (float)built_distance(p);
       }
-  assert_int_equal(pags_tsdf_surface(&grid, 0, &shell), PAGS_OK);
+  assert_int_equal(pags_tsdf_surface(&grid, 0, &mesh), PAGS_OK);
   pags_tsdf_destroy(&grid);
-  return shell;
+  return mesh;
 }
 
-static pags_proxy_mesh_topology inspect(const pags_proxy_mesh *shell) {
+static pags_proxy_mesh_topology inspect(const pags_proxy_mesh *mesh) {
   pags_proxy_mesh_topology topology;
-  assert_int_equal(pags_proxy_mesh_inspect(shell, &topology), PAGS_OK);
+  assert_int_equal(pags_proxy_mesh_inspect(mesh, &topology), PAGS_OK);
   return topology;
 }
 
@@ -76,28 +76,28 @@ static void test_box(void **state) {
 
 static void test_surface_is_closed_and_where_it_should_be(void **state) {
   (void)state;
-  pags_proxy_mesh shell = made_shell(0.08);
-  assert_true(inspect(&shell).closed);
-  for (int64_t i = 0; i < shell.vertex_count; i++) {
-    const double p[3] = {(double)shell.positions[3 * i], (double)shell.positions[3 * i + 1],
-                         (double)shell.positions[3 * i + 2]};
-    assert_true(fabs(made_distance(p)) < 0.08);
+  pags_proxy_mesh mesh = built_mesh(0.08);
+  assert_true(inspect(&mesh).closed);
+  for (int64_t i = 0; i < mesh.vertex_count; i++) {
+    const double p[3] = {(double)mesh.positions[3 * i], (double)mesh.positions[3 * i + 1],
+                         (double)mesh.positions[3 * i + 2]};
+    assert_true(fabs(built_distance(p)) < 0.08);
   }
-  pags_proxy_mesh_destroy(&shell);
+  pags_proxy_mesh_destroy(&mesh);
 }
 
 static void test_budgets(void **state) {
   (void)state;
   static const int64_t budgets[] = {5000, 2000, 500, 100, 40};
-  pags_proxy_mesh shell = made_shell(0.08), simple;
-  assert_true(shell.triangle_count > 5000);
+  pags_proxy_mesh mesh = built_mesh(0.08), simple;
+  assert_true(mesh.triangle_count > 5000);
   for (size_t i = 0; i < sizeof budgets / sizeof budgets[0]; i++) {
-    assert_int_equal(pags_proxy_mesh_simplify(&shell, budgets[i], &simple), PAGS_OK);
+    assert_int_equal(pags_proxy_mesh_simplify(&mesh, budgets[i], &simple), PAGS_OK);
     assert_true(simple.triangle_count <= budgets[i]);
     assert_true(inspect(&simple).closed);
     pags_proxy_mesh_destroy(&simple);
   }
-  pags_proxy_mesh_destroy(&shell);
+  pags_proxy_mesh_destroy(&mesh);
 }
 
 /* Two tetrahedra that share an edge: four faces meet there, and a cut makes two closed parts of them. */
@@ -173,48 +173,48 @@ static void test_parts(void **state) {
 
 static void test_hull(void **state) {
   (void)state;
-  pags_proxy_mesh shell = made_shell(0.1), hull;
-  assert_int_equal(pags_proxy_mesh_hull(&shell, 200, &hull), PAGS_OK);
+  pags_proxy_mesh mesh = built_mesh(0.1), hull;
+  assert_int_equal(pags_proxy_mesh_hull(&mesh, 200, &hull), PAGS_OK);
   assert_true(hull.triangle_count <= 200);
   assert_true(inspect(&hull).closed);
-  assert_true(inspect(&hull).volume > inspect(&shell).volume);
+  assert_true(inspect(&hull).volume > inspect(&mesh).volume);
   pags_proxy_mesh_destroy(&hull);
-  for (int64_t i = 0; i < shell.vertex_count; i++)
-    shell.positions[3 * i + 2] = 0;
-  assert_int_equal(pags_proxy_mesh_hull(&shell, 200, &hull), PAGS_ERROR_ARGUMENT);
-  pags_proxy_mesh_destroy(&shell);
+  for (int64_t i = 0; i < mesh.vertex_count; i++)
+    mesh.positions[3 * i + 2] = 0;
+  assert_int_equal(pags_proxy_mesh_hull(&mesh, 200, &hull), PAGS_ERROR_ARGUMENT);
+  pags_proxy_mesh_destroy(&mesh);
 }
 
-/* Mean distance of one shell's vertices from another. */
+/* Mean distance of one mesh's vertices from another. */
 static double mean_off(const pags_proxy_mesh *from, const pags_proxy_mesh *to) {
-  pags_mesh_query *solid;
+  pags_mesh_query *query;
   double sum = 0;
-  assert_int_equal(pags_mesh_query_of_mesh(to, &solid), PAGS_OK);
+  assert_int_equal(pags_mesh_query_of_mesh(to, &query), PAGS_OK);
   for (int64_t i = 0; i < from->vertex_count; i++) {
     const double p[3] = {(double)from->positions[3 * i], (double)from->positions[3 * i + 1],
                          (double)from->positions[3 * i + 2]};
-    sum += pags_mesh_query_distance(solid, p, NULL);
+    sum += pags_mesh_query_distance(query, p, NULL);
   }
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   return sum / (double)from->vertex_count;
 }
 
 static void test_cage(void **state) {
   static const double sticks_out[3] = {0, 0.0135, 0.043}; /* fewer quads of the cage itself, the higher the level */
   (void)state;
-  pags_proxy_mesh shell = made_shell(0.1), cage;
-  assert_int_equal(pags_proxy_mesh_keep_parts(&shell, 0.9, 0, NULL), PAGS_OK);
+  pags_proxy_mesh mesh = built_mesh(0.1), cage;
+  assert_int_equal(pags_proxy_mesh_keep_parts(&mesh, 0.9, 0, NULL), PAGS_OK);
   for (int level = 0; level <= 2; level++) {
-    assert_int_equal(pags_proxy_mesh_cage(&shell, level, 3000, &cage), PAGS_OK);
+    assert_int_equal(pags_proxy_mesh_cage(&mesh, level, 3000, &cage), PAGS_OK);
     assert_true(cage.triangle_count <= 3000);
     assert_true(inspect(&cage).closed);
     if (level) { /* the cage itself lies outside of its surface */
-      assert_true(mean_off(&cage, &shell) < 0.04);
-      assert_true(mean_off(&shell, &cage) < sticks_out[level]);
+      assert_true(mean_off(&cage, &mesh) < 0.04);
+      assert_true(mean_off(&mesh, &cage) < sticks_out[level]);
     }
     pags_proxy_mesh_destroy(&cage);
   }
-  pags_proxy_mesh_destroy(&shell);
+  pags_proxy_mesh_destroy(&mesh);
 }
 
 static void test_nearest_point(void **state) {
@@ -222,16 +222,16 @@ static void test_nearest_point(void **state) {
   const double size[3] = {2, 2, 2}, corner[3] = {3, 3, 3}, side[3] = {0.3, -5, 0.2};
   const float grey[3] = {0};
   pags_proxy_mesh box;
-  pags_mesh_query *solid;
+  pags_mesh_query *query;
   double nearest[3];
   assert_int_equal(pags_proxy_mesh_box(size, grey, &box), PAGS_OK);
-  assert_int_equal(pags_mesh_query_of_mesh(&box, &solid), PAGS_OK);
-  assert_near(pags_mesh_query_nearest(solid, corner, nearest), sqrt(12.0), 1e-6);
+  assert_int_equal(pags_mesh_query_of_mesh(&box, &query), PAGS_OK);
+  assert_near(pags_mesh_query_nearest(query, corner, nearest), sqrt(12.0), 1e-6);
   assert_near(nearest[0], 1, 1e-6);
-  assert_near(pags_mesh_query_nearest(solid, side, nearest), 4, 1e-6);
+  assert_near(pags_mesh_query_nearest(query, side, nearest), 4, 1e-6);
   assert_near(nearest[0], 0.3, 1e-6);
   assert_near(nearest[1], -1, 1e-6);
-  pags_mesh_query_destroy(solid);
+  pags_mesh_query_destroy(query);
   pags_proxy_mesh_destroy(&box);
 }
 
@@ -397,7 +397,7 @@ static void add_object(pags_scene *scene, const char *id, int64_t model, double 
 
 /* Background without Gaussians, a ball, an object of three Gaussians, a flat one, all of sizes of their own; one of
  * three Gaussians and the ball's size. */
-static pags_scene made_scene(void) {
+static pags_scene built_scene(void) {
   pags_scene scene = {.up = PAGS_UP_Z};
   scene.model_count = 4;
   scene.models = calloc(4, sizeof *scene.models);
@@ -422,7 +422,7 @@ static void test_proxies_of_a_scene(void **state) {
   (void)state;
   char path[1024];
   pags_tasks *tasks = pags_tasks_create(2);
-  pags_scene scene = made_scene();
+  pags_scene scene = built_scene();
   for (int level = PAGS_PROXY_MESH; level < PAGS_PROXY_LEVELS; level++) {
     pags_proxy_options options = pags_proxy_options_default();
     pags_proxy_report report;
@@ -460,7 +460,7 @@ static void test_what_stands_off_is_kept(void **state) {
   (void)state;
   char path[1024];
   pags_tasks *tasks = pags_tasks_create(2);
-  pags_scene scene = made_scene();
+  pags_scene scene = built_scene();
   pags_gaussians *g = &scene.models[1].gaussians;
   pags_proxy_options options = pags_proxy_options_default();
   pags_proxy_report report;
@@ -485,7 +485,7 @@ static void test_same_bytes(void **state) {
   char path[2][1024];
   uint8_t *bytes[2];
   size_t sizes[2];
-  pags_scene scene = made_scene();
+  pags_scene scene = built_scene();
   pags_proxy_options options = pags_proxy_options_default();
   options.lod = 1;
   options.physics = 1;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The ground's heights, from what a camera sees under it and what a laser measured around it. */
+/* The ground's heights, from what a camera sees under it and what a LiDAR measured around it. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -17,31 +17,31 @@ enum { WIDE = 64, STEPS = 6, MOST = 100000 };
 static const double eye = 1.6; /* metres above the road */
 
 /* Straight down from `eye` above the origin: x right, y away, the road at z = 0. */
-static void look_down(pags_depth_view *sight, float depth[WIDE * WIDE]) {
+static void look_down(pags_depth_view *depth_view, float depth[WIDE * WIDE]) {
   const double pose[12] = {1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, eye};
-  *sight = (pags_depth_view){.depth = depth};
-  sight->camera.width = sight->camera.height = WIDE;
-  sight->camera.fx = sight->camera.fy = WIDE / 2;
-  sight->camera.cx = sight->camera.cy = WIDE / 2;
+  *depth_view = (pags_depth_view){.depth = depth};
+  depth_view->camera.width = depth_view->camera.height = WIDE;
+  depth_view->camera.fx = depth_view->camera.fy = WIDE / 2;
+  depth_view->camera.cx = depth_view->camera.cy = WIDE / 2;
   for (int k = 0; k < 12; k++)
-    sight->camera.world_from_camera[k] = pose[k];
+    depth_view->camera.world_from_camera[k] = pose[k];
   for (int i = 0; i < WIDE * WIDE; i++)
     depth[i] = (float)eye;
 }
 
 static pags_lidar no_points(void) {
-  pags_lidar laser = {.points = malloc(MOST * 3 * sizeof *laser.points)};
-  assert_non_null(laser.points);
-  return laser;
+  pags_lidar lidar = {.points = malloc(MOST * 3 * sizeof *lidar.points)};
+  assert_non_null(lidar.points);
+  return lidar;
 }
 
 /* Points every 5 cm of a rectangle, all as high as `z`. */
-static void measure(pags_lidar *laser, double x0, double x1, double y0, double y1, double z) {
+static void measure(pags_lidar *lidar, double x0, double x1, double y0, double y1, double z) {
   int nx = (int)lround((x1 - x0) / 0.05), ny = (int)lround((y1 - y0) / 0.05);
   for (int j = 0; j <= ny; j++)
     for (int i = 0; i <= nx; i++) {
-      float *p = laser->points + 3 * laser->count++;
-      assert_true(laser->count < MOST);
+      float *p = lidar->points + 3 * lidar->count++;
+      assert_true(lidar->count < MOST);
       p[0] = (float)(x0 + 0.05 * i);
       p[1] = (float)(y0 + 0.05 * j);
       p[2] = (float)z;
@@ -49,17 +49,17 @@ static void measure(pags_lidar *laser, double x0, double x1, double y0, double y
 }
 
 /* Points of a wall along x, every 5 cm from the road up. */
-static void measure_wall(pags_lidar *laser, double x0, double x1, double y, double top) {
+static void measure_wall(pags_lidar *lidar, double x0, double x1, double y, double top) {
   for (double z = 0; z < top; z += 0.05)
-    measure(laser, x0, x1, y, y, z);
+    measure(lidar, x0, x1, y, y, z);
 }
 
 /* The camera takes the road to be `lift` above where it is. */
-static void find_seen(const pags_lidar *laser, double lift, pags_ground *out) {
+static void find_seen(const pags_lidar *lidar, double lift, pags_ground *out) {
   float depth[WIDE * WIDE];
   double path[3 * STEPS];
-  pags_depth_view sight;
-  look_down(&sight, depth);
+  pags_depth_view depth_view;
+  look_down(&depth_view, depth);
   for (int i = 0; i < WIDE * WIDE; i++)
     depth[i] -= (float)lift;
   for (int i = 0; i < STEPS; i++) {
@@ -67,12 +67,12 @@ static void find_seen(const pags_lidar *laser, double lift, pags_ground *out) {
     path[3 * i + 1] = 0;
     path[3 * i + 2] = eye;
   }
-  const pags_depth_views sights = {.count = 1, .list = &sight};
-  assert_int_equal(pags_ground_find(&sights, laser, path, STEPS, 10, out), PAGS_OK);
+  const pags_depth_views depth_views = {.count = 1, .list = &depth_view};
+  assert_int_equal(pags_ground_find(&depth_views, lidar, path, STEPS, 10, out), PAGS_OK);
 }
 
-static void find(const pags_lidar *laser, pags_ground *out) {
-  find_seen(laser, 0, out);
+static void find(const pags_lidar *lidar, pags_ground *out) {
+  find_seen(lidar, 0, out);
 }
 
 static double height(const pags_ground *ground, double x, double y) {
@@ -81,52 +81,52 @@ static double height(const pags_ground *ground, double x, double y) {
   return z;
 }
 
-/* A laser's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
+/* A LiDAR's rings lie a metre apart: what they meet beyond is ground if it goes on about as high, a table is not. */
 static void rings_are_leapt_over(void **state) {
   (void)state;
-  pags_lidar laser = no_points();
+  pags_lidar lidar = no_points();
   pags_ground ground;
-  measure(&laser, -3, 3, -3, 3, 0);
-  measure(&laser, -3, 3, 4, 5, -0.12); /* a pavement's dip */
-  measure(&laser, -3, 3, 6, 7, -0.2);  /* on from there */
-  measure(&laser, -3, 3, -5, -4, 0.8); /* a table */
-  find(&laser, &ground);
+  measure(&lidar, -3, 3, -3, 3, 0);
+  measure(&lidar, -3, 3, 4, 5, -0.12); /* a pavement's dip */
+  measure(&lidar, -3, 3, 6, 7, -0.2);  /* on from there */
+  measure(&lidar, -3, 3, -5, -4, 0.8); /* a table */
+  find(&lidar, &ground);
   assert_true(fabs(height(&ground, 0, 1)) < 0.005);
   assert_true(fabs(height(&ground, 0, 4.5) + 0.12) < 0.01);
   assert_true(fabs(height(&ground, 0, 6.5) + 0.2) < 0.01);
   assert_true(fabs(height(&ground, 0, -4.5)) < 0.05);
   pags_ground_destroy(&ground);
-  free(laser.points);
+  free(lidar.points);
 }
 
-/* Where the laser meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
+/* Where LiDAR meets a wall its foot is left out: what lies before and behind says how high the ground is there. */
 static void walls_are_not_climbed(void **state) {
   (void)state;
-  pags_lidar laser = no_points();
+  pags_lidar lidar = no_points();
   pags_ground ground;
-  measure(&laser, -3, 3, -3, 4, 0);
+  measure(&lidar, -3, 3, -3, 4, 0);
   for (int i = 0; i < 6; i++)
-    measure_wall(&laser, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
-  find(&laser, &ground);
+    measure_wall(&lidar, -3, 3, 4.05 + 0.1 * i, 2.5 - 0.3 * i); /* it leans: each row of cells holds a lower part */
+  find(&lidar, &ground);
   for (int i = 0; i < 12; i++)
     assert_true(fabs(height(&ground, 0.5, 3.9 + 0.1 * i)) < 0.01);
   pags_ground_destroy(&ground);
-  free(laser.points);
+  free(lidar.points);
 }
 
-/* Between the laser's rings the ground goes on as they say, though pixels there say 5 cm more. */
-static void the_laser_outweighs_pixels(void **state) {
+/* Between LiDAR's rings the ground goes on as they say, though pixels there say 5 cm more. */
+static void lidar_outweighs_pixels(void **state) {
   (void)state;
-  pags_lidar laser = no_points();
+  pags_lidar lidar = no_points();
   pags_ground ground;
   for (int i = -3; i <= 3; i++)
-    measure(&laser, -3, 3, i - 0.1, i + 0.1, 0);
-  find_seen(&laser, 0.05, &ground);
+    measure(&lidar, -3, 3, i - 0.1, i + 0.1, 0);
+  find_seen(&lidar, 0.05, &ground);
   assert_true(fabs(height(&ground, 0.2, 0)) < 0.005);
   assert_true(fabs(height(&ground, 0.2, 0.5)) < 0.02);
   assert_true(fabs(height(&ground, 0.2, -0.5)) < 0.02);
   pags_ground_destroy(&ground);
-  free(laser.points);
+  free(lidar.points);
 }
 
 /* With nearly as many triangles as the lattice has, nearly all are used, and seen from above each turns left. */
@@ -135,28 +135,28 @@ static void the_budget_is_used(void **state) {
   enum { SIDE = 150, FULL = 2 * (SIDE - 1) * (SIDE - 1), BUDGET = FULL * 9 / 10 };
   pags_ground ground = {
       .step = 0.2, .nx = SIDE, .ny = SIDE, .z = malloc(SIDE * SIDE * sizeof(float)), .known = malloc(SIDE * SIDE)};
-  pags_proxy_mesh shell;
+  pags_proxy_mesh mesh;
   assert_true(ground.z && ground.known);
   for (int i = 0; i < SIDE * SIDE; i++) {
     ground.known[i] = 1;
     ground.z[i] = (i / SIDE < 100 ? 0 : 0.13f) +
                   0.001f * (float)((uint32_t)i * 2654435761u >> 24) / 256; /* a kerb on a level street */
   }
-  assert_int_equal(pags_ground_mesh(&ground, BUDGET, &shell), PAGS_OK);
-  assert_in_range(shell.triangle_count, BUDGET * 3 / 4, BUDGET);
-  for (int64_t i = 0; i < shell.triangle_count; i++) {
-    const float *a = shell.positions + 3 * (int64_t)shell.triangles[3 * i],
-                *b = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 1];
-    const float *c = shell.positions + 3 * (int64_t)shell.triangles[3 * i + 2];
+  assert_int_equal(pags_ground_mesh(&ground, BUDGET, &mesh), PAGS_OK);
+  assert_in_range(mesh.triangle_count, BUDGET * 3 / 4, BUDGET);
+  for (int64_t i = 0; i < mesh.triangle_count; i++) {
+    const float *a = mesh.positions + 3 * (int64_t)mesh.triangles[3 * i],
+                *b = mesh.positions + 3 * (int64_t)mesh.triangles[3 * i + 1];
+    const float *c = mesh.positions + 3 * (int64_t)mesh.triangles[3 * i + 2];
     assert_true((b[0] - a[0]) * (c[1] - a[1]) > (b[1] - a[1]) * (c[0] - a[0]));
   }
-  for (int64_t i = 0; i < shell.vertex_count; i++)
-    assert_true(shell.positions[3 * i + 2] < 0.001f || shell.positions[3 * i + 2] >= 0.13f);
-  pags_proxy_mesh_destroy(&shell);
+  for (int64_t i = 0; i < mesh.vertex_count; i++)
+    assert_true(mesh.positions[3 * i + 2] < 0.001f || mesh.positions[3 * i + 2] >= 0.13f);
+  pags_proxy_mesh_destroy(&mesh);
   pags_ground_destroy(&ground);
 }
 
-/* Without a laser the camera's pixels alone, and around them as high as they are. */
+/* Without a LiDAR the camera's pixels alone, and around them as high as they are. */
 static void pixels_are_enough(void **state) {
   (void)state;
   const pags_lidar none = {0};
@@ -184,9 +184,9 @@ static void no_ground_is_none(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(rings_are_leapt_over),       cmocka_unit_test(walls_are_not_climbed),
-      cmocka_unit_test(the_laser_outweighs_pixels), cmocka_unit_test(the_budget_is_used),
-      cmocka_unit_test(pixels_are_enough),          cmocka_unit_test(no_ground_is_none),
+      cmocka_unit_test(rings_are_leapt_over),   cmocka_unit_test(walls_are_not_climbed),
+      cmocka_unit_test(lidar_outweighs_pixels), cmocka_unit_test(the_budget_is_used),
+      cmocka_unit_test(pixels_are_enough),      cmocka_unit_test(no_ground_is_none),
   };
   return cmocka_run_group_tests_name("ground", tests, NULL, NULL);
 }

@@ -18,19 +18,20 @@ static int is_cleared(const double size[3], const double place[3], int from_abov
                       above[9] = {1, 0, 0, 0, -1, 0, 0, 0, -1}; /* looks along +y; down */
   float depth[PIXELS], bounds[2];
   uint8_t cover[PIXELS], rgb[3 * PIXELS];
-  pags_depth_view sight = {
+  pags_depth_view depth_view = {
       .depth = depth, .cover = cover, .rgb = rgb, .cells_x = 1, .cells_y = 1, .lo = bounds, .hi = bounds + 1};
-  sight.camera = (pags_camera){.width = SIDE, .height = SIDE, .fx = 200, .fy = 200, .cx = 0.5 * SIDE, .cy = 0.5 * SIDE};
+  depth_view.camera =
+      (pags_camera){.width = SIDE, .height = SIDE, .fx = 200, .fy = 200, .cx = 0.5 * SIDE, .cy = 0.5 * SIDE};
   for (int i = 0; i < 9; i++)
-    sight.camera.world_from_camera[4 * (i / 3) + i % 3] = from_above ? above[i] : aside[i];
+    depth_view.camera.world_from_camera[4 * (i / 3) + i % 3] = from_above ? above[i] : aside[i];
   for (int k = 0; k < 3; k++)
-    sight.camera.world_from_camera[4 * k + 3] = place[k] - sight.camera.world_from_camera[4 * k + 2];
+    depth_view.camera.world_from_camera[4 * k + 3] = place[k] - depth_view.camera.world_from_camera[4 * k + 2];
   for (int i = 0; i < PIXELS; i++) {
     depth[i] = 1;
     cover[i] = 255;
     rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = brightness;
   }
-  assert_int_equal(pags_depth_view_filter_shadow(&sight, size), PAGS_OK);
+  assert_int_equal(pags_depth_view_filter_shadow(&depth_view, size), PAGS_OK);
   int64_t cleared = 0;
   for (int i = 0; i < PIXELS; i++) {
     assert_true(fabsf(depth[i]) == 1.0f && (depth[i] < 0) == (cover[i] == 0));

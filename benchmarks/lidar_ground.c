@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What of a sweep is ground is told by the sweep alone: cells of half a metre whose points are nearly level, outside of
  * labelled boxes, that can be reached from about the cameras without a step of more than 12 cm. */
-#include "benchmarks/laser_ground.h"
+#include "benchmarks/lidar_ground.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,7 +11,7 @@
 
 #include <pags/dataset.h>
 
-enum { SIDE = 100, WINDOW = 3 }; /* cells; what neighbours are: laser rings lie apart */
+enum { SIDE = 100, WINDOW = 3 }; /* cells; what neighbours are: LiDAR rings lie apart */
 static const double cell = 0.5, level = 0.12, step = 0.12, box_margin = 0.2, seeds = 10; /* metres */
 
 typedef struct patch {
@@ -101,7 +101,7 @@ static void to_world(const pags_sweep *sweep, const float *xyz, double out[3]) {
 
 static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query *ground, const pags_sweep *sweep,
                                  const float *xyz, int64_t count, double **errors, int64_t *error_count,
-                                 pags_laser_ground *out) {
+                                 pags_lidar_ground *out) {
   static patch patches[SIDE * SIDE];
   double middle[3], p[3];
   if (!find_middle(scene, sweep->frame, middle))
@@ -140,12 +140,12 @@ static pags_result measure_sweep(const pags_scene *scene, const pags_mesh_query 
   return PAGS_OK;
 }
 
-pags_result pags_laser_ground_measure(const pags_scene *scene, const pags_mesh_query *ground, pags_laser_ground *out) {
+pags_result pags_lidar_ground_measure(const pags_scene *scene, const pags_mesh_query *ground, pags_lidar_ground *out) {
   pags_dataset_options options = pags_dataset_options_default();
   pags_dataset *dataset;
   double *errors = NULL;
   int64_t error_count = 0;
-  *out = (pags_laser_ground){.error = {(double)NAN, (double)NAN, (double)NAN}};
+  *out = (pags_lidar_ground){.error = {(double)NAN, (double)NAN, (double)NAN}};
   if (!scene->dataset)
     return PAGS_OK;
   PAGS_TRY(pags_dataset_open(scene->dataset, &options, &dataset));

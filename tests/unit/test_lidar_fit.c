@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Laser points on objects: which they are, and surfaces that are held to them. */
+/* LiDAR points on objects: which they are, and surfaces that are held to them. */
 #include <pags/scene.h>
 
 #include "exporters/proxy/lidar.h"
@@ -48,7 +48,7 @@ static void a_surface_comes_to_its_points(void **state) {
   (void)state;
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.06);
-  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0) - 0.06) <
               0.002); /* what doubt leaves: a twentieth at first, then less of that */
   assert_true(fabs(height(&grid, 0.25, -0.25) - 0.06) < 0.006);
@@ -63,12 +63,12 @@ static void one_point_is_doubted(void **state) {
   static const double p[3] = {0, 0, 0.06}, outside[3] = {5, 0, 0};
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = {0};
-  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13)); /* none */
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13)); /* none */
   scratch_ok(pags_lidar_fit_add(&cloud, outside));
-  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
   scratch_ok(pags_lidar_fit_add(&cloud, p));
-  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0) - 0.0374) < 0.002); /* 1/2, 1/5 and 1/17 of what is left each time */
   pags_lidar_fit_destroy(&cloud);
   pags_tsdf_destroy(&grid);
@@ -78,7 +78,7 @@ static void what_is_far_off_is_passed_over(void **state) {
   (void)state;
   pags_tsdf grid = level_grid();
   pags_lidar_fit cloud = patch_at(0.15);
-  scratch_ok(pags_lidar_fit_hold(&cloud, &grid, 0.13));
+  scratch_ok(pags_lidar_fit_pull(&cloud, &grid, 0.13));
   assert_true(fabs(height(&grid, 0, 0)) < 1e-6);
   pags_lidar_fit_destroy(&cloud);
   pags_tsdf_destroy(&grid);
@@ -91,7 +91,7 @@ static void world_point(int frame, int index, double out[3]) {
   pags_rigid_point(ego, tree_points[index], out);
 }
 
-/* Two boxes that go along with the laser's first point: it is at the foot of the first, where something else may be, in
+/* Two boxes that go along with LiDAR's first point: it is at the foot of the first, where something else may be, in
  * the upper half of the other. */
 static void follow(pags_object *object, pags_knot *knots, double above) {
   *object = (pags_object){
@@ -124,19 +124,19 @@ static void points_are_sorted_by_boxes(void **state) {
     views[t] = (pags_scene_view){.frame = t, .test = t == 4};
   scene.origin[0] = 7;
   for (int held_out = 0; held_out < 2; held_out++) {
-    pags_lidar laser;
+    pags_lidar lidar;
     double first[3];
     int64_t sweeps = held_out ? 1 : 4;
-    scratch_ok(pags_lidar_read(&scene, held_out, &laser));
-    assert_true(laser.object_count == 2 && laser.objects[0].count == 0 && laser.objects[1].count == sweeps);
+    scratch_ok(pags_lidar_read(&scene, held_out, &lidar));
+    assert_true(lidar.object_count == 2 && lidar.objects[0].count == 0 && lidar.objects[1].count == sweeps);
     for (int64_t i = 0; i < sweeps; i++)
       for (int k = 0; k < 3; k++)
-        assert_true(fabs((double)laser.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
-    assert_int_equal(laser.count, sweeps); /* the other point, which is in no box */
+        assert_true(fabs((double)lidar.objects[1].points[3 * i + k] - expected[k]) < 1e-5);
+    assert_int_equal(lidar.count, sweeps); /* the other point, which is in no box */
     world_point(held_out ? 4 : 0, 1, first);
-    assert_true(fabs((double)laser.points[0] + 7 - first[0]) < 1e-5 && fabs((double)laser.points[2] - first[2]) < 1e-5);
-    pags_lidar_destroy(&laser);
-    assert_null(laser.objects);
+    assert_true(fabs((double)lidar.points[0] + 7 - first[0]) < 1e-5 && fabs((double)lidar.points[2] - first[2]) < 1e-5);
+    pags_lidar_destroy(&lidar);
+    assert_null(lidar.objects);
   }
   scratch_end(&s);
 }

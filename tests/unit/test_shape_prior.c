@@ -53,42 +53,42 @@ static void say(pags_tsdf *g, const double lo[3], const double hi[3], float dist
 
 static const double all_lo[3] = {-9, -9, -9}, all_hi[3] = {9, 9, 9};
 
-static pags_shape_prior form_of(float distance, float weight, int64_t object) {
-  pags_shape_prior form;
+static pags_shape_prior prior_of(float distance, float weight, int64_t object) {
+  pags_shape_prior prior;
   pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, distance, weight);
-  assert_int_equal(pags_shape_prior_take(&grid, size, object, &form), PAGS_OK);
+  assert_int_equal(pags_shape_prior_take(&grid, size, object, &prior), PAGS_OK);
   pags_tsdf_destroy(&grid);
-  return form;
+  return prior;
 }
 
-static double middle_of(const pags_shape_prior *form, double *known) {
+static double middle_of(const pags_shape_prior *prior, double *known) {
   pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, 0, 1e-6f); /* next to nothing, as of a view far off */
-  assert_int_equal(pags_shape_prior_complete(&grid, size, 0, form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 0, prior, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0)];
   pags_tsdf_destroy(&grid);
   *known = 0;
   for (int i = 0; i < 1000; i++)
-    *known = fmax(*known, (double)form->known[i]);
+    *known = fmax(*known, (double)prior->known[i]);
   return distance;
 }
 
 /* What was seen twenty times as well counts twenty times. */
 static void test_the_well_seen_count(void **state) {
   (void)state;
-  pags_shape_prior forms[2] = {form_of(0.2f, 4, 1), form_of(-0.2f, 0.2f, 2)}, blended;
+  pags_shape_prior priors[2] = {prior_of(0.2f, 4, 1), prior_of(-0.2f, 0.2f, 2)}, blended;
   double known, expected = 0.2 * (1 - 0.05) / (1 + 0.05);
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, NULL, &blended), PAGS_OK);
   assert_true(fabs(middle_of(&blended, &known) - expected) < 0.002);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 1, NULL, &blended), PAGS_OK); /* its own doesn't count */
   middle_of(&blended, &known);
   assert_true(known == 0);
   pags_shape_prior_destroy(&blended);
-  pags_shape_prior_destroy(&forms[0]);
-  pags_shape_prior_destroy(&forms[1]);
+  pags_shape_prior_destroy(&priors[0]);
+  pags_shape_prior_destroy(&priors[1]);
 }
 
 /* Points along a side. */
@@ -102,34 +102,34 @@ static pags_lidar_fit side_cloud(void) {
 }
 
 /* A form on whose surface the points lie, one that is 0.2 m off, and one that fits, too, but knows next to nothing. */
-static void test_the_laser_chooses(void **state) {
+static void test_lidar_chooses(void **state) {
   (void)state;
-  pags_shape_prior forms[3] = {form_of(0, 4, 1), form_of(0.2f, 4, 2), form_of(0, 0.02f, 4)}, blended;
+  pags_shape_prior priors[3] = {prior_of(0, 4, 1), prior_of(0.2f, 4, 2), prior_of(0, 0.02f, 4)}, blended;
   pags_lidar_fit cloud = side_cloud();
   double known;
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, NULL, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, NULL, &blended), PAGS_OK);
   assert_true(fabs((double)blended.distance[0] - 0.1) < 1e-6);
   pags_shape_prior_destroy(&blended);
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true(blended.distance[0] > 0 &&
               (double)blended.distance[0] < 0.2 * 0.04); /* the other keeps 0.03 of its weight */
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
-  assert_int_equal(pags_shape_prior_blend(forms + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors + 1, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[0] > 0.15); /* what the worse one knows better stays known */
   middle_of(&blended, &known);
   assert_true(known == 1);
   pags_shape_prior_destroy(&blended);
   for (int k = 0; k < 3; k++) /* as a smaller car's the form is stretched: the points are in it, just */
-    forms[0].size[k] *= 0.95;
+    priors[0].size[k] *= 0.95;
   for (int64_t i = 0; i < cloud.count; i++)
     cloud.points[3 * i] = (float)(0.53 * size[0]);
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[0] < 0.02);
   pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; i++)
-    pags_shape_prior_destroy(&forms[i]);
+    pags_shape_prior_destroy(&priors[i]);
   pags_lidar_fit_destroy(&cloud);
 }
 
@@ -138,29 +138,29 @@ static void test_the_laser_chooses(void **state) {
 static void test_knowing_little_does_not_win(void **state) {
   (void)state;
   static const double lo[3] = {1, -9, -9};
-  pags_shape_prior forms[3] = {form_of(0.04f, 4, 1)}, blended;
+  pags_shape_prior priors[3] = {prior_of(0.04f, 4, 1)}, blended;
   pags_tsdf grid = empty_grid();
   pags_lidar_fit cloud = side_cloud();
   say(&grid, lo, all_hi, 0, 4);
-  assert_int_equal(pags_shape_prior_take(&grid, size, 2, &forms[1]), PAGS_OK);
-  assert_int_equal(pags_shape_prior_blend(forms, 2, size, 3, &cloud, &blended), PAGS_OK);
+  assert_int_equal(pags_shape_prior_take(&grid, size, 2, &priors[1]), PAGS_OK);
+  assert_int_equal(pags_shape_prior_blend(priors, 2, size, 3, &cloud, &blended), PAGS_OK);
   int both = 0;
-  while (both < 1000 && !(forms[1].known[both] > 0))
+  while (both < 1000 && !(priors[1].known[both] > 0))
     both++;
   assert_true((double)blended.distance[both] > 0.04 / 3 && (double)blended.distance[both] < 0.02);
   pags_shape_prior_destroy(&blended);
-  forms[2] = form_of(-0.2f, 4, 4);
-  assert_int_equal(pags_shape_prior_blend(forms, 3, size, 3, &cloud, &blended), PAGS_OK);
+  priors[2] = prior_of(-0.2f, 4, 4);
+  assert_int_equal(pags_shape_prior_blend(priors, 3, size, 3, &cloud, &blended), PAGS_OK);
   assert_true((double)blended.distance[both] < 0.028); /* 0.032 if it counted 0.03 */
   pags_shape_prior_destroy(&blended);
   for (int i = 0; i < 3; i++)
-    pags_shape_prior_destroy(&forms[i]);
+    pags_shape_prior_destroy(&priors[i]);
   pags_tsdf_destroy(&grid);
   pags_lidar_fit_destroy(&cloud);
 }
 
 /* A level surface at z = 0 that many views saw, and points that say 0.06 m. */
-static void test_the_laser_is_held_to(void **state) {
+static void test_the_mesh_is_pulled_to_lidar(void **state) {
   (void)state;
   pags_lidar_fit cloud = {0};
   pags_tsdf grid = empty_grid();
@@ -188,18 +188,18 @@ static void test_the_laser_is_held_to(void **state) {
 static double between_sides(int vehicle, float weight) {
   static const double left_lo[3] = {-1, 0.6, -0.8}, left_hi[3] = {1, 0.8, 0.5}, right_lo[3] = {-1, -0.8, -0.8},
                       right_hi[3] = {1, -0.6, 0.5};
-  pags_shape_prior form = form_of(0.3f, 8, 1);
+  pags_shape_prior prior = prior_of(0.3f, 8, 1);
   pags_tsdf grid = empty_grid();
   say(&grid, all_lo, all_hi, 0.3f, weight);
   say(&grid, left_lo, left_hi, -0.1f, 12);
   say(&grid, right_lo, right_hi, -0.1f, 12);
-  assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, &form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, vehicle, &prior, NULL), PAGS_OK);
   double distance = (double)grid.distance[index_of(&grid, 0, 0, 0.1)];
   assert_true(grid.distance[index_of(&grid, 0, 0, 0.7)] > 0);   /* over the roof */
   assert_true(grid.distance[index_of(&grid, 1.5, 0, 0.1)] > 0); /* where there are no sides */
   assert_true(grid.distance[index_of(&grid, 0, 0, -0.6)] > 0);  /* under it */
   pags_tsdf_destroy(&grid);
-  pags_shape_prior_destroy(&form);
+  pags_shape_prior_destroy(&prior);
   return distance;
 }
 
@@ -279,16 +279,16 @@ static void test_vehicles_end_at_the_ground(void **state) {
 static double roof_below(double free_from) {
   const double lo[3] = {-9, -9, free_from}, hi[3] = {9, 9, 9};
   pags_tsdf seen = empty_grid(), grid = grid_of(0.04);
-  pags_shape_prior form;
+  pags_shape_prior prior;
   say(&seen, lo, hi, 0.4f, 20); /* four steps: as far as can be */
-  assert_int_equal(pags_shape_prior_take(&seen, size, 1, &form), PAGS_OK);
-  assert_int_equal(pags_shape_prior_complete(&grid, size, 1, &form, NULL), PAGS_OK);
+  assert_int_equal(pags_shape_prior_take(&seen, size, 1, &prior), PAGS_OK);
+  assert_int_equal(pags_shape_prior_complete(&grid, size, 1, &prior, NULL), PAGS_OK);
   int64_t layer = (int64_t)grid.n[0] * grid.n[1], at = index_of(&grid, 0, 0, 0);
   double height = grid.origin[2] + (double)(at / layer) * 0.04;
   for (; grid.distance[at + layer] < 0; at += layer)
     height += 0.04;
   double below = (double)grid.distance[at], above = (double)grid.distance[at + layer];
-  pags_shape_prior_destroy(&form);
+  pags_shape_prior_destroy(&prior);
   pags_tsdf_destroy(&seen);
   pags_tsdf_destroy(&grid);
   return height + 0.04 * below / (below - above);
@@ -314,8 +314,8 @@ static void test_air_under_vehicles(void **state) {
 
 int main(void) {
   const struct CMUnitTest tests[] = {
-      cmocka_unit_test(test_the_well_seen_count),         cmocka_unit_test(test_the_laser_chooses),
-      cmocka_unit_test(test_knowing_little_does_not_win), cmocka_unit_test(test_the_laser_is_held_to),
+      cmocka_unit_test(test_the_well_seen_count),         cmocka_unit_test(test_lidar_chooses),
+      cmocka_unit_test(test_knowing_little_does_not_win), cmocka_unit_test(test_the_mesh_is_pulled_to_lidar),
       cmocka_unit_test(test_vehicles_have_no_pits),       cmocka_unit_test(test_sides_are_within_the_mirrors),
       cmocka_unit_test(test_wheels_stand_on_the_ground),  cmocka_unit_test(test_vehicles_end_at_the_ground),
       cmocka_unit_test(test_roofs_are_half_way),          cmocka_unit_test(test_air_under_vehicles)};
