@@ -59,15 +59,15 @@ static void compare(pags_deadline_report *d, const pags_picture *picture, const 
 
 pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *parts, int part_count,
                                       const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
-                                      pags_deadline_result *facts) {
+                                      pags_deadline_result *report) {
   pags_frame_options full = *options;
   pags_picture whole;
-  PAGS_TRY(pags_deadline_render(d->budget, parts, part_count, camera, options, out, facts));
-  d->met += facts->met;
-  d->at_step[facts->step]++;
-  d->sum_ms += facts->ms;
-  d->sum_full_tiles += facts->full_tiles;
-  d->worst_ms = fmax(d->worst_ms, facts->ms);
+  PAGS_TRY(pags_deadline_render(d->budget, parts, part_count, camera, options, out, report));
+  d->met += report->met;
+  d->at_step[report->step]++;
+  d->sum_ms += report->ms;
+  d->sum_full_tiles += report->full_tiles;
+  d->worst_ms = fmax(d->worst_ms, report->ms);
   if (d->frames++ % d->check_every != 0)
     return PAGS_OK;
   full.extra_channels = 1;
@@ -156,9 +156,9 @@ void pags_deadline_report_put(const pags_deadline_report *d, pags_json_writer *j
   pags_json_end_object(json);
 }
 
-void pags_deadline_report_put_frame(const pags_deadline_result *facts, pags_json_writer *json) {
-  pags_json_put_integer(json, "step", facts->step);
-  pags_json_put_number(json, "budget_ms", facts->ms);
-  pags_json_put_bool(json, "met", facts->met);
-  pags_json_put_number(json, "full_tiles", facts->full_tiles);
+void pags_deadline_report_put_frame(const pags_deadline_result *report, pags_json_writer *json) {
+  pags_json_put_integer(json, "step", report->step);
+  pags_json_put_number(json, "budget_ms", report->ms);
+  pags_json_put_bool(json, "met", report->met);
+  pags_json_put_number(json, "full_tiles", report->full_tiles);
 }

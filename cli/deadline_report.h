@@ -27,10 +27,11 @@ pags_result pags_deadline_report_create(const pags_composition *composition, pag
 void pags_deadline_report_destroy(pags_deadline_report *deadline); /* a zeroed struct is allowed */
 pags_result pags_deadline_report_draw(pags_deadline_report *deadline, const pags_part *parts, int part_count,
                                       const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
-                                      pags_deadline_result *facts);
+                                      pags_deadline_result *report);
 
 void pags_deadline_report_print(const pags_deadline_report *deadline, const pags_session *session);
-void pags_deadline_report_put(const pags_deadline_report *deadline, pags_json_writer *json);    /* a member "budget" */
-void pags_deadline_report_put_frame(const pags_deadline_result *facts, pags_json_writer *json); /* members of a frame */
+void pags_deadline_report_put(const pags_deadline_report *deadline, pags_json_writer *json); /* a member "budget" */
+void pags_deadline_report_put_frame(const pags_deadline_result *report,
+                                    pags_json_writer *json); /* members of a frame */
 
 #endif

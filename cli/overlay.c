@@ -244,19 +244,19 @@ static double front_cosine(const pags_dataset *dataset) {
   return count ? sum / (double)count : (double)NAN;
 }
 
-static void put_figures(const overlay *o, double cosine, pags_report *facts) {
-  pags_report_text(facts, "folder", o->folder);
-  pags_report_count(facts, "pictures", o->pictures);
-  pags_report_count(facts, "lidar_points", o->points);
-  pags_report_number(facts, "lidar_under_sky", share_value(o->under_sky));
-  pags_report_number(facts, "lidar_in_boxes", share_value(o->in_boxes));
-  pags_report_number(facts, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
-  pags_report_number(facts, "outline_mask_overlap", share_value(o->union_));
-  pags_report_number(facts, "boxes_in_pictures", share_value(o->boxes));
-  pags_report_number(facts, "front_cosine", cosine);
+static void put_figures(const overlay *o, double cosine, pags_report *report) {
+  pags_report_text(report, "folder", o->folder);
+  pags_report_count(report, "pictures", o->pictures);
+  pags_report_count(report, "lidar_points", o->points);
+  pags_report_number(report, "lidar_under_sky", share_value(o->under_sky));
+  pags_report_number(report, "lidar_in_boxes", share_value(o->in_boxes));
+  pags_report_number(report, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
+  pags_report_number(report, "outline_mask_overlap", share_value(o->union_));
+  pags_report_number(report, "boxes_in_pictures", share_value(o->boxes));
+  pags_report_number(report, "front_cosine", cosine);
 }
 
-static void put_warnings(const overlay *o, double cosine, pags_report *facts) {
+static void put_warnings(const overlay *o, double cosine, pags_report *report) {
   bool lidar = (pags_dataset_provides(o->dataset) & PAGS_PROVIDES_LIDAR) != 0;
   const struct {
     bool holds;
@@ -278,15 +278,15 @@ static void put_warnings(const overlay *o, double cosine, pags_report *facts) {
                   {lidar && !o->points,
                    "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
                   {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
-  pags_report_begin_list(facts, "warnings");
+  pags_report_begin_list(report, "warnings");
   for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; i++)
     if (warnings[i].holds)
-      pags_report_sentence(facts, warnings[i].text);
-  pags_report_end_list(facts);
+      pags_report_sentence(report, warnings[i].text);
+  pags_report_end_list(report);
 }
 
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
-                         pags_report *facts) {
+                         pags_report *report) {
   overlay o = {.dataset = dataset, .folder = folder};
   if (!(pags_dataset_fps(dataset) > 0))
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: --overlay is for driving sets, which have boxes or LiDAR",
@@ -299,9 +299,9 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
   if (result != PAGS_OK)
     return result;
   double cosine = front_cosine(dataset);
-  pags_report_begin_group(facts, "overlay");
-  put_figures(&o, cosine, facts);
-  put_warnings(&o, cosine, facts);
-  pags_report_end_group(facts);
+  pags_report_begin_group(report, "overlay");
+  put_figures(&o, cosine, report);
+  put_warnings(&o, cosine, report);
+  pags_report_end_group(report);
   return PAGS_OK;
 }

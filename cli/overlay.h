@@ -11,6 +11,6 @@
  * a group "overlay" of what they say, measured on the same photographs, with a list "warnings". PAGS_ERROR_ARGUMENT for
  * static sets. */
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
-                         pags_report *facts);
+                         pags_report *report);
 
 #endif

@@ -59,26 +59,26 @@ static pags_result check_same_camera(const pags_dataset *dataset, const pags_sce
       pags_dataset_path(dataset), mine->name, other->width, other->height, mine->camera.width, mine->camera.height);
 }
 
-static pags_result choose_views(const pags_scene *scene, pags_photographs *truth) {
-  int64_t count = pags_dataset_view_count(truth->dataset);
-  truth->views = calloc((size_t)count + 1, sizeof *truth->views);
-  if (!truth->views)
+static pags_result choose_views(const pags_scene *scene, pags_photographs *photographs) {
+  int64_t count = pags_dataset_view_count(photographs->dataset);
+  photographs->views = calloc((size_t)count + 1, sizeof *photographs->views);
+  if (!photographs->views)
     return pags_out_of_memory("%lld views", (long long)count);
   for (int64_t i = 0; i < count; i++) {
-    const pags_view *view = pags_dataset_view(truth->dataset, i);
+    const pags_view *view = pags_dataset_view(photographs->dataset, i);
     const pags_scene_view *mine = find_view(scene, view->name);
     if (scene->view_count && !mine)
       continue;
     if (mine)
-      PAGS_TRY(check_same_camera(truth->dataset, mine, &view->camera));
-    truth->views[truth->count++] = (pags_photographs_view){i, mine ? mine->test : view->test, mine};
+      PAGS_TRY(check_same_camera(photographs->dataset, mine, &view->camera));
+    photographs->views[photographs->count++] = (pags_photographs_view){i, mine ? mine->test : view->test, mine};
   }
   for (int64_t i = 0; i < scene->view_count; i++)
-    if (find_dataset_view(truth->dataset, scene->views[i].name) < 0)
+    if (find_dataset_view(photographs->dataset, scene->views[i].name) < 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the photograph '%s', on which the scene was trained, is missing",
-                       pags_dataset_path(truth->dataset), scene->views[i].name);
-  if (!truth->count)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", pags_dataset_path(truth->dataset));
+                       pags_dataset_path(photographs->dataset), scene->views[i].name);
+  if (!photographs->count)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: has no views", pags_dataset_path(photographs->dataset));
   return PAGS_OK;
 }
 
@@ -111,13 +111,13 @@ pags_result pags_photographs_open(const pags_scene *scene, const char *path, con
   return result;
 }
 
-void pags_photographs_close(pags_photographs *truth) {
-  if (truth->photos)
-    pags_photo_cache_destroy(truth->photos);
-  if (truth->dataset)
-    pags_dataset_close(truth->dataset);
-  free(truth->views);
-  memset(truth, 0, sizeof *truth);
+void pags_photographs_close(pags_photographs *photographs) {
+  if (photographs->photos)
+    pags_photo_cache_destroy(photographs->photos);
+  if (photographs->dataset)
+    pags_dataset_close(photographs->dataset);
+  free(photographs->views);
+  memset(photographs, 0, sizeof *photographs);
 }
 
 static void copy_photo(const pags_photo *photo, pags_image *image, uint8_t *mask) {
@@ -140,10 +140,10 @@ void pags_photograph_destroy(pags_photograph *photo) {
   memset(photo, 0, sizeof *photo);
 }
 
-pags_result pags_photographs_read(pags_photographs *truth, int64_t i, pags_photograph *out) {
+pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out) {
   memset(out, 0, sizeof *out);
   pags_photo *photo = &out->photo;
-  PAGS_TRY(pags_photo_cache_get(truth->photos, truth->views[i].index, 1, photo));
+  PAGS_TRY(pags_photo_cache_get(photographs->photos, photographs->views[i].index, 1, photo));
   PAGS_TRY(pags_image_create(&out->image, photo->width, photo->height, 3, PAGS_F32));
   if (photo->mask) {
     out->mask = malloc((size_t)photo->width * (size_t)photo->height);

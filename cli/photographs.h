@@ -27,7 +27,7 @@ typedef struct pags_photographs {
  * whose pose differs, is an error. A scene without views (a bare splat file) leaves all that to `options`. */
 pags_result pags_photographs_open(const pags_scene *scene, const char *path, const pags_dataset_options *options,
                                   pags_tasks *tasks, uint64_t image_cache, pags_photographs *out);
-void pags_photographs_close(pags_photographs *truth);
+void pags_photographs_close(pags_photographs *photographs);
 
 /* A photograph as F32 RGB in [0, 1]. */
 typedef struct pags_photograph {
@@ -37,7 +37,7 @@ typedef struct pags_photograph {
 } pags_photograph;
 
 /* Of views[i]. Valid until the next call. */
-pags_result pags_photographs_read(pags_photographs *truth, int64_t i, pags_photograph *out);
+pags_result pags_photographs_read(pags_photographs *photographs, int64_t i, pags_photograph *out);
 void pags_photograph_destroy(pags_photograph *photo); /* a zeroed struct is allowed */
 
 #endif

@@ -18,9 +18,9 @@ typedef struct offset {
   double degrees;
 } offset;
 
-static offset offset_of(const double truth[12], const double pose[12]) {
+static offset offset_of(const double photographs[12], const double pose[12]) {
   double inverse[12], between[12];
-  pags_rigid_inverse(truth, inverse);
+  pags_rigid_inverse(photographs, inverse);
   pags_rigid_multiply(inverse, pose, between);
   return (offset){{between[3], between[7], between[11]}, atan2(between[4], between[0]) * 180 / 3.14159265358979323846};
 }
@@ -95,11 +95,11 @@ static pags_result make_room(reading *r) {
 /* Those of trained knots are kept until the track's mean is known. */
 static pags_result add_knot(reading *r, const pags_object *object, const pags_knot *knot, const pags_json_value *matrix,
                             pags_pose_errors *out) {
-  double truth[12], pose[12];
-  PAGS_TRY(read_pose(r, matrix, truth));
+  double photographs[12], pose[12];
+  PAGS_TRY(read_pose(r, matrix, photographs));
   if (!pags_object_pose(object, knot->time, pose))
     return PAGS_OK;
-  const offset labelled = offset_of(truth, knot->world_from_object), drawn = offset_of(truth, pose);
+  const offset labelled = offset_of(photographs, knot->world_from_object), drawn = offset_of(photographs, pose);
   if (!knot->trained) {
     add_offset(&out->held_out, 1, labelled.p, labelled.degrees);
     add_offset(&out->held_out, 0, drawn.p, drawn.degrees);

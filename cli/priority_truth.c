@@ -18,7 +18,7 @@ static const double least_weight = 1.0; /* pixels */
 
 typedef struct measuring {
   pags_composition *composition;
-  const pags_photographs *truth;
+  const pags_photographs *photographs;
   pags_street_truth *street;
   pags_frame *frame;
   pags_frame_options options;
@@ -68,7 +68,7 @@ static pags_result reserve_planes(measuring *m, const pags_picture *picture) {
 }
 
 static pags_result weigh_view(measuring *m, int64_t i) {
-  const pags_camera *camera = &pags_dataset_view(m->truth->dataset, m->truth->views[i].index)->camera;
+  const pags_camera *camera = &pags_dataset_view(m->photographs->dataset, m->photographs->views[i].index)->camera;
   pags_picture picture;
   m->now = (int32_t)i;
   pags_compose(m->composition, camera->time, &m->parts, &m->part_count);
@@ -98,8 +98,8 @@ static int64_t list_points(measuring *m, double time) {
       int64_t id = id_of(&m->parts[p], row);
       if (m->weight[id] < least_weight || m->view[id] < 0)
         continue;
-      int64_t view = m->truth->views[m->view[id]].index;
-      if (pags_dataset_view(m->truth->dataset, view)->camera.time != time)
+      int64_t view = m->photographs->views[m->view[id]].index;
+      if (pags_dataset_view(m->photographs->dataset, view)->camera.time != time)
         continue;
       put_point(m, &m->parts[p], row, count);
       m->id[count++] = id;
@@ -132,9 +132,9 @@ static void judge(const measuring *m, int64_t i, double *left_out, double *all, 
 
 static pags_result judge_times(measuring *m, pags_priority_truth *out) {
   double left_out = 0, all = 0, before = (double)NAN;
-  for (int64_t v = 0; v < m->truth->count; v++) { /* views are in the order of time */
-    double time = pags_dataset_view(m->truth->dataset, m->truth->views[v].index)->camera.time;
-    if (m->truth->views[v].test || time == before)
+  for (int64_t v = 0; v < m->photographs->count; v++) { /* views are in the order of time */
+    double time = pags_dataset_view(m->photographs->dataset, m->photographs->views[v].index)->camera.time;
+    if (m->photographs->views[v].test || time == before)
       continue;
     before = time;
     PAGS_TRY(check_interrupted());
@@ -164,23 +164,24 @@ static pags_result measure(measuring *m, pags_priority_truth *out) {
     return PAGS_OK;
   for (int64_t i = 0; i < m->count; i++)
     m->view[i] = -1;
-  for (int64_t i = 0; i < m->truth->count; i++) {
+  for (int64_t i = 0; i < m->photographs->count; i++) {
     PAGS_TRY(check_interrupted());
-    if (!m->truth->views[i].test)
+    if (!m->photographs->views[i].test)
       PAGS_TRY(weigh_view(m, i));
   }
   return judge_times(m, out);
 }
 
-pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
-                                        const pags_frame_options *options, pags_priority_truth *out) {
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *photographs,
+                                        pags_frame *frame, const pags_frame_options *options,
+                                        pags_priority_truth *out) {
   measuring m = {.composition = composition,
-                 .truth = truth,
+                 .photographs = photographs,
                  .frame = frame,
                  .options = *options,
                  .count = pags_composition_gaussian_count(composition)};
   *out = (pags_priority_truth){0};
-  PAGS_TRY(pags_street_truth_open(pags_dataset_path(truth->dataset), &m.street));
+  PAGS_TRY(pags_street_truth_open(pags_dataset_path(photographs->dataset), &m.street));
   m.options.keep_for_backward = 1;
   m.options.extra_channels = 0;
   pags_result result = m.street ? measure(&m, out) : PAGS_OK;
@@ -193,9 +194,10 @@ pags_result pags_priority_truth_measure(pags_composition *composition, const pag
 
 #else
 
-pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
-                                        const pags_frame_options *options, pags_priority_truth *out) {
-  (void)composition, (void)truth, (void)frame, (void)options;
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *photographs,
+                                        pags_frame *frame, const pags_frame_options *options,
+                                        pags_priority_truth *out) {
+  (void)composition, (void)photographs, (void)frame, (void)options;
   *out = (pags_priority_truth){0};
   return PAGS_OK;
 }

@@ -21,9 +21,9 @@ typedef struct pags_priority_truth {
 
 /* Renders the training views once more. All zero where the data set has no truth/street.json, or the scene no
  * priorities. */
-pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *truth, pags_frame *frame,
-                                        const pags_frame_options *options, pags_priority_truth *out);
+pags_result pags_priority_truth_measure(pags_composition *composition, const pags_photographs *photographs,
+                                        pags_frame *frame, const pags_frame_options *options, pags_priority_truth *out);
 
-void pags_priority_truth_put_json(pags_json_writer *writer, const pags_priority_truth *owners);
+void pags_priority_truth_put_json(pags_json_writer *writer, const pags_priority_truth *priority_truth);
 
 #endif

@@ -19,7 +19,7 @@ const char *pags_up_name(pags_up up) {
 }
 
 /* How many Gaussians need which degree of spherical harmonics: what packing by degree would have to store. */
-static void put_degrees(pags_report *facts, const pags_scene *scene) {
+static void put_degrees(pags_report *report, const pags_scene *scene) {
   static const char *const names[] = {"degree_0", "degree_1", "degree_2", "degree_3"};
   int64_t count[4] = {0};
   int most = 0;
@@ -29,10 +29,10 @@ static void put_degrees(pags_report *facts, const pags_scene *scene) {
     for (int64_t i = 0; i < g->count; i++)
       ++count[pags_gaussians_row_degree(g, i)];
   }
-  pags_report_begin_group(facts, "gaussians_by_colour");
+  pags_report_begin_group(report, "gaussians_by_colour");
   for (int degree = 0; degree <= most; degree++)
-    pags_report_count(facts, names[degree], count[degree]);
-  pags_report_end_group(facts);
+    pags_report_count(report, names[degree], count[degree]);
+  pags_report_end_group(report);
 }
 
 static const pags_scene_object *owner_of(const pags_scene *scene, int64_t model) {
@@ -71,14 +71,14 @@ static pags_result file_bytes(const char *path, const char *file, bool folder, u
 }
 
 /* One line for people: there may be a hundred. */
-static void put_object_model(pags_report *facts, const pags_model *model, const pags_scene_object *owner,
+static void put_object_model(pags_report *report, const pags_model *model, const pags_scene_object *owner,
                              uint64_t bytes) {
   const pags_gaussians *g = &model->gaussians;
   char size[32];
-  pags_report_line(facts, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
+  pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
                    (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
                    g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
-  pags_json_writer *w = &facts->json;
+  pags_json_writer *w = &report->json;
   pags_json_begin_object(w, NULL);
   pags_json_put_string(w, "name", model->name);
   pags_json_put_string(w, "file", model->file);
@@ -92,10 +92,10 @@ static void put_object_model(pags_report *facts, const pags_model *model, const 
   pags_json_end_object(w);
 }
 
-static pags_result put_models(pags_report *facts, const char *path, const pags_scene *scene, uint64_t *total) {
+static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
-  pags_report_begin_list(facts, "models");
+  pags_report_begin_list(report, "models");
   for (int64_t i = 0; i < scene->model_count; i++) {
     const pags_model *model = &scene->models[i];
     const pags_scene_object *owner = owner_of(scene, i);
@@ -103,23 +103,23 @@ static pags_result put_models(pags_report *facts, const char *path, const pags_s
     PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
     if (owner) {
-      put_object_model(facts, model, owner, bytes);
+      put_object_model(report, model, owner, bytes);
       continue;
     }
-    pags_report_begin_item(facts, model->name);
+    pags_report_begin_item(report, model->name);
     if (folder)
-      pags_report_text(facts, "file", model->file);
-    pags_report_count(facts, "gaussians", model->gaussians.count);
-    pags_report_count(facts, "sh_degree", model->gaussians.sh_degree);
-    pags_report_bytes(facts, "bytes", (double)bytes);
-    pags_report_end_item(facts);
+      pags_report_text(report, "file", model->file);
+    pags_report_count(report, "gaussians", model->gaussians.count);
+    pags_report_count(report, "sh_degree", model->gaussians.sh_degree);
+    pags_report_bytes(report, "bytes", (double)bytes);
+    pags_report_end_item(report);
   }
-  pags_report_end_list(facts);
+  pags_report_end_list(report);
   return PAGS_OK;
 }
 
 /* How many objects of a category there are, and what became of them. */
-static void put_category(pags_report *facts, const pags_scene *scene, pags_category category) {
+static void put_category(pags_report *report, const pags_scene *scene, pags_category category) {
   int64_t count = 0, moving = 0, own = 0, critical = 0, rigid = 0, fourier = 0;
   for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
@@ -134,15 +134,15 @@ static void put_category(pags_report *facts, const pags_scene *scene, pags_categ
   }
   if (!count)
     return;
-  pags_report_begin_item(facts, pags_category_name(category));
-  pags_report_count(facts, "count", count);
-  pags_report_count(facts, "critical", critical);
-  pags_report_count(facts, "moving", moving);
-  pags_report_count(facts, "parked", count - moving);
-  pags_report_count(facts, "own_models", own);
-  pags_report_count(facts, "rigid_models", rigid);
-  pags_report_count(facts, "fourier_models", fourier);
-  pags_report_end_item(facts);
+  pags_report_begin_item(report, pags_category_name(category));
+  pags_report_count(report, "count", count);
+  pags_report_count(report, "critical", critical);
+  pags_report_count(report, "moving", moving);
+  pags_report_count(report, "parked", count - moving);
+  pags_report_count(report, "own_models", own);
+  pags_report_count(report, "rigid_models", rigid);
+  pags_report_count(report, "fourier_models", fourier);
+  pags_report_end_item(report);
 }
 
 /* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
@@ -157,34 +157,34 @@ static int64_t *count_parked(const pags_scene *scene) {
   return counts;
 }
 
-static pags_result list_objects(pags_report *facts, const pags_scene *scene) {
+static pags_result list_objects(pags_report *report, const pags_scene *scene) {
   int64_t *parked = count_parked(scene);
   if (!parked)
     return pags_out_of_memory("%lld objects", (long long)scene->object_count);
-  pags_report_begin_list(facts, "every_object");
+  pags_report_begin_list(report, "every_object");
   for (int64_t o = 0; o < scene->object_count; o++) {
     const pags_scene_object *object = &scene->objects[o];
     const pags_object *record = &object->record;
     double seen[2] = {record->knots[0].time - scene->time_begin,
                       record->knots[record->knot_count - 1].time - scene->time_begin};
-    pags_report_begin_item(facts, record->id);
-    pags_report_text(facts, "class", record->class_name);
-    pags_report_text(facts, "category", pags_category_name(record->category));
-    pags_report_flag(facts, "moving", record->moving != 0);
-    pags_report_text(facts, "model", object->model >= 0 ? scene->models[object->model].name : "background");
-    pags_report_count(facts, "gaussians",
+    pags_report_begin_item(report, record->id);
+    pags_report_text(report, "class", record->class_name);
+    pags_report_text(report, "category", pags_category_name(record->category));
+    pags_report_flag(report, "moving", record->moving != 0);
+    pags_report_text(report, "model", object->model >= 0 ? scene->models[object->model].name : "background");
+    pags_report_count(report, "gaussians",
                       object->model >= 0 ? scene->models[object->model].gaussians.count : parked[o]);
-    pags_report_vector(facts, "size", record->size, 3);
-    pags_report_vector(facts, "seconds", seen, 2);
-    pags_report_end_item(facts);
+    pags_report_vector(report, "size", record->size, 3);
+    pags_report_vector(report, "seconds", seen, 2);
+    pags_report_end_item(report);
   }
-  pags_report_end_list(facts);
+  pags_report_end_list(report);
   free(parked);
   return PAGS_OK;
 }
 
 /* What training did to the poses of objects that have models. */
-static void put_tracks(pags_report *facts, const pags_scene *scene) {
+static void put_tracks(pags_report *report, const pags_scene *scene) {
   int64_t tracks = 0, knots = 0, trained = 0;
   double metres = 0, radians = 0;
   for (int64_t o = 0; o < scene->object_count; o++) {
@@ -203,28 +203,28 @@ static void put_tracks(pags_report *facts, const pags_scene *scene) {
   }
   if (!tracks)
     return;
-  pags_report_begin_group(facts, "tracks");
-  pags_report_count(facts, "count", tracks);
-  pags_report_count(facts, "knots", knots);
-  pags_report_count(facts, "trained_knots", trained);
-  pags_report_number(facts, "mean_correction_metres", trained ? metres / (double)trained : 0);
-  pags_report_number(facts, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
-  pags_report_end_group(facts);
+  pags_report_begin_group(report, "tracks");
+  pags_report_count(report, "count", tracks);
+  pags_report_count(report, "knots", knots);
+  pags_report_count(report, "trained_knots", trained);
+  pags_report_number(report, "mean_correction_metres", trained ? metres / (double)trained : 0);
+  pags_report_number(report, "mean_correction_degrees", trained ? radians / (double)trained * 57.29577951308232 : 0);
+  pags_report_end_group(report);
 }
 
-static pags_result put_objects(pags_report *facts, const pags_scene *scene, bool every) {
+static pags_result put_objects(pags_report *report, const pags_scene *scene, bool every) {
   if (!scene->object_count)
     return PAGS_OK;
-  pags_report_begin_list(facts, "objects");
+  pags_report_begin_list(report, "objects");
   for (int c = PAGS_CATEGORY_VEHICLE; c <= PAGS_CATEGORY_CYCLIST; c++)
-    put_category(facts, scene, (pags_category)c);
-  put_category(facts, scene, PAGS_CATEGORY_OTHER);
-  pags_report_end_list(facts);
-  put_tracks(facts, scene);
-  return every ? list_objects(facts, scene) : PAGS_OK;
+    put_category(report, scene, (pags_category)c);
+  put_category(report, scene, PAGS_CATEGORY_OTHER);
+  pags_report_end_list(report);
+  put_tracks(report, scene);
+  return every ? list_objects(report, scene) : PAGS_OK;
 }
 
-static void put_exposure(pags_report *facts, const pags_scene *scene) {
+static void put_exposure(pags_report *report, const pags_scene *scene) {
   int64_t exposed = 0;
   double lo = HUGE_VAL, hi = -HUGE_VAL;
   for (int64_t i = 0; i < scene->view_count; i++) {
@@ -238,40 +238,40 @@ static void put_exposure(pags_report *facts, const pags_scene *scene) {
     exposed += changed;
   }
   if (!exposed) {
-    pags_report_text(facts, "exposure", "the same in every view");
+    pags_report_text(report, "exposure", "the same in every view");
     return;
   }
-  pags_report_begin_group(facts, "exposure");
-  pags_report_count(facts, "views", exposed);
-  pags_report_vector(facts, "gains", (double[]){lo, hi}, 2);
-  pags_report_end_group(facts);
+  pags_report_begin_group(report, "exposure");
+  pags_report_count(report, "views", exposed);
+  pags_report_vector(report, "gains", (double[]){lo, hi}, 2);
+  pags_report_end_group(report);
 }
 
 /* What only scenes with a time have. */
-static void put_drive(pags_report *facts, const pags_scene *scene) {
+static void put_drive(pags_report *report, const pags_scene *scene) {
   double time[2] = {scene->time_begin, scene->time_end};
   if (scene->time_end > scene->time_begin || scene->fps > 0) {
-    pags_report_vector(facts, "time", time, 2);
-    pags_report_number(facts, "seconds", scene->time_end - scene->time_begin);
-    pags_report_number(facts, "steps_per_second", scene->fps);
-    put_exposure(facts, scene);
+    pags_report_vector(report, "time", time, 2);
+    pags_report_number(report, "seconds", scene->time_end - scene->time_begin);
+    pags_report_number(report, "steps_per_second", scene->fps);
+    put_exposure(report, scene);
   }
   if (scene->sky.size > 0)
-    pags_report_count(facts, "sky_texels_a_side", scene->sky.size);
+    pags_report_count(report, "sky_texels_a_side", scene->sky.size);
   else if (scene->object_count)
-    pags_report_text(facts, "sky", "none");
+    pags_report_text(report, "sky", "none");
 }
 
-static void put_views(pags_report *facts, const pags_scene *scene) {
+static void put_views(pags_report *report, const pags_scene *scene) {
   int64_t held_out = 0;
   for (int64_t i = 0; i < scene->view_count; i++)
     held_out += scene->views[i].test != 0;
   if (!scene->view_count)
     return;
-  pags_report_count(facts, "views_train", scene->view_count - held_out);
-  pags_report_count(facts, "views_test", held_out);
-  pags_report_count(facts, "width", scene->views[0].camera.width);
-  pags_report_count(facts, "height", scene->views[0].camera.height);
+  pags_report_count(report, "views_train", scene->view_count - held_out);
+  pags_report_count(report, "views_test", held_out);
+  pags_report_count(report, "width", scene->views[0].camera.width);
+  pags_report_count(report, "height", scene->views[0].camera.height);
 }
 
 static const char *spoken(const pags_json_value *v, char text[PAGS_DOUBLE_TEXT]) {
@@ -299,46 +299,46 @@ static void join(const pags_json_value *parent, const char *but, char *text, siz
 }
 
 /* An array of objects: a line each, beginning with its id. */
-static void list_notes(pags_report *facts, const pags_json_value *array) {
+static void list_notes(pags_report *report, const pags_json_value *array) {
   char text[1000];
-  pags_report_line(facts, array->key, "%s", "");
-  facts->indent += 2;
+  pags_report_line(report, array->key, "%s", "");
+  report->indent += 2;
   for (const pags_json_value *v = array->first; v; v = v->next) {
     const pags_json_value *id = pags_json_member(v, "id");
     join(v, "id", text, sizeof text);
-    pags_report_line(facts, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
+    pags_report_line(report, id && id->type == PAGS_JSON_STRING ? id->text : "-", "%s", text);
   }
-  facts->indent -= 2;
+  report->indent -= 2;
 }
 
 /* What training noted, key by key, for people: the notes are the trainer's to choose. */
-static void say_notes(pags_report *facts, const pags_json_value *object) {
+static void say_notes(pags_report *report, const pags_json_value *object) {
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
     if (v->type == PAGS_JSON_OBJECT) {
       join(v, NULL, text, sizeof text);
-      pags_report_line(facts, v->key, "%s", text);
+      pags_report_line(report, v->key, "%s", text);
     } else if (v->type == PAGS_JSON_ARRAY && v->first && v->first->type == PAGS_JSON_OBJECT) {
-      list_notes(facts, v);
+      list_notes(report, v);
     } else if (v->type == PAGS_JSON_ARRAY) {
       for (const pags_json_value *e = v->first; e; e = e->next)
-        pags_report_line(facts, e == v->first ? v->key : "", "%s", spoken(e, text));
+        pags_report_line(report, e == v->first ? v->key : "", "%s", spoken(e, text));
     } else {
-      pags_report_line(facts, v->key, "%s", spoken(v, text));
+      pags_report_line(report, v->key, "%s", spoken(v, text));
     }
   }
 }
 
-static pags_result put_modelled(pags_report *facts, const pags_scene *scene) {
+static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
   pags_json *json;
   if (!scene->notes)
     return PAGS_OK;
   PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
-  pags_report_line(facts, "modelled", "%s", "");
-  facts->indent += 2;
-  say_notes(facts, pags_json_root(json));
-  facts->indent -= 2;
-  pags_json_put_raw(&facts->json, "modelled", scene->notes);
+  pags_report_line(report, "modelled", "%s", "");
+  report->indent += 2;
+  say_notes(report, pags_json_root(json));
+  report->indent -= 2;
+  pags_json_put_raw(&report->json, "modelled", scene->notes);
   pags_json_destroy(json);
   return PAGS_OK;
 }
@@ -358,7 +358,7 @@ static double stored_bytes(const pags_scene *scene, int *degree) {
 
 /* Renders one frame, from the first view or an orbit's first camera, and says what each stage holds per Gaussian. Takes
  * the scene. */
-static pags_result put_memory(pags_report *facts, pags_tasks *tasks, pags_scene *scene) {
+static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene *scene) {
   pags_camera_path path = {0};
   pags_frame *frame;
   pags_picture picture;
@@ -379,40 +379,40 @@ static pags_result put_memory(pags_report *facts, pags_tasks *tasks, pags_scene 
   if (result == PAGS_OK) {
     int64_t gaussians = pags_composition_gaussian_count(composition);
     double count = (double)(gaussians ? gaussians : 1);
-    pags_report_begin_group(facts, "memory");
-    pags_report_text(facts, "unit", "bytes per Gaussian");
-    pags_report_number(facts, "parameters", stored / count);
-    pags_report_number(facts, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
-    pags_report_number(facts, "frame", (double)pags_frame_bytes(frame) / count);
-    pags_report_number(facts, "training",
+    pags_report_begin_group(report, "memory");
+    pags_report_text(report, "unit", "bytes per Gaussian");
+    pags_report_number(report, "parameters", stored / count);
+    pags_report_number(report, "ready_to_draw", (double)pags_composition_bytes(composition) / count);
+    pags_report_number(report, "frame", (double)pags_frame_bytes(frame) / count);
+    pags_report_number(report, "training",
                        (double)pags_train_bytes(gaussians, degree, camera.width, camera.height) / count);
-    pags_report_count(facts, "width", camera.width);
-    pags_report_count(facts, "height", camera.height);
-    pags_report_end_group(facts);
+    pags_report_count(report, "width", camera.width);
+    pags_report_count(report, "height", camera.height);
+    pags_report_end_group(report);
   }
   pags_composition_destroy(composition);
   pags_frame_destroy(frame);
   return result;
 }
 
-static void put_world(pags_report *facts, const pags_scene *scene) {
+static void put_world(pags_report *report, const pags_scene *scene) {
   double lo[3], hi[3];
-  pags_report_text(facts, "up", pags_up_name(scene->up));
-  pags_report_flag(facts, "antialiased", scene->antialiased != 0);
-  pags_report_vector(facts, "origin", scene->origin, 3);
-  pags_report_place(facts, &scene->place);
+  pags_report_text(report, "up", pags_up_name(scene->up));
+  pags_report_flag(report, "antialiased", scene->antialiased != 0);
+  pags_report_vector(report, "origin", scene->origin, 3);
+  pags_report_place(report, &scene->place);
   if (scene_bounds(scene, lo, hi)) {
-    pags_report_vector(facts, "bounds_lo", lo, 3);
-    pags_report_vector(facts, "bounds_hi", hi, 3);
+    pags_report_vector(report, "bounds_lo", lo, 3);
+    pags_report_vector(report, "bounds_hi", hi, 3);
   }
   if (scene->iterations)
-    pags_report_count(facts, "iterations", scene->iterations);
+    pags_report_count(report, "iterations", scene->iterations);
   if (scene->dataset)
-    pags_report_text(facts, "dataset", scene->dataset);
+    pags_report_text(report, "dataset", scene->dataset);
 }
 
 /* How the Gaussians that have one spread over priorities. */
-static void put_priorities(pags_report *facts, const pags_scene *scene) {
+static void put_priorities(pags_report *report, const pags_scene *scene) {
   static const float bounds[3] = {0.1f, 0.5f, 0.9f};
   static const char *const names[3] = {"over_0.1", "over_0.5", "over_0.9"};
   int64_t known = 0, over[3] = {0};
@@ -428,34 +428,34 @@ static void put_priorities(pags_report *facts, const pags_scene *scene) {
   }
   if (!known)
     return;
-  pags_report_begin_group(facts, "priority");
-  pags_report_count(facts, "gaussians", known);
-  pags_report_number(facts, "mean", sum / (double)known);
+  pags_report_begin_group(report, "priority");
+  pags_report_count(report, "gaussians", known);
+  pags_report_number(report, "mean", sum / (double)known);
   for (int k = 0; k < 3; k++)
-    pags_report_number(facts, names[k], (double)over[k] / (double)known);
-  pags_report_end_group(facts);
+    pags_report_number(report, names[k], (double)over[k] / (double)known);
+  pags_report_end_group(report);
 }
 
-pags_result pags_scene_facts(pags_report *facts, const char *path, const char *kind,
+pags_result pags_scene_facts(pags_report *report, const char *path, const char *kind,
                              const pags_scene_facts_options *options) {
   pags_scene scene;
   uint64_t bytes = 0;
   PAGS_TRY(pags_scene_load(path, &scene));
-  pags_report_text(facts, "kind", kind);
-  pags_report_count(facts, "gaussians", pags_scene_gaussian_count(&scene));
-  pags_result result = put_models(facts, path, &scene, &bytes);
-  pags_report_bytes(facts, "bytes", (double)bytes);
-  put_degrees(facts, &scene);
-  put_world(facts, &scene);
-  put_priorities(facts, &scene);
-  put_views(facts, &scene);
-  put_drive(facts, &scene);
+  pags_report_text(report, "kind", kind);
+  pags_report_count(report, "gaussians", pags_scene_gaussian_count(&scene));
+  pags_result result = put_models(report, path, &scene, &bytes);
+  pags_report_bytes(report, "bytes", (double)bytes);
+  put_degrees(report, &scene);
+  put_world(report, &scene);
+  put_priorities(report, &scene);
+  put_views(report, &scene);
+  put_drive(report, &scene);
   if (result == PAGS_OK)
-    result = put_objects(facts, &scene, options->objects);
+    result = put_objects(report, &scene, options->objects);
   if (result == PAGS_OK)
-    result = put_modelled(facts, &scene);
+    result = put_modelled(report, &scene);
   if (result == PAGS_OK && options->memory)
-    result = put_memory(facts, options->tasks, &scene);
+    result = put_memory(report, options->tasks, &scene);
   pags_scene_destroy(&scene);
   return result;
 }

@@ -14,7 +14,7 @@ typedef struct pags_scene_facts_options {
 } pags_scene_facts_options;
 
 /* Loads the scene folder or splat file; `kind` is what it is called. */
-pags_result pags_scene_facts(pags_report *facts, const char *path, const char *kind,
+pags_result pags_scene_facts(pags_report *report, const char *path, const char *kind,
                              const pags_scene_facts_options *options);
 
 /* "+z", "-y", "unknown" */

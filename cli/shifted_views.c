@@ -28,7 +28,8 @@ void pags_shifted_view_scores_destroy(pags_shifted_view_scores *scores) {
 }
 
 /* The truth, shrunk as photographs are. */
-static pags_result load_truth(const char *path, const pags_camera *full, const pags_camera *small, pags_image *out) {
+static pags_result open_photographs(const char *path, const pags_camera *full, const pags_camera *small,
+                                    pags_image *out) {
   pags_image bytes, shrunk;
   PAGS_TRY(pags_image_load(path, PAGS_U8, 3, &bytes));
   pags_result result = PAGS_OK;
@@ -58,24 +59,24 @@ static pags_result save(const shifting *s, const char *name, int64_t i, const ch
   return pags_image_save_in(s->images, file, image);
 }
 
-static pags_result compare(const shifting *s, const pags_image *render, const pags_image *truth, int64_t i,
+static pags_result compare(const shifting *s, const pags_image *render, const pags_image *photographs, int64_t i,
                            pags_shifted_view_score *score) {
   double psnr, ssim;
-  PAGS_TRY(pags_eval_psnr(render, truth, NULL, &psnr));
-  PAGS_TRY(pags_eval_ssim(render, truth, NULL, s->session->tasks, &ssim));
+  PAGS_TRY(pags_eval_psnr(render, photographs, NULL, &psnr));
+  PAGS_TRY(pags_eval_ssim(render, photographs, NULL, s->session->tasks, &ssim));
   score->psnr += psnr;
   score->ssim += ssim;
   score->views++;
   if (!s->images)
     return PAGS_OK;
   PAGS_TRY(save(s, score->name, i, "render", render));
-  return save(s, score->name, i, "truth", truth);
+  return save(s, score->name, i, "truth", photographs);
 }
 
 static pags_result measure_view(const shifting *s, const char *folder, const pags_camera *full, int64_t i,
                                 pags_shifted_view_score *score) {
   pags_camera camera = s->downscale == 1 ? *full : pags_camera_downscale(full, s->downscale);
-  pags_image render, truth;
+  pags_image render, photographs;
   pags_picture picture;
   const pags_part *parts;
   int part_count;
@@ -91,16 +92,16 @@ static pags_result measure_view(const shifting *s, const char *folder, const pag
   char *path = pags_path_join(folder, file);
   if (!path)
     return pags_out_of_memory(NULL);
-  pags_result result = load_truth(path, full, &camera, &truth);
+  pags_result result = open_photographs(path, full, &camera, &photographs);
   free(path);
   if (result != PAGS_OK)
     return result;
   result = pags_picture_to_image(&picture, PAGS_F32, &render);
   if (result == PAGS_OK) {
-    result = compare(s, &render, &truth, i, score);
+    result = compare(s, &render, &photographs, i, score);
     pags_image_destroy(&render);
   }
-  pags_image_destroy(&truth);
+  pags_image_destroy(&photographs);
   return result;
 }
 

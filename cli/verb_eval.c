@@ -83,7 +83,7 @@ typedef struct evaluation {
   const eval_arguments *arguments;
   pags_composition *composition;
   const pags_scene *scene;
-  pags_photographs truth;
+  pags_photographs photographs;
   pags_lpips *lpips;
   pags_frame *frame;
   pags_frame_options options;
@@ -93,7 +93,7 @@ typedef struct evaluation {
   pags_depth_figures depth[2];
   pags_pose_errors poses;
   pags_shifted_view_scores shifts;
-  pags_priority_truth owners;
+  pags_priority_truth priority_truth;
 } evaluation;
 
 static pags_result save_image(const char *folder, const char *name, const char *what, const pags_image *image) {
@@ -150,8 +150,8 @@ static pags_result compare_picture(evaluation *self, const pags_photographs_view
   pags_result result = measure(self, &render, photo, score);
   pags_image_destroy(&render);
   if (result == PAGS_OK && picture->depth)
-    result =
-        pags_depth_errors_add(&self->depth_errors[at->test != 0], self->truth.dataset, at->index, picture, photo->mask);
+    result = pags_depth_errors_add(&self->depth_errors[at->test != 0], self->photographs.dataset, at->index, picture,
+                                   photo->mask);
   if (result == PAGS_OK)
     self->count++;
   return result;
@@ -170,8 +170,8 @@ static pags_result compare_unexposed(evaluation *self, const pags_camera *camera
 }
 
 static pags_result compare_view(evaluation *self, int64_t i) {
-  const pags_photographs_view *at = &self->truth.views[i];
-  const pags_view *view = pags_dataset_view(self->truth.dataset, at->index);
+  const pags_photographs_view *at = &self->photographs.views[i];
+  const pags_view *view = pags_dataset_view(self->photographs.dataset, at->index);
   const pags_camera *camera = &view->camera;
   pags_view_score *score = &self->scores[self->count];
   pags_photograph photo;
@@ -181,7 +181,7 @@ static pags_result compare_view(evaluation *self, int64_t i) {
   pags_frame_options exposed = self->options;
   *score = pags_view_score_make(view->name, at->test);
   pags_compose(self->composition, camera->time, &parts, &part_count);
-  PAGS_TRY(pags_photographs_read(&self->truth, i, &photo));
+  PAGS_TRY(pags_photographs_read(&self->photographs, i, &photo));
   pags_result result = PAGS_OK;
   if (at->scene_view && pags_frame_options_expose(&exposed, at->scene_view->gain, at->scene_view->offset))
     result = compare_unexposed(self, camera, parts, part_count, &photo, score);
@@ -209,21 +209,21 @@ static pags_result compare_all(evaluation *self) {
   pags_progress progress = pags_progress_begin(self->arguments->session.people);
   pags_result result = PAGS_OK;
   int64_t number = 0, count = 0;
-  for (int64_t i = 0; i < self->truth.count; i++)
-    count += wanted(self->arguments, self->truth.views[i].test);
+  for (int64_t i = 0; i < self->photographs.count; i++)
+    count += wanted(self->arguments, self->photographs.views[i].test);
   pags_interrupt_install(self->arguments->session.tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < self->truth.count; i++) {
+  for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
     if (pags_interrupted())
       result = PAGS_CANCELLED;
-    else if (wanted(self->arguments, self->truth.views[i].test) && chosen(self->arguments, number++, count))
+    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count))
       result = compare_view(self, i);
     if (pags_progress_due(&progress))
-      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->truth.count);
+      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->photographs.count);
   }
   pags_progress_end(&progress);
   if (result != PAGS_OK && pags_interrupted())
     return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)self->count,
-                     (long long)self->truth.count);
+                     (long long)self->photographs.count);
   return result;
 }
 
@@ -273,7 +273,7 @@ static pags_result write_json(const evaluation *self) {
   put_split(&writer, self, "test", 1);
   put_shifts(&writer, self);
   pags_pose_errors_put_json(&writer, &self->poses);
-  pags_priority_truth_put_json(&writer, &self->owners);
+  pags_priority_truth_put_json(&writer, &self->priority_truth);
   pags_json_end_object(&writer);
   return pags_session_json(&self->arguments->session, &writer);
 }
@@ -298,7 +298,7 @@ static double percent(int64_t part, int64_t whole) {
   return whole ? 100 * (double)part / (double)whole : 0;
 }
 
-static void print_owners(const pags_session *session, const pags_priority_truth *o) {
+static void print_priority_truth(const pags_session *session, const pags_priority_truth *o) {
   if (!o->seen)
     return;
   pags_say(session,
@@ -328,7 +328,7 @@ static void print_more(const evaluation *self) {
     pags_say(session, "shifted cameras %-16s %9.3f %8.4f\n", self->shifts.items[i].name, self->shifts.items[i].psnr,
              self->shifts.items[i].ssim);
   print_poses(session, &self->poses);
-  print_owners(session, &self->owners);
+  print_priority_truth(session, &self->priority_truth);
 }
 
 static pags_result open_all(evaluation *self, const char *scene_path) {
@@ -342,14 +342,14 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
   if (arguments->lpips_weights)
     PAGS_TRY(pags_lpips_load(arguments->lpips_weights, &self->lpips));
   PAGS_TRY(pags_photographs_open(self->scene, dataset, &arguments->options, arguments->session.tasks,
-                                 arguments->image_cache, &self->truth));
-  self->scores = calloc((size_t)self->truth.count, sizeof *self->scores);
+                                 arguments->image_cache, &self->photographs));
+  self->scores = calloc((size_t)self->photographs.count, sizeof *self->scores);
   if (!self->scores)
-    return pags_out_of_memory("%lld views", (long long)self->truth.count);
+    return pags_out_of_memory("%lld views", (long long)self->photographs.count);
   self->options = pags_composition_options(self->composition);
   PAGS_TRY(pags_early_z_parse(arguments->early_z, &self->options));
   self->options.order = (pags_order)arguments->order;
-  self->options.extra_channels = (pags_dataset_provides(self->truth.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  self->options.extra_channels = (pags_dataset_provides(self->photographs.dataset) & PAGS_PROVIDES_LIDAR) != 0;
   PAGS_TRY(pags_frame_create(arguments->session.tasks, &self->frame));
   return arguments->images ? pags_prepare_folder(arguments->images, NULL) : PAGS_OK;
 }
@@ -363,12 +363,13 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
                      arguments->split == 2 ? "held-out" : "training");
   for (int test = 0; test < 2; test++)
     self->depth[test] = pags_depth_errors_figures(&self->depth_errors[test]);
-  const char *dataset = pags_dataset_path(self->truth.dataset);
+  const char *dataset = pags_dataset_path(self->photographs.dataset);
   PAGS_TRY(pags_pose_errors_measure(dataset, self->scene, &self->poses));
-  PAGS_TRY(pags_priority_truth_measure(self->composition, &self->truth, self->frame, &self->options, &self->owners));
+  PAGS_TRY(pags_priority_truth_measure(self->composition, &self->photographs, self->frame, &self->options,
+                                       &self->priority_truth));
   if (arguments->shift)
-    PAGS_TRY(pags_shifted_views_measure(dataset, self->truth.downscale, self->composition, self->frame, &self->options,
-                                        &arguments->session, arguments->images, &self->shifts));
+    PAGS_TRY(pags_shifted_views_measure(dataset, self->photographs.downscale, self->composition, self->frame,
+                                        &self->options, &arguments->session, arguments->images, &self->shifts));
   pags_view_scores_print(&arguments->session, self->scores, self->count);
   print_more(self);
   return write_json(self);
@@ -377,7 +378,7 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
 static void destroy(evaluation *self) {
   if (self->frame)
     pags_frame_destroy(self->frame);
-  pags_photographs_close(&self->truth);
+  pags_photographs_close(&self->photographs);
   if (self->lpips)
     pags_lpips_destroy(self->lpips);
   pags_composition_destroy(self->composition);

@@ -53,52 +53,52 @@ static const pags_verb verb = {.name = "info",
                                .positionals = positionals,
                                .options = options};
 
-static pags_result describe_scene(pags_report *facts, const info_arguments *arguments, const char *path,
+static pags_result describe_scene(pags_report *report, const info_arguments *arguments, const char *path,
                                   const char *kind) {
   const pags_scene_facts_options chosen = {arguments->session.tasks, arguments->memory, arguments->objects};
-  return pags_scene_facts(facts, path, kind, &chosen);
+  return pags_scene_facts(report, path, kind, &chosen);
 }
 
-static pags_result describe_splat(pags_report *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_splat(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_gaussians gaussians;
   const char *kind;
   int antialiased;
   PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
   pags_gaussians_destroy(&gaussians);
-  return describe_scene(facts, arguments, path, kind);
+  return describe_scene(report, arguments, path, kind);
 }
 
-static void put_categories(pags_report *facts, const char *key, const pags_dataset *dataset, int moving) {
+static void put_categories(pags_report *report, const char *key, const pags_dataset *dataset, int moving) {
   int64_t counts[4] = {0}, sum = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
     const pags_object *object = pags_dataset_object(dataset, i);
     counts[object->category] += (object->moving != 0) == moving;
     sum += (object->moving != 0) == moving;
   }
-  pags_report_begin_group(facts, key);
-  pags_report_count(facts, "all", sum);
+  pags_report_begin_group(report, key);
+  pags_report_count(report, "all", sum);
   for (int c = 0; c < 4; c++)
     if (counts[c])
-      pags_report_count(facts, pags_category_name((pags_category)c), counts[c]);
-  pags_report_end_group(facts);
+      pags_report_count(report, pags_category_name((pags_category)c), counts[c]);
+  pags_report_end_group(report);
 }
 
 /* What a driving set has besides photographs. */
-static void put_driving(pags_report *facts, const pags_dataset *dataset) {
+static void put_driving(pags_report *report, const pags_dataset *dataset) {
   int64_t sweeps = pags_dataset_sweep_count(dataset);
   if (!(pags_dataset_fps(dataset) > 0))
     return;
-  pags_report_number(facts, "fps", pags_dataset_fps(dataset));
-  put_categories(facts, "objects_moving", dataset, 1);
-  put_categories(facts, "objects_parked", dataset, 0);
-  pags_report_count(facts, "lidar_sweeps", sweeps);
-  pags_report_begin_list(facts, "notes");
+  pags_report_number(report, "fps", pags_dataset_fps(dataset));
+  put_categories(report, "objects_moving", dataset, 1);
+  put_categories(report, "objects_parked", dataset, 0);
+  pags_report_count(report, "lidar_sweeps", sweeps);
+  pags_report_begin_list(report, "notes");
   for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-    pags_report_sentence(facts, pags_dataset_note(dataset, i));
-  pags_report_end_list(facts);
+    pags_report_sentence(report, pags_dataset_note(dataset, i));
+  pags_report_end_list(report);
 }
 
-static pags_result describe_dataset(pags_report *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_dataset(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_dataset *dataset;
   int64_t points, held_out = 0;
   const float *xyz;
@@ -110,82 +110,82 @@ static pags_result describe_dataset(pags_report *facts, const info_arguments *ar
   for (int64_t i = 0; i < count; i++)
     held_out += pags_dataset_view(dataset, i)->test;
   pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
-  pags_report_text(facts, "kind", "data set");
-  pags_report_text(facts, "format", pags_dataset_kind(dataset));
-  pags_report_count(facts, "views_train", count - held_out);
-  pags_report_count(facts, "views_test", held_out);
-  pags_report_count(facts, "views_missing", pags_dataset_missing(dataset));
+  pags_report_text(report, "kind", "data set");
+  pags_report_text(report, "format", pags_dataset_kind(dataset));
+  pags_report_count(report, "views_train", count - held_out);
+  pags_report_count(report, "views_test", held_out);
+  pags_report_count(report, "views_missing", pags_dataset_missing(dataset));
   if (count) {
-    pags_report_count(facts, "width", pags_dataset_view(dataset, 0)->camera.width);
-    pags_report_count(facts, "height", pags_dataset_view(dataset, 0)->camera.height);
+    pags_report_count(report, "width", pags_dataset_view(dataset, 0)->camera.width);
+    pags_report_count(report, "height", pags_dataset_view(dataset, 0)->camera.height);
   }
-  pags_report_count(facts, "points", points);
-  pags_report_flag(facts, "points_random", random != 0);
-  pags_report_text(facts, "up", pags_up_name(pags_dataset_up(dataset)));
-  pags_report_vector(facts, "origin", pags_dataset_origin(dataset), 3);
-  pags_report_place(facts, &place);
-  put_driving(facts, dataset);
+  pags_report_count(report, "points", points);
+  pags_report_flag(report, "points_random", random != 0);
+  pags_report_text(report, "up", pags_up_name(pags_dataset_up(dataset)));
+  pags_report_vector(report, "origin", pags_dataset_origin(dataset), 3);
+  pags_report_place(report, &place);
+  put_driving(report, dataset);
   pags_result result =
-      arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, facts) : PAGS_OK;
+      arguments->overlay ? pags_overlay(dataset, arguments->overlay, &arguments->session, report) : PAGS_OK;
   pags_dataset_close(dataset);
   return result;
 }
 
-static pags_result describe_cameras(pags_report *facts, const char *path) {
+static pags_result describe_cameras(pags_report *report, const char *path) {
   pags_camera_path cameras;
   PAGS_TRY(pags_camera_path_load(path, &cameras));
   const pags_camera *first = &cameras.cameras[0];
   double position[3] = {first->world_from_camera[3], first->world_from_camera[7], first->world_from_camera[11]};
   double focal[4] = {first->fx, first->fy, first->cx, first->cy};
-  pags_report_text(facts, "kind", cameras.fps > 0 ? "path" : "camera");
+  pags_report_text(report, "kind", cameras.fps > 0 ? "path" : "camera");
   if (cameras.fps > 0)
-    pags_report_number(facts, "fps", cameras.fps);
-  pags_report_count(facts, "frames", cameras.count);
-  pags_report_count(facts, "width", first->width);
-  pags_report_count(facts, "height", first->height);
-  pags_report_vector(facts, "fx_fy_cx_cy", focal, 4);
-  pags_report_vector(facts, "position", position, 3);
+    pags_report_number(report, "fps", cameras.fps);
+  pags_report_count(report, "frames", cameras.count);
+  pags_report_count(report, "width", first->width);
+  pags_report_count(report, "height", first->height);
+  pags_report_vector(report, "fx_fy_cx_cy", focal, 4);
+  pags_report_vector(report, "position", position, 3);
   pags_camera_path_destroy(&cameras);
   return PAGS_OK;
 }
 
-static pags_result describe_image(pags_report *facts, const char *path) {
+static pags_result describe_image(pags_report *report, const char *path) {
   int width, height;
   uint64_t bytes;
   PAGS_TRY(pags_image_size(path, &width, &height));
   PAGS_TRY(pags_file_size(path, &bytes));
-  pags_report_text(facts, "kind", "image");
-  pags_report_count(facts, "width", width);
-  pags_report_count(facts, "height", height);
-  pags_report_bytes(facts, "bytes", (double)bytes);
+  pags_report_text(report, "kind", "image");
+  pags_report_count(report, "width", width);
+  pags_report_count(report, "height", height);
+  pags_report_bytes(report, "bytes", (double)bytes);
   return PAGS_OK;
 }
 
-static pags_result describe_checkpoint(pags_report *facts, const char *path) {
+static pags_result describe_checkpoint(pags_report *report, const char *path) {
   pags_checkpoint_facts checkpoint;
   uint64_t bytes;
   PAGS_TRY(pags_file_size(path, &bytes));
   PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
-  pags_report_text(facts, "kind", "checkpoint");
-  pags_report_count(facts, "gaussians", checkpoint.gaussians);
-  pags_report_count(facts, "models", checkpoint.models);
-  pags_report_bytes(facts, "bytes", (double)bytes);
-  pags_report_count(facts, "sh_degree", checkpoint.sh_degree);
-  pags_report_count(facts, "step", checkpoint.step);
-  pags_report_count(facts, "last_step", checkpoint.stop);
-  pags_report_count(facts, "views_train", checkpoint.views);
-  pags_report_number(facts, "loss", checkpoint.loss);
+  pags_report_text(report, "kind", "checkpoint");
+  pags_report_count(report, "gaussians", checkpoint.gaussians);
+  pags_report_count(report, "models", checkpoint.models);
+  pags_report_bytes(report, "bytes", (double)bytes);
+  pags_report_count(report, "sh_degree", checkpoint.sh_degree);
+  pags_report_count(report, "step", checkpoint.step);
+  pags_report_count(report, "last_step", checkpoint.stop);
+  pags_report_count(report, "views_train", checkpoint.views);
+  pags_report_number(report, "loss", checkpoint.loss);
   return PAGS_OK;
 }
 
 /* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
-static pags_result describe_json(pags_report *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
   pags_json *json;
   PAGS_TRY(pags_json_parse_file(path, &json));
   const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
   bool transforms = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
   pags_json_destroy(json);
-  return transforms ? describe_dataset(facts, arguments, path) : describe_cameras(facts, path);
+  return transforms ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
 }
 
 /* The first 16 bytes; fewer, zero-filled, of shorter files. */
@@ -213,37 +213,37 @@ static bool is_image(const unsigned char *head) {
   return false;
 }
 
-static pags_result describe(pags_report *facts, const info_arguments *arguments, const char *path) {
+static pags_result describe(pags_report *report, const info_arguments *arguments, const char *path) {
   unsigned char head[16];
   if (pags_dir_exists(path))
-    return pags_folder_has(path, "scene.json") ? describe_scene(facts, arguments, path, "scene")
-                                               : describe_dataset(facts, arguments, path);
+    return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path, "scene")
+                                               : describe_dataset(report, arguments, path);
   PAGS_TRY(read_head(path, head));
   if (is_image(head))
-    return describe_image(facts, path);
+    return describe_image(report, path);
   if (!memcmp(head, "PAGSRUN", 7))
-    return describe_checkpoint(facts, path);
+    return describe_checkpoint(report, path);
   for (int i = 0; i < 16; i++) {
     if (head[i] == '{')
-      return describe_json(facts, arguments, path);
+      return describe_json(report, arguments, path);
     if (!strchr(" \t\r\n", head[i]) || !head[i])
       break;
   }
-  return describe_splat(facts, arguments, path);
+  return describe_splat(report, arguments, path);
 }
 
 int pags_verb_info(int argc, char **argv) {
   info_arguments arguments = {.options = pags_dataset_options_default()};
   pags_parsed parsed;
-  pags_report facts;
+  pags_report report;
   pags_parse_status status = pags_options_parse(&verb, argc, argv, &arguments, &parsed);
   if (status != PAGS_PARSE_OK)
     return status == PAGS_PARSE_HELP ? PAGS_EXIT_OK : PAGS_EXIT_USAGE;
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK) {
-    pags_report_begin(&facts);
-    result = describe(&facts, &arguments, parsed.positionals[0]);
-    result = pags_report_end(&facts, &arguments.session, result);
+    pags_report_begin(&report);
+    result = describe(&report, &arguments, parsed.positionals[0]);
+    result = pags_report_end(&report, &arguments.session, result);
   }
   return pags_session_end(&arguments.session, result);
 }

@@ -134,7 +134,7 @@ typedef struct renderer {
   pags_picture_queue queue;
   pags_frame_stats *stats;       /* per frame done */
   pags_deadline_report deadline; /* with --budget-ms */
-  pags_deadline_result *facts;   /* per frame done, with --budget-ms */
+  pags_deadline_result *report;  /* per frame done, with --budget-ms */
   int64_t done;
 } renderer;
 
@@ -274,12 +274,12 @@ static pags_result write_json(const renderer *self) {
     pags_json_put_integer(&writer, "height", self->viewpoints.items[i].camera.height);
     pags_json_put_number(&writer, "time", self->viewpoints.items[i].camera.time);
     put_stats(&writer, &self->stats[i]);
-    if (self->facts)
-      pags_deadline_report_put_frame(&self->facts[i], &writer);
+    if (self->report)
+      pags_deadline_report_put_frame(&self->report[i], &writer);
     pags_json_end_object(&writer);
   }
   pags_json_end_array(&writer);
-  if (self->facts)
+  if (self->report)
     pags_deadline_report_put(&self->deadline, &writer);
   pags_json_begin_object(&writer, "mean");
   put_stats(&writer, &mean);
@@ -296,10 +296,10 @@ static pags_result draw(renderer *self, int64_t index) {
   pags_compose(self->composition, viewpoint->camera.time, &parts, &part_count);
   if (self->arguments->exposure)
     pags_frame_options_expose(&self->options, viewpoint->gain, viewpoint->offset);
-  if (self->facts) {
+  if (self->report) {
     PAGS_TRY(pags_deadline_report_draw(&self->deadline, parts, part_count, &viewpoint->camera, &self->options, &picture,
-                                       &self->facts[index]));
-    self->stats[index] = self->facts[index].stats;
+                                       &self->report[index]));
+    self->stats[index] = self->report[index].stats;
   } else {
     PAGS_TRY(
         pags_frame_render(self->frame, parts, part_count, &viewpoint->camera, &self->options, NULL, NULL, &picture));
@@ -344,7 +344,7 @@ static void report(const renderer *self) {
       (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
       mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
   const int64_t count = pags_composition_gaussian_count(self->composition);
-  if (self->facts)
+  if (self->report)
     pags_deadline_report_print(&self->deadline, &self->arguments->session);
   if (self->packed)
     pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
@@ -403,8 +403,8 @@ static pags_result begin_deadline(renderer *self) {
   enum { CHECK_EVERY = 8 };
   if (self->arguments->budget_ms <= 0)
     return PAGS_OK;
-  self->facts = calloc((size_t)self->viewpoints.count + 1, sizeof *self->facts);
-  if (!self->facts)
+  self->report = calloc((size_t)self->viewpoints.count + 1, sizeof *self->report);
+  if (!self->report)
     return pags_out_of_memory("%lld frames", (long long)self->viewpoints.count);
   return pags_deadline_report_create(self->composition, self->arguments->session.tasks, self->arguments->budget_ms,
                                      CHECK_EVERY, &self->deadline);
@@ -441,7 +441,7 @@ static void destroy(renderer *self) {
   pags_viewpoints_destroy(&self->viewpoints);
   pags_composition_destroy(self->composition);
   pags_deadline_report_destroy(&self->deadline);
-  free(self->facts);
+  free(self->report);
   free(self->stats);
 }
 

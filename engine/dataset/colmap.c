@@ -121,7 +121,7 @@ pags_result pags_colmap_add_image(pags_colmap *model, const char *where, const p
                      where, image->name, square);
   if (*pags_path_name(image->name) == '\0')
     return pags_fail(PAGS_ERROR_FORMAT, "%s: image %lld: expected a name", where, (long long)image->id);
-  pags_parsed_view *view = pags_parsed_add(model->draft);
+  pags_parsed_view *view = pags_parsed_add(model->parsed);
   if (!view)
     return pags_out_of_memory("%s", where);
   view->where = pags_text_copy(where);
@@ -148,14 +148,14 @@ bool pags_colmap_is_model(const char *folder) {
 }
 
 /* The first of the usual places that holds any of the pictures; `images` beside the model's root where none does. */
-static char *find_pictures(const char *root, const char *model, const pags_parsed_dataset *draft) {
+static char *find_pictures(const char *root, const char *model, const pags_parsed_dataset *parsed) {
   const char *const bases[] = {root, root, model, model, model};
   static const char *const places[] = {"images", ".", "images", "../images", "../../images"};
   for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
     char *folder = strcmp(places[i], ".") == 0 ? pags_text_copy(bases[i]) : pags_path_join(bases[i], places[i]);
     bool found = false;
-    for (int64_t j = 0; folder && j < draft->count && !found && pags_dir_exists(folder); j++)
-      found = pags_folder_has(folder, draft->views[j].image_path);
+    for (int64_t j = 0; folder && j < parsed->count && !found && pags_dir_exists(folder); j++)
+      found = pags_folder_has(folder, parsed->views[j].image_path);
     if (found)
       return folder;
     free(folder);
@@ -163,11 +163,11 @@ static char *find_pictures(const char *root, const char *model, const pags_parse
   return pags_path_join(root, "images");
 }
 
-static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *draft) {
-  char *folder = find_pictures(root, model, draft);
+static pags_result locate_pictures(const char *root, const char *model, pags_parsed_dataset *parsed) {
+  char *folder = find_pictures(root, model, parsed);
   pags_result result = folder ? PAGS_OK : pags_out_of_memory("%s", root);
-  for (int64_t i = 0; result == PAGS_OK && i < draft->count; i++) {
-    pags_parsed_view *view = &draft->views[i];
+  for (int64_t i = 0; result == PAGS_OK && i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i];
     char *path = pags_path_join(folder, view->image_path);
     if (path) {
       free(view->image_path);
@@ -210,19 +210,19 @@ static pags_result read_model(const char *model, pags_colmap *into) {
   return read_part(model, "points3D", "txt", pags_colmap_points_txt, false, into);
 }
 
-pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *draft) {
-  memset(draft, 0, sizeof *draft);
-  draft->kind = "colmap";
-  draft->up = PAGS_UP_MINUS_Y;
-  draft->source = pags_text_copy(model);
-  pags_colmap into = {.draft = draft};
-  pags_result result = draft->source ? read_model(model, &into) : pags_out_of_memory("%s", model);
+pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed) {
+  memset(parsed, 0, sizeof *parsed);
+  parsed->kind = "colmap";
+  parsed->up = PAGS_UP_MINUS_Y;
+  parsed->source = pags_text_copy(model);
+  pags_colmap into = {.parsed = parsed};
+  pags_result result = parsed->source ? read_model(model, &into) : pags_out_of_memory("%s", model);
   if (result == PAGS_OK)
-    result = locate_pictures(root, model, draft);
-  draft->points.tracked = true;
-  pags_parsed_sort_points(&draft->points);
+    result = locate_pictures(root, model, parsed);
+  parsed->points.tracked = true;
+  pags_parsed_sort_points(&parsed->points);
   free(into.cameras);
   if (result != PAGS_OK)
-    pags_parsed_destroy(draft);
+    pags_parsed_destroy(parsed);
   return result;
 }

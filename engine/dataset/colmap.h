@@ -11,7 +11,7 @@ typedef struct pags_colmap_camera {
 } pags_colmap_camera;
 
 typedef struct pags_colmap {
-  pags_parsed_dataset *draft;
+  pags_parsed_dataset *parsed;
   int64_t camera_count, camera_capacity;
   pags_colmap_camera *cameras; /* sorted by id once read */
 } pags_colmap;

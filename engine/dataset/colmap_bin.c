@@ -126,6 +126,6 @@ pags_result pags_colmap_points_bin(pags_colmap *model, const pags_colmap_bytes *
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 8 + 3 * sizeof(double) + 3 + 8 + 8, "points", &count));
   for (int64_t i = 0; i < count; i++)
-    PAGS_TRY(take_point(&c, &model->draft->points));
+    PAGS_TRY(take_point(&c, &model->parsed->points));
   return PAGS_OK;
 }

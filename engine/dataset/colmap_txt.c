@@ -168,6 +168,6 @@ static pags_result take_point(lines *l, pags_parsed_points *points) {
 pags_result pags_colmap_points_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
   lines l = begin(bytes);
   while (next_record(&l))
-    PAGS_TRY(take_point(&l, &model->draft->points));
+    PAGS_TRY(take_point(&l, &model->parsed->points));
   return PAGS_OK;
 }

@@ -38,13 +38,13 @@ static pags_result check_options(const pags_dataset_options *options) {
 
 static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
 
-static pags_result read_default_model(const char *root, pags_parsed_dataset *draft) {
+static pags_result read_default_model(const char *root, pags_parsed_dataset *parsed) {
   for (size_t i = 0; i < sizeof model_folders / sizeof *model_folders; i++) {
     char *model = i == 0 ? pags_text_copy(root) : pags_path_join(root, model_folders[i]);
     if (!model)
       return pags_out_of_memory("%s", root);
     bool found = pags_colmap_is_model(model);
-    pags_result result = found ? pags_colmap_read(root, model, draft) : PAGS_OK;
+    pags_result result = found ? pags_colmap_read(root, model, parsed) : PAGS_OK;
     free(model);
     if (found)
       return result;
@@ -56,34 +56,34 @@ static pags_result read_default_model(const char *root, pags_parsed_dataset *dra
       root);
 }
 
-static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
+static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   char *transforms = pags_path_join(root, "transforms.json");
   if (!transforms)
     return pags_out_of_memory("%s", root);
   pags_result result;
   if (options->kind)
-    result = pags_driving_read(root, options, draft);
+    result = pags_driving_read(root, options, parsed);
   else if (pags_file_exists(transforms))
-    result = pags_transforms_read(transforms, draft);
+    result = pags_transforms_read(transforms, parsed);
   else if (pags_driving_is_set(root))
-    result = pags_driving_read(root, options, draft);
+    result = pags_driving_read(root, options, parsed);
   else
-    result = read_default_model(root, draft);
+    result = read_default_model(root, parsed);
   free(transforms);
   return result;
 }
 
 /* A model that was asked for; its path may be relative to the data set. */
-static pags_result read_named_model(const char *path, const char *model, pags_parsed_dataset *draft) {
+static pags_result read_named_model(const char *path, const char *model, pags_parsed_dataset *parsed) {
   char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
   char *inside = root ? pags_path_join(root, model) : NULL;
   pags_result result;
   if (!inside)
     result = pags_out_of_memory("%s", path);
   else if (pags_colmap_is_model(model))
-    result = pags_colmap_read(root, model, draft);
+    result = pags_colmap_read(root, model, parsed);
   else if (pags_colmap_is_model(inside))
-    result = pags_colmap_read(root, inside, draft);
+    result = pags_colmap_read(root, inside, parsed);
   else
     result =
         pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", model);
@@ -92,21 +92,21 @@ static pags_result read_named_model(const char *path, const char *model, pags_pa
   return result;
 }
 
-static pags_result read_draft(const char *path, const pags_dataset_options *options, pags_parsed_dataset *draft) {
+static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
   if (options->colmap)
-    return read_named_model(path, options->colmap, draft);
+    return read_named_model(path, options->colmap, parsed);
   if (pags_dir_exists(path))
-    return read_folder(path, options, draft);
+    return read_folder(path, options, parsed);
   if (strcmp(pags_path_name(path), "dataset.json") == 0) {
     char *folder = pags_path_folder(path);
-    pags_result result = folder ? pags_driving_read(folder, options, draft) : pags_out_of_memory("%s", path);
+    pags_result result = folder ? pags_driving_read(folder, options, parsed) : pags_out_of_memory("%s", path);
     free(folder);
     return result;
   }
   if (strcmp(pags_path_extension(path), ".json") == 0)
-    return pags_transforms_read(path, draft);
+    return pags_transforms_read(path, parsed);
   return pags_fail(PAGS_ERROR_FORMAT, "%s: not a data set: expected a folder or a transforms file (.json)", path);
 }
 
@@ -118,14 +118,14 @@ static int by_name(const void *a, const void *b) {
   return order ? order : strcmp(left->image_path, right->image_path);
 }
 
-static pags_result sort_views(pags_parsed_dataset *draft) {
-  if (draft->count == 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", draft->source);
-  if (draft->driving) /* by frame, then by camera, as its reader has left them */
+static pags_result sort_views(pags_parsed_dataset *parsed) {
+  if (parsed->count == 0)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected at least one image, found none", parsed->source);
+  if (parsed->driving) /* by frame, then by camera, as its reader has left them */
     return PAGS_OK;
-  pags_sort(draft->views, draft->count, sizeof *draft->views, by_name);
-  for (int64_t i = 1; i < draft->count; i++) {
-    const pags_parsed_view *a = &draft->views[i - 1], *b = &draft->views[i];
+  pags_sort(parsed->views, parsed->count, sizeof *parsed->views, by_name);
+  for (int64_t i = 1; i < parsed->count; i++) {
+    const pags_parsed_view *a = &parsed->views[i - 1], *b = &parsed->views[i];
     const char *name = pags_path_name(a->image_path);
     if (strcmp(name, pags_path_name(b->image_path)) == 0)
       return pags_fail(PAGS_ERROR_FORMAT, "%s: the image name %s occurs twice (also at %s); expected unique names",
@@ -134,9 +134,9 @@ static pags_result sort_views(pags_parsed_dataset *draft) {
   return PAGS_OK;
 }
 
-static pags_result check_sizes(const pags_parsed_dataset *draft) {
-  for (int64_t i = 0; i < draft->count; i++) {
-    const pags_parsed_view *view = &draft->views[i];
+static pags_result check_sizes(const pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
     int width, height;
     if (view->missing || view->sized)
       continue;
@@ -157,26 +157,26 @@ static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
 /* Moves the views without an image behind the others, which keep their order; dataset->count is then that of the
  * others. */
 static pags_result leave_out_missing(pags_dataset *dataset, int allowed) {
-  pags_parsed_dataset *draft = &dataset->draft;
+  pags_parsed_dataset *parsed = &dataset->parsed;
   const char *first = NULL, *where = NULL;
-  for (int64_t i = 0; i < draft->count; i++) {
-    pags_parsed_view *view = &draft->views[i];
+  for (int64_t i = 0; i < parsed->count; i++) {
+    pags_parsed_view *view = &parsed->views[i];
     if (!view->missing)
-      swap_views(view, &draft->views[dataset->count++]);
+      swap_views(view, &parsed->views[dataset->count++]);
     else if (!first)
       first = view->image_path, where = view->where;
   }
-  dataset->missing = draft->count - dataset->count;
+  dataset->missing = parsed->count - dataset->count;
   if (!first)
     return PAGS_OK;
-  long long missing = (long long)dataset->missing, all = (long long)draft->count;
+  long long missing = (long long)dataset->missing, all = (long long)parsed->count;
   if (dataset->count == 0)
     return pags_fail(PAGS_ERROR_IO, "%s: no such image: %s; all %lld images are missing", where, first, all);
   if (!allowed)
     return pags_fail(PAGS_ERROR_IO,
                      "%s: no such image: %s; %lld of %lld images are missing (--allow-missing leaves them out)", where,
                      first, missing, all);
-  pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s", draft->source,
+  pags_log(PAGS_LOG_WARNING, "%s: %lld of %lld images are missing and left out, the first is %s", parsed->source,
            missing, all, first);
   return PAGS_OK;
 }
@@ -191,7 +191,7 @@ static bool same_lens(const pags_lens *a, const pags_lens *b) {
 
 /* Finding the pinhole of a lens costs milliseconds: one that was seen before is taken over. */
 static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
-  pags_parsed_view *views = dataset->draft.views;
+  pags_parsed_view *views = dataset->parsed.views;
   for (int64_t i = 0; i < index; i++)
     if (same_lens(&views[i].lens, &views[index].lens)) {
       views[index].lens = views[i].lens;
@@ -204,8 +204,8 @@ static pags_result find_pinhole(pags_dataset *dataset, int64_t index) {
 
 /* Held out: driving sets by time step or camera, static ones by their order. */
 static void choose_part(const pags_dataset *dataset, int64_t index, int every, pags_view *view) {
-  const pags_driving *driving = dataset->draft.driving;
-  const pags_parsed_view *from = &dataset->draft.views[index];
+  const pags_driving *driving = dataset->parsed.driving;
+  const pags_parsed_view *from = &dataset->parsed.views[index];
   view->sensor = driving ? from->sensor : -1;
   view->frame = driving ? from->frame : -1;
   view->shutter_time = driving ? from->shutter_time : (double)NAN;
@@ -215,7 +215,7 @@ static void choose_part(const pags_dataset *dataset, int64_t index, int every, p
 }
 
 static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_dataset_options *options) {
-  const pags_parsed_view *from = &dataset->draft.views[index];
+  const pags_parsed_view *from = &dataset->parsed.views[index];
   pags_view *view = &dataset->views[index];
   view->name = pags_path_name(from->image_path);
   view->image_path = from->image_path;
@@ -224,7 +224,7 @@ static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_da
   PAGS_TRY(find_pinhole(dataset, index));
   pags_camera camera = dataset->pinholes[index];
   memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
-  camera.time = dataset->draft.driving ? from->time : (double)NAN;
+  camera.time = dataset->parsed.driving ? from->time : (double)NAN;
   char *what = pags_text_format("%s (%s)", from->where, view->name);
   pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
   free(what);
@@ -245,7 +245,7 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
   }
   if (training == 0)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: all of its views are held out; expected more views, or --split-every 0",
-                     dataset->draft.source);
+                     dataset->parsed.source);
   return PAGS_OK;
 }
 
@@ -268,19 +268,19 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   dataset->path = pags_text_copy(path);
   if (!dataset->path)
     return pags_out_of_memory("%s", path);
-  PAGS_TRY(read_draft(path, options, &dataset->draft));
+  PAGS_TRY(read_parsed(path, options, &dataset->parsed));
   pags_dataset_options resolved = *options;
   if (resolved.split_every == -1)
     resolved.split_every = 8; /* of static sets; the driving reader has its own */
-  PAGS_TRY(sort_views(&dataset->draft));
-  PAGS_TRY(check_sizes(&dataset->draft));
+  PAGS_TRY(sort_views(&dataset->parsed));
+  PAGS_TRY(check_sizes(&dataset->parsed));
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
   choose_origin(dataset);
-  if (options->critical && !dataset->draft.driving)
+  if (options->critical && !dataset->parsed.driving)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: critical '%s' is asked for, but only driving sets have labels", path,
                      options->critical);
-  if (dataset->draft.driving)
+  if (dataset->parsed.driving)
     PAGS_TRY(pags_ego_masks_make(dataset, options));
   return pags_dataset_make_points(dataset, options);
 }
@@ -304,7 +304,7 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
 void pags_dataset_close(pags_dataset *dataset) {
   if (!dataset)
     return;
-  pags_parsed_destroy(&dataset->draft);
+  pags_parsed_destroy(&dataset->parsed);
   free(dataset->path);
   free(dataset->views);
   free(dataset->pinholes);
@@ -318,7 +318,7 @@ const char *pags_dataset_path(const pags_dataset *dataset) {
 }
 
 const char *pags_dataset_kind(const pags_dataset *dataset) {
-  return dataset->draft.kind;
+  return dataset->parsed.kind;
 }
 
 int64_t pags_dataset_view_count(const pags_dataset *dataset) {
@@ -331,7 +331,7 @@ const pags_view *pags_dataset_view(const pags_dataset *dataset, int64_t index) {
 }
 
 pags_up pags_dataset_up(const pags_dataset *dataset) {
-  return dataset->draft.up;
+  return dataset->parsed.up;
 }
 
 const double *pags_dataset_origin(const pags_dataset *dataset) {
@@ -353,59 +353,59 @@ void pags_dataset_points(const pags_dataset *dataset, int64_t *count, const floa
 /* Driving sets. */
 
 int pags_dataset_provides(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->provides : 0;
+  return dataset->parsed.driving ? dataset->parsed.driving->provides : 0;
 }
 
 double pags_dataset_fps(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->fps : 0;
+  return dataset->parsed.driving ? dataset->parsed.driving->fps : 0;
 }
 
 pags_place pags_dataset_place(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->rules.place : (pags_place){0};
+  return dataset->parsed.driving ? dataset->parsed.driving->rules.place : (pags_place){0};
 }
 
 int64_t pags_dataset_object_count(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->object_count : 0;
+  return dataset->parsed.driving ? dataset->parsed.driving->object_count : 0;
 }
 
 const pags_object *pags_dataset_object(const pags_dataset *dataset, int64_t index) {
   assert(index >= 0 && index < pags_dataset_object_count(dataset));
-  return &dataset->draft.driving->objects[index];
+  return &dataset->parsed.driving->objects[index];
 }
 
 int pags_dataset_object_is_critical(const pags_dataset *dataset, int64_t index) {
   assert(index >= 0 && index < pags_dataset_object_count(dataset));
-  return dataset->draft.driving->critical.objects[index] != PAGS_CRITICAL_NOT;
+  return dataset->parsed.driving->critical.objects[index] != PAGS_CRITICAL_NOT;
 }
 
 const char *pags_dataset_critical(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->critical.list : NULL;
+  return dataset->parsed.driving ? dataset->parsed.driving->critical.list : NULL;
 }
 
 int64_t pags_dataset_sweep_count(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->sweep_count : 0;
+  return dataset->parsed.driving ? dataset->parsed.driving->sweep_count : 0;
 }
 
 const pags_sweep *pags_dataset_sweep(const pags_dataset *dataset, int64_t index) {
   assert(index >= 0 && index < pags_dataset_sweep_count(dataset));
-  return &dataset->draft.driving->sweeps[index];
+  return &dataset->parsed.driving->sweeps[index];
 }
 
 pags_result pags_dataset_sweep_load(const pags_dataset *dataset, int64_t index, int64_t *count, float **xyz) {
   assert(index >= 0 && index < pags_dataset_sweep_count(dataset));
-  return pags_sweep_read(dataset->draft.driving, index, count, xyz);
+  return pags_sweep_read(dataset->parsed.driving, index, count, xyz);
 }
 
 const char *pags_dataset_sensor_name(const pags_dataset *dataset, int sensor) {
-  const pags_sensor *found = dataset->draft.driving ? pags_driving_sensor(dataset->draft.driving, sensor) : NULL;
+  const pags_sensor *found = dataset->parsed.driving ? pags_driving_sensor(dataset->parsed.driving, sensor) : NULL;
   return found ? found->name : NULL;
 }
 
 int64_t pags_dataset_note_count(const pags_dataset *dataset) {
-  return dataset->draft.driving ? dataset->draft.driving->note_count : 0;
+  return dataset->parsed.driving ? dataset->parsed.driving->note_count : 0;
 }
 
 const char *pags_dataset_note(const pags_dataset *dataset, int64_t index) {
   assert(index >= 0 && index < pags_dataset_note_count(dataset));
-  return dataset->draft.driving->notes[index];
+  return dataset->parsed.driving->notes[index];
 }

@@ -29,7 +29,7 @@ static void centre_of(const pags_camera *camera, double c[3]) {
 
 /* The point with the smallest sum of squared distances from all optical axes: sum of (I - d d^T)(x - c) = 0. Relative
  * to `middle`, so that large coordinates cancel nothing. */
-static bool find_subject(const pags_camera *const *cameras, int64_t count, const double middle[3], double subject[3]) {
+static bool find_focus(const pags_camera *const *cameras, int64_t count, const double middle[3], double focus[3]) {
   double a[6] = {0}, b[3] = {0};
   for (int64_t i = 0; i < count; i++) {
     const double *m = cameras[i]->world_from_camera;
@@ -46,10 +46,10 @@ static bool find_subject(const pags_camera *const *cameras, int64_t count, const
     for (int j = 0; j < 3; j++)
       b[j] += c[j] - along * d[j];
   }
-  if (!solve(a, b, subject))
+  if (!solve(a, b, focus))
     return false;
   for (int j = 0; j < 3; j++)
-    subject[j] += middle[j];
+    focus[j] += middle[j];
   return true;
 }
 
@@ -78,16 +78,16 @@ static double find_middle(const pags_camera *const *cameras, int64_t count, doub
 
 /* The median depth of the point nearest to all axes. */
 pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count, double *out) {
-  double middle[3], subject[3], spread = find_middle(cameras, count, middle);
+  double middle[3], focus[3], spread = find_middle(cameras, count, middle);
   *out = spread > 1e-9 ? 4 * spread : 1;
-  if (!find_subject(cameras, count, middle, subject))
+  if (!find_focus(cameras, count, middle, focus))
     return PAGS_OK;
   double *depths = malloc((size_t)count * sizeof *depths);
   if (!depths)
     return pags_out_of_memory("random points");
   int64_t ahead = 0;
   for (int64_t i = 0; i < count; i++) {
-    depths[ahead] = depth_of(cameras[i], subject);
+    depths[ahead] = depth_of(cameras[i], focus);
     ahead += depths[ahead] > 0;
   }
   pags_sort_doubles(depths, ahead);

@@ -9,7 +9,7 @@
 
 struct pags_dataset {
   char *path;
-  pags_parsed_dataset draft; /* owns the strings; its views are in the order of `views` */
+  pags_parsed_dataset parsed; /* owns the strings; its views are in the order of `views` */
   pags_view *views;
   pags_camera *pinholes; /* of each view: undistorted, not downscaled; intrinsics only */
   int64_t count;
@@ -21,7 +21,7 @@ struct pags_dataset {
   int random;
 };
 
-/* Fills in the points to start from: the draft's, or random ones. */
+/* Fills in the points to start from: the parsed set's, or random ones. */
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options);
 
 /* Driving sets: where cameras see their own car. After the views are made. */

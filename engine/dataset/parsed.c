@@ -12,22 +12,22 @@
 #include "base/memory.h"
 #include "base/sort.h"
 
-void pags_parsed_destroy(pags_parsed_dataset *draft) {
-  for (int64_t i = 0; i < draft->count; i++) {
-    free(draft->views[i].image_path);
-    free(draft->views[i].mask_path);
-    free(draft->views[i].where);
-    free(draft->views[i].sky_path);
-    free(draft->views[i].semantic_path);
-    free(draft->views[i].dynamic_path);
-    free(draft->views[i].part_path);
+void pags_parsed_destroy(pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < parsed->count; i++) {
+    free(parsed->views[i].image_path);
+    free(parsed->views[i].mask_path);
+    free(parsed->views[i].where);
+    free(parsed->views[i].sky_path);
+    free(parsed->views[i].semantic_path);
+    free(parsed->views[i].dynamic_path);
+    free(parsed->views[i].part_path);
   }
-  free(draft->views);
-  free(draft->source);
-  free(draft->points.items);
-  free(draft->points.track);
-  pags_driving_destroy(draft->driving);
-  memset(draft, 0, sizeof *draft);
+  free(parsed->views);
+  free(parsed->source);
+  free(parsed->points.items);
+  free(parsed->points.track);
+  pags_driving_destroy(parsed->driving);
+  memset(parsed, 0, sizeof *parsed);
 }
 
 /* Room for one more item of `size` bytes in *items; doubles. */
@@ -43,12 +43,12 @@ static bool grow(void **items, int64_t count, int64_t *capacity, size_t size) {
   return true;
 }
 
-pags_parsed_view *pags_parsed_add(pags_parsed_dataset *draft) {
-  void *views = draft->views;
-  if (!grow(&views, draft->count, &draft->capacity, sizeof *draft->views))
+pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed) {
+  void *views = parsed->views;
+  if (!grow(&views, parsed->count, &parsed->capacity, sizeof *parsed->views))
     return NULL;
-  draft->views = views;
-  pags_parsed_view *view = &draft->views[draft->count++];
+  parsed->views = views;
+  pags_parsed_view *view = &parsed->views[parsed->count++];
   memset(view, 0, sizeof *view);
   return view;
 }

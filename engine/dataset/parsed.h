@@ -50,9 +50,9 @@ typedef struct pags_parsed_dataset {
   struct pags_driving *driving; /* NULL: a static set */
 } pags_parsed_dataset;
 
-void pags_parsed_destroy(pags_parsed_dataset *draft);
+void pags_parsed_destroy(pags_parsed_dataset *parsed);
 /* A zeroed view at the end; NULL when memory is out. */
-pags_parsed_view *pags_parsed_add(pags_parsed_dataset *draft);
+pags_parsed_view *pags_parsed_add(pags_parsed_dataset *parsed);
 /* A point at the end, without observers yet; fails where a coordinate is not finite. */
 pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const double xyz[3], const uint8_t rgb[3],
                                   const char *where);
@@ -60,10 +60,10 @@ pags_result pags_parsed_add_point(pags_parsed_points *points, int64_t id, const 
 pags_result pags_parsed_observe(pags_parsed_points *points, int64_t view, const char *where);
 void pags_parsed_sort_points(pags_parsed_points *points);
 
-/* A file of nerfstudio's or instant-ngp's. Both readers leave an empty draft on failure. */
-pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft);
+/* A file of nerfstudio's or instant-ngp's. Both readers leave an empty parsed set on failure. */
+pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed);
 /* `model` holds cameras/images/points3D (.bin or .txt); pictures are looked for around `root` and `model`. */
-pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *draft);
+pags_result pags_colmap_read(const char *root, const char *model, pags_parsed_dataset *parsed);
 bool pags_colmap_is_model(const char *folder);
 
 /* Vertices of a PLY file with x y z and, where it has them, red green blue. */

@@ -35,7 +35,7 @@ static pags_result check_size(const pags_image *image, const char *path, const p
 
 static pags_result load(const pags_dataset *dataset, int64_t index, pictures *out) {
   const pags_view *view = &dataset->views[index];
-  const pags_lens *lens = &dataset->draft.views[index].lens;
+  const pags_lens *lens = &dataset->parsed.views[index].lens;
   PAGS_TRY(pags_image_load(view->image_path, PAGS_U8, 3, &out->colour));
   PAGS_TRY(check_size(&out->colour, view->image_path, lens));
   if (view->mask_path) {
@@ -153,7 +153,7 @@ static pags_result add_labels(const pags_dataset *dataset, int64_t index, const 
 
 pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int factor, pags_photo_data *out) {
   assert(index >= 0 && index < dataset->count && factor >= 1);
-  const pags_lens *lens = &dataset->draft.views[index].lens;
+  const pags_lens *lens = &dataset->parsed.views[index].lens;
   const pags_camera *pinhole = &dataset->pinholes[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   memset(out, 0, sizeof *out);
@@ -170,7 +170,7 @@ pags_result pags_photo_decode(const pags_dataset *dataset, int64_t index, int fa
 }
 
 void pags_photo_bytes(const pags_dataset *dataset, int64_t index, int factor, uint64_t *kept, uint64_t *decoding) {
-  const pags_lens *lens = &dataset->draft.views[index].lens;
+  const pags_lens *lens = &dataset->parsed.views[index].lens;
   const pags_camera *pinhole = &dataset->pinholes[index];
   pags_camera target = pags_camera_downscale(&dataset->views[index].camera, factor);
   bool straight = pags_lens_is_pinhole(lens), same = is_full_size(pinhole, &target);

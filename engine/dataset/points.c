@@ -32,7 +32,7 @@ static id_use *list_uses(const pags_dataset *dataset) {
   if (!uses)
     return NULL;
   for (int64_t i = 0; i < dataset->count; i++) {
-    uses[i].id = dataset->draft.views[i].id;
+    uses[i].id = dataset->parsed.views[i].id;
     uses[i].training = !dataset->views[i].test;
   }
   pags_sort(uses, dataset->count, sizeof *uses, by_id);
@@ -59,7 +59,7 @@ static pags_result allocate(pags_dataset *dataset, int64_t count) {
 }
 
 static pags_result take_model_points(pags_dataset *dataset) {
-  const pags_parsed_points *points = &dataset->draft.points;
+  const pags_parsed_points *points = &dataset->parsed.points;
   PAGS_TRY(allocate(dataset, points->count));
   id_use *uses = list_uses(dataset);
   if (!uses)
@@ -78,7 +78,7 @@ static pags_result take_model_points(pags_dataset *dataset) {
   dataset->point_count = kept;
   if (kept < points->count)
     pags_log(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
-             dataset->draft.source, (long long)(points->count - kept), (long long)points->count);
+             dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
   return PAGS_OK;
 }
 
@@ -100,11 +100,11 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
 }
 
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
-  if (dataset->draft.driving && options->sfm)
-    PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->draft));
-  if (dataset->draft.points.count > 0)
+  if (dataset->parsed.driving && options->sfm)
+    PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->parsed));
+  if (dataset->parsed.points.count > 0)
     PAGS_TRY(take_model_points(dataset));
   if (dataset->point_count > 0)
     return PAGS_OK;
-  return dataset->draft.driving ? allocate(dataset, 0) : make_random_points(dataset, options);
+  return dataset->parsed.driving ? allocate(dataset, 0) : make_random_points(dataset, options);
 }

@@ -21,7 +21,7 @@ typedef struct reader {
   pags_json *json;
   const pags_json_value *root;
   char *folder; /* file_path is relative to it */
-  pags_parsed_dataset *draft;
+  pags_parsed_dataset *parsed;
 } reader;
 
 /* The frame's own value, else the shared one; *given says whether there is either. */
@@ -174,7 +174,7 @@ static pags_result find_mask(const reader *r, const pags_json_value *frame, pags
 
 static pags_result read_frame(const reader *r, const pags_json_value *frame) {
   PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
-  pags_parsed_view *view = pags_parsed_add(r->draft);
+  pags_parsed_view *view = pags_parsed_add(r->parsed);
   if (!view)
     return pags_out_of_memory("%s", pags_json_path(r->json));
   view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
@@ -194,18 +194,18 @@ static pags_result read_points(const reader *r) {
   char *path = pags_path_join(r->folder, file);
   if (!path)
     return pags_out_of_memory("%s", pags_json_path(r->json));
-  pags_result result = pags_ply_points_read(path, &r->draft->points);
+  pags_result result = pags_ply_points_read(path, &r->parsed->points);
   free(path);
   return result;
 }
 
 static pags_result read_all(reader *r, const char *path) {
   r->folder = pags_path_folder(path);
-  r->draft->source = pags_text_copy(path);
-  if (!r->folder || !r->draft->source)
+  r->parsed->source = pags_text_copy(path);
+  if (!r->folder || !r->parsed->source)
     return pags_out_of_memory("%s", path);
-  r->draft->kind = "transforms.json";
-  r->draft->up = PAGS_UP_Z;
+  r->parsed->kind = "transforms.json";
+  r->parsed->up = PAGS_UP_Z;
   PAGS_TRY(pags_json_parse_file(path, &r->json));
   r->root = pags_json_root(r->json);
   PAGS_TRY(pags_json_as_object(r->json, r->root, "a transforms file"));
@@ -216,13 +216,13 @@ static pags_result read_all(reader *r, const char *path) {
   return read_points(r);
 }
 
-pags_result pags_transforms_read(const char *path, pags_parsed_dataset *draft) {
-  memset(draft, 0, sizeof *draft);
-  reader r = {.draft = draft};
+pags_result pags_transforms_read(const char *path, pags_parsed_dataset *parsed) {
+  memset(parsed, 0, sizeof *parsed);
+  reader r = {.parsed = parsed};
   pags_result result = read_all(&r, path);
   pags_json_destroy(r.json);
   free(r.folder);
   if (result != PAGS_OK)
-    pags_parsed_destroy(draft);
+    pags_parsed_destroy(parsed);
   return result;
 }

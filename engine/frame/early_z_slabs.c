@@ -53,7 +53,7 @@ typedef struct slabs {
 } slabs;
 
 /* Whether the reach holds a block that can still change. */
-static bool is_open(const fullness *f, pags_reach r) {
+static bool is_open(const saturation *f, pags_reach r) {
   if (r.x0 >= r.x1)
     return false;
   const int first = r.x0 >> 6, last = (r.x1 - 1) >> 6;

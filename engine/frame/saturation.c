@@ -18,7 +18,7 @@ static uint16_t blocks_inside(const pags_frame *frame, int x0, int y0) {
 
 /* Rows of blocks from the tiles' masks: four bits of a tile go into each of four rows. */
 static void spread(const pags_frame *frame) {
-  fullness *const f = frame->full;
+  saturation *const f = frame->full;
   memset(f->open, 0, (size_t)(f->rows * f->words) * sizeof *f->open);
   f->tiles_full = 0;
   for (int ty = 0; ty < frame->tiles_y; ty++)
@@ -34,7 +34,7 @@ static void spread(const pags_frame *frame) {
 
 pags_result pags_frame_saturation_begin(pags_frame *frame) {
   const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
-  fullness *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "full tiles");
+  saturation *const f = frame->full = pags_frame_alloc(frame, 1, sizeof *f, "full tiles");
   if (!f)
     return PAGS_ERROR_MEMORY;
   f->words = (BLOCKS * frame->tiles_x + WORD - 1) / WORD;

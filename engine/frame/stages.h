@@ -31,14 +31,14 @@ typedef struct depth_key {
 } depth_key;
 
 /* What is full while a frame is drawn slab by slab (early_z_slabs.c). */
-typedef struct fullness {
+typedef struct saturation {
   float *limits;       /* per tile: -1 where every pixel has stopped and the tile is finished, else infinity */
   uint8_t *tile_begun; /* per tile: 1, its planes hold what an earlier slab left */
   uint16_t *tile_open; /* per tile: blocks that have a pixel which hasn't stopped */
   uint64_t *open;      /* the same, row of blocks after row of blocks, a bit a block */
   int words, rows;     /* a row's words, rows of blocks */
   int64_t tiles_full;
-} fullness;
+} saturation;
 
 /* What every 4 x 4 pixels see in their middle, without the sky. Planes have samples for whole tiles. */
 enum { SAMPLE_SIDE = 4 };
@@ -84,7 +84,7 @@ struct pags_frame {
   int64_t *tile_start;   /* tiles + 1 */
   pags_entry *entries;   /* tile after tile; front to back once sorted */
   uint16_t *block_masks; /* per entry */
-  fullness *full;        /* NULL: one slab */
+  saturation *full;      /* NULL: one slab */
   bool last_slab;
   frame_apart *apart;       /* how the next frame is drawn; NULL: all of it in full */
   const uint8_t *wanted;    /* per tile: 0, it isn't drawn; NULL: all are */

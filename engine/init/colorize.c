@@ -25,7 +25,7 @@ typedef struct owner_pose {
   float m[12]; /* camera from the owner's frame */
 } owner_pose;
 
-typedef struct painter {
+typedef struct colorizer {
   const pags_dataset *dataset;
   pags_tasks *tasks;
   pags_lidar_points *points;
@@ -33,12 +33,12 @@ typedef struct painter {
   double time_begin;
   owner_pose *poses; /* 1 + objects; the background's first */
   pags_seen_point *seen;
-  pags_z_buffer occlusion;
+  pags_z_buffer z_buffer;
   pags_photo photo;
   pags_camera camera;
-} painter;
+} colorizer;
 
-static void set_motion(const painter *p, const double world_from_owner[12], owner_pose *out) {
+static void set_motion(const colorizer *p, const double world_from_owner[12], owner_pose *out) {
   double inverse[12], m[12];
   pags_rigid_inverse(p->camera.world_from_camera, inverse);
   pags_rigid_multiply(inverse, world_from_owner, m);
@@ -47,7 +47,7 @@ static void set_motion(const painter *p, const double world_from_owner[12], owne
   out->present = 1;
 }
 
-static void set_poses(painter *p, double time) {
+static void set_poses(colorizer *p, double time) {
   const double *origin = pags_dataset_origin(p->dataset);
   const double shifted[12] = {1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2]};
   set_motion(p, shifted, &p->poses[0]);
@@ -62,7 +62,7 @@ static void set_poses(painter *p, double time) {
 
 static void project_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
-  const painter *p = context;
+  const colorizer *p = context;
   const pags_camera *c = &p->camera;
   const float fx = (float)c->fx, fy = (float)c->fy, cx = (float)c->cx, cy = (float)c->cy;
   for (int64_t i = begin; i < end; i++) {
@@ -83,7 +83,7 @@ static void project_block(void *context, int64_t begin, int64_t end, int worker)
 }
 
 /* Does a pixel of these labels show something else? Boxes of several kinds may overlap there: then nobody knows. */
-static int is_doubtful(const painter *p, const pags_lidar_point *row, int labels) {
+static int is_doubtful(const colorizer *p, const pags_lidar_point *row, int labels) {
   static const int bits[] = {[PAGS_CATEGORY_VEHICLE] = PAGS_LABEL_VEHICLE,
                              [PAGS_CATEGORY_PEDESTRIAN] = PAGS_LABEL_PEDESTRIAN,
                              [PAGS_CATEGORY_CYCLIST] = PAGS_LABEL_CYCLIST};
@@ -95,8 +95,8 @@ static int is_doubtful(const painter *p, const pags_lidar_point *row, int labels
 }
 
 /* 0: the pixel can't be used. */
-static float weight_of(const painter *p, const pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
-  int visible = pags_z_buffer_visible(&p->occlusion, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
+static float weight_of(const colorizer *p, const pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
+  int visible = pags_z_buffer_visible(&p->z_buffer, at), labels = p->photo.labels ? p->photo.labels[pixel] : 0;
   if (p->photo.mask && !p->photo.mask[pixel])
     return 0;
   if (!visible && row->kind != PAGS_CANDIDATE_GRID)
@@ -111,16 +111,16 @@ static float weight_of(const painter *p, const pags_lidar_point *row, const pags
 }
 
 /* The share of the views that show a point in which something critical is there: S_sem to begin with. */
-static void count_view(const painter *p, pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
-  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_z_buffer_visible(&p->occlusion, at))
+static void count_view(const colorizer *p, pags_lidar_point *row, const pags_seen_point *at, int64_t pixel) {
+  if (!p->photo.labels || (p->photo.mask && !p->photo.mask[pixel]) || !pags_z_buffer_visible(&p->z_buffer, at))
     return;
   row->views[0] += 1;
   row->views[1] += (p->photo.labels[pixel] & PAGS_LABEL_CRITICAL) != 0;
 }
 
-static void paint_block(void *context, int64_t begin, int64_t end, int worker) {
+static void colorize_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
-  const painter *p = context;
+  const colorizer *p = context;
   int64_t plane = (int64_t)p->photo.height * p->photo.stride;
   for (int64_t i = begin; i < end; i++) {
     const pags_seen_point *at = &p->seen[i];
@@ -136,16 +136,16 @@ static void paint_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static pags_result paint_view(painter *p, pags_photo_cache *photos, int64_t view, int shrink) {
+static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t view, int shrink) {
   const pags_view *v = pags_dataset_view(p->dataset, view);
   PAGS_TRY(pags_photo_cache_get(photos, view, shrink, &p->photo));
   p->camera = shrink == 1 ? v->camera : pags_camera_downscale(&v->camera, shrink);
   set_poses(p, v->camera.time);
-  PAGS_TRY(pags_z_buffer_reset(&p->occlusion, p->photo.width, p->photo.height, p->camera.fx));
+  PAGS_TRY(pags_z_buffer_reset(&p->z_buffer, p->photo.width, p->photo.height, p->camera.fx));
   if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, project_block, p))
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");
-  pags_z_buffer_add(&p->occlusion, p->seen, p->measured);
-  if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, paint_block, p))
+  pags_z_buffer_add(&p->z_buffer, p->seen, p->measured);
+  if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, colorize_block, p))
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");
   return PAGS_OK;
 }
@@ -157,19 +157,19 @@ static int shrink_of(const pags_camera *camera) {
   return shrink;
 }
 
-static pags_result paint_all(painter *p, pags_photo_cache *photos, const int64_t *views, int64_t count,
-                             pags_far_points *far) {
+static pags_result colorize_all(colorizer *p, pags_photo_cache *photos, const int64_t *views, int64_t count,
+                                pags_far_points *far) {
   int shrink = shrink_of(&pags_dataset_view(p->dataset, views[0])->camera);
   pags_photo_cache_prefetch(photos, views, count, shrink);
   for (int64_t i = 0; i < count; i++) {
-    PAGS_TRY(paint_view(p, photos, views[i], shrink));
+    PAGS_TRY(colorize_view(p, photos, views[i], shrink));
     int64_t share = far->wanted * (i + 1) / count - far->wanted * i / count;
-    pags_far_draw(&p->photo, &p->camera, &p->occlusion, pags_dataset_origin(p->dataset), (uint64_t)i, share, far);
+    pags_far_draw(&p->photo, &p->camera, &p->z_buffer, pags_dataset_origin(p->dataset), (uint64_t)i, share, far);
   }
   return PAGS_OK;
 }
 
-static pags_result allocate(painter *p, int64_t **views, pags_far_points *far) {
+static pags_result allocate(colorizer *p, int64_t **views, pags_far_points *far) {
   size_t points = (size_t)(p->points->count > 0 ? p->points->count : 1);
   size_t wanted = (size_t)(far->wanted > 0 ? far->wanted : 1);
   p->poses = calloc((size_t)pags_dataset_object_count(p->dataset) + 1, sizeof *p->poses);
@@ -185,7 +185,7 @@ static pags_result allocate(painter *p, int64_t **views, pags_far_points *far) {
 
 pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_points *points,
                                        int64_t measured, pags_far_points *far) {
-  painter p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
+  colorizer p = {.dataset = dataset, .tasks = tasks, .points = points, .measured = measured};
   pags_photo_cache *photos = NULL;
   int64_t *views = NULL, count = 0;
   if (pags_dataset_sweep_count(dataset) > 0)
@@ -197,10 +197,10 @@ pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *
   if (result == PAGS_OK && count > 0)
     result = pags_photo_cache_create(dataset, tasks, cache_bytes, &photos);
   if (result == PAGS_OK && count > 0)
-    result = paint_all(&p, photos, views, count, far);
+    result = colorize_all(&p, photos, views, count, far);
   if (photos)
     pags_photo_cache_destroy(photos);
-  pags_z_buffer_destroy(&p.occlusion);
+  pags_z_buffer_destroy(&p.z_buffer);
   free(p.poses);
   free(p.seen);
   free(views);

@@ -24,7 +24,7 @@ pags_result pags_lidar_points_colorize(const pags_dataset *dataset, pags_tasks *
 
 /* Draws on one photograph. `photo` and `camera` are the picture's, `from` the view's number; adds to `far`, which has
  * room. */
-void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *occlusion,
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *z_buffer,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far);
 
 #endif

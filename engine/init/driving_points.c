@@ -2,7 +2,7 @@
 /* Points to start from in a driving scene.
  *
  * Yan et al. (Street Gaussians, 2024) start from LiDAR coloured by projection and split by boxes, the background in
- * voxels of 0.15 m, and from structure from motion; what the laser never reaches is covered by random points as
+ * voxels of 0.15 m, and from structure from motion; what the LiDAR never reaches is covered by random points as
  * drivestudio does it. Here voxels grow with the distance and with the number of points, colours are means over the
  * photographs that see a point, and points that no training photograph sees are left out. */
 #include "init/driving_points.h"

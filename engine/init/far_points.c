@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Points where the laser doesn't reach: upper storeys, what is far away.
+/* Points where the LiDAR doesn't reach: upper storeys, what is far away.
  *
- * A wall goes on above the laser's highest beam at the same depth, so half of the points are put at the depth of what
+ * A wall goes on above the LiDAR's highest beam at the same depth, so half of the points are put at the depth of what
  * is below them in the picture; the others anywhere behind, evenly in 1 / depth as disparities are.
  *
  * On the synthetic street (24 frames at half size, 800 steps) they bring 0.9 dB in held-out views and 0.7 to 1.1 dB in
@@ -64,7 +64,7 @@ static void emit(const pags_photo *photo, const pags_camera *camera, const doubl
   far->count++;
 }
 
-void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *occlusion,
+void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pags_z_buffer *z_buffer,
                    const double *origin, uint64_t from, int64_t count, pags_far_points *far) {
   for (int64_t i = 0; i < count; i++) {
     uint64_t b = from << 32 | (uint64_t)i;
@@ -73,9 +73,9 @@ void pags_far_draw(const pags_photo *photo, const pags_camera *camera, const pag
       pags_rng_uniform2(far->seed, STREAM + 2 * t, b, pixel);
       double u = pixel[0] * photo->width, v = pixel[1] * photo->height;
       int x = (int)u / PAGS_OCCLUSION_CELL, y = (int)v / PAGS_OCCLUSION_CELL;
-      if (!usable(photo, (int)u, (int)v) || !is_clear(occlusion, x, y))
+      if (!usable(photo, (int)u, (int)v) || !is_clear(z_buffer, x, y))
         continue;
-      double below = depth_below(occlusion, x, y);
+      double below = depth_below(z_buffer, x, y);
       emit(photo, camera, origin, u, v, draw_depth(far->seed, STREAM + 2 * t + 1, b, below, far->farthest), far);
       break;
     }

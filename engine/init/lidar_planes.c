@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Facets; see lidar_planes.h.
+/* Planes; see lidar_planes.h.
  *
  * Points are sorted into cubic cells of three sizes. A cell whose points fit a plane (least squares: the eigenvector of
- * the smallest eigenvalue of their covariance) to within the laser's noise is a facet; one whose points don't is
+ * the smallest eigenvalue of their covariance) to within the LiDAR's noise is a plane; one whose points don't is
  * remembered as rough, so that nothing there is drawn to a plane of larger cells. */
 #include "init/lidar_planes.h"
 
@@ -17,10 +17,10 @@ enum { LEVELS = 3, MOST_POINTS = 2000000, LEAST_POINTS = 10, GRAIN = 4096, CELL_
 
 static const double finest = 0.4; /* side of the smallest cells, metres; then twice that, and so on */
 static const double thickest =
-    0.04; /* standard deviation across a facet, metres: noise of the laser, of the poses, a little relief */
+    0.04; /* standard deviation across a plane, metres: noise of the LiDAR, of the poses, a little relief */
 static const double narrowest =
     0.1; /* standard deviation along its second axis, of the side: a line of points has no plane */
-static const double widest = 0.75;  /* how far along the plane from its centre a facet reaches, of the side */
+static const double widest = 0.75;  /* how far along the plane from its centre a plane reaches, of the side */
 static const double farthest = 0.3; /* and across, metres */
 static const double nearest = 0.03; /* what lies nearer than this is left alone: the planes are no better known */
 
@@ -111,7 +111,7 @@ static void moments_of(const pags_lidar_points *points, const keyed *run, int64_
 
 static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
   double mean[3], a[3][3], v[3][3];
-  pags_lidar_plane facet = {.key = run->key};
+  pags_lidar_plane plane = {.key = run->key};
   moments_of(points, run, count, mean, a);
   diagonalise(a, v);
   int least = 0, most = 0;
@@ -122,10 +122,10 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
   double second = a[0][0] + a[1][1] + a[2][2] - a[least][least] - a[most][most];
   int flat = a[least][least] <= thickest * thickest && second >= narrowest * narrowest * side * side;
   for (int k = 0; k < 3; k++) {
-    facet.centre[k] = (float)mean[k];
-    facet.normal[k] = flat ? (float)v[k][least] : 0.0f;
+    plane.centre[k] = (float)mean[k];
+    plane.normal[k] = flat ? (float)v[k][least] : 0.0f;
   }
-  return facet;
+  return plane;
 }
 
 /* All cells of one level; `keys` has room for all points. */
@@ -204,26 +204,26 @@ void pags_lidar_planes_destroy(pags_lidar_planes *self) {
 /* Drawing. */
 
 typedef struct drawing {
-  const pags_lidar_planes *facets;
+  const pags_lidar_planes *planes;
   pags_gaussians *g;
   float share;
 } drawing;
 
-static int reaches(const pags_lidar_plane *facet, const float p[3], float side, float *across) {
+static int reaches(const pags_lidar_plane *plane, const float p[3], float side, float *across) {
   float d[3], along2 = 0;
   *across = 0;
   for (int k = 0; k < 3; k++) {
-    d[k] = p[k] - facet->centre[k];
-    *across += d[k] * facet->normal[k];
+    d[k] = p[k] - plane->centre[k];
+    *across += d[k] * plane->normal[k];
     along2 += d[k] * d[k];
   }
   along2 -= *across * *across;
   return fabsf(*across) <= (float)farthest && along2 <= (float)(widest * widest) * side * side;
 }
 
-/* The facet whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
+/* The plane whose plane is nearest, in the point's own cell and the six beside it, of the smallest cells that have any.
  */
-static const pags_lidar_plane *nearest_facet(const pags_lidar_planes *self, const float p[3], float *across) {
+static const pags_lidar_plane *nearest_plane(const pags_lidar_planes *self, const float p[3], float *across) {
   static const int8_t step[7][3] = {{0, 0, 0}, {1, 0, 0}, {-1, 0, 0}, {0, 1, 0}, {0, -1, 0}, {0, 0, 1}, {0, 0, -1}};
   for (int level = 0; level < LEVELS; level++) {
     double side = ldexp(finest, level);
@@ -232,15 +232,15 @@ static const pags_lidar_plane *nearest_facet(const pags_lidar_planes *self, cons
     cell_of(p, side, cell);
     for (int i = 0; i < 7; i++) {
       int64_t beside[3] = {cell[0] + step[i][0], cell[1] + step[i][1], cell[2] + step[i][2]};
-      const pags_lidar_plane *facet = find(self, key_of(beside, level));
+      const pags_lidar_plane *plane = find(self, key_of(beside, level));
       float d;
-      if (!facet)
+      if (!plane)
         continue;
-      int rough = facet->normal[0] == 0.0f && facet->normal[1] == 0.0f && facet->normal[2] == 0.0f;
+      int rough = plane->normal[0] == 0.0f && plane->normal[1] == 0.0f && plane->normal[2] == 0.0f;
       if (rough && i == 0)
         return NULL;
-      if (!rough && reaches(facet, p, (float)side, &d) && (!best || fabsf(d) < fabsf(*across))) {
-        best = facet;
+      if (!rough && reaches(plane, p, (float)side, &d) && (!best || fabsf(d) < fabsf(*across))) {
+        best = plane;
         *across = d;
       }
     }
@@ -259,10 +259,10 @@ static void draw_block(void *context, int64_t begin, int64_t end, int worker) {
       continue;
     for (int k = 0; k < 3; k++)
       p[k] = pags_plane(d->g, PAGS_MEAN + k)[row];
-    const pags_lidar_plane *facet = nearest_facet(d->facets, p, &across);
+    const pags_lidar_plane *plane = nearest_plane(d->planes, p, &across);
     float excess = fabsf(across) - (float)nearest;
-    for (int k = 0; facet && excess > 0.0f && k < 3; k++)
-      pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * facet->normal[k];
+    for (int k = 0; plane && excess > 0.0f && k < 3; k++)
+      pags_plane(d->g, PAGS_MEAN + k)[row] = p[k] - copysignf(d->share * excess, across) * plane->normal[k];
   }
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Facets: flat pieces of the background's surface as the laser measured them, and drawing Gaussians onto them.
+/* Planes: flat pieces of the background's surface as the LiDAR measured them, and drawing Gaussians onto them.
  *
  * The picture and the expected depth leave open where along a ray its Gaussians lie, as long as they blend to the same:
  * they come to fill a surface's neighbourhood, below the road above all. Where many sweeps agree on a plane, that is
@@ -29,11 +29,11 @@ typedef struct pags_lidar_planes {
 /* From the sweeps of training time steps; empty where there are none. The same for any number of threads. */
 pags_result pags_lidar_planes_create(const pags_dataset *dataset, pags_tasks *tasks, pags_lidar_planes *out);
 /* From the background's among such points but those of parked things, whose panels and windows are no planes; those
- * that share a cell of 0.4, 0.8 or 1.6 m and fit a plane become a facet. */
+ * that share a cell of 0.4, 0.8 or 1.6 m and fit a plane become a plane. */
 pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_planes *out);
 void pags_lidar_planes_destroy(pags_lidar_planes *self); /* a zeroed struct is allowed */
 
-/* Moves means that lie within 0.3 m of a facet, in front or behind, towards its plane by `share` (0..1) of what their
+/* Moves means that lie within 0.3 m of a plane, in front or behind, towards its plane by `share` (0..1) of what their
  * distance exceeds 3 cm by, but not those of parked things. Bounds of clusters no longer fit. Returns 0 when cancelled.
  */
 int pags_lidar_planes_pull(const pags_lidar_planes *self, pags_gaussians *g, double share, pags_tasks *tasks);

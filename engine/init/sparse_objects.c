@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects that the laser hardly touched: mirror images and grids. */
+/* Objects that the LiDAR hardly touched: mirror images and grids. */
 #include <math.h>
 #include <stdlib.h>
 

@@ -6,7 +6,7 @@
 #include "synth/stage.h"
 #include "synth/street.h"
 
-/* One turn of the laser at the stage's time: 4 floats a point (x y z in the ego frame, metres; intensity 0..1), in
+/* One turn of the LiDAR at the stage's time: 4 floats a point (x y z in the ego frame, metres; intensity 0..1), in
  * `points`, which has room for street->options->lidar_points of them. Returns how many. */
 int64_t pags_sweep_trace(const pags_street *street, const pags_stage *stage, int frame, pags_tasks *tasks,
                          float *points);

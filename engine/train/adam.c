@@ -274,7 +274,7 @@ static left_out find_left_out(const pags_adam *adam, const pags_gaussians *g, in
 
 /* How many, and the first of them. */
 static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const left_out *l, int64_t first, int rows,
-                         const float *gradient, int64_t stride, int planes, pags_offender *out) {
+                         const float *gradient, int64_t stride, int planes, pags_nonfinite_row *out) {
   int count = 0, row = -1;
   for (int i = 0; i < rows; i++)
     if (is_left_out(l, i) && count++ == 0)
@@ -283,10 +283,10 @@ static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const l
     const int sound = fabsf(column_at(adam, g, planes, i, first).p[row]) < 3e38f;
     if (sound && fabsf(gradient[i * stride + row]) < 1e18f)
       continue;
-    *out = (pags_offender){.step = adam->step,
-                           .row = first + row,
-                           .plane = i < planes ? i : PAGS_MAX_PLANES + i - planes,
-                           .kind = sound ? PAGS_OFFENCE_GRADIENT : PAGS_OFFENCE_PARAMETER};
+    *out = (pags_nonfinite_row){.step = adam->step,
+                                .row = first + row,
+                                .plane = i < planes ? i : PAGS_MAX_PLANES + i - planes,
+                                .kind = sound ? PAGS_NONFINITE_GRADIENT : PAGS_NONFINITE_PARAMETER};
     break;
   }
   return count;
@@ -306,7 +306,7 @@ static void update_others(const pags_adam *adam, column c, const float *gradient
 }
 
 int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
-                     const float *gradient, int64_t stride, int planes, pags_offender *offender) {
+                     const float *gradient, int64_t stride, int planes, pags_nonfinite_row *bad_row) {
   const pags_train_config *c = config_of(adam);
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first);
@@ -332,7 +332,7 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   adam->moment_step[cluster] = (int32_t)step;
   adam->param_step[cluster] = (int32_t)step;
   pags_adam_bound(adam, g, clusters, cluster);
-  return out.any ? name_left_out(adam, g, &out, first, rows, gradient, stride, planes, offender) : 0;
+  return out.any ? name_left_out(adam, g, &out, first, rows, gradient, stride, planes, bad_row) : 0;
 }
 
 /* Interval that a plane's members stay in. */

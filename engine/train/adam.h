@@ -55,7 +55,7 @@ void pags_adam_touch(pags_adam *adam, pags_gaussians *g, int64_t cluster, int64_
  * moments included, whatever its other planes hold. Returns how many rows that were; `first` (may be NULL) receives the
  * first of them, its first such plane and why, if there was one. */
 int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters, int64_t cluster,
-                     const float *gradient, int64_t stride, int planes, pags_offender *first);
+                     const float *gradient, int64_t stride, int planes, pags_nonfinite_row *first);
 /* Bounds of a cluster as of its last update; of all, after regroup. */
 void pags_adam_bound(const pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, int64_t cluster);
 void pags_adam_bound_all(pags_adam *adam, const pags_gaussians *g, pags_clusters *clusters, pags_tasks *tasks);

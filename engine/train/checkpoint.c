@@ -139,10 +139,10 @@ typedef struct knot_record {
 } knot_record;
 
 /* BADR. */
-typedef struct guard_record {
+typedef struct nonfinite_record {
   int64_t count;
-  pags_offender first;
-} guard_record;
+  pags_nonfinite_row first;
+} nonfinite_record;
 
 static size_t exposure_bytes(const pags_exposures *exposures) {
   return (size_t)(exposures->count + exposures->sensors) * sizeof(pags_exposure);
@@ -195,8 +195,9 @@ static pags_result put_state(section_writer *w, const pags_train_state *s, uint6
   }
   PAGS_TRY(close_section(w));
   PAGS_TRY(put_whole(w, "EXPO", s->exposures.items, exposure_bytes(&s->exposures)));
-  if (s->guard.count > 0)
-    PAGS_TRY(put_whole(w, "BADR", &(guard_record){s->guard.count, s->guard.first}, sizeof(guard_record)));
+  if (s->nonfinite.count > 0)
+    PAGS_TRY(
+        put_whole(w, "BADR", &(nonfinite_record){s->nonfinite.count, s->nonfinite.first}, sizeof(nonfinite_record)));
   return put_whole(w, "END!", "", 0);
 }
 
@@ -427,18 +428,18 @@ static pags_result get_exposures(section_reader *r, const run_record *run, const
   return PAGS_OK;
 }
 
-static pags_result get_guard(section_reader *r, pags_train_state *s) {
+static pags_result get_nonfinite(section_reader *r, pags_train_state *s) {
   const uint8_t *payload = NULL;
-  guard_record record;
+  nonfinite_record record;
   PAGS_TRY(next_sized(r, "BADR", sizeof record, &payload));
   memcpy(&record, payload, sizeof record);
-  const pags_offender *o = &record.first;
+  const pags_nonfinite_row *o = &record.first;
   if (record.count <= 0 || o->step < 0 || o->step > s->step || o->object < -1 || o->object >= s->tracks.count ||
       o->row < 0 || o->plane < 0 || o->plane >= PAGS_MAX_PLANES + PAGS_FOURIER_PLANES || o->kind < 0 ||
-      o->kind > PAGS_OFFENCE_EXPOSURE)
+      o->kind > PAGS_NONFINITE_EXPOSURE)
     return out_of_range(r, "BADR");
-  s->guard.count = record.count;
-  s->guard.first = record.first;
+  s->nonfinite.count = record.count;
+  s->nonfinite.first = record.first;
   return PAGS_OK;
 }
 
@@ -482,7 +483,7 @@ static pags_result read_state(section_reader *r, const pags_dataset *dataset, pa
   PAGS_TRY(get_sky(r, &record, &s->sky));
   PAGS_TRY(get_exposures(r, &record, dataset, &s->exposures));
   if (r->end - r->at >= 4 && memcmp(r->at, "BADR", 4) == 0)
-    PAGS_TRY(get_guard(r, s));
+    PAGS_TRY(get_nonfinite(r, s));
   return next_sized(r, "END!", 0, &payload);
 }
 

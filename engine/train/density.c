@@ -15,7 +15,7 @@ enum { LARGEST_CLUSTER = 256, UNSEEN_GRAIN = 4 };
 
 typedef struct unseen_job {
   pags_train_model *model;
-  pags_nonfinite *guard;
+  pags_nonfinite *nonfinite;
 } unseen_job;
 
 static void move_unseen_block(void *context, int64_t begin, int64_t end, int worker) {
@@ -32,11 +32,11 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
     memset(data, 0, (size_t)(planes + PAGS_FOURIER_PLANES) * (size_t)stride * sizeof(float));
     pags_adam_touch(&m->adam, &m->gaussians, c, step);
     pags_mcmc_regularise(m, first, (int)(rest < stride ? rest : stride), data, stride);
-    pags_offender offender = {0};
-    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &offender);
-    offender.object = m->object;
+    pags_nonfinite_row bad_row = {0};
+    int left_out = pags_adam_update(&m->adam, &m->gaussians, &m->clusters, c, data, stride, planes, &bad_row);
+    bad_row.object = m->object;
     if (left_out)
-      pags_nonfinite_note(job->guard, left_out, &offender);
+      pags_nonfinite_note(job->nonfinite, left_out, &bad_row);
   }
 }
 
@@ -44,7 +44,7 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
 static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
   pags_adam_begin(&m->adam, m->step);
   if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                         &(unseen_job){m, &t->state.guard}))
+                         &(unseen_job){m, &t->state.nonfinite}))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   return pags_mcmc_noise(m, m->step, t->tasks);
 }
@@ -93,7 +93,7 @@ static pags_result refine(pags_trainer *t) {
 /* The background onto the planes that LiDAR shows; its clusters' bounds anew. */
 static pags_result pull_to_lidar_planes(pags_trainer *t) {
   pags_train_model *m = &t->state.models[0];
-  if (!pags_lidar_planes_pull(&t->facets, &m->gaussians, t->state.schedule.config.density.lidar_pull, t->tasks))
+  if (!pags_lidar_planes_pull(&t->planes, &m->gaussians, t->state.schedule.config.density.lidar_pull, t->tasks))
     return pags_fail(PAGS_CANCELLED, "cancelled");
   pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
   return PAGS_OK;
@@ -107,7 +107,7 @@ pags_result pags_density_control(pags_trainer *t) {
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
-  int draws = t->facets.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  int draws = t->planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
   if (!due && !reset && !fourier && !draws && prune < 0)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);

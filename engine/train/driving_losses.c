@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Loss terms of driving scenes: opacity where the sky is, depth where the laser hit, opacity of moving objects in and
+/* Loss terms of driving scenes: opacity where the sky is, depth where the LiDAR hit, opacity of moving objects in and
  * out of their boxes.
  *
  * With T the transmittance, alpha = 1 - T and n counted pixels:

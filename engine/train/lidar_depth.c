@@ -33,15 +33,15 @@ static void project(const pags_camera *camera, const double camera_from_sweep[12
 
 /* Moves what the camera sees to the front; returns how many. */
 static pags_result keep_visible(const pags_camera *camera, pags_seen_point *points, int64_t *count) {
-  pags_z_buffer occlusion = {0};
+  pags_z_buffer z_buffer = {0};
   int64_t kept = 0;
-  PAGS_TRY(pags_z_buffer_reset(&occlusion, camera->width, camera->height, camera->fx));
-  pags_z_buffer_add(&occlusion, points, *count);
+  PAGS_TRY(pags_z_buffer_reset(&z_buffer, camera->width, camera->height, camera->fx));
+  pags_z_buffer_add(&z_buffer, points, *count);
   for (int64_t i = 0; i < *count; i++)
-    if (points[i].z > 0 && pags_z_buffer_visible(&occlusion, &points[i]))
+    if (points[i].z > 0 && pags_z_buffer_visible(&z_buffer, &points[i]))
       points[kept++] = points[i];
   *count = kept;
-  pags_z_buffer_destroy(&occlusion);
+  pags_z_buffer_destroy(&z_buffer);
   return PAGS_OK;
 }
 

@@ -11,7 +11,7 @@ typedef struct pags_lidar_depth_sample {
 } pags_lidar_depth_sample;
 
 /* Points of the view's own time step that its camera sees: projected, those hidden behind nearer ones (a z-buffer of
- * coarse cells, since the laser sits elsewhere) left out, at most `most`, chosen evenly. Empty where there is no sweep.
+ * coarse cells, since the LiDAR sits elsewhere) left out, at most `most`, chosen evenly. Empty where there is no sweep.
  * Also for held-out views: evaluation asks for them, training must not. `samples` is freed by the caller. */
 pags_result pags_lidar_depth_samples(const pags_dataset *dataset, int64_t view, int64_t most, int64_t *count,
                                      pags_lidar_depth_sample **samples);

@@ -6,17 +6,17 @@
 
 #include <pags/gaussians.h>
 
-void pags_nonfinite_init(pags_nonfinite *guard) {
-  *guard = (pags_nonfinite){.count = 0};
-  atomic_flag_clear(&guard->busy);
+void pags_nonfinite_init(pags_nonfinite *nonfinite) {
+  *nonfinite = (pags_nonfinite){.count = 0};
+  atomic_flag_clear(&nonfinite->busy);
 }
 
 /* Gaussians before poses before exposures, as a step comes to them. */
-static int stage_of(const pags_offender *o) {
-  return o->kind == PAGS_OFFENCE_EXPOSURE ? 2 : o->kind == PAGS_OFFENCE_POSE;
+static int stage_of(const pags_nonfinite_row *o) {
+  return o->kind == PAGS_NONFINITE_EXPOSURE ? 2 : o->kind == PAGS_NONFINITE_POSE;
 }
 
-static int comes_before(const pags_offender *a, const pags_offender *b) {
+static int comes_before(const pags_nonfinite_row *a, const pags_nonfinite_row *b) {
   if (a->step != b->step)
     return a->step < b->step;
   if (stage_of(a) != stage_of(b))
@@ -30,13 +30,13 @@ static int comes_before(const pags_offender *a, const pags_offender *b) {
 
 /* So rare that waiting in a loop doesn't matter. Sums and minima of whole numbers: the order of the calls doesn't
  * either. */
-void pags_nonfinite_note(pags_nonfinite *guard, int64_t count, const pags_offender *first) {
-  while (atomic_flag_test_and_set_explicit(&guard->busy, memory_order_acquire)) {
+void pags_nonfinite_note(pags_nonfinite *nonfinite, int64_t count, const pags_nonfinite_row *first) {
+  while (atomic_flag_test_and_set_explicit(&nonfinite->busy, memory_order_acquire)) {
   }
-  if (guard->count == 0 || comes_before(first, &guard->first))
-    guard->first = *first;
-  guard->count += count;
-  atomic_flag_clear_explicit(&guard->busy, memory_order_release);
+  if (nonfinite->count == 0 || comes_before(first, &nonfinite->first))
+    nonfinite->first = *first;
+  nonfinite->count += count;
+  atomic_flag_clear_explicit(&nonfinite->busy, memory_order_release);
 }
 
 static void name_plane(int plane, char text[48]) {
@@ -53,27 +53,27 @@ static void name_plane(int plane, char text[48]) {
              channels[(plane - PAGS_MAX_PLANES) % 3]);
 }
 
-void pags_nonfinite_describe(const pags_nonfinite *guard, const char *name, char text[PAGS_GUARD_TEXT]) {
-  const pags_offender *o = &guard->first;
+void pags_nonfinite_describe(const pags_nonfinite *nonfinite, const char *name, char text[PAGS_GUARD_TEXT]) {
+  const pags_nonfinite_row *o = &nonfinite->first;
   char plane[48] = "", model[96] = "the background";
   if (o->object >= 0)
     snprintf(model, sizeof model, "object '%.64s'", name ? name : "");
-  if (o->kind == PAGS_OFFENCE_GRADIENT || o->kind == PAGS_OFFENCE_PARAMETER)
+  if (o->kind == PAGS_NONFINITE_GRADIENT || o->kind == PAGS_NONFINITE_PARAMETER)
     name_plane(o->plane, plane);
-  switch ((pags_offence)o->kind) {
-    case PAGS_OFFENCE_GRADIENT:
+  switch ((pags_nonfinite_kind)o->kind) {
+    case PAGS_NONFINITE_GRADIENT:
       snprintf(text, PAGS_GUARD_TEXT, "the gradient by %s of row %lld of %s at step %lld", plane, (long long)o->row,
                model, (long long)o->step);
       break;
-    case PAGS_OFFENCE_PARAMETER:
+    case PAGS_NONFINITE_PARAMETER:
       snprintf(text, PAGS_GUARD_TEXT, "%s of row %lld of %s at step %lld", plane, (long long)o->row, model,
                (long long)o->step);
       break;
-    case PAGS_OFFENCE_POSE:
+    case PAGS_NONFINITE_POSE:
       snprintf(text, PAGS_GUARD_TEXT, "the gradient by the pose of %s at its knot %lld at step %lld", model,
                (long long)o->row, (long long)o->step);
       break;
-    case PAGS_OFFENCE_EXPOSURE:
+    case PAGS_NONFINITE_EXPOSURE:
       snprintf(text, PAGS_GUARD_TEXT, "the gradient by the exposure of view %lld at step %lld", (long long)o->row,
                (long long)o->step);
       break;

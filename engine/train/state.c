@@ -9,7 +9,7 @@
 
 pags_result pags_state_create(pags_train_state *state, const pags_schedule *schedule, int64_t stop, int64_t models) {
   *state = (pags_train_state){.schedule = *schedule, .stop = stop, .cap = schedule->config.size_limit.max_gaussians};
-  pags_nonfinite_init(&state->guard);
+  pags_nonfinite_init(&state->nonfinite);
   state->models = calloc((size_t)(models > 0 ? models : 1), sizeof *state->models);
   return state->models ? PAGS_OK : pags_out_of_memory("%lld models", (long long)models);
 }

@@ -24,7 +24,7 @@ typedef struct pags_train_state {
   double sky_share;         /* of the training photographs' pixels */
   int64_t lidar_points;     /* that the background started from */
   pags_exposures exposures; /* count 0: none */
-  pags_nonfinite guard;     /* what wasn't finite so far */
+  pags_nonfinite nonfinite; /* what wasn't finite so far */
 } pags_train_state;
 
 /* An empty run of `stop` steps with room for `models` models. */

@@ -105,9 +105,9 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
     return;
   for (int i = 0; any_bad(g) && i < g->count; i++)
     if (g->bad[i])
-      pags_nonfinite_note(&c->trainer->state.guard, 1,
-                          &(pags_offender){c->step, c->trainer->state.models[model].object, g->first + i, g->bad[i] - 1,
-                                           PAGS_OFFENCE_GRADIENT});
+      pags_nonfinite_note(&c->trainer->state.nonfinite, 1,
+                          &(pags_nonfinite_row){c->step, c->trainer->state.models[model].object, g->first + i,
+                                                g->bad[i] - 1, PAGS_NONFINITE_GRADIENT});
   memcpy(held_rows(p, &c->trainer->state.models[model], model, g->cluster), g->data,
          (size_t)g->planes * (size_t)g->stride * sizeof(float));
   p->models[model].held_step[g->cluster] = (int32_t)c->step;
@@ -161,12 +161,12 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   for (int i = 0; bad && i < g->count; i++)
     if (g->bad[i])
       copy[(g->bad[i] - 1) * g->stride + i] = NAN; /* as it was: the update leaves the row out */
-  pags_offender first = {0};
+  pags_nonfinite_row first = {0};
   int left_out =
       pags_adam_update(&m->adam, &m->gaussians, &m->clusters, g->cluster, data, g->stride, g->planes, &first);
   first.object = m->object;
   if (left_out)
-    pags_nonfinite_note(&c->trainer->state.guard, left_out, &first);
+    pags_nonfinite_note(&c->trainer->state.nonfinite, left_out, &first);
 }
 
 /* Loss terms. */
@@ -278,8 +278,8 @@ static void update_tracks(pags_trainer *t, int64_t step) {
       for (int k = 0; k < 6; k++)
         sum[k] += t->render.models[model].pose[c][k];
     if (!pags_track_poses_update(&t->state.tracks, m->object, t->render.drawn[i].knot, sum, s, step))
-      pags_nonfinite_note(&t->state.guard, 1,
-                          &(pags_offender){step, m->object, t->render.drawn[i].knot, 0, PAGS_OFFENCE_POSE});
+      pags_nonfinite_note(&t->state.nonfinite, 1,
+                          &(pags_nonfinite_row){step, m->object, t->render.drawn[i].knot, 0, PAGS_NONFINITE_POSE});
   }
 }
 
@@ -313,7 +313,7 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
     update_tracks(t, step);
     if (t->state.exposures.count > 0 &&
         !pags_exposures_update(&t->state.exposures, t->dataset, v->view, v->loss.by_exposure, &t->state.schedule, step))
-      pags_nonfinite_note(&t->state.guard, 1, &(pags_offender){step, -1, v->view, 0, PAGS_OFFENCE_EXPOSURE});
+      pags_nonfinite_note(&t->state.nonfinite, 1, &(pags_nonfinite_row){step, -1, v->view, 0, PAGS_NONFINITE_EXPOSURE});
   }
   t->ms.backward += pags_clock_lap_ms(&clock);
   return PAGS_OK;

@@ -42,22 +42,22 @@ static double psnr_of(double mse) {
   return mse > 0.0 ? -10.0 * log10(mse) : 0.0;
 }
 
-static const char *offender_name(const pags_trainer *t) {
-  int64_t object = t->state.guard.first.object;
+static const char *bad_row_name(const pags_trainer *t) {
+  int64_t object = t->state.nonfinite.first.object;
   return object >= 0 && object < t->state.tracks.count ? t->state.tracks.objects[object].id : NULL;
 }
 
 /* A number that isn't finite here and there costs a row a step. More of them are a sign that the run doesn't hold
  * together. */
-static pags_result check_guard(const pags_trainer *t) {
+static pags_result check_nonfinite(const pags_trainer *t) {
   char text[PAGS_GUARD_TEXT];
-  if (t->state.guard.count <= t->options->bad_rows_most)
+  if (t->state.nonfinite.count <= t->options->bad_rows_most)
     return PAGS_OK;
-  pags_nonfinite_describe(&t->state.guard, offender_name(t), text);
+  pags_nonfinite_describe(&t->state.nonfinite, bad_row_name(t), text);
   return pags_fail(
       PAGS_ERROR_LIMIT,
       "step %lld: %lld updates were left out because a number wasn't finite, %lld are allowed; the first was %s",
-      (long long)t->state.step, (long long)t->state.guard.count, (long long)t->options->bad_rows_most, text);
+      (long long)t->state.step, (long long)t->state.nonfinite.count, (long long)t->options->bad_rows_most, text);
 }
 
 static pags_result do_step(pags_trainer *t, pags_step_view *v) {
@@ -69,9 +69,9 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   double clock = pags_clock_ms();
   pags_state_set_step(&t->state, step);
   update_running(t, &v->loss);
-  PAGS_TRY(check_guard(t));
+  PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_density_control(t));
-  PAGS_TRY(check_guard(t)); /* MCMC moves the others there */
+  PAGS_TRY(check_nonfinite(t)); /* MCMC moves the others there */
   t->ms.density += pags_clock_lap_ms(&clock);
   return PAGS_OK;
 }
@@ -125,7 +125,7 @@ static pags_train_progress progress_of(const pags_trainer *t, const run_clock *c
                                .seconds = seconds,
                                .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
                                .level = level,
-                               .bad_rows = s->guard.count};
+                               .bad_rows = s->nonfinite.count};
 }
 
 /* Calls the host; returns 0 when it asks to stop. */
@@ -159,7 +159,7 @@ static pags_result write_step(pags_trainer *t, const pags_step_view *v) {
                                                            .step_ssim = v->loss.ssim,
                                                            .step_psnr = psnr_of(v->loss.mse),
                                                            .terms = v->terms,
-                                                           .bad_rows = s->guard.count}));
+                                                           .bad_rows = s->nonfinite.count}));
   if (o->preview_every > 0 && s->step % o->preview_every == 0)
     PAGS_TRY(pags_output_preview(&t->output, s->step, &v->picture, &v->photo));
   if (o->checkpoint_every > 0 && s->step % o->checkpoint_every == 0 && s->step < s->stop)
@@ -226,9 +226,9 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->peak_rss_bytes = peak_rss();
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
-  r->bad_rows = s->guard.count;
-  if (s->guard.count > 0)
-    pags_nonfinite_describe(&s->guard, offender_name(t), r->first_bad_row);
+  r->bad_rows = s->nonfinite.count;
+  if (s->nonfinite.count > 0)
+    pags_nonfinite_describe(&s->nonfinite, bad_row_name(t), r->first_bad_row);
   r->heap_calls_steady = pags_frame_heap_calls(t->render.frame) - clock->tail_heap_calls;
   r->ms_wait = t->ms.wait * per_step;
   r->ms_forward = t->ms.forward * per_step;
@@ -309,7 +309,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_view_render_create(t));
   if (config.density.lidar_pull > 0.0)
-    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->facets));
+    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->planes));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
@@ -319,7 +319,7 @@ static void close_run(pags_trainer *t, int failed) {
   pags_photo_cache_destroy(t->cache);
   pags_view_render_destroy(t);
   pags_state_destroy(&t->state);
-  pags_lidar_planes_destroy(&t->facets);
+  pags_lidar_planes_destroy(&t->planes);
   free(t->views);
   free(t->order);
   free(t);

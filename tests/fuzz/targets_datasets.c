@@ -11,14 +11,14 @@
 #include "dataset/colmap.h"
 #include "dataset/driving/reader.h"
 
-static void check_draft(const pags_parsed_dataset *draft) {
-  for (int64_t i = 0; i < draft->count; i++)
-    FUZZ_CHECK(draft->views[i].image_path && draft->views[i].where);
-  for (int64_t i = 0; i < draft->points.count; i++) {
-    const pags_parsed_point *const p = &draft->points.items[i];
+static void check_draft(const pags_parsed_dataset *parsed) {
+  for (int64_t i = 0; i < parsed->count; i++)
+    FUZZ_CHECK(parsed->views[i].image_path && parsed->views[i].where);
+  for (int64_t i = 0; i < parsed->points.count; i++) {
+    const pags_parsed_point *const p = &parsed->points.items[i];
     FUZZ_CHECK(isfinite(p->xyz[0]) && isfinite(p->xyz[1]) && isfinite(p->xyz[2]));
     FUZZ_CHECK(p->track_begin >= 0 && p->track_count >= 0 &&
-               p->track_begin + p->track_count <= draft->points.track_count);
+               p->track_begin + p->track_count <= parsed->points.track_count);
   }
 }
 
@@ -38,15 +38,15 @@ static void open_dataset(const char *folder) {
 /* ---- transforms.json ---- */
 
 static int run_transforms(const uint8_t *data, size_t size) {
-  pags_parsed_dataset draft;
-  const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), &draft);
+  pags_parsed_dataset parsed;
+  const pags_result result = pags_transforms_read(fuzz_file("set/transforms.json", data, size), &parsed);
   if (result != PAGS_OK) {
-    FUZZ_CHECK(!draft.views && !draft.points.items);
+    FUZZ_CHECK(!parsed.views && !parsed.points.items);
     fuzz_refused(result, ""); /* a build without pictures names none */
     return 0;
   }
-  check_draft(&draft);
-  pags_parsed_destroy(&draft);
+  check_draft(&parsed);
+  pags_parsed_destroy(&parsed);
   char folder[1024];
   snprintf(folder, sizeof folder, "%.900s/set", fuzz_folder());
   open_dataset(folder);
@@ -104,7 +104,7 @@ static const fuzz_target transforms = {.name = "transforms",
 static int run_model(const uint8_t *data, size_t size, const char *extension) {
   static const char *const names[] = {"cameras", "images", "points3D"};
   fuzz_part parts[3];
-  pags_parsed_dataset draft;
+  pags_parsed_dataset parsed;
   char model[1024], name[64];
   fuzz_parts(data, size, 3, parts);
   snprintf(model, sizeof model, "%.900s/%s", fuzz_folder(), extension);
@@ -113,14 +113,14 @@ static int run_model(const uint8_t *data, size_t size, const char *extension) {
     fuzz_file(name, parts[i].bytes, parts[i].size);
   }
   fuzz_parts_free(3, parts);
-  const pags_result result = pags_colmap_read(model, model, &draft);
+  const pags_result result = pags_colmap_read(model, model, &parsed);
   if (result != PAGS_OK) {
-    FUZZ_CHECK(!draft.views && !draft.points.items);
+    FUZZ_CHECK(!parsed.views && !parsed.points.items);
     fuzz_refused(result, extension);
     return 0;
   }
-  check_draft(&draft);
-  pags_parsed_destroy(&draft);
+  check_draft(&parsed);
+  pags_parsed_destroy(&parsed);
   open_dataset(model);
   return 1;
 }
@@ -215,9 +215,9 @@ static pags_result take_name(void *context, int number, const char *name) {
   return PAGS_OK;
 }
 
-static pags_result read_drive(pags_parsed_dataset *draft, pags_driving *driving) {
+static pags_result read_drive(pags_parsed_dataset *parsed, pags_driving *driving) {
   PAGS_TRY(pags_rules_read(driving->root, NULL, false, &driving->rules, take_name, NULL));
-  PAGS_TRY(pags_times_read(driving, draft));
+  PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
   double pose[12];
   char path[1024];
@@ -251,9 +251,9 @@ static int run_driving(const uint8_t *data, size_t size) {
     fuzz_file(driving_files[i], parts[i].bytes, parts[i].size);
   fuzz_parts_free(DRIVING_FILES, parts);
   snprintf(root, sizeof root, "%.900s/drive", fuzz_folder());
-  pags_parsed_dataset draft = {0};
-  draft.driving = calloc(1, sizeof *draft.driving);
-  pags_driving *const driving = draft.driving;
+  pags_parsed_dataset parsed = {0};
+  parsed.driving = calloc(1, sizeof *parsed.driving);
+  pags_driving *const driving = parsed.driving;
   if (!driving)
     abort();
   driving->root = pags_text_format("%s", root);
@@ -263,14 +263,14 @@ static int run_driving(const uint8_t *data, size_t size) {
   driving->steps = calloc(STEPS, sizeof *driving->steps);
   for (int i = 0; i < STEPS; i++) {
     driving->steps[i].frame = i;
-    pags_parsed_add(&draft);
+    pags_parsed_add(&parsed);
   }
-  const pags_result result = read_drive(&draft, driving);
+  const pags_result result = read_drive(&parsed, driving);
   if (result == PAGS_OK)
     check_drive(driving);
   else
     fuzz_refused(result, "drive");
-  pags_parsed_destroy(&draft);
+  pags_parsed_destroy(&parsed);
   return result == PAGS_OK;
 }
 
@@ -339,13 +339,13 @@ static const fuzz_target driving = {.name = "instances",
 /* ---- Point clouds ---- */
 
 static int run_points(const uint8_t *data, size_t size) {
-  pags_parsed_dataset draft = {0};
-  const pags_result result = pags_ply_points_read(fuzz_file("points.ply", data, size), &draft.points);
+  pags_parsed_dataset parsed = {0};
+  const pags_result result = pags_ply_points_read(fuzz_file("points.ply", data, size), &parsed.points);
   if (result == PAGS_OK)
-    check_draft(&draft);
+    check_draft(&parsed);
   else
     fuzz_refused(result, "points.ply");
-  pags_parsed_destroy(&draft);
+  pags_parsed_destroy(&parsed);
   return result == PAGS_OK;
 }
 

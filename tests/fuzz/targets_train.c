@@ -55,7 +55,7 @@ static void make_dataset(void) {
                                       .cy = 3,
                                       .world_from_camera = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}}};
   driving = (pags_driving){.object_count = OBJECTS, .objects = objects, .fps = 1};
-  set = (struct pags_dataset){.views = views, .count = VIEWS, .draft = {.driving = &driving}};
+  set = (struct pags_dataset){.views = views, .count = VIEWS, .parsed = {.driving = &driving}};
 }
 
 static void add_model(pags_train_state *state, int64_t object, int64_t count, int with_all) {

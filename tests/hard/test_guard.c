@@ -33,7 +33,7 @@ static void begin(pags_train_model *m) {
 /* Takes step `step` of cluster 0 with gradients of 1e-3; `plane` of `row` gets `value`, in the gradients or in the
  * parameters. */
 static int take(pags_train_model *m, int64_t step, int row, int plane, float value, int in_gradient,
-                pags_offender *first) {
+                pags_nonfinite_row *first) {
   enum { ALL = PLANES + PAGS_FOURIER_PLANES };
   float *gradient = reference_alloc(ALL * 64 + 16, sizeof(float));
   float *const aligned = gradient + (16 - ((uintptr_t)gradient / 4) % 16) % 16;
@@ -68,7 +68,7 @@ static void a_bad_row_stays_and_others_move(void **state) {
     for (int k = 0; k < 5; k++)
       for (int in_gradient = 0; in_gradient < 2; in_gradient++) {
         pags_train_model before, good, bad;
-        pags_offender first = {0};
+        pags_nonfinite_row first = {0};
         const int row = (7 * plane + k) % 64;
         if (!in_gradient && k == 3) /* a parameter may be 1e18 */
           continue;
@@ -81,7 +81,7 @@ static void a_bad_row_stays_and_others_move(void **state) {
         assert_int_equal(first.row, row);
         assert_int_equal(first.plane, plane);
         assert_int_equal(first.step, 2);
-        assert_int_equal(first.kind, in_gradient ? PAGS_OFFENCE_GRADIENT : PAGS_OFFENCE_PARAMETER);
+        assert_int_equal(first.kind, in_gradient ? PAGS_NONFINITE_GRADIENT : PAGS_NONFINITE_PARAMETER);
         for (int i = 0; i < 64; i++)
           assert_row(i == row ? &before : &good, &bad, i, in_gradient || i != row ? -1 : plane, 1);
         assert_row(&before, &good, (row + 1) % 64, -1, 0);

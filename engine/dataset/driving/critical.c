@@ -157,12 +157,12 @@ static void prepare_classes(pags_driving *driving) {
 }
 
 /* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
-static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *draft) {
+static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *parsed) {
   const bool *kinds = driving->critical.kinds;
   bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
   driving->critical.all_dynamic = vehicle && human;
-  for (int64_t i = 0; i < draft->count && vehicle != human; i++) {
-    pags_parsed_view *view = &draft->views[i];
+  for (int64_t i = 0; i < parsed->count && vehicle != human; i++) {
+    pags_parsed_view *view = &parsed->views[i];
     if (!view->missing)
       PAGS_TRY(pags_driving_find_mask(driving, vehicle ? "dynamic_masks/vehicle" : "dynamic_masks/human", view,
                                       &view->part_path));
@@ -170,7 +170,7 @@ static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *draf
   return PAGS_OK;
 }
 
-pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *draft) {
+pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *parsed) {
   driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
   if (!driving->critical.objects)
     return pags_out_of_memory("%s", driving->root);
@@ -180,7 +180,7 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   else
     for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
       take_kind(driving, (pags_category)c);
-  return choose_masks(driving, draft);
+  return choose_masks(driving, parsed);
 }
 
 /* Notes. */
@@ -206,10 +206,10 @@ static bool labels_count(const pags_driving *driving) {
   return false;
 }
 
-static tally count_views(const pags_driving *driving, const pags_parsed_dataset *draft) {
+static tally count_views(const pags_driving *driving, const pags_parsed_dataset *parsed) {
   tally t = {0};
-  for (int64_t i = 0; i < draft->count; i++) {
-    const pags_parsed_view *view = &draft->views[i];
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const pags_parsed_view *view = &parsed->views[i];
     if (view->missing)
       continue;
     bool dynamic = view->part_path || (view->dynamic_path && driving->critical.all_dynamic);
@@ -255,8 +255,8 @@ static pags_result note_critical(pags_driving *driving, const tally *t) {
                            *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "", classes);
 }
 
-pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *draft) {
-  const tally t = count_views(driving, draft);
+pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *parsed) {
+  const tally t = count_views(driving, parsed);
   bool laser = driving->provides & PAGS_PROVIDES_LIDAR;
   PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",
                              (long long)t.views, (long long)t.sky, (long long)t.semantic, (long long)t.dynamic));

@@ -45,7 +45,7 @@ static pags_result load_given(const pags_driving *driving, const char *given, pa
 
 static pags_result check_size(const pags_dataset *dataset, const pags_sensor *sensor, const char *given) {
   for (int64_t i = 0; i < dataset->count; i++) {
-    const pags_parsed_view *view = &dataset->draft.views[i];
+    const pags_parsed_view *view = &dataset->parsed.views[i];
     if (view->sensor != sensor->number)
       continue;
     if (view->lens.width == sensor->ego.width && view->lens.height == sensor->ego.height)
@@ -57,7 +57,7 @@ static pags_result check_size(const pags_dataset *dataset, const pags_sensor *se
 }
 
 static pags_result take_given(pags_dataset *dataset, const char *given) {
-  pags_driving *driving = dataset->draft.driving;
+  pags_driving *driving = dataset->parsed.driving;
   int total = 0;
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
@@ -227,8 +227,8 @@ static pags_result enlarge(search *s, const pags_lens *lens, pags_image *out) {
 }
 
 static pags_result search_camera(search *s, pags_sensor *sensor) {
-  pags_driving *driving = s->dataset->draft.driving;
-  const pags_lens *lens = &s->dataset->draft.views[s->views[0]].lens;
+  pags_driving *driving = s->dataset->parsed.driving;
+  const pags_lens *lens = &s->dataset->parsed.views[s->views[0]].lens;
   int proposed;
   PAGS_TRY(look_at(s, FEW, &proposed));
   if (proposed > 0)
@@ -244,7 +244,7 @@ static pags_result search_camera(search *s, pags_sensor *sensor) {
 }
 
 static pags_result begin_search(search *s) {
-  const pags_lens *lens = &s->dataset->draft.views[s->views[0]].lens;
+  const pags_lens *lens = &s->dataset->parsed.views[s->views[0]].lens;
   s->step = fmax(1, (double)lens->width / SMALL_WIDTH);
   s->width = (int)fmax(1, floor(lens->width / s->step + 1e-9));
   s->height = (int)fmax(1, floor(lens->height / s->step + 1e-9));
@@ -267,7 +267,7 @@ static void end_search(search *s) {
 }
 
 static pags_result search_all(pags_dataset *dataset) {
-  pags_driving *driving = dataset->draft.driving;
+  pags_driving *driving = dataset->parsed.driving;
   int searched = 0;
   for (int64_t i = 0; i < driving->sensor_count; i++) {
     pags_sensor *sensor = &driving->sensors[i];
@@ -294,7 +294,7 @@ static pags_result search_all(pags_dataset *dataset) {
 pags_result pags_ego_masks_make(pags_dataset *dataset, const pags_dataset_options *options) {
   if (options->ego_mask)
     return take_given(dataset, options->ego_mask);
-  char *folder = pags_path_join(dataset->draft.driving->root, "ego_masks");
+  char *folder = pags_path_join(dataset->parsed.driving->root, "ego_masks");
   if (!folder)
     return pags_out_of_memory("%s", dataset->path);
   pags_result result = pags_dir_exists(folder) ? take_given(dataset, folder) : search_all(dataset);

@@ -12,8 +12,8 @@
 #include <string.h>
 
 bool pags_label_planes_exist(const pags_dataset *dataset, int64_t view) {
-  const pags_parsed_view *from = &dataset->draft.views[view];
-  const pags_driving *driving = dataset->draft.driving;
+  const pags_parsed_view *from = &dataset->parsed.views[view];
+  const pags_driving *driving = dataset->parsed.driving;
   return driving && (from->sky_path || from->semantic_path || from->dynamic_path || from->part_path ||
                      (driving->provides & (PAGS_PROVIDES_BOXES | PAGS_PROVIDES_LIDAR)));
 }
@@ -107,8 +107,8 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
 }
 
 pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t index, pags_image *labels, pags_image *mask) {
-  const pags_driving *driving = dataset->draft.driving;
-  const pags_parsed_view *view = &dataset->draft.views[index];
+  const pags_driving *driving = dataset->parsed.driving;
+  const pags_parsed_view *view = &dataset->parsed.views[index];
   if (!driving)
     return PAGS_OK;
   const pags_sensor *sensor = pags_driving_sensor(driving, view->sensor);
@@ -146,8 +146,8 @@ static void add_boxes(const pags_driving *driving, const pags_parsed_view *view,
 
 pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
                                  uint8_t *plane) {
-  const pags_driving *driving = dataset->draft.driving;
-  const pags_parsed_view *view = &dataset->draft.views[index];
+  const pags_driving *driving = dataset->parsed.driving;
+  const pags_parsed_view *view = &dataset->parsed.views[index];
   add_boxes(driving, view, camera, stride, plane);
   if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
     return PAGS_OK;

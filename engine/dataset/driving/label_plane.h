@@ -19,7 +19,7 @@ pags_result pags_label_plane_load(const pags_dataset *dataset, int64_t view, pag
 pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t view, const pags_camera *camera, int stride,
                                  uint8_t *plane);
 
-/* Sets PAGS_LABEL_SKY where a direction rises above the horizon and above all that the laser met there. */
+/* Sets PAGS_LABEL_SKY where a direction rises above the horizon and above all that the LiDAR met there. */
 pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pags_camera *camera, int stride,
                                 uint8_t *plane);
 

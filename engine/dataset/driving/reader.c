@@ -269,8 +269,8 @@ static pags_result find_masks(pags_driving *driving, pags_parsed_view *view) {
 
 /* `name` NULL: there is no such picture; it would have this extension. */
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
-                            const char *extension, pags_parsed_dataset *draft) {
-  pags_parsed_view *view = pags_parsed_add(draft);
+                            const char *extension, pags_parsed_dataset *parsed) {
+  pags_parsed_view *view = pags_parsed_add(parsed);
   if (!view)
     return pags_out_of_memory("%s", driving->root);
   view->frame = frame;
@@ -293,7 +293,7 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
 
 /* Every camera at every time step, in that order. */
 static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count,
-                             pags_parsed_dataset *draft) {
+                             pags_parsed_dataset *parsed) {
   const char *extension = pags_path_extension(pictures[0].name);
   int64_t at = 0;
   for (int64_t i = 0; i < driving->step_count; i++)
@@ -301,7 +301,7 @@ static pags_result add_views(pags_driving *driving, const picture *pictures, int
       const pags_sensor *sensor = &driving->sensors[j];
       int frame = driving->steps[i].frame;
       bool found = at < count && pictures[at].frame == frame && pictures[at].camera == sensor->number;
-      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, draft));
+      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, parsed));
       at += found;
     }
   return PAGS_OK;
@@ -338,23 +338,23 @@ static pags_result note_rules(pags_driving *driving) {
 
 /* Everything beside the pictures themselves. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
-                              int64_t count, pags_parsed_dataset *draft) {
+                              int64_t count, pags_parsed_dataset *parsed) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
                            name_sensor, driving));
   PAGS_TRY(note_rules(driving));
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
-  PAGS_TRY(add_views(driving, pictures, count, draft));
-  PAGS_TRY(pags_times_read(driving, draft));
+  PAGS_TRY(add_views(driving, pictures, count, parsed));
+  PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
-  PAGS_TRY(pags_critical_choose(driving, options->critical, draft));
+  PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));
   PAGS_TRY(pags_sweeps_find(driving));
-  return pags_critical_note(driving, draft);
+  return pags_critical_note(driving, parsed);
 }
 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,
-                               const pags_dataset_options *options, pags_parsed_dataset *draft) {
+                               const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   selection selected;
   PAGS_TRY(make_selection(options, &selected));
   picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
@@ -367,36 +367,36 @@ static pags_result read_listed(pags_driving *driving, const char *folder, const 
   if (result == PAGS_OK)
     result = check_cameras(driving, &selected);
   if (result == PAGS_OK)
-    result = read_parts(driving, options, pictures, count, draft);
+    result = read_parts(driving, options, pictures, count, parsed);
   free(pictures);
   return result;
 }
 
-static pags_result read_set(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
-  pags_driving *driving = draft->driving;
+static pags_result read_set(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
+  pags_driving *driving = parsed->driving;
   char *folder = pags_path_join(root, "images");
   driving->root = pags_text_copy(root);
-  draft->source = pags_text_copy(root);
+  parsed->source = pags_text_copy(root);
   pags_dir_list list = {0};
-  pags_result result = folder && driving->root && draft->source ? PAGS_OK : pags_out_of_memory("%s", root);
+  pags_result result = folder && driving->root && parsed->source ? PAGS_OK : pags_out_of_memory("%s", root);
   if (result == PAGS_OK)
     result = pags_dir_list_read(folder, &list);
   if (result == PAGS_OK)
-    result = read_listed(driving, folder, &list, options, draft);
+    result = read_listed(driving, folder, &list, options, parsed);
   pags_dir_list_destroy(&list);
   free(folder);
-  draft->kind = driving->rules.kind;
-  draft->up = PAGS_UP_Z;
+  parsed->kind = driving->rules.kind;
+  parsed->up = PAGS_UP_Z;
   return result;
 }
 
-pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *draft) {
-  memset(draft, 0, sizeof *draft);
-  draft->driving = calloc(1, sizeof *draft->driving);
-  if (!draft->driving)
+pags_result pags_driving_read(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
+  memset(parsed, 0, sizeof *parsed);
+  parsed->driving = calloc(1, sizeof *parsed->driving);
+  if (!parsed->driving)
     return pags_out_of_memory("%s", root);
-  pags_result result = read_set(root, options, draft);
+  pags_result result = read_set(root, options, parsed);
   if (result != PAGS_OK)
-    pags_parsed_destroy(draft);
+    pags_parsed_destroy(parsed);
   return result;
 }

@@ -26,26 +26,26 @@ static char *find_model(const char *root, const char *named) {
 }
 
 /* Views that the model names take its numbers, the others one that no track has. Returns how many it names. */
-static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset *draft) {
+static int64_t match_views(const pags_parsed_dataset *model, pags_parsed_dataset *parsed) {
   int64_t matched = 0;
-  for (int64_t i = 0; i < draft->count; i++) {
-    const char *name = pags_path_name(draft->views[i].image_path);
-    draft->views[i].id = -1;
-    for (int64_t j = 0; j < model->count && draft->views[i].id < 0; j++)
+  for (int64_t i = 0; i < parsed->count; i++) {
+    const char *name = pags_path_name(parsed->views[i].image_path);
+    parsed->views[i].id = -1;
+    for (int64_t j = 0; j < model->count && parsed->views[i].id < 0; j++)
       if (strcmp(name, pags_path_name(model->views[j].image_path)) == 0)
-        draft->views[i].id = model->views[j].id;
-    matched += draft->views[i].id >= 0;
+        parsed->views[i].id = model->views[j].id;
+    matched += parsed->views[i].id >= 0;
   }
   return matched;
 }
 
-static pags_result take_points(pags_parsed_dataset *model, pags_parsed_dataset *draft) {
-  pags_driving *driving = draft->driving;
+static pags_result take_points(pags_parsed_dataset *model, pags_parsed_dataset *parsed) {
+  pags_driving *driving = parsed->driving;
   long long count = (long long)model->points.count;
-  int64_t matched = match_views(model, draft);
-  draft->points = model->points;
+  int64_t matched = match_views(model, parsed);
+  parsed->points = model->points;
   memset(&model->points, 0, sizeof model->points);
-  draft->points.tracked = matched > 0;
+  parsed->points.tracked = matched > 0;
   if (count > 0)
     driving->provides |= PAGS_PROVIDES_SFM;
   if (matched > 0)
@@ -55,14 +55,14 @@ static pags_result take_points(pags_parsed_dataset *model, pags_parsed_dataset *
                            count);
 }
 
-pags_result pags_sfm_points_read(const char *named, pags_parsed_dataset *draft) {
-  char *folder = find_model(draft->driving->root, named);
+pags_result pags_sfm_points_read(const char *named, pags_parsed_dataset *parsed) {
+  char *folder = find_model(parsed->driving->root, named);
   if (!folder)
     return pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", named);
   pags_parsed_dataset model;
   pags_result result = pags_colmap_read(folder, folder, &model);
   if (result == PAGS_OK) {
-    result = take_points(&model, draft);
+    result = take_points(&model, parsed);
     pags_parsed_destroy(&model);
   }
   free(folder);

@@ -1,12 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sky without masks: where the laser would have met something.
+/* Sky without masks: where the LiDAR would have met something.
  *
  * Directions from the camera are sorted by azimuth into bins of one degree, and each bin keeps the elevation of its
  * highest return. A pixel is sky when its direction is more than a degree above the horizon and MARGIN above the
  * highest return within two bins on either side. Two cases say nothing and are not called sky: no return at all in
- * those bins (the laser didn't look there), and a highest return near the top of the laser's field of view (whatever
- * stands there may go on above it; the upper beams of common lasers lie 3 to 4 degrees apart). That top is the highest
- * elevation among far returns, for which it doesn't matter where on the car the laser sits. Thinned sweeps are made up
+ * those bins (the LiDAR didn't look there), and a highest return near the top of the LiDAR's field of view (whatever
+ * stands there may go on above it; the upper beams of common LiDARs lie 3 to 4 degrees apart). That top is the highest
+ * elevation among far returns, for which it doesn't matter where on the car the LiDAR sits. Thinned sweeps are made up
  * for by sweeps of other time steps, most things in the way of the sky being at rest. */
 #include "dataset/driving/label_plane.h"
 #include "dataset/driving/reader.h"

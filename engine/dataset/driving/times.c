@@ -31,20 +31,20 @@ static pags_result read_steps(const pags_json *json, const pags_json_value *list
 }
 
 static pags_result read_exposures(const pags_json *json, const pags_json_value *list, const pags_driving *driving,
-                                  int64_t sensor, pags_parsed_dataset *draft) {
+                                  int64_t sensor, pags_parsed_dataset *parsed) {
   int64_t frame = 0;
   for (const pags_json_value *item = list->first; item; item = item->next, frame++) {
     int64_t step = pags_driving_step(driving, frame);
     if (step < 0 || item->type == PAGS_JSON_NULL)
       continue;
-    double *time = &draft->views[step * driving->sensor_count + sensor].shutter_time;
+    double *time = &parsed->views[step * driving->sensor_count + sensor].shutter_time;
     PAGS_TRY(pags_json_as_number(json, item, "the time of an exposure", time));
   }
   return PAGS_OK;
 }
 
 static pags_result read_cameras(const pags_json *json, const pags_json_value *cameras, const pags_driving *driving,
-                                pags_parsed_dataset *draft) {
+                                pags_parsed_dataset *parsed) {
   for (const pags_json_value *list = cameras->first; list; list = list->next) {
     char *end;
     long number = strtol(list->key, &end, 10);
@@ -53,13 +53,13 @@ static pags_result read_cameras(const pags_json *json, const pags_json_value *ca
         continue;
       if (list->type != PAGS_JSON_ARRAY)
         return pags_json_fail(json, list, "expected an array with the exposure times of camera %ld", number);
-      PAGS_TRY(read_exposures(json, list, driving, i, draft));
+      PAGS_TRY(read_exposures(json, list, driving, i, parsed));
     }
   }
   return PAGS_OK;
 }
 
-static pags_result read_file(const pags_json *json, pags_driving *driving, pags_parsed_dataset *draft) {
+static pags_result read_file(const pags_json *json, pags_driving *driving, pags_parsed_dataset *parsed) {
   const pags_json_value *root = pags_json_root(json), *frames, *cameras;
   PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
   PAGS_TRY(pags_json_array(json, root, "frames", &frames));
@@ -67,7 +67,7 @@ static pags_result read_file(const pags_json *json, pags_driving *driving, pags_
   if (!pags_json_member(root, "cameras"))
     return PAGS_OK;
   PAGS_TRY(pags_json_object(json, root, "cameras", &cameras));
-  return read_cameras(json, cameras, driving, draft);
+  return read_cameras(json, cameras, driving, parsed);
 }
 
 static void count_steps(pags_driving *driving) {
@@ -83,26 +83,26 @@ static void measure_fps(pags_driving *driving) {
     driving->fps = last > first ? (last->frame - first->frame) / (last->time - first->time) : usual_fps;
 }
 
-pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *draft) {
+pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) {
   char *path = pags_path_join(driving->root, "timestamps.json");
   if (!path)
     return pags_out_of_memory("%s", driving->root);
   pags_json *json = NULL;
   pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < draft->count; i++)
-    draft->views[i].shutter_time = (double)NAN;
+  for (int64_t i = 0; i < parsed->count; i++)
+    parsed->views[i].shutter_time = (double)NAN;
   if (!pags_file_exists(path)) {
     count_steps(driving);
     result = pags_driving_note(driving, "times: no timestamps.json, frame t is at t / %g s", driving->fps);
   } else {
     result = pags_json_parse_file(path, &json);
     if (result == PAGS_OK)
-      result = read_file(json, driving, draft);
+      result = read_file(json, driving, parsed);
     if (result == PAGS_OK)
       measure_fps(driving);
   }
-  for (int64_t i = 0; i < draft->count && result == PAGS_OK; i++)
-    draft->views[i].time = driving->steps[i / driving->sensor_count].time;
+  for (int64_t i = 0; i < parsed->count && result == PAGS_OK; i++)
+    parsed->views[i].time = driving->steps[i / driving->sensor_count].time;
   pags_json_destroy(json);
   free(path);
   return result;

@@ -73,7 +73,7 @@ enum {
   PAGS_PROVIDES_SFM = 32
 };
 
-/* One turn of the laser. Points are in the sweep's own frame, corrected for the motion of the car. */
+/* One turn of the LiDAR. Points are in the sweep's own frame, corrected for the motion of the car. */
 typedef struct pags_sweep {
   int frame;
   int test;    /* 1: of a held-out time step: not for training */

@@ -69,18 +69,18 @@ static double above(const pags_gaussians *g, int64_t i) {
  * edge. */
 static void they_come_halfway(void **unused) {
   (void)unused;
-  static const float bush[3] = {6.05f, 1.0f, 3.4f}; /* 10 cm above the road's plane, within reach of its last facet */
+  static const float bush[3] = {6.05f, 1.0f, 3.4f}; /* 10 cm above the road's plane, within reach of its last plane */
   float means[6][3] = {{3, 3, 0}, {2, 4.4f, 0}, {4, 1, 0}, {3.1f, 2.5f, 0}, {6.05f, 1, 3.4f}, {-2, 3, 0}};
   static const double off[6] = {0.2, -0.2, 0.01, 0.5, 0, 0.1}, halfway[3] = {0.115, -0.115, 0.01};
   for (int i = 0; i < 6; i++)
     if (i != 4)
       means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + off[i]);
   pags_lidar_points points = make_points();
-  pags_lidar_planes facets;
+  pags_lidar_planes planes;
   pags_tasks *tasks = pags_tasks_create(2);
-  assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
+  assert_int_equal(pags_lidar_planes_fit(&points, &planes), PAGS_OK);
   pags_gaussians g = make_gaussians(6, (const float(*)[3])means);
-  assert_true(pags_lidar_planes_pull(&facets, &g, 0.5, tasks));
+  assert_true(pags_lidar_planes_pull(&planes, &g, 0.5, tasks));
   for (int i = 0; i < 3; i++)
     assert_true(fabs(above(&g, i) - halfway[i]) <
                 0.01); /* of what exceeds 3 cm, from where 2 cm of noise over some 60 points leave the plane */
@@ -89,7 +89,7 @@ static void they_come_halfway(void **unused) {
   for (int k = 0; k < 3; k++)
     assert_true(pags_plane(&g, PAGS_MEAN + k)[4] == bush[k]);
   pags_gaussians_destroy(&g);
-  pags_lidar_planes_destroy(&facets);
+  pags_lidar_planes_destroy(&planes);
   pags_lidar_points_destroy(&points);
   pags_tasks_destroy(tasks);
 }
@@ -98,15 +98,15 @@ static void they_come_halfway(void **unused) {
 static void objects_have_no_facets(void **unused) {
   (void)unused;
   pags_lidar_points points = make_points();
-  pags_lidar_planes facets;
+  pags_lidar_planes planes;
   for (int parked = 0; parked < 2; parked++) {
     for (int i = 0; i < COUNT; i++) {
       points.rows[i].owner = parked ? -1 : 0;
       points.rows[i].parked = parked ? 0 : -1;
     }
-    assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
-    assert_int_equal(facets.count, 0);
-    pags_lidar_planes_destroy(&facets);
+    assert_int_equal(pags_lidar_planes_fit(&points, &planes), PAGS_OK);
+    assert_int_equal(planes.count, 0);
+    pags_lidar_planes_destroy(&planes);
   }
   pags_lidar_points_destroy(&points);
 }
@@ -122,20 +122,20 @@ static void threads_change_no_bit(void **unused) {
     means[i][2] = (float)(height((double)means[i][0], (double)means[i][1]) + 0.1 * noise(i, 2));
   }
   pags_lidar_points points = make_points();
-  pags_lidar_planes facets;
-  assert_int_equal(pags_lidar_planes_fit(&points, &facets), PAGS_OK);
+  pags_lidar_planes planes;
+  assert_int_equal(pags_lidar_planes_fit(&points, &planes), PAGS_OK);
   pags_gaussians one = make_gaussians(MANY, (const float(*)[3])means),
                  four = make_gaussians(MANY, (const float(*)[3])means);
   for (int threads = 1; threads <= 4; threads += 3) {
     pags_tasks *tasks = pags_tasks_create(threads);
-    assert_true(pags_lidar_planes_pull(&facets, threads == 1 ? &one : &four, 0.5, tasks));
+    assert_true(pags_lidar_planes_pull(&planes, threads == 1 ? &one : &four, 0.5, tasks));
     pags_tasks_destroy(tasks);
   }
   for (int k = 0; k < 3; k++)
     assert_memory_equal(pags_plane(&one, PAGS_MEAN + k), pags_plane(&four, PAGS_MEAN + k), MANY * sizeof(float));
   pags_gaussians_destroy(&one);
   pags_gaussians_destroy(&four);
-  pags_lidar_planes_destroy(&facets);
+  pags_lidar_planes_destroy(&planes);
   pags_lidar_points_destroy(&points);
   free(means);
 }
