@@ -66,7 +66,7 @@ def numbers(text):
 def parser():
     p = argparse.ArgumentParser(
         prog="segment",
-        description="Makes label images (semantic/, Cityscapes' train ids) and sky_masks/ for a driving set with "
+        description="Experimental: no real network has been run with it yet. Makes label images (semantic/, Cityscapes' train ids) and sky_masks/ for a driving set with "
         "ONNX networks of yours. Run again to go on where it stopped. docs/masks.md tells more.",
     )
     d = Settings()
