@@ -136,27 +136,6 @@ static bool is_large(const pags_frame *frame) {
   return frame->stats.gaussians > 8000000;
 }
 
-/* The first frame has nothing to go by. Of large scenes it is drawn in slabs, as if three quarters would hide. */
-static void guess_first(pags_frame *frame) {
-  if (!frame->guessed && frame->options.early_z != PAGS_EARLY_Z_OFF)
-    frame->hiding = is_large(frame) ? 0.75 : 0.0;
-  frame->guessed |= frame->options.early_z != PAGS_EARLY_Z_OFF;
-}
-
-static bool wants_slabs(const pags_frame *frame) {
-  if (frame->options.early_z == PAGS_EARLY_Z_OFF || frame->options.order != PAGS_ORDER_DEPTH)
-    return false;
-  if (frame->apart && !is_large(frame))
-    return false;
-  return frame->options.slab_size > 0 || frame_hides_enough(frame);
-}
-
-/* After a frame drawn at once: of its pairs, those that no pixel came to. */
-static void guess_hiding(pags_frame *frame) {
-  const int64_t pairs = frame->stats.pairs_binned;
-  frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
-}
-
 pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
                               const pags_frame_options *options, pags_touch_fn *touch, void *user, pags_picture *out) {
   assert(options->exp_degree == 5 || (options->exp_degree == 3 && !options->keep_for_backward));
@@ -168,8 +147,16 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   PAGS_TRY(prepare(frame, parts, part_count, camera, options));
   if (options->keep_for_backward)
     frame->options.early_z = PAGS_EARLY_Z_OFF;
-  guess_first(frame);
-  const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER, slabs = !paper && wants_slabs(frame);
+  const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;
+  const bool paper = frame->options.early_z == PAGS_EARLY_Z_PAPER;
+
+  /* The first frame has nothing to go by. Of large scenes it is drawn in slabs, as if three quarters would hide. */
+  if (!frame->guessed && early_z)
+    frame->hiding = is_large(frame) ? 0.75 : 0.0;
+  frame->guessed |= early_z;
+  const bool slabs = early_z && !paper && options->order == PAGS_ORDER_DEPTH && (!frame->apart || is_large(frame)) &&
+                     (options->slab_size > 0 || frame_hides_enough(frame));
+
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_cull(frame, slabs || paper));
   frame->stats.ms_cull = pags_clock_ms() - t0;
@@ -180,8 +167,12 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     PAGS_TRY(pags_frame_early_z_slabs(frame, touch, user));
   else
     PAGS_TRY(pags_frame_draw(frame, touch, user));
-  if (!slabs && !paper && !frame->apart && frame->options.early_z != PAGS_EARLY_Z_OFF)
-    guess_hiding(frame);
+
+  /* What the next frame guesses by: of the pairs of a frame drawn at once, those that no pixel came to. */
+  if (!slabs && !paper && !frame->apart && early_z) {
+    const int64_t pairs = frame->stats.pairs_binned;
+    frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
+  }
   frame->rendered = true;
   fill_picture(frame, out);
   return PAGS_OK;

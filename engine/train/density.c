@@ -90,15 +90,6 @@ static pags_result refine(pags_trainer *t) {
   return pags_output_log_density(&t->output, s->step, &change, pags_state_gaussian_count(s));
 }
 
-/* The background onto the planes that LiDAR shows; its clusters' bounds anew. */
-static pags_result pull_to_lidar_planes(pags_trainer *t) {
-  pags_train_model *m = &t->state.models[0];
-  if (!pags_lidar_planes_pull(&t->planes, &m->gaussians, t->state.schedule.config.density.lidar_pull, t->tasks))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
-  return PAGS_OK;
-}
-
 /* What the schedule names for the step just done. */
 pags_result pags_density_control(pags_trainer *t) {
   pags_train_state *s = &t->state;
@@ -107,8 +98,8 @@ pags_result pags_density_control(pags_trainer *t) {
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
   for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
     PAGS_TRY(move_unseen(t, &s->models[i]));
-  int draws = t->planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
-  if (!due && !reset && !fourier && !draws && prune < 0)
+  int pulls = t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
+  if (!due && !reset && !fourier && !pulls && prune < 0)
     return PAGS_OK;
   pags_state_settle(s, t->tasks);
   if (due)
@@ -117,8 +108,12 @@ pags_result pags_density_control(pags_trainer *t) {
     PAGS_TRY(pags_color_over_time_decide(t));
   if (prune >= 0)
     PAGS_TRY(pags_prune(t, prune));
-  if (draws)
-    PAGS_TRY(pull_to_lidar_planes(t));
+  if (pulls) { /* the background onto the planes that LiDAR shows; its clusters' bounds anew */
+    pags_train_model *m = &s->models[0];
+    if (!pags_lidar_planes_pull(&t->lidar_planes, &m->gaussians, s->schedule.config.density.lidar_pull, t->tasks))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, t->tasks);
+  }
   if (!reset)
     return PAGS_OK;
   for (int64_t i = 0; i < s->model_count; i++)

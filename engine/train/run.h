@@ -23,8 +23,8 @@ typedef struct pags_trainer {
   int64_t order_epoch; /* -1: none yet */
   pags_photo_cache *cache;
   pags_view_render render;
-  pags_lidar_planes planes; /* of the data set; none without lidar_pull */
-  int measuring;            /* 1: gradients are thrown away */
+  pags_lidar_planes lidar_planes; /* of the data set; none without lidar_pull */
+  int measuring;                  /* 1: gradients are thrown away */
   struct {
     double wait, forward, loss, backward, density; /* ms, summed over the steps of this process */
   } ms;

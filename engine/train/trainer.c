@@ -30,14 +30,6 @@ enum { ESTIMATE_STEPS = 50 };
 
 /* One step. */
 
-/* Exponential means over about one pass. */
-static void update_running(pags_trainer *t, const pags_photometric_loss *loss) {
-  pags_train_state *s = &t->state;
-  double weight = 1.0 / (double)(s->step < t->view_count ? s->step : t->view_count);
-  s->loss += weight * (loss->loss - s->loss);
-  s->mse += weight * (loss->mse - s->mse);
-}
-
 static double psnr_of(double mse) {
   return mse > 0.0 ? -10.0 * log10(mse) : 0.0;
 }
@@ -67,8 +59,14 @@ static pags_result do_step(pags_trainer *t, pags_step_view *v) {
   *v = (pags_step_view){.view = view, .level = level};
   PAGS_TRY(pags_train_step(t, step, v));
   double clock = pags_clock_ms();
-  pags_state_set_step(&t->state, step);
-  update_running(t, &v->loss);
+  pags_train_state *s = &t->state;
+  pags_state_set_step(s, step);
+
+  /* Running figures: exponential means over about one pass. */
+  const double weight = 1.0 / (double)(step < t->view_count ? step : t->view_count);
+  s->loss += weight * (v->loss.loss - s->loss);
+  s->mse += weight * (v->loss.mse - s->mse);
+
   PAGS_TRY(check_nonfinite(t));
   PAGS_TRY(pags_density_control(t));
   PAGS_TRY(check_nonfinite(t)); /* MCMC moves the others there */
@@ -89,13 +87,6 @@ typedef struct run_clock {
   uint64_t tail_heap_calls;
 } run_clock;
 
-static void excuse(run_clock *clock, double since) {
-  double passed = pags_clock_ms() - since;
-  clock->begin += passed;
-  clock->window += passed;
-  clock->tail += passed;
-}
-
 static void update_clock(const pags_trainer *t, run_clock *clock) {
   const pags_train_state *s = &t->state;
   double now = pags_clock_ms();
@@ -111,36 +102,35 @@ static void update_clock(const pags_trainer *t, run_clock *clock) {
   }
 }
 
-static pags_train_progress progress_of(const pags_trainer *t, const run_clock *clock, int level) {
-  const pags_train_state *s = &t->state;
-  double seconds = (pags_clock_ms() - clock->begin) / 1e3;
-  int64_t done = s->step - clock->first_step;
-  double rate = clock->rate > 0.0 ? clock->rate : seconds > 0.0 ? (double)done / seconds : 0.0;
-  return (pags_train_progress){.step = s->step,
-                               .iterations = s->stop,
-                               .it_per_second = rate,
-                               .gaussians = pags_state_gaussian_count(s),
-                               .loss = s->loss,
-                               .psnr = psnr_of(s->mse),
-                               .seconds = seconds,
-                               .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
-                               .level = level,
-                               .bad_rows = s->nonfinite.count};
-}
-
 /* Calls the host; returns 0 when it asks to stop. */
 static int call_host(pags_trainer *t, run_clock *clock, int level) {
   const pags_train_options *o = t->options;
-  double since = pags_clock_ms();
+  const pags_train_state *s = &t->state;
+  const double since = pags_clock_ms(), seconds = (since - clock->begin) / 1e3;
+  const int64_t done = s->step - clock->first_step;
+  const double rate = clock->rate > 0.0 ? clock->rate : seconds > 0.0 ? (double)done / seconds : 0.0;
+  const pags_train_progress progress = {.step = s->step,
+                                        .iterations = s->stop,
+                                        .it_per_second = rate,
+                                        .gaussians = pags_state_gaussian_count(s),
+                                        .loss = s->loss,
+                                        .psnr = psnr_of(s->mse),
+                                        .seconds = seconds,
+                                        .eta_seconds = rate > 0.0 ? (double)(s->stop - s->step) / rate : 0.0,
+                                        .level = level,
+                                        .bad_rows = s->nonfinite.count};
   int go_on = 1;
-  pags_train_progress progress = progress_of(t, clock, level);
   if (o->progress)
     go_on = o->progress(o->progress_user, &progress);
   if (o->snapshot && o->snapshot_every > 0 && t->state.step % o->snapshot_every == 0) {
     pags_state_flush(&t->state, t->tasks);
     o->snapshot(o->snapshot_user, &progress, &t->state.models[0].gaussians, pags_dataset_origin(t->dataset));
   }
-  excuse(clock, since);
+  /* The host's time is not training's. */
+  const double passed = pags_clock_ms() - since;
+  clock->begin += passed;
+  clock->window += passed;
+  clock->tail += passed;
   return go_on && !(o->cancel && *o->cancel);
 }
 
@@ -309,7 +299,7 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   PAGS_TRY(found ? pags_trainer_resume(t, &config) : pags_trainer_start(t, &config));
   PAGS_TRY(pags_view_render_create(t));
   if (config.density.lidar_pull > 0.0)
-    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->planes));
+    PAGS_TRY(pags_lidar_planes_create(t->dataset, t->tasks, &t->lidar_planes));
   result->resumed = found;
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
@@ -319,7 +309,7 @@ static void close_run(pags_trainer *t, int failed) {
   pags_photo_cache_destroy(t->cache);
   pags_view_render_destroy(t);
   pags_state_destroy(&t->state);
-  pags_lidar_planes_destroy(&t->planes);
+  pags_lidar_planes_destroy(&t->lidar_planes);
   free(t->views);
   free(t->order);
   free(t);
