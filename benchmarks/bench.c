@@ -102,11 +102,6 @@ typedef struct camera_list {
   int count;
 } camera_list;
 
-static void destroy_cameras(camera_list *list) {
-  free(list->all);
-  free(list->some);
-}
-
 static pags_result choose_cameras(const bench_arguments *arguments, const pags_scene *scene, camera_list *out) {
   pags_camera_path path = {0};
   if (arguments->camera) {
@@ -182,7 +177,8 @@ static pags_result run_on_scene(bench_arguments *arguments, scene_bench *bench) 
     pags_scene_destroy(&scene);
   if (result == PAGS_OK)
     result = bench_scene(arguments, bench, composition, &cameras);
-  destroy_cameras(&cameras);
+  free(cameras.all);
+  free(cameras.some);
   pags_composition_destroy(composition);
   return result;
 }

@@ -238,21 +238,19 @@ static void say_size(const render_bench *self, int index) {
     pags_deadline_report_print(&self->deadlines[index], session);
 }
 
-static void put_span(pags_json_writer *json, const char *name, const pags_bench_span *span) {
-  pags_json_begin_object(json, name);
-  pags_json_put_number(json, "median", span->median);
-  pags_json_put_number(json, "low", span->low);
-  pags_json_put_number(json, "high", span->high);
-  pags_json_end_object(json);
-}
-
 static void put_mode(pags_json_writer *json, const char *name, const pags_bench_mode_result *r) {
   const pags_frame_stats *s = &r->counts;
   pags_json_begin_object(json, NULL);
   pags_json_put_string(json, "mode", name);
   pags_json_begin_object(json, "ms");
-  for (int i = 0; i < PAGS_BENCH_STAGES; i++)
-    put_span(json, pags_bench_stage_names[i], &r->ms[i]);
+  for (int i = 0; i < PAGS_BENCH_STAGES; i++) {
+    /* Put span. */
+    pags_json_begin_object(json, pags_bench_stage_names[i]);
+    pags_json_put_number(json, "median", r->ms[i].median);
+    pags_json_put_number(json, "low", r->ms[i].low);
+    pags_json_put_number(json, "high", r->ms[i].high);
+    pags_json_end_object(json);
+  }
   pags_json_end_object(json);
   pags_json_put_number(json, "fps", 1000 / r->ms[PAGS_BENCH_STAGES - 1].median);
   pags_json_put_number(json, "speed_up", r->speed_up);
@@ -344,17 +342,6 @@ static pags_result write_csv(const render_bench *self) {
   return pags_file_writer_commit(&file);
 }
 
-/* Milliseconds along the path, a panel a size. */
-static void plot_path(const render_bench *self, pags_plot *plot, int size, const double *numbers) {
-  pags_plot_line lines[MOST_MODES];
-  char title[64];
-  for (int k = 0; k < self->modes.count; k++)
-    lines[k] =
-        (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
-  snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
-  pags_plot_lines(plot, title, "picture", "ms (median)", lines, self->modes.count);
-}
-
 /* A point a mode: its speed against what it loses. Equal pictures are shown at 100 dB. */
 static void plot_error(const render_bench *self, pags_plot *plot, int size, bool decibels) {
   pags_plot_line lines[MOST_MODES];
@@ -382,7 +369,15 @@ static pags_result write_plot(const render_bench *self) {
     numbers[i] = (double)i;
   pags_plot_begin(&plot, 3);
   for (int size = 0; size < self->size_count; size++) {
-    plot_path(self, &plot, size, numbers);
+    /* Milliseconds along the path, a panel a size. */
+    pags_plot_line lines[MOST_MODES];
+    char title[64];
+    for (int k = 0; k < self->modes.count; k++)
+      lines[k] =
+          (pags_plot_line){self->modes.modes[k].name, (int)self->path.count, numbers, self->results[size][k].frame_ms};
+    snprintf(title, sizeof title, "Time along the path, %dx%d", self->sizes[size].width, self->sizes[size].height);
+    pags_plot_lines(&plot, title, "picture", "ms (median)", lines, self->modes.count);
+
     plot_error(self, &plot, size, false);
     plot_error(self, &plot, size, true);
   }
@@ -434,15 +429,6 @@ static pags_result run(render_bench *self) {
   return write_json(self);
 }
 
-static void destroy(render_bench *self) {
-  for (int i = 0; i < self->size_count; i++) {
-    pags_bench_modes_free(self->results[i], self->modes.count);
-    pags_deadline_report_destroy(&self->deadlines[i]);
-  }
-  pags_composition_destroy(self->composition);
-  pags_camera_path_destroy(&self->path);
-}
-
 int pags_bench_render(int argc, char **argv) {
   render_bench_arguments arguments = {.modes = "off,lossless,bounded", .frames = 12, .repetitions = 5, .exp_degree = 1};
   render_bench self = {.arguments = &arguments};
@@ -458,6 +444,11 @@ int pags_bench_render(int argc, char **argv) {
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = run(&self);
-  destroy(&self);
+  for (int i = 0; i < self.size_count; i++) {
+    pags_bench_modes_free(self.results[i], self.modes.count);
+    pags_deadline_report_destroy(&self.deadlines[i]);
+  }
+  pags_composition_destroy(self.composition);
+  pags_camera_path_destroy(&self.path);
   return pags_session_end(&arguments.session, result);
 }

@@ -127,21 +127,6 @@ static pags_result sort_rows(scale_bench *self, const pags_gaussians *from) {
   return pags_clusters_add_runs(&self->clusters);
 }
 
-/* From one copy to the next: the length along x without the last thousandth at either end. */
-static pags_result find_spacing(scale_bench *self) {
-  const int64_t count = self->rows.count;
-  float *x = malloc((size_t)(count + 1) * sizeof *x);
-  if (!x)
-    return out_of_memory(self);
-  memcpy(x, pags_plane(&self->rows, PAGS_MEAN), (size_t)count * sizeof *x);
-  pags_sort_floats(x, count);
-  self->spacing = self->arguments->spacing > 0 ? self->arguments->spacing
-                  : count > 0                  ? (double)(x[count - 1 - count / 1000] - x[count / 1000])
-                                               : 1;
-  free(x);
-  return PAGS_OK;
-}
-
 static pags_result load(scale_bench *self) {
   pags_scene scene;
   PAGS_TRY(pags_scene_load(self->arguments->input, &scene));
@@ -162,7 +147,19 @@ static pags_result load(scale_bench *self) {
   self->options.sky = self->sky.size ? &self->sky : NULL;
   pags_scene_destroy(&scene);
   PAGS_TRY(result);
-  return find_spacing(self);
+
+  /* From one copy to the next: the length along x without the last thousandth at either end. */
+  const int64_t count = self->rows.count;
+  float *x = malloc((size_t)(count + 1) * sizeof *x);
+  if (!x)
+    return out_of_memory(self);
+  memcpy(x, pags_plane(&self->rows, PAGS_MEAN), (size_t)count * sizeof *x);
+  pags_sort_floats(x, count);
+  self->spacing = self->arguments->spacing > 0 ? self->arguments->spacing
+                  : count > 0                  ? (double)(x[count - 1 - count / 1000] - x[count / 1000])
+                                               : 1;
+  free(x);
+  return PAGS_OK;
 }
 
 /* What there is to draw at one step. */
@@ -387,14 +384,6 @@ static pags_result run(scale_bench *self) {
   return write_json(self);
 }
 
-static void destroy(scale_bench *self) {
-  pags_gaussians_destroy(&self->rows);
-  pags_clusters_destroy(&self->clusters);
-  pags_sky_destroy(&self->sky);
-  pags_camera_path_destroy(&self->path);
-  free(self->table);
-}
-
 int pags_bench_scale(int argc, char **argv) {
   scale_arguments arguments = {
       .millions = "0.1,1,5,20,50", .modes = "off,lossless", .folder = ".", .frames = 6, .repetitions = 3};
@@ -411,6 +400,10 @@ int pags_bench_scale(int argc, char **argv) {
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = run(&self);
-  destroy(&self);
+  pags_gaussians_destroy(&self.rows);
+  pags_clusters_destroy(&self.clusters);
+  pags_sky_destroy(&self.sky);
+  pags_camera_path_destroy(&self.path);
+  free(self.table);
   return pags_session_end(&arguments.session, result);
 }

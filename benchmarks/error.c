@@ -84,19 +84,6 @@ static row_text write_row(const error_row *row) {
   return t;
 }
 
-static void write_head(const pags_bench_view *view, char *out, size_t size) {
-  char gaussians[24];
-  double all = 0;
-  for (int p = 0; p < view->part_count; p++)
-    all += (double)view->parts[p].gaussians->count;
-  write_amount(gaussians, sizeof gaussians, all);
-  const pags_kernels *kernels = pags_kernels_get(NULL);
-  snprintf(out, size, "%s: %s Gaussians, %d view%s of %dx%d, %s, %d thread%s", view->name, gaussians,
-           view->camera_count, view->camera_count == 1 ? "" : "s", view->cameras[0].width, view->cameras[0].height,
-           kernels ? kernels->name : "", pags_tasks_workers(view->tasks),
-           pags_tasks_workers(view->tasks) == 1 ? "" : "s");
-}
-
 static void print_table(FILE *people, const char *head, const error_table *table) {
   fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit", "largest",
           "mean", "PSNR", "times as fast", "counts, exact -> used");
@@ -142,7 +129,20 @@ pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_jso
   PAGS_TRY(error_rows_of_drawing(view, &table));
   PAGS_TRY(error_rows_of_training(view, &table));
   PAGS_TRY(error_go_on(view, 1, "done"));
-  write_head(view, head, sizeof head);
+
+  /* Write head. */
+  size_t size = sizeof head;
+  char gaussians[24];
+  double all = 0;
+  for (int p = 0; p < view->part_count; p++)
+    all += (double)view->parts[p].gaussians->count;
+  write_amount(gaussians, sizeof gaussians, all);
+  const pags_kernels *kernels = pags_kernels_get(NULL);
+  snprintf(head, size, "%s: %s Gaussians, %d view%s of %dx%d, %s, %d thread%s", view->name, gaussians,
+           view->camera_count, view->camera_count == 1 ? "" : "s", view->cameras[0].width, view->cameras[0].height,
+           kernels ? kernels->name : "", pags_tasks_workers(view->tasks),
+           pags_tasks_workers(view->tasks) == 1 ? "" : "s");
+
   if (people)
     print_table(people, head, &table);
   pags_json_put_string(json, "scene", view->name);

@@ -182,17 +182,6 @@ static void list_filter_ways(drawing *d) {
   }
 }
 
-static void list_ways(drawing *d) {
-  add_way(d, NULL, NULL, 0);
-  if (d->view->options.exp_degree > 3)
-    add_way(d, "exp by 3rd degree", "by 5th degree", 0)->options.exp_degree = 3;
-  list_colour_ways(d);
-  add_way(d, "packed form", "floats", 0)->what = PACKED;
-  list_early_z_ways(d);
-  add_way(d, "rest cut under 1 px", "all drawn", 0)->options.rest_cut = 1;
-  list_filter_ways(d);
-}
-
 /* ---- Pictures ---- */
 
 static pags_camera camera_of(const way *w, const pags_camera *camera) {
@@ -301,7 +290,17 @@ static pags_result run(drawing *d) {
   PAGS_TRY(make_contents(d));
   for (int i = 0; i < FRAMES; i++)
     PAGS_TRY(pags_frame_create(d->view->tasks, &d->frames[i]));
-  list_ways(d);
+
+  /* List ways. */
+  add_way(d, NULL, NULL, 0);
+  if (d->view->options.exp_degree > 3)
+    add_way(d, "exp by 3rd degree", "by 5th degree", 0)->options.exp_degree = 3;
+  list_colour_ways(d);
+  add_way(d, "packed form", "floats", 0)->what = PACKED;
+  list_early_z_ways(d);
+  add_way(d, "rest cut under 1 px", "all drawn", 0)->options.rest_cut = 1;
+  list_filter_ways(d);
+
   d->ms = malloc((size_t)(d->count + 1) * (size_t)d->view->camera_count * (size_t)d->view->repetitions * sizeof *d->ms);
   if (!d->ms)
     return pags_out_of_memory("times");

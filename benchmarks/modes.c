@@ -144,14 +144,6 @@ static void compare(const pags_picture *picture, const saved_picture *saved, mod
   sums->pixels += (double)size;
 }
 
-static void add_counts(const pags_frame_stats *stats, mode_sums *sums) {
-  for (int i = 0; i < COUNTS; i++) {
-    int64_t value;
-    memcpy(&value, (const char *)stats + count_at[i], sizeof value);
-    sums->counts[i] += (double)value;
-  }
-}
-
 typedef struct measuring {
   const pags_bench_frames *frames;
   pags_bench_mode_result *results;
@@ -178,7 +170,14 @@ static pags_result look(measuring *m, const pags_camera *camera, const pags_part
     options.count_pairs = 1;
     PAGS_TRY(pags_frame_render(m->frame, parts, part_count, camera, &options, NULL, NULL, &picture));
     const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
-    add_counts(stats, &m->sums[k]);
+
+    /* Add counts. */
+    for (int i = 0; i < COUNTS; i++) {
+      int64_t value;
+      memcpy(&value, (const char *)stats + count_at[i], sizeof value);
+      m->sums[k].counts[i] += (double)value;
+    }
+
     m->sums[k].bytes +=
         pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
                                  (double)camera->width * camera->height, part_count > 0 && parts[0].packed);

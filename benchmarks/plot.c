@@ -67,24 +67,6 @@ static void put_text(pags_plot *plot, double x, double y, const char *anchor, co
   put(plot, "</text>\n");
 }
 
-static void begin_panel(pags_plot *plot, const char *title) {
-  int column = plot->panels % plot->columns, row = plot->panels / plot->columns;
-  put(plot, "<g transform=\"translate(%d %d)\">\n", column * PANEL_WIDTH, row * PANEL_HEIGHT);
-  put_text(plot, (LEFT + RIGHT) / 2.0, 20, "middle", " class=\"h\"", title);
-  plot->panels++;
-}
-
-static void end_panel(pags_plot *plot) {
-  put(plot, "</g>\n");
-}
-
-static void put_axis_names(pags_plot *plot, const char *x_name, const char *y_name) {
-  put_text(plot, (LEFT + RIGHT) / 2.0, BOTTOM + 34, "middle", "", x_name);
-  char turned[64];
-  snprintf(turned, sizeof turned, " transform=\"rotate(-90 16 %d)\"", (TOP + BOTTOM) / 2);
-  put_text(plot, 16, (TOP + BOTTOM) / 2.0, "middle", turned, y_name);
-}
-
 /* Lines. */
 
 typedef struct axis {
@@ -186,15 +168,27 @@ void pags_plot_begin(pags_plot *plot, int columns) {
 void pags_plot_lines(pags_plot *plot, const char *title, const char *x_name, const char *y_name,
                      const pags_plot_line *lines, int count) {
   axis x = span_axis(lines, count, false, LEFT, RIGHT), y = span_axis(lines, count, true, BOTTOM, TOP);
-  begin_panel(plot, title);
+
+  /* Begin panel. */
+  int column = plot->panels % plot->columns, row = plot->panels / plot->columns;
+  put(plot, "<g transform=\"translate(%d %d)\">\n", column * PANEL_WIDTH, row * PANEL_HEIGHT);
+  put_text(plot, (LEFT + RIGHT) / 2.0, 20, "middle", " class=\"h\"", title);
+  plot->panels++;
+
   put_ticks(plot, &x, false);
   put_ticks(plot, &y, true);
   put(plot, "<path class=\"a\" d=\"M%d %dV%dH%d\"/>\n", LEFT, TOP, BOTTOM, RIGHT);
-  put_axis_names(plot, x_name, y_name);
+
+  /* Put axis names. */
+  put_text(plot, (LEFT + RIGHT) / 2.0, BOTTOM + 34, "middle", "", x_name);
+  char turned[64];
+  snprintf(turned, sizeof turned, " transform=\"rotate(-90 16 %d)\"", (TOP + BOTTOM) / 2);
+  put_text(plot, 16, (TOP + BOTTOM) / 2.0, "middle", turned, y_name);
+
   for (int i = 0; i < count; i++)
     put_line(plot, &lines[i], i, &x, &y);
   put_legend(plot, lines, count);
-  end_panel(plot);
+  put(plot, "</g>\n");
 }
 
 pags_result pags_plot_save(pags_plot *plot, const char *path) {

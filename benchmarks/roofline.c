@@ -98,24 +98,6 @@ static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *
   return PAGS_OK;
 }
 
-static void put_share(const share *s, const char *name, FILE *people, pags_json_writer *json) {
-  pags_json_begin_object(json, name);
-  pags_json_put_number(json, "peak_pairs_per_second", s->peak);
-  pags_json_put_number(json, "raster_pairs_per_second", s->forward);
-  pags_json_put_number(json, "raster_share", s->forward / s->peak);
-  pags_json_put_number(json, "backward_pairs_per_second", s->backward);
-  pags_json_put_number(json, "backward_share", s->backward / s->peak);
-  pags_json_put_number(json, "backward_over_forward", s->ratio);
-  pags_json_put_number(json, "blended_over_evaluated", s->blended);
-  pags_json_put_number(json, "raster_ms", s->raster_ms);
-  pags_json_put_number(json, "raster_backward_ms", s->backward_ms);
-  pags_json_end_object(json);
-  if (people)
-    fprintf(people, "%-8s %9.2f %9.2f %7.0f %% %9.2f %7.0f %% %10.2f %9.0f %%\n", name, s->peak * 1e-9,
-            s->forward * 1e-9, 100 * s->forward / s->peak, s->backward * 1e-9, 100 * s->backward / s->peak, s->ratio,
-            100 * s->blended);
-}
-
 pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   static const char *const names[] = {"avx512", "avx2", "neon", "scalar"};
   const char *const set = getenv("PAGS_CPU");
@@ -140,7 +122,24 @@ pags_result pags_bench_roofline(const pags_bench_view *view, FILE *people, pags_
     result = measure_isa(view, kernels, &s);
     if (result != PAGS_OK)
       break;
-    put_share(&s, names[i], people, json);
+
+    /* Put share. */
+    pags_json_begin_object(json, names[i]);
+    pags_json_put_number(json, "peak_pairs_per_second", s.peak);
+    pags_json_put_number(json, "raster_pairs_per_second", s.forward);
+    pags_json_put_number(json, "raster_share", s.forward / s.peak);
+    pags_json_put_number(json, "backward_pairs_per_second", s.backward);
+    pags_json_put_number(json, "backward_share", s.backward / s.peak);
+    pags_json_put_number(json, "backward_over_forward", s.ratio);
+    pags_json_put_number(json, "blended_over_evaluated", s.blended);
+    pags_json_put_number(json, "raster_ms", s.raster_ms);
+    pags_json_put_number(json, "raster_backward_ms", s.backward_ms);
+    pags_json_end_object(json);
+    if (people)
+      fprintf(people, "%-8s %9.2f %9.2f %7.0f %% %9.2f %7.0f %% %10.2f %9.0f %%\n", names[i], s.peak * 1e-9,
+              s.forward * 1e-9, 100 * s.forward / s.peak, s.backward * 1e-9, 100 * s.backward / s.peak, s.ratio,
+              100 * s.blended);
+
     wide = strcmp(names[i], "avx512") == 0 ? s.forward : wide;
     narrow = strcmp(names[i], "avx2") == 0 ? s.forward : narrow;
   }

@@ -54,17 +54,6 @@ double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, do
   return bytes;
 }
 
-static void put_row(pags_json_writer *json, const stage_row *row) {
-  pags_json_begin_object(json, row->name);
-  pags_json_put_number(json, "ms", row->ms);
-  pags_json_put_string(json, "unit", row->unit);
-  pags_json_put_number(json, "units", row->units);
-  pags_json_put_number(json, "ns_per_unit", row->units > 0 ? row->ms * 1e6 / row->units : 0);
-  pags_json_put_number(json, "bytes_per_unit", row->units > 0 ? row->bytes / row->units : 0);
-  pags_json_put_number(json, "gb_per_second", row->ms > 0 ? row->bytes / row->ms * 1e-6 : 0);
-  pags_json_end_object(json);
-}
-
 pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_json_writer *json) {
   pags_bench_frame frame;
   PAGS_TRY(pags_bench_measure(view, 1, &frame));
@@ -79,7 +68,17 @@ pags_result pags_bench_stages(const pags_bench_view *view, FILE *people, pags_js
   if (people)
     fprintf(people, "%-17s %9s %12s  %-21s %9s %9s %8s\n", "stage", "ms", "units", "unit", "ns/unit", "B/unit", "GB/s");
   for (int i = 0; i < n; i++) {
-    put_row(json, rows + i);
+    /* Put row. */
+    const stage_row *row = rows + i;
+    pags_json_begin_object(json, row->name);
+    pags_json_put_number(json, "ms", row->ms);
+    pags_json_put_string(json, "unit", row->unit);
+    pags_json_put_number(json, "units", row->units);
+    pags_json_put_number(json, "ns_per_unit", row->units > 0 ? row->ms * 1e6 / row->units : 0);
+    pags_json_put_number(json, "bytes_per_unit", row->units > 0 ? row->bytes / row->units : 0);
+    pags_json_put_number(json, "gb_per_second", row->ms > 0 ? row->bytes / row->ms * 1e-6 : 0);
+    pags_json_end_object(json);
+
     if (people && rows[i].units > 0)
       fprintf(people, "%-17s %9.3f %12.0f  %-21s %9.3f %9.2f %8.2f\n", rows[i].name, rows[i].ms, rows[i].units,
               rows[i].unit, rows[i].ms * 1e6 / rows[i].units, rows[i].bytes / rows[i].units,

@@ -134,29 +134,6 @@ static void put_reached(const training *t, FILE *people, pags_json_writer *json)
   pags_json_end_object(json);
 }
 
-static void put_result(const pags_train_result *r, FILE *people, pags_json_writer *json) {
-  pags_json_put_bool(json, "finished", r->finished != 0);
-  pags_json_put_integer(json, "iterations", r->iterations);
-  pags_json_put_integer(json, "gaussians", r->gaussians);
-  pags_json_put_number(json, "seconds", r->seconds);
-  pags_json_put_number(json, "iterations_per_second", r->iterations_per_second);
-  pags_json_put_unsigned(json, "peak_rss_bytes", r->peak_rss_bytes);
-  pags_json_begin_object(json, "ms_per_step");
-  pags_json_put_number(json, "wait", r->ms_wait);
-  pags_json_put_number(json, "forward", r->ms_forward);
-  pags_json_put_number(json, "loss", r->ms_loss);
-  pags_json_put_number(json, "backward", r->ms_backward);
-  pags_json_put_number(json, "density", r->ms_density);
-  pags_json_end_object(json);
-  if (people)
-    fprintf(
-        people,
-        "%lld steps in %.1f s, %.1f it/s over the last tenth, %lld Gaussians, peak memory %.0f MB\n"
-        "ms a step, mean of the whole run: wait %.2f, forward %.2f, loss %.2f, backward and Adam %.2f, density %.2f\n",
-        (long long)r->iterations, r->seconds, r->iterations_per_second, (long long)r->gaussians,
-        (double)r->peak_rss_bytes * 1e-6, r->ms_wait, r->ms_forward, r->ms_loss, r->ms_backward, r->ms_density);
-}
-
 /* The stages and roofline of the trained Gaussians from up to four training views. */
 static pags_result put_trained(const training *t, FILE *people, pags_json_writer *json) {
   pags_camera cameras[4];
@@ -194,7 +171,30 @@ static pags_result run(training *t, int64_t snapshot_every, pags_json_writer *js
   pags_train_result trained;
   PAGS_TRY(pags_train(t->config, &options, &trained));
   PAGS_TRY(t->result);
-  put_result(&trained, t->people, json);
+
+  /* Put result. */
+  pags_json_put_bool(json, "finished", trained.finished != 0);
+  pags_json_put_integer(json, "iterations", trained.iterations);
+  pags_json_put_integer(json, "gaussians", trained.gaussians);
+  pags_json_put_number(json, "seconds", trained.seconds);
+  pags_json_put_number(json, "iterations_per_second", trained.iterations_per_second);
+  pags_json_put_unsigned(json, "peak_rss_bytes", trained.peak_rss_bytes);
+  pags_json_begin_object(json, "ms_per_step");
+  pags_json_put_number(json, "wait", trained.ms_wait);
+  pags_json_put_number(json, "forward", trained.ms_forward);
+  pags_json_put_number(json, "loss", trained.ms_loss);
+  pags_json_put_number(json, "backward", trained.ms_backward);
+  pags_json_put_number(json, "density", trained.ms_density);
+  pags_json_end_object(json);
+  if (t->people)
+    fprintf(
+        t->people,
+        "%lld steps in %.1f s, %.1f it/s over the last tenth, %lld Gaussians, peak memory %.0f MB\n"
+        "ms a step, mean of the whole run: wait %.2f, forward %.2f, loss %.2f, backward and Adam %.2f, density %.2f\n",
+        (long long)trained.iterations, trained.seconds, trained.iterations_per_second, (long long)trained.gaussians,
+        (double)trained.peak_rss_bytes * 1e-6, trained.ms_wait, trained.ms_forward, trained.ms_loss,
+        trained.ms_backward, trained.ms_density);
+
   pags_json_begin_array(json, "held_out");
   for (int i = 0; i < t->count; i++) {
     pags_json_begin_object(json, NULL);

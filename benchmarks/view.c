@@ -27,17 +27,6 @@ static void keep_least(double *best, double now) {
   *best = now < *best ? now : *best;
 }
 
-static void keep_times(pags_frame_stats *best, const pags_frame_stats *now) {
-  keep_least(&best->ms_cull, now->ms_cull);
-  keep_least(&best->ms_project, now->ms_project);
-  keep_least(&best->ms_shade, now->ms_shade);
-  keep_least(&best->ms_sort, now->ms_sort);
-  keep_least(&best->ms_bin, now->ms_bin);
-  keep_least(&best->ms_raster, now->ms_raster);
-  keep_least(&best->ms_raster_backward, now->ms_raster_backward);
-  keep_least(&best->ms_project_backward, now->ms_project_backward);
-}
-
 static pags_result measure_camera(const pags_bench_view *view, const pags_camera *camera, int backward,
                                   pags_frame *frame, pags_frame_stats *out) {
   pags_frame_options options = view->options;
@@ -61,27 +50,21 @@ static pags_result measure_camera(const pags_bench_view *view, const pags_camera
     result = pags_frame_render(frame, view->parts, view->part_count, camera, &options, NULL, NULL, &picture);
     if (result == PAGS_OK && backward)
       result = pags_frame_backward(frame, &planes, ignore_gradient, NULL, NULL);
-    if (result == PAGS_OK)
-      keep_times(out, pags_frame_stats_get(frame));
+    if (result == PAGS_OK) {
+      /* Keep times. */
+      const pags_frame_stats *now = pags_frame_stats_get(frame);
+      keep_least(&out->ms_cull, now->ms_cull);
+      keep_least(&out->ms_project, now->ms_project);
+      keep_least(&out->ms_shade, now->ms_shade);
+      keep_least(&out->ms_sort, now->ms_sort);
+      keep_least(&out->ms_bin, now->ms_bin);
+      keep_least(&out->ms_raster, now->ms_raster);
+      keep_least(&out->ms_raster_backward, now->ms_raster_backward);
+      keep_least(&out->ms_project_backward, now->ms_project_backward);
+    }
   }
   free(gradient);
   return result;
-}
-
-static void add_share(pags_frame_stats *sum, const pags_frame_stats *one) {
-  sum->ms_cull += one->ms_cull, sum->ms_project += one->ms_project, sum->ms_shade += one->ms_shade;
-  sum->ms_sort += one->ms_sort, sum->ms_bin += one->ms_bin, sum->ms_raster += one->ms_raster;
-  sum->ms_raster_backward += one->ms_raster_backward, sum->ms_project_backward += one->ms_project_backward;
-  sum->gaussians += one->gaussians, sum->loaded += one->loaded, sum->shaded += one->shaded, sum->binned += one->binned;
-  sum->pairs_binned += one->pairs_binned, sum->pairs_evaluated += one->pairs_evaluated;
-  sum->pairs_blended += one->pairs_blended;
-}
-
-static void divide(pags_frame_stats *s, int n) {
-  s->ms_cull /= n, s->ms_project /= n, s->ms_shade /= n, s->ms_sort /= n, s->ms_bin /= n, s->ms_raster /= n;
-  s->ms_raster_backward /= n, s->ms_project_backward /= n;
-  s->gaussians /= n, s->loaded /= n, s->shaded /= n, s->binned /= n;
-  s->pairs_binned /= n, s->pairs_evaluated /= n, s->pairs_blended /= n;
 }
 
 pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_bench_frame *out) {
@@ -92,11 +75,30 @@ pags_result pags_bench_measure(const pags_bench_view *view, int backward, pags_b
   for (int c = 0; c < view->camera_count && result == PAGS_OK; c++) {
     pags_frame_stats one;
     result = measure_camera(view, view->cameras + c, backward, frame, &one);
-    if (result == PAGS_OK)
-      add_share(&out->stats, &one);
+    if (result == PAGS_OK) {
+      /* Add share. */
+      out->stats.ms_cull += one.ms_cull, out->stats.ms_project += one.ms_project, out->stats.ms_shade += one.ms_shade;
+      out->stats.ms_sort += one.ms_sort, out->stats.ms_bin += one.ms_bin, out->stats.ms_raster += one.ms_raster;
+      out->stats.ms_raster_backward += one.ms_raster_backward,
+          out->stats.ms_project_backward += one.ms_project_backward;
+      out->stats.gaussians += one.gaussians, out->stats.loaded += one.loaded, out->stats.shaded += one.shaded,
+          out->stats.binned += one.binned;
+      out->stats.pairs_binned += one.pairs_binned, out->stats.pairs_evaluated += one.pairs_evaluated;
+      out->stats.pairs_blended += one.pairs_blended;
+    }
     out->pixels += (double)view->cameras[c].width * view->cameras[c].height / view->camera_count;
   }
-  divide(&out->stats, view->camera_count);
+
+  /* Divide. */
+  out->stats.ms_cull /= view->camera_count, out->stats.ms_project /= view->camera_count,
+      out->stats.ms_shade /= view->camera_count, out->stats.ms_sort /= view->camera_count,
+      out->stats.ms_bin /= view->camera_count, out->stats.ms_raster /= view->camera_count;
+  out->stats.ms_raster_backward /= view->camera_count, out->stats.ms_project_backward /= view->camera_count;
+  out->stats.gaussians /= view->camera_count, out->stats.loaded /= view->camera_count,
+      out->stats.shaded /= view->camera_count, out->stats.binned /= view->camera_count;
+  out->stats.pairs_binned /= view->camera_count, out->stats.pairs_evaluated /= view->camera_count,
+      out->stats.pairs_blended /= view->camera_count;
+
   for (int p = 0; p < view->part_count; p++)
     out->clusters += (double)view->parts[p].clusters->count;
   out->bytes = pags_frame_bytes(frame);

@@ -52,18 +52,6 @@ static void set_column(pags_camera *camera, int c, vec3 v) {
   m[8 + c] = v.z;
 }
 
-/* Places the camera at `eye` looking at `target`, its picture upright as far as can be. */
-static void look_at(pags_camera *camera, vec3 eye, vec3 target, vec3 up) {
-  vec3 forward = normalized(sub(target, eye)), right = cross(forward, up);
-  if (length(right) < 1e-6) /* straight up or down: any right will do */
-    right = cross(forward, fabs(forward.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0});
-  right = normalized(right);
-  set_column(camera, 0, right);
-  set_column(camera, 1, cross(forward, right));
-  set_column(camera, 2, forward);
-  set_column(camera, 3, eye);
-}
-
 /* Sorts `values`; the value below which `share` of them lie. */
 static double percentile(double *values, int64_t count, double share) {
   pags_sort_doubles(values, count);
@@ -249,7 +237,16 @@ pags_result pags_camera_path_orbit(const pags_scene *scene, int64_t frames, pags
     vec3 across = add(scale(u, cos(angle)), scale(v, sin(angle)));
     vec3 eye = add(around.centre, add(scale(across, around.radius), scale(around.up, around.height)));
     out->cameras[i] = around.lens;
-    look_at(&out->cameras[i], eye, around.centre, around.up);
+
+    /* Places the camera at `eye` looking at `target`, its picture upright as far as can be. */
+    vec3 forward = normalized(sub(around.centre, eye)), right = cross(forward, around.up);
+    if (length(right) < 1e-6) /* straight up or down: any right will do */
+      right = cross(forward, fabs(forward.x) < 0.9 ? (vec3){1, 0, 0} : (vec3){0, 1, 0});
+    right = normalized(right);
+    set_column(&out->cameras[i], 0, right);
+    set_column(&out->cameras[i], 1, cross(forward, right));
+    set_column(&out->cameras[i], 2, forward);
+    set_column(&out->cameras[i], 3, eye);
   }
   return PAGS_OK;
 }
@@ -272,10 +269,6 @@ static void slerp(const double a[4], const double b[4], double t, double out[4])
     out[i] = wa * a[i] + sign * wb * b[i];
 }
 
-static double mix(double a, double b, double t) {
-  return a + t * (b - a);
-}
-
 /* The camera at parameter t of the stretch between knots[1] and knots[2]. Sizes are those of `lens`. */
 static pags_camera between(const pags_camera *const knots[4], const pags_camera *lens, double t) {
   pags_camera camera = *lens;
@@ -293,7 +286,7 @@ static pags_camera between(const pags_camera *const knots[4], const pags_camera 
   for (int c = 0; c < 3; c++)
     set_column(&camera, c, (vec3){r[c], r[3 + c], r[6 + c]});
   set_column(&camera, 3, catmull_rom3(column(knots[0], 3), column(a, 3), column(b, 3), column(knots[3], 3), t));
-  camera.time = mix(a->time, b->time, t);
+  camera.time = a->time + t * (b->time - a->time);
   return camera;
 }
 

@@ -90,26 +90,24 @@ static void say_error(const pags_session *session, const char *what, double squa
     pags_say(session, "; %s: %.2f dB, largest error %.4f", what, decibels(squared, samples), largest);
 }
 
-/* What `share` percent of the frames gave up. */
-static void say_step(const pags_deadline_step *step, const pags_session *session, double share) {
-  if (step->eps <= 0) /* the first: all others are bounded */
-    pags_say(session, "  %5.1f %% of frames: in full\n", share);
-  else
-    pags_say(
-        session,
-        "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below %g px\n",
-        share, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less,
-        (double)step->cut);
-}
-
 void pags_deadline_report_print(const pags_deadline_report *d, const pags_session *session) {
   const double n = d->frames ? (double)d->frames : 1;
   pags_say(session, "budget %g ms: %lld of %lld frames within (%.1f %%), %.2f ms on average, %.2f at worst\n", d->ms,
            (long long)d->met, (long long)d->frames, 100 * (double)d->met / n, d->sum_ms / n, d->worst_ms);
   for (int k = 0; k < PAGS_DEADLINE_STEPS; k++) {
     const pags_deadline_step *step = &pags_deadline_steps()[k];
-    if (d->at_step[k])
-      say_step(step, session, 100 * (double)d->at_step[k] / n);
+    if (d->at_step[k]) {
+      /* What `share` percent of the frames gave up. */
+      double share = 100 * (double)d->at_step[k] / n;
+      if (step->eps <= 0) /* the first: all others are bounded */
+        pags_say(session, "  %5.1f %% of frames: in full\n", share);
+      else
+        pags_say(session,
+                 "  %5.1f %% of frames: bounded by %.4f; the rest %s, %d degrees of colour less, without what is below "
+                 "%g px\n",
+                 share, (double)step->eps, step->sampled ? "at a quarter of the size" : "in full size", step->sh_less,
+                 (double)step->cut);
+    }
   }
   pags_say(session, "  %.0f %% of tiles in full size; against full quality (%lld frames)", 100 * d->sum_full_tiles / n,
            (long long)d->checked);

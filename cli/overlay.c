@@ -49,23 +49,6 @@ static const uint8_t parked_colour[3] = {110, 150, 150};
 
 /* Boxes. */
 
-static void draw_boxes(overlay *o, const pags_view *view, pags_image *image) {
-  for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
-    const pags_object *object = pags_dataset_object(o->dataset, i);
-    double pose[12], corners[32];
-    if (!pags_object_pose(object, view->camera.time, pose))
-      continue;
-    int count = pags_box_outline(&view->camera, pose, object->size, corners);
-    o->boxes.of++;
-    if (!count)
-      continue;
-    o->boxes.hits++;
-    pags_draw_box(image, &view->camera, pose, object->size, object->moving ? colours[object->category] : parked_colour);
-    if (object->moving)
-      pags_outline_fill(corners, count, image->width, image->height, image->width, 1, o->outlines);
-  }
-}
-
 static void compare_outlines(overlay *o, const pags_photo *photo) {
   for (int y = 0; y < photo->height; y++)
     for (int x = 0; x < photo->width; x++) {
@@ -77,15 +60,6 @@ static void compare_outlines(overlay *o, const pags_photo *photo) {
 }
 
 /* LiDAR. */
-
-static void unproject(const pags_camera *camera, const pags_lidar_depth_sample *sample, double world[3]) {
-  double z = (double)sample->depth, x = ((double)sample->x - camera->cx) / camera->fx * z,
-         y = ((double)sample->y - camera->cy) / camera->fy * z;
-  for (int k = 0; k < 3; k++) {
-    const double *m = camera->world_from_camera + 4 * k;
-    world[k] = m[0] * x + m[1] * y + m[2] * z + m[3];
-  }
-}
 
 /* 2: in the box, 1: about it, 0: neither. */
 static int place_in_box(const pags_object *object, const double pose[12], const double world[3]) {
@@ -119,7 +93,15 @@ static void measure_point(overlay *o, const pags_view *view, const pags_photo *p
                           const pags_lidar_depth_sample *sample) {
   double world[3];
   unsigned labels = photo->labels ? photo->labels[(size_t)sample->y * (size_t)photo->stride + (size_t)sample->x] : 0;
-  unproject(&view->camera, sample, world);
+
+  /* Unproject. */
+  double z = (double)sample->depth, x = ((double)sample->x - view->camera.cx) / view->camera.fx * z,
+         y = ((double)sample->y - view->camera.cy) / view->camera.fy * z;
+  for (int k = 0; k < 3; k++) {
+    const double *m = view->camera.world_from_camera + 4 * k;
+    world[k] = m[0] * x + m[1] * y + m[2] * z + m[3];
+  }
+
   int place = place_of(o, view->camera.time, world);
   o->in_boxes.of += place > 0;
   o->in_boxes.hits += place == 2;
@@ -182,7 +164,23 @@ static pags_result draw_view(overlay *o, int64_t index) {
     result = draw_points(o, index, &photo, &image);
   }
   if (result == PAGS_OK) {
-    draw_boxes(o, view, &image);
+    /* Draw boxes. */
+    for (int64_t i = 0; i < pags_dataset_object_count(o->dataset); i++) {
+      const pags_object *object = pags_dataset_object(o->dataset, i);
+      double pose[12], corners[32];
+      if (!pags_object_pose(object, view->camera.time, pose))
+        continue;
+      int count = pags_box_outline(&view->camera, pose, object->size, corners);
+      o->boxes.of++;
+      if (!count)
+        continue;
+      o->boxes.hits++;
+      pags_draw_box(&image, &view->camera, pose, object->size,
+                    object->moving ? colours[object->category] : parked_colour);
+      if (object->moving)
+        pags_outline_fill(corners, count, image.width, image.height, image.width, 1, o->outlines);
+    }
+
     if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
       compare_outlines(o, &photo);
     o->pictures++;
@@ -244,18 +242,6 @@ static double front_cosine(const pags_dataset *dataset) {
   return count ? sum / (double)count : (double)NAN;
 }
 
-static void put_figures(const overlay *o, double cosine, pags_report *report) {
-  pags_report_text(report, "folder", o->folder);
-  pags_report_count(report, "pictures", o->pictures);
-  pags_report_count(report, "lidar_points", o->points);
-  pags_report_number(report, "lidar_under_sky", share_value(o->under_sky));
-  pags_report_number(report, "lidar_in_boxes", share_value(o->in_boxes));
-  pags_report_number(report, "lidar_in_boxes_on_mask", share_value(o->on_vehicles));
-  pags_report_number(report, "outline_mask_overlap", share_value(o->union_));
-  pags_report_number(report, "boxes_in_pictures", share_value(o->boxes));
-  pags_report_number(report, "front_cosine", cosine);
-}
-
 static void put_warnings(const overlay *o, double cosine, pags_report *report) {
   bool lidar = (pags_dataset_provides(o->dataset) & PAGS_PROVIDES_LIDAR) != 0;
   const struct {
@@ -300,7 +286,18 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
     return result;
   double cosine = front_cosine(dataset);
   pags_report_begin_group(report, "overlay");
-  put_figures(&o, cosine, report);
+
+  /* Put figures. */
+  pags_report_text(report, "folder", o.folder);
+  pags_report_count(report, "pictures", o.pictures);
+  pags_report_count(report, "lidar_points", o.points);
+  pags_report_number(report, "lidar_under_sky", share_value(o.under_sky));
+  pags_report_number(report, "lidar_in_boxes", share_value(o.in_boxes));
+  pags_report_number(report, "lidar_in_boxes_on_mask", share_value(o.on_vehicles));
+  pags_report_number(report, "outline_mask_overlap", share_value(o.union_));
+  pags_report_number(report, "boxes_in_pictures", share_value(o.boxes));
+  pags_report_number(report, "front_cosine", cosine);
+
   put_warnings(&o, cosine, report);
   pags_report_end_group(report);
   return PAGS_OK;

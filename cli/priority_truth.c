@@ -78,17 +78,6 @@ static pags_result weigh_view(measuring *m, int64_t i) {
   return pags_frame_scores(m->frame, &planes, add_weights, m);
 }
 
-/* World position of the row; the parts are those of its time. */
-static void put_point(measuring *m, const pags_part *part, int64_t row, int64_t at) {
-  const double *w = part->world_from_model;
-  for (int k = 0; k < 3; k++) {
-    double x = w[4 * k + 3] + m->options.origin[k];
-    for (int j = 0; j < 3; j++)
-      x += w[4 * k + j] * (double)pags_plane(part->gaussians, PAGS_MEAN + j)[row];
-    m->points[3 * at + k] = (float)x;
-  }
-}
-
 /* The seen Gaussians that views of that time show most. */
 static int64_t list_points(measuring *m, double time) {
   int64_t count = 0;
@@ -101,7 +90,16 @@ static int64_t list_points(measuring *m, double time) {
       int64_t view = m->photographs->views[m->view[id]].index;
       if (pags_dataset_view(m->photographs->dataset, view)->camera.time != time)
         continue;
-      put_point(m, &m->parts[p], row, count);
+
+      /* World position of the row; the parts are those of its time. */
+      const double *w = m->parts[p].world_from_model;
+      for (int k = 0; k < 3; k++) {
+        double x = w[4 * k + 3] + m->options.origin[k];
+        for (int j = 0; j < 3; j++)
+          x += w[4 * k + j] * (double)pags_plane(m->parts[p].gaussians, PAGS_MEAN + j)[row];
+        m->points[3 * count + k] = (float)x;
+      }
+
       m->id[count++] = id;
     }
   return count;
@@ -110,24 +108,6 @@ static int64_t list_points(measuring *m, double time) {
 static pags_result check_interrupted(void) {
   return pags_interrupted() ? pags_fail(PAGS_CANCELLED, "interrupted while comparing priorities with the truth")
                             : PAGS_OK;
-}
-
-static void judge(const measuring *m, int64_t i, double *left_out, double *all, pags_priority_truth *out) {
-  int64_t id = m->id[i];
-  double critical = (double)m->critical[i], other = (double)m->other[i];
-  int high = m->priority[id] > 0.5f;
-  out->seen++;
-  *all += m->weight[id];
-  if (fmin(critical, other) > near_metres || fmax(critical, other) <= far_metres) {
-    *left_out += m->weight[id];
-    ++*(fmin(critical, other) > near_metres ? &out->astray : &out->between);
-  } else if (critical < other) {
-    out->critical++;
-    out->critical_high += high;
-  } else {
-    out->other++;
-    out->other_high += high;
-  }
 }
 
 static pags_result judge_times(measuring *m, pags_priority_truth *out) {
@@ -140,8 +120,24 @@ static pags_result judge_times(measuring *m, pags_priority_truth *out) {
     PAGS_TRY(check_interrupted());
     int64_t count = list_points(m, time);
     PAGS_TRY(pags_street_truth_distances(m->street, time, m->points, count, 2 * far_metres, m->critical, m->other));
-    for (int64_t i = 0; i < count; i++)
-      judge(m, i, &left_out, &all, out);
+    for (int64_t i = 0; i < count; i++) {
+      /* Judge. */
+      int64_t id = m->id[i];
+      double critical = (double)m->critical[i], other = (double)m->other[i];
+      int high = m->priority[id] > 0.5f;
+      out->seen++;
+      *(&all) += m->weight[id];
+      if (fmin(critical, other) > near_metres || fmax(critical, other) <= far_metres) {
+        *(&left_out) += m->weight[id];
+        ++*(fmin(critical, other) > near_metres ? &out->astray : &out->between);
+      } else if (critical < other) {
+        out->critical++;
+        out->critical_high += high;
+      } else {
+        out->other++;
+        out->other_high += high;
+      }
+    }
   }
   out->counted = out->critical + out->other;
   out->left_out_weight = all > 0 ? left_out / all : 0;

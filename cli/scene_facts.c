@@ -70,28 +70,6 @@ static pags_result file_bytes(const char *path, const char *file, bool folder, u
   return result;
 }
 
-/* One line for people: there may be a hundred. */
-static void put_object_model(pags_report *report, const pags_model *model, const pags_scene_object *owner,
-                             uint64_t bytes) {
-  const pags_gaussians *g = &model->gaussians;
-  char size[32];
-  pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
-                   (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
-                   g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
-  pags_json_writer *w = &report->json;
-  pags_json_begin_object(w, NULL);
-  pags_json_put_string(w, "name", model->name);
-  pags_json_put_string(w, "file", model->file);
-  pags_json_put_integer(w, "gaussians", g->count);
-  pags_json_put_integer(w, "sh_degree", g->sh_degree);
-  pags_json_put_unsigned(w, "bytes", bytes);
-  pags_json_put_string(w, "object", owner->record.id);
-  pags_json_put_string(w, "class", owner->record.class_name);
-  pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
-  pags_json_put_bool(w, "rigid", owner->rigid != 0);
-  pags_json_end_object(w);
-}
-
 static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
@@ -103,7 +81,25 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
     PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
     if (owner) {
-      put_object_model(report, model, owner, bytes);
+      /* One line for people: there may be a hundred. */
+      const pags_gaussians *g = &model->gaussians;
+      char size[32];
+      pags_report_line(report, model->name, "%s, %lld Gaussians of SH degree %d, %s%s%s", owner->record.class_name,
+                       (long long)g->count, g->sh_degree, pags_format_bytes((double)bytes, size, sizeof size),
+                       g->fourier ? ", colour over time" : "", owner->rigid ? "" : ", not rigid");
+      pags_json_writer *w = &report->json;
+      pags_json_begin_object(w, NULL);
+      pags_json_put_string(w, "name", model->name);
+      pags_json_put_string(w, "file", model->file);
+      pags_json_put_integer(w, "gaussians", g->count);
+      pags_json_put_integer(w, "sh_degree", g->sh_degree);
+      pags_json_put_unsigned(w, "bytes", bytes);
+      pags_json_put_string(w, "object", owner->record.id);
+      pags_json_put_string(w, "class", owner->record.class_name);
+      pags_json_put_bool(w, "fourier_colour", g->fourier != NULL);
+      pags_json_put_bool(w, "rigid", owner->rigid != 0);
+      pags_json_end_object(w);
+
       continue;
     }
     pags_report_begin_item(report, model->name);
@@ -247,21 +243,6 @@ static void put_exposure(pags_report *report, const pags_scene *scene) {
   pags_report_end_group(report);
 }
 
-/* What only scenes with a time have. */
-static void put_drive(pags_report *report, const pags_scene *scene) {
-  double time[2] = {scene->time_begin, scene->time_end};
-  if (scene->time_end > scene->time_begin || scene->fps > 0) {
-    pags_report_vector(report, "time", time, 2);
-    pags_report_number(report, "seconds", scene->time_end - scene->time_begin);
-    pags_report_number(report, "steps_per_second", scene->fps);
-    put_exposure(report, scene);
-  }
-  if (scene->sky.size > 0)
-    pags_report_count(report, "sky_texels_a_side", scene->sky.size);
-  else if (scene->object_count)
-    pags_report_text(report, "sky", "none");
-}
-
 static void put_views(pags_report *report, const pags_scene *scene) {
   int64_t held_out = 0;
   for (int64_t i = 0; i < scene->view_count; i++)
@@ -311,8 +292,16 @@ static void list_notes(pags_report *report, const pags_json_value *array) {
   report->indent -= 2;
 }
 
-/* What training noted, key by key, for people: the notes are the trainer's to choose. */
-static void say_notes(pags_report *report, const pags_json_value *object) {
+static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
+  pags_json *json;
+  if (!scene->notes)
+    return PAGS_OK;
+  PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
+  pags_report_line(report, "modelled", "%s", "");
+  report->indent += 2;
+
+  /* What training noted, key by key, for people: the notes are the trainer's to choose. */
+  const pags_json_value *object = pags_json_root(json);
   for (const pags_json_value *v = object->first; v; v = v->next) {
     char text[1000];
     if (v->type == PAGS_JSON_OBJECT) {
@@ -327,16 +316,7 @@ static void say_notes(pags_report *report, const pags_json_value *object) {
       pags_report_line(report, v->key, "%s", spoken(v, text));
     }
   }
-}
 
-static pags_result put_modelled(pags_report *report, const pags_scene *scene) {
-  pags_json *json;
-  if (!scene->notes)
-    return PAGS_OK;
-  PAGS_TRY(pags_json_parse_text("modelled", scene->notes, strlen(scene->notes), &json));
-  pags_report_line(report, "modelled", "%s", "");
-  report->indent += 2;
-  say_notes(report, pags_json_root(json));
   report->indent -= 2;
   pags_json_put_raw(&report->json, "modelled", scene->notes);
   pags_json_destroy(json);
@@ -395,22 +375,6 @@ static pags_result put_memory(pags_report *report, pags_tasks *tasks, pags_scene
   return result;
 }
 
-static void put_world(pags_report *report, const pags_scene *scene) {
-  double lo[3], hi[3];
-  pags_report_text(report, "up", pags_up_name(scene->up));
-  pags_report_flag(report, "antialiased", scene->antialiased != 0);
-  pags_report_vector(report, "origin", scene->origin, 3);
-  pags_report_place(report, &scene->place);
-  if (scene_bounds(scene, lo, hi)) {
-    pags_report_vector(report, "bounds_lo", lo, 3);
-    pags_report_vector(report, "bounds_hi", hi, 3);
-  }
-  if (scene->iterations)
-    pags_report_count(report, "iterations", scene->iterations);
-  if (scene->dataset)
-    pags_report_text(report, "dataset", scene->dataset);
-}
-
 /* How the Gaussians that have one spread over priorities. */
 static void put_priorities(pags_report *report, const pags_scene *scene) {
   static const float bounds[3] = {0.1f, 0.5f, 0.9f};
@@ -446,10 +410,38 @@ pags_result pags_scene_facts(pags_report *report, const char *path, const char *
   pags_result result = put_models(report, path, &scene, &bytes);
   pags_report_bytes(report, "bytes", (double)bytes);
   put_degrees(report, &scene);
-  put_world(report, &scene);
+
+  /* Put world. */
+  double lo[3], hi[3];
+  pags_report_text(report, "up", pags_up_name(scene.up));
+  pags_report_flag(report, "antialiased", scene.antialiased != 0);
+  pags_report_vector(report, "origin", scene.origin, 3);
+  pags_report_place(report, &scene.place);
+  if (scene_bounds(&scene, lo, hi)) {
+    pags_report_vector(report, "bounds_lo", lo, 3);
+    pags_report_vector(report, "bounds_hi", hi, 3);
+  }
+  if (scene.iterations)
+    pags_report_count(report, "iterations", scene.iterations);
+  if (scene.dataset)
+    pags_report_text(report, "dataset", scene.dataset);
+
   put_priorities(report, &scene);
   put_views(report, &scene);
-  put_drive(report, &scene);
+
+  /* What only scenes with a time have. */
+  double time[2] = {scene.time_begin, scene.time_end};
+  if (scene.time_end > scene.time_begin || scene.fps > 0) {
+    pags_report_vector(report, "time", time, 2);
+    pags_report_number(report, "seconds", scene.time_end - scene.time_begin);
+    pags_report_number(report, "steps_per_second", scene.fps);
+    put_exposure(report, &scene);
+  }
+  if (scene.sky.size > 0)
+    pags_report_count(report, "sky_texels_a_side", scene.sky.size);
+  else if (scene.object_count)
+    pags_report_text(report, "sky", "none");
+
   if (result == PAGS_OK)
     result = put_objects(report, &scene, options->objects);
   if (result == PAGS_OK)

@@ -264,20 +264,6 @@ static void put_shifts(pags_json_writer *writer, const evaluation *self) {
   pags_json_end_array(writer);
 }
 
-static pags_result write_json(const evaluation *self) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
-  put_split(&writer, self, "train", 0);
-  put_split(&writer, self, "test", 1);
-  put_shifts(&writer, self);
-  pags_pose_errors_put_json(&writer, &self->poses);
-  pags_priority_truth_put_json(&writer, &self->priority_truth);
-  pags_json_end_object(&writer);
-  return pags_session_json(&self->arguments->session, &writer);
-}
-
 static void print_poses(const pags_session *session, const pags_pose_errors *e) {
   if (!e->knots)
     return;
@@ -372,20 +358,19 @@ static pags_result evaluate(evaluation *self, const char *scene_path) {
                                         &self->options, &arguments->session, arguments->images, &self->shifts));
   pags_view_scores_print(&arguments->session, self->scores, self->count);
   print_more(self);
-  return write_json(self);
-}
 
-static void destroy(evaluation *self) {
-  if (self->frame)
-    pags_frame_destroy(self->frame);
-  pags_photographs_close(&self->photographs);
-  if (self->lpips)
-    pags_lpips_destroy(self->lpips);
-  pags_composition_destroy(self->composition);
-  pags_shifted_view_scores_destroy(&self->shifts);
-  for (int test = 0; test < 2; test++)
-    pags_depth_errors_destroy(&self->depth_errors[test]);
-  free(self->scores);
+  /* Write JSON. */
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_integer(&writer, "gaussians", pags_composition_gaussian_count(self->composition));
+  put_split(&writer, self, "train", 0);
+  put_split(&writer, self, "test", 1);
+  put_shifts(&writer, self);
+  pags_pose_errors_put_json(&writer, &self->poses);
+  pags_priority_truth_put_json(&writer, &self->priority_truth);
+  pags_json_end_object(&writer);
+  return pags_session_json(&self->arguments->session, &writer);
 }
 
 int pags_verb_eval(int argc, char **argv) {
@@ -399,6 +384,15 @@ int pags_verb_eval(int argc, char **argv) {
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = evaluate(&self, parsed.positionals[0]);
-  destroy(&self);
+  if (self.frame)
+    pags_frame_destroy(self.frame);
+  pags_photographs_close(&self.photographs);
+  if (self.lpips)
+    pags_lpips_destroy(self.lpips);
+  pags_composition_destroy(self.composition);
+  pags_shifted_view_scores_destroy(&self.shifts);
+  for (int test = 0; test < 2; test++)
+    pags_depth_errors_destroy(&self.depth_errors[test]);
+  free(self.scores);
   return pags_session_end(&arguments.session, result);
 }

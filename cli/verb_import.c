@@ -51,7 +51,19 @@ static const pags_verb verb = {.name = "import",
                                .positionals = positionals,
                                .options = options};
 
-static pags_result report(import_arguments *arguments, const struct kind *kind, double seconds) {
+static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
+  pags_progress progress = pags_progress_begin(arguments->session.people);
+  pags_interrupt_install(arguments->session.tasks);
+  const double begun = pags_seconds();
+  const pags_result result = kind->import(source, arguments->output, &arguments->options, arguments->session.tasks,
+                                          pags_progress_watch, &progress);
+  pags_progress_end(&progress);
+  if (result == PAGS_CANCELLED)
+    return pags_fail(result, "interrupted; the same command goes on from here");
+  PAGS_TRY(result);
+
+  /* Report. */
+  double seconds = pags_seconds() - begun;
   pags_json_writer writer;
   char text[32];
   pags_say(&arguments->session, "%s: imported in %s\n", arguments->output,
@@ -63,19 +75,6 @@ static pags_result report(import_arguments *arguments, const struct kind *kind, 
   pags_json_put_number(&writer, "seconds", seconds);
   pags_json_end_object(&writer);
   return pags_session_json(&arguments->session, &writer);
-}
-
-static pags_result import(import_arguments *arguments, const struct kind *kind, const char *source) {
-  pags_progress progress = pags_progress_begin(arguments->session.people);
-  pags_interrupt_install(arguments->session.tasks);
-  const double begun = pags_seconds();
-  const pags_result result = kind->import(source, arguments->output, &arguments->options, arguments->session.tasks,
-                                          pags_progress_watch, &progress);
-  pags_progress_end(&progress);
-  if (result == PAGS_CANCELLED)
-    return pags_fail(result, "interrupted; the same command goes on from here");
-  PAGS_TRY(result);
-  return report(arguments, kind, pags_seconds() - begun);
 }
 
 int pags_verb_import(int argc, char **argv) {

@@ -158,14 +158,6 @@ static pags_result set_time(double time, const pags_scene *scene, pags_viewpoint
   return PAGS_OK;
 }
 
-/* As the sensor whose drive it is exposed at that moment. */
-static void expose_drive(const pags_scene *scene, pags_viewpoints *viewpoints) {
-  for (int64_t i = 0; i < viewpoints->count && pags_scene_is_drive(scene); i++) {
-    pags_viewpoint *v = &viewpoints->items[i];
-    pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
-  }
-}
-
 static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
                                    const pags_scene *scene, pags_viewpoints *out) {
   if (pags_option_given(parsed, "split") && arguments->dataset) {
@@ -188,8 +180,13 @@ static pags_result find_viewpoints(const render_arguments *arguments, const pags
     PAGS_TRY(pags_camera_path_load(arguments->path, &path));
   pags_result result = pags_viewpoints_of_path(&path, out);
   pags_camera_path_destroy(&path);
-  if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego"))
-    expose_drive(scene, out);
+  if (result == PAGS_OK && !arguments->camera && !strcmp(arguments->path, "ego")) {
+    /* As the sensor whose drive it is exposed at that moment. */
+    for (int64_t i = 0; i < out->count && pags_scene_is_drive(scene); i++) {
+      pags_viewpoint *v = &out->items[i];
+      pags_scene_exposure(scene, pags_camera_path_drive_sensor(scene), v->camera.time, v->gain, v->offset);
+    }
+  }
   return result;
 }
 
@@ -333,25 +330,6 @@ static pags_result draw_all(renderer *self) {
   return result;
 }
 
-static void report(const renderer *self) {
-  pags_frame_stats mean = mean_stats(self->stats, self->done);
-  int threads = pags_tasks_workers(self->arguments->session.tasks);
-  pags_say(
-      &self->arguments->session,
-      "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
-      "%.2f) on %d %s\n",
-      self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
-      (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
-      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
-  const int64_t count = pags_composition_gaussian_count(self->composition);
-  if (self->report)
-    pags_deadline_report_print(&self->deadline, &self->arguments->session);
-  if (self->packed)
-    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
-             (double)pags_composition_bytes(self->composition) * 1e-6,
-             count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
-}
-
 static pags_result find_work(renderer *self, const pags_parsed *parsed, const pags_scene *scene, pags_edit **edits,
                              int64_t *edit_count) {
   const render_arguments *arguments = self->arguments;
@@ -429,20 +407,26 @@ static pags_result render(renderer *self, const pags_parsed *parsed, unsigned ch
     rmdir(arguments->output); /* leaves it where something lies in it */
   if (result != PAGS_OK)
     return result;
-  report(self);
-  return write_json(self);
-}
 
-static void destroy(renderer *self) {
-  if (self->frame)
-    pags_frame_destroy(self->frame);
-  pags_picture_queue_destroy(&self->queue);
-  pags_picture_writer_destroy(&self->writer);
-  pags_viewpoints_destroy(&self->viewpoints);
-  pags_composition_destroy(self->composition);
-  pags_deadline_report_destroy(&self->deadline);
-  free(self->report);
-  free(self->stats);
+  /* Report. */
+  pags_frame_stats mean = mean_stats(self->stats, self->done);
+  int threads = pags_tasks_workers(self->arguments->session.tasks);
+  pags_say(
+      &self->arguments->session,
+      "%s: %lld %s of %lld Gaussians, %.2f ms each (cull %.2f, project %.2f, shade %.2f, sort %.2f, bin %.2f, raster "
+      "%.2f) on %d %s\n",
+      self->arguments->output, (long long)self->done, self->done == 1 ? "frame" : "frames",
+      (long long)pags_composition_gaussian_count(self->composition), total_ms(&mean), mean.ms_cull, mean.ms_project,
+      mean.ms_shade, mean.ms_sort, mean.ms_bin, mean.ms_raster, threads, threads == 1 ? "thread" : "threads");
+  const int64_t count = pags_composition_gaussian_count(self->composition);
+  if (self->report)
+    pags_deadline_report_print(&self->deadline, &self->arguments->session);
+  if (self->packed)
+    pags_say(&self->arguments->session, "packed: %.1f MB, %.1f bytes a Gaussian\n",
+             (double)pags_composition_bytes(self->composition) * 1e-6,
+             count ? (double)pags_composition_bytes(self->composition) / (double)count : 0.0);
+
+  return write_json(self);
 }
 
 static int check_usage(const render_arguments *arguments, const pags_parsed *parsed, unsigned *channels) {
@@ -498,6 +482,14 @@ int pags_verb_render(int argc, char **argv) {
   pags_result result = pags_session_begin(&arguments.session);
   if (result == PAGS_OK)
     result = render(&self, &parsed, channels);
-  destroy(&self);
+  if (self.frame)
+    pags_frame_destroy(self.frame);
+  pags_picture_queue_destroy(&self.queue);
+  pags_picture_writer_destroy(&self.writer);
+  pags_viewpoints_destroy(&self.viewpoints);
+  pags_composition_destroy(self.composition);
+  pags_deadline_report_destroy(&self.deadline);
+  free(self.report);
+  free(self.stats);
   return pags_session_end(&arguments.session, result);
 }

@@ -101,20 +101,6 @@ static void print_row(const pags_session *session, const char *name, const char 
   pags_say(session, "%-32s %-5s %9.3f %8.4f %8s\n", name, set, psnr, ssim, distance);
 }
 
-static void print_mean(const pags_session *session, const pags_mean_score *mean, const char *set) {
-  const pags_view_score *m = &mean->mean;
-  char name[48];
-  snprintf(name, sizeof name, "mean of %lld", (long long)mean->views);
-  print_row(session, name, set, m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
-  for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
-    snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
-    if (!isnan(m->psnr[r]))
-      print_row(session, name, set, m->psnr[r], m->ssim[r], (double)NAN);
-  }
-  if (!isnan(m->psnr_unexposed))
-    pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", set, m->psnr_unexposed);
-}
-
 void pags_view_scores_print(const pags_session *session, const pags_view_score *scores, int64_t count) {
   static const char *const sets[2] = {"train", "test"};
   pags_say(session, "%-32s %-5s %9s %8s %8s\n", "view", "set", "PSNR dB", "SSIM", "LPIPS");
@@ -125,7 +111,19 @@ void pags_view_scores_print(const pags_session *session, const pags_view_score *
                   scores[i].ssim[PAGS_REGION_WHOLE], scores[i].lpips);
   for (int test = 0; test < 2; test++) {
     pags_mean_score mean = pags_view_scores_mean(scores, count, test);
-    if (mean.views)
-      print_mean(session, &mean, sets[test]);
+    if (mean.views) {
+      /* Print mean. */
+      const pags_view_score *m = &mean.mean;
+      char name[48];
+      snprintf(name, sizeof name, "mean of %lld", (long long)mean.views);
+      print_row(session, name, sets[test], m->psnr[PAGS_REGION_WHOLE], m->ssim[PAGS_REGION_WHOLE], m->lpips);
+      for (int r = PAGS_REGION_WHOLE + 1; r < PAGS_REGION_COUNT; r++) {
+        snprintf(name, sizeof name, "  %s", suffixes[r] + 1);
+        if (!isnan(m->psnr[r]))
+          print_row(session, name, sets[test], m->psnr[r], m->ssim[r], (double)NAN);
+      }
+      if (!isnan(m->psnr_unexposed))
+        pags_say(session, "%-32s %-5s %9.3f\n", "  without exposure", sets[test], m->psnr_unexposed);
+    }
   }
 }

@@ -9,15 +9,6 @@ typedef struct found {
   float priority;
 } found;
 
-static void ray_through(const pags_camera *camera, int x, int y, double origin[3], double direction[3]) {
-  const double *m = camera->world_from_camera;
-  double across = (x + 0.5 - camera->cx) / camera->fx, down = (y + 0.5 - camera->cy) / camera->fy;
-  for (int k = 0; k < 3; k++) {
-    origin[k] = m[4 * k + 3];
-    direction[k] = m[4 * k] * across + m[4 * k + 1] * down + m[4 * k + 2]; /* z of 1: the ray's length is depth */
-  }
-}
-
 /* With the scene's lock held. */
 static pags_result pick_locked(native_scene *scene, const native_job *job, int x, int y, found *out) {
   pags_pick_options options = pags_pick_options_default();
@@ -25,7 +16,15 @@ static pags_result pick_locked(native_scene *scene, const native_job *job, int x
   double origin[3], direction[3];
   int count;
   options.nearest = (double)job->options.near_plane;
-  ray_through(&job->camera, x, y, origin, direction);
+
+  /* Ray through. */
+  const double *m = job->camera.world_from_camera;
+  double across = (x + 0.5 - job->camera.cx) / job->camera.fx, down = (y + 0.5 - job->camera.cy) / job->camera.fy;
+  for (int k = 0; k < 3; k++) {
+    origin[k] = m[4 * k + 3];
+    direction[k] = m[4 * k] * across + m[4 * k + 1] * down + m[4 * k + 2]; /* z of 1: the ray's length is depth */
+  }
+
   PAGS_TRY(native_scene_need_priorities(scene));
   PAGS_TRY(native_job_compose(scene, job, &parts, &count));
   PAGS_TRY(pags_composition_pick(scene->composition, parts, count, origin, direction, &options, &out->picked));

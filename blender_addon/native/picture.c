@@ -90,19 +90,6 @@ static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3],
   (void)at;
 }
 
-static void put_color(const fill *f, int64_t at, float *out) {
-  const pags_picture *p = f->picture;
-  float alpha = 1 - p->transmittance[at], rgb[3] = {p->rgb[0][at], p->rgb[1][at], p->rgb[2][at]};
-  if (f->layout->mode != MODE_RGB) {
-    float shown[3] = {0, 0, 0};
-    if (p->id[at] >= 0)
-      mode_color(f, at, p->id[at], shown);
-    for (int c = 0; c < 3; c++)
-      rgb[c] = alpha * shown[c];
-  }
-  put_rgba(f, at, alpha, rgb, out);
-}
-
 static float object_value(const fill *f, int32_t id) {
   int32_t object = id < 0 ? -1 : f->scene->object_of[id];
   return object < 0 ? 0 : f->layout->object_values ? f->layout->object_values[object] : (float)(object + 1);
@@ -116,11 +103,6 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   for (int c = 0; c < 3; c++)
     rgb[c] *= alpha;
   put_rgba(f, at, alpha, rgb, out);
-}
-
-/* What Rendered viewports ask for: opaque colours alone, without the questions of the other rows. */
-static bool is_plain(const native_layout *l) {
-  return l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear;
 }
 
 static void fill_plain_row(const fill *f, int64_t from, float *out) {
@@ -140,14 +122,27 @@ static void fill_row(const fill *f, int y) {
   const native_planes *o = f->out;
   int64_t from = (int64_t)(l->y + y) * f->picture->stride + l->x;
   int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
-  if (is_plain(l)) {
+  /* What Rendered viewports ask for: opaque colours alone, without the questions of the other rows. */
+  if (l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear) {
     fill_plain_row(f, from, o->rgba + 4 * to);
     return;
   }
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
-    if (o->rgba)
-      put_color(f, from, o->rgba + 4 * to);
+    if (o->rgba) {
+      /* Put color. */
+      float *out = o->rgba + 4 * to;
+      const pags_picture *p = f->picture;
+      float alpha = 1 - p->transmittance[from], rgb[3] = {p->rgb[0][from], p->rgb[1][from], p->rgb[2][from]};
+      if (f->layout->mode != MODE_RGB) {
+        float shown[3] = {0, 0, 0};
+        if (p->id[from] >= 0)
+          mode_color(f, from, p->id[from], shown);
+        for (int c = 0; c < 3; c++)
+          rgb[c] = alpha * shown[c];
+      }
+      put_rgba(f, from, alpha, rgb, out);
+    }
     if (o->depth)
       o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
     if (o->object)

@@ -185,19 +185,6 @@ static PyObject *renderer_threads(PyObject *object, void *closure) {
 
 /* ---- At once ---- */
 
-static PyObject *render_once(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w,
-                             int threads) {
-  PyObject *renderer = create_renderer(state->renderer, threads), *picture = NULL;
-  PyObject *job = renderer ? native_job_new(state, scene, camera, w) : NULL;
-  if (job) {
-    native_job_enqueue((native_renderer *)renderer, (native_job *)job);
-    picture = native_job_take(state, (native_job *)job);
-  }
-  Py_XDECREF(job);
-  Py_XDECREF(renderer);
-  return picture;
-}
-
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"scene", "camera", "threads", WISH_NAMES, NULL};
   PyObject *scene, *camera;
@@ -206,7 +193,18 @@ PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keyword
   if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$i" WISH_FORMAT ":render", names, &scene, &camera, &threads,
                                    WISH_TARGETS(w)))
     return NULL;
-  return render_once(PyModule_GetState(module), scene, camera, &w, threads);
+
+  /* Render once. */
+  const native_state *state = PyModule_GetState(module);
+  PyObject *renderer = create_renderer(state->renderer, threads), *picture = NULL;
+  PyObject *job = renderer ? native_job_new(state, scene, camera, &w) : NULL;
+  if (job) {
+    native_job_enqueue((native_renderer *)renderer, (native_job *)job);
+    picture = native_job_take(state, (native_job *)job);
+  }
+  Py_XDECREF(job);
+  Py_XDECREF(renderer);
+  return picture;
 }
 
 static PyMethodDef renderer_methods[] = {

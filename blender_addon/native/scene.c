@@ -331,13 +331,6 @@ static const float *read_colours(const pags_part *part, int64_t block, float *un
   return unpacked;
 }
 
-static void put_point(const pags_part *part, const float *mean, int64_t stride, float *point) {
-  const double *m = part->world_from_model;
-  const double p[3] = {(double)mean[0], (double)mean[stride], (double)mean[2 * stride]};
-  for (int k = 0; k < 3; k++)
-    point[k] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
-}
-
 static void put_color(const float *dc, int64_t stride, float *color) {
   for (int c = 0; c < 3; c++)
     color[c] = to_linear(0.5f + 0.28209479f * dc[c * stride]);
@@ -365,7 +358,15 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
       }
       if ((s->visible <= s->most || (s->seen * s->most) / s->visible >= s->taken) && s->taken < s->most) {
         dc = dc ? dc : read_colours(part, first / ROWS, colour, &colour_stride);
-        put_point(part, planes + PAGS_MEAN * stride + i, stride, points + 3 * s->taken);
+
+        /* Put point. */
+        const float *mean = planes + PAGS_MEAN * stride + i;
+        float *point = points + 3 * s->taken;
+        const double *m = part->world_from_model;
+        const double p[3] = {(double)mean[0], (double)mean[stride], (double)mean[2 * stride]};
+        for (int k = 0; k < 3; k++)
+          point[k] = (float)(m[4 * k] * p[0] + m[4 * k + 1] * p[1] + m[4 * k + 2] * p[2] + m[4 * k + 3]);
+
         put_color(dc + i, colour_stride, colors + 4 * s->taken);
         s->taken++;
       }

@@ -145,24 +145,6 @@ pags_result pags_file_find_target(const char *path, char **target, bool *straigh
   return PAGS_OK;
 }
 
-/* A descriptor that writes into the socket's server; -1 with errno. */
-static int connect_to(const char *path) {
-  struct sockaddr_un address = {.sun_family = AF_UNIX};
-  if (strlen(path) >= sizeof address.sun_path) {
-    errno = ENAMETOOLONG;
-    return -1;
-  }
-  memcpy(address.sun_path, path, strlen(path) + 1);
-  const int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
-  if (descriptor >= 0 && connect(descriptor, (const struct sockaddr *)&address, sizeof address) != 0) {
-    const int error = errno;
-    close(descriptor);
-    errno = error;
-    return -1;
-  }
-  return descriptor;
-}
-
 /* Regular files are opened to append: here they are logs, or the program's own output (/dev/stdout). Block devices
  * would be written to behind their end with O_APPEND. */
 static int open_straight(const char *path) {
@@ -170,8 +152,23 @@ static int open_straight(const char *path) {
   const int common = O_WRONLY | O_NOCTTY | O_CLOEXEC;
   if (stat(path, &status) != 0)
     return open(path, common | O_CREAT | O_APPEND, 0666);
-  if (S_ISSOCK(status.st_mode))
-    return connect_to(path);
+  if (S_ISSOCK(status.st_mode)) {
+    /* A descriptor that writes into the socket's server; -1 with errno. */
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path) {
+      errno = ENAMETOOLONG;
+      return -1;
+    }
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    const int descriptor = socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    if (descriptor >= 0 && connect(descriptor, (const struct sockaddr *)&address, sizeof address) != 0) {
+      const int error = errno;
+      close(descriptor);
+      errno = error;
+      return -1;
+    }
+    return descriptor;
+  }
   return open(path, common | (S_ISREG(status.st_mode) ? O_APPEND : 0));
 }
 

@@ -133,7 +133,24 @@ static pags_result read_hex4(reader *r, unsigned *code) {
   return PAGS_OK;
 }
 
-static void put_utf8(reader *r, unsigned code) {
+static pags_result read_unicode_escape(reader *r) {
+  unsigned code, low;
+  PAGS_TRY(read_hex4(r, &code));
+  if (code >= 0xD800 && code < 0xDC00) {
+    if (r->end - r->at < 2 || r->at[0] != '\\' || r->at[1] != 'u')
+      return syntax_error(r, "the second half of a surrogate pair");
+    r->at += 2;
+    PAGS_TRY(read_hex4(r, &low));
+    if (low < 0xDC00 || low > 0xDFFF)
+      return syntax_error(r, "the second half of a surrogate pair before this");
+    code = 0x10000 + ((code - 0xD800) << 10) + (low - 0xDC00);
+  } else if (code >= 0xDC00 && code <= 0xDFFF) {
+    return syntax_error(r, "the first half of a surrogate pair before this");
+  }
+  if (code == 0)
+    return syntax_error(r, "a string without \\u0000 before this");
+
+  /* Put utf8. */
   char *out = r->string_at;
   if (code < 0x80) {
     *out++ = (char)code;
@@ -151,25 +168,7 @@ static void put_utf8(reader *r, unsigned code) {
     *out++ = (char)(0x80 | (code & 63));
   }
   r->string_at = out;
-}
 
-static pags_result read_unicode_escape(reader *r) {
-  unsigned code, low;
-  PAGS_TRY(read_hex4(r, &code));
-  if (code >= 0xD800 && code < 0xDC00) {
-    if (r->end - r->at < 2 || r->at[0] != '\\' || r->at[1] != 'u')
-      return syntax_error(r, "the second half of a surrogate pair");
-    r->at += 2;
-    PAGS_TRY(read_hex4(r, &low));
-    if (low < 0xDC00 || low > 0xDFFF)
-      return syntax_error(r, "the second half of a surrogate pair before this");
-    code = 0x10000 + ((code - 0xD800) << 10) + (low - 0xDC00);
-  } else if (code >= 0xDC00 && code <= 0xDFFF) {
-    return syntax_error(r, "the first half of a surrogate pair before this");
-  }
-  if (code == 0)
-    return syntax_error(r, "a string without \\u0000 before this");
-  put_utf8(r, code);
   return PAGS_OK;
 }
 

@@ -252,18 +252,6 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
 /* Coordinates beyond this lose more than half a millimetre in float. */
 #define LARGE_COORDINATE 4096.0
 
-static void choose_origin(pags_dataset *dataset) {
-  double mean[3] = {0}, largest = 0;
-  for (int64_t i = 0; i < dataset->count; i++)
-    for (int c = 0; c < 3; c++) {
-      double at = dataset->views[i].camera.world_from_camera[4 * c + 3];
-      mean[c] += at / (double)dataset->count;
-      largest = fmax(largest, fabs(at));
-    }
-  for (int c = 0; c < 3; c++)
-    dataset->origin[c] = largest > LARGE_COORDINATE ? round(mean[c]) : 0;
-}
-
 static pags_result open_into(pags_dataset *dataset, const char *path, const pags_dataset_options *options) {
   dataset->path = pags_text_copy(path);
   if (!dataset->path)
@@ -276,7 +264,18 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   PAGS_TRY(check_sizes(&dataset->parsed));
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
-  choose_origin(dataset);
+
+  /* Choose origin. */
+  double mean[3] = {0}, largest = 0;
+  for (int64_t i = 0; i < dataset->count; i++)
+    for (int c = 0; c < 3; c++) {
+      double at = dataset->views[i].camera.world_from_camera[4 * c + 3];
+      mean[c] += at / (double)dataset->count;
+      largest = fmax(largest, fabs(at));
+    }
+  for (int c = 0; c < 3; c++)
+    dataset->origin[c] = largest > LARGE_COORDINATE ? round(mean[c]) : 0;
+
   if (options->critical && !dataset->parsed.driving)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: critical '%s' is asked for, but only driving sets have labels", path,
                      options->critical);

@@ -158,26 +158,6 @@ static double partner_cost(const matcher *m, const picture *a, const picture *b)
   return fabs(log(angle / 10));
 }
 
-static void choose_neighbours(const matcher *m, int index) {
-  picture *p = &m->pictures[index];
-  double costs[NEIGHBOURS];
-  for (int k = 0; k < NEIGHBOURS; k++) {
-    p->neighbours[k] = -1;
-    costs[k] = INFINITY;
-  }
-  for (int j = 0; j < m->count; j++) {
-    double cost = j == index ? INFINITY : partner_cost(m, p, &m->pictures[j]);
-    for (int k = NEIGHBOURS - 1; k >= 0 && cost < costs[k]; k--) { /* insertion, best first */
-      if (k < NEIGHBOURS - 1) {
-        costs[k + 1] = costs[k];
-        p->neighbours[k + 1] = p->neighbours[k];
-      }
-      costs[k] = cost;
-      p->neighbours[k] = j;
-    }
-  }
-}
-
 /* Matching. */
 
 static float sample(const picture *p, double u, double v) {
@@ -218,13 +198,6 @@ static bool normalised_taps(const picture *p, const patch *q, float taps[TAPS]) 
   for (n = 0; n < TAPS; n++)
     taps[n] *= scale;
   return true;
-}
-
-/* p_b = A p_a + t between the cameras of two pictures. */
-static void between(const picture *a, const picture *b, double out[12]) {
-  double inverse[12];
-  pags_rigid_inverse(b->camera.world_from_camera, inverse);
-  pags_rigid_multiply(inverse, a->camera.world_from_camera, out);
 }
 
 /* Where the other camera sees a patch that faces this one at 1 / inverse: the centre through the pinhole, the rest by
@@ -292,8 +265,12 @@ static void match_ray(const matcher *m, ray *r) {
   double motions[NEIGHBOURS][12], scores[DEPTHS];
   if (!inside(p, &straight) || !normalised_taps(p, &straight, own))
     return;
-  for (int k = 0; k < NEIGHBOURS && p->neighbours[k] >= 0; k++)
-    between(p, &m->pictures[p->neighbours[k]], motions[k]);
+  for (int k = 0; k < NEIGHBOURS && p->neighbours[k] >= 0; k++) {
+    /* p_b = A p_a + t between the cameras of two pictures. */
+    double inverse[12];
+    pags_rigid_inverse(m->pictures[p->neighbours[k]].camera.world_from_camera, inverse);
+    pags_rigid_multiply(inverse, p->camera.world_from_camera, motions[k]);
+  }
   int best = 0;
   for (int i = 0; i < DEPTHS; i++) {
     scores[i] = score_at(m, r, own, (const double(*)[12])motions, inverse_of(m, i));
@@ -375,8 +352,26 @@ static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
 
 static pags_result match_all(matcher *m, pags_tasks *tasks) {
   PAGS_TRY(load(m, tasks));
-  for (int i = 0; i < m->count; i++)
-    choose_neighbours(m, i);
+  for (int i = 0; i < m->count; i++) {
+    /* Choose neighbours. */
+    picture *p = &m->pictures[i];
+    double costs[NEIGHBOURS];
+    for (int k = 0; k < NEIGHBOURS; k++) {
+      p->neighbours[k] = -1;
+      costs[k] = INFINITY;
+    }
+    for (int j = 0; j < m->count; j++) {
+      double cost = j == i ? INFINITY : partner_cost(m, p, &m->pictures[j]);
+      for (int k = NEIGHBOURS - 1; k >= 0 && cost < costs[k]; k--) { /* insertion, best first */
+        if (k < NEIGHBOURS - 1) {
+          costs[k + 1] = costs[k];
+          p->neighbours[k + 1] = p->neighbours[k];
+        }
+        costs[k] = cost;
+        p->neighbours[k] = j;
+      }
+    }
+  }
   /* Some fifty blocks of work for any usual number of points. */
   if (!pags_parallel_for(tasks, m->ray_count, 128, match_block, m) ||
       !pags_parallel_for(tasks, m->ray_count, 128, emit_block, m))
@@ -419,19 +414,6 @@ static pags_result prepare(matcher *m) {
   return pags_focus_distance(cameras, m->count, &m->distance);
 }
 
-static void destroy(matcher *m) {
-  for (int i = 0; i < m->count; i++) {
-    free(m->pictures[i].rgb);
-    free(m->pictures[i].grey);
-    free(m->pictures[i].mask);
-  }
-  free(m->views);
-  free(m->pictures);
-  free(m->results);
-  free(m->messages);
-  free(m->rays);
-}
-
 pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *tasks, int64_t count, uint64_t seed,
                                       float **xyz, uint8_t **rgb) {
   assert(dataset && tasks && xyz && rgb && count > 0 && count < INT32_MAX);
@@ -439,7 +421,16 @@ pags_result pags_dataset_match_points(const pags_dataset *dataset, pags_tasks *t
   pags_result result = prepare(&m);
   if (result == PAGS_OK)
     result = match_all(&m, tasks);
-  destroy(&m);
+  for (int i = 0; i < m.count; i++) {
+    free(m.pictures[i].rgb);
+    free(m.pictures[i].grey);
+    free(m.pictures[i].mask);
+  }
+  free(m.views);
+  free(m.pictures);
+  free(m.results);
+  free(m.messages);
+  free(m.rays);
   if (result != PAGS_OK) {
     free(m.xyz);
     free(m.rgb);

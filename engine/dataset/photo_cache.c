@@ -99,10 +99,6 @@ static void harvest_done(pags_photo_cache *cache) {
       harvest(cache, &cache->slots[i]);
 }
 
-static bool fits(const pags_photo_cache *cache, uint64_t bytes) {
-  return bytes <= cache->budget && cache->used <= cache->budget - bytes;
-}
-
 /* The slot to give up first out of those wanted later than `position`, or NULL. */
 static slot *find_victim(pags_photo_cache *cache, int64_t position) {
   slot *victim = NULL;
@@ -118,20 +114,13 @@ static slot *find_victim(pags_photo_cache *cache, int64_t position) {
 }
 
 static bool make_room(pags_photo_cache *cache, uint64_t bytes, int64_t position) {
-  while (!fits(cache, bytes)) {
+  while (!(bytes <= cache->budget && cache->used <= cache->budget - bytes)) {
     slot *victim = find_victim(cache, position);
     if (!victim)
       return false;
     drop(cache, victim);
   }
   return true;
-}
-
-/* For a get: background decodes are waited for where their memory is needed. */
-static void make_room_now(pags_photo_cache *cache, uint64_t bytes) {
-  for (int64_t i = 0; !make_room(cache, bytes, -1) && i < cache->count; i++)
-    if (cache->slots[i].state == DECODING)
-      harvest(cache, &cache->slots[i]);
 }
 
 static void start(slot *s, int shrink, uint64_t bytes) {
@@ -224,19 +213,15 @@ static void decode_now(pags_photo_cache *cache, int64_t view, int shrink) {
   slot *s = &cache->slots[view];
   uint64_t kept, decoding;
   pags_photo_bytes(cache->dataset, view, shrink, &kept, &decoding);
-  make_room_now(cache, decoding);
+  /* For a get: background decodes are waited for where their memory is needed. */
+  for (int64_t i = 0; !make_room(cache, decoding, -1) && i < cache->count; i++)
+    if (cache->slots[i].state == DECODING)
+      harvest(cache, &cache->slots[i]);
   start(s, shrink, decoding);
   pump(cache); /* the others decode meanwhile */
   run_job(s);
   cache->decoded++;
   settle(cache, s);
-}
-
-static pags_result fail_again(pags_photo_cache *cache, slot *s) {
-  pags_result result =
-      s->message ? pags_fail(s->result, "%s", s->message) : pags_out_of_memory("%s", cache->dataset->path);
-  drop(cache, s); /* the next get tries again */
-  return result;
 }
 
 pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shrink, pags_photo *out) {
@@ -256,7 +241,12 @@ pags_result pags_photo_cache_get(pags_photo_cache *cache, int64_t view, int shri
     pump(cache);
   if (s->result != PAGS_OK) {
     cache->current = -1;
-    return fail_again(cache, s);
+
+    /* Fail again. */
+    pags_result result =
+        s->message ? pags_fail(s->result, "%s", s->message) : pags_out_of_memory("%s", cache->dataset->path);
+    drop(cache, s); /* the next get tries again */
+    return result;
   }
   size_t plane = (size_t)s->data.stride * (size_t)s->data.height;
   *out = (pags_photo){.width = s->data.width,

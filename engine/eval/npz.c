@@ -52,22 +52,6 @@ static pags_result find_end(const archive *zip, size_t *end) {
   return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a zip archive, found no end record", zip->path);
 }
 
-/* Where the data of a member lies: its local header repeats the name and may have an extra field of another length than
- * the central one. */
-static pags_result locate(const archive *zip, size_t local, member *m) {
-  if (local > zip->size || zip->size - local < LOCAL_RECORD || get32(zip->bytes + local) != 0x04034b50)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path,
-                     (int)m->name_length, m->name, local);
-  size_t skip = (size_t)LOCAL_RECORD + get16(zip->bytes + local + 26) + get16(zip->bytes + local + 28);
-  if (zip->size - local < skip || zip->size - local - skip < m->size)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': %zu bytes at byte %zu reach beyond the end of the file", zip->path,
-                     (int)m->name_length, m->name, m->size, local);
-  m->offset = local + skip;
-  if (crc32(0, zip->bytes + m->offset, (uInt)m->size) != m->crc)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': wrong CRC", zip->path, (int)m->name_length, m->name);
-  return PAGS_OK;
-}
-
 /* Reads the central entry at *at and moves *at behind it. */
 static pags_result read_entry(const archive *zip, size_t *at, member *m) {
   if (zip->size - *at < CENTRAL_RECORD || get32(zip->bytes + *at) != 0x02014b50)
@@ -86,7 +70,21 @@ static pags_result read_entry(const archive *zip, size_t *at, member *m) {
   if (m->size == UINT32_MAX || get32(p + 42) == UINT32_MAX)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: '%.*s' needs zip64", zip->path, (int)m->name_length, m->name);
   *at += length;
-  return locate(zip, get32(p + 42), m);
+
+  /* Where the data of a member lies: its local header repeats the name and may have an extra field of another length
+   * than the central one. */
+  size_t local = get32(p + 42);
+  if (local > zip->size || zip->size - local < LOCAL_RECORD || get32(zip->bytes + local) != 0x04034b50)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': expected a local header at byte %zu", zip->path,
+                     (int)m->name_length, m->name, local);
+  size_t skip = (size_t)LOCAL_RECORD + get16(zip->bytes + local + 26) + get16(zip->bytes + local + 28);
+  if (zip->size - local < skip || zip->size - local - skip < m->size)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': %zu bytes at byte %zu reach beyond the end of the file", zip->path,
+                     (int)m->name_length, m->name, m->size, local);
+  m->offset = local + skip;
+  if (crc32(0, zip->bytes + m->offset, (uInt)m->size) != m->crc)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s': wrong CRC", zip->path, (int)m->name_length, m->name);
+  return PAGS_OK;
 }
 
 /* Position behind "'key':" and blanks in the header's dictionary, NULL if there is no such key. */

@@ -33,17 +33,6 @@ typedef struct ssim_job {
   double *row_sum;        /* per row and region, over channels and counted pixels */
 } ssim_job;
 
-static void make_window(double window[TAPS]) {
-  double sum = 0.0;
-  for (int i = 0; i < TAPS; i++) {
-    double d = i - RADIUS;
-    window[i] = exp(-d * d / (2.0 * 1.5 * 1.5));
-    sum += window[i];
-  }
-  for (int i = 0; i < TAPS; i++)
-    window[i] /= sum;
-}
-
 /* moments[m * stride + RADIUS + x] = sum over the window's rows; the margins stay zero. */
 static void sum_columns(const ssim_job *job, int row, int channel, double *moments, int64_t stride) {
   memset(moments, 0, (size_t)(MOMENTS * stride) * sizeof *moments);
@@ -87,31 +76,31 @@ static unsigned regions_of(const ssim_job *job, int64_t at) {
   return !job->mask || job->mask[at];
 }
 
-/* Adds one channel of a row of the map to the row's sums. */
-static void row_of_map(const ssim_job *job, int row, int channel, double *scratch, int64_t stride, double *sums) {
-  double *blurred = scratch + MOMENTS * stride;
-  double own[MOST_REGIONS] = {0};
-  sum_columns(job, row, channel, scratch, stride);
-  for (int m = 0; m < MOMENTS; m++)
-    sum_along(job->window, scratch + m * stride, blurred + m * stride, job->width);
-  for (int x = 0; x < job->width; x++) {
-    const double *v = blurred + x;
-    unsigned bits = regions_of(job, (int64_t)row * job->width + x);
-    double value = bits ? map_value(v[0], v[stride], v[2 * stride], v[3 * stride], v[4 * stride]) : 0.0;
-    for (int r = 0; bits; r++, bits >>= 1)
-      if (bits & 1)
-        own[r] += value;
-  }
-  for (int r = 0; r < job->region_count; r++)
-    sums[r] += own[r];
-}
-
 static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
   const ssim_job *job = context;
   double *scratch = job->scratch + worker * job->scratch_stride;
   for (int64_t y = begin; y < end; y++)
-    for (int c = 0; c < 3; c++)
-      row_of_map(job, (int)y, c, scratch, job->width + 2 * RADIUS, job->row_sum + y * job->region_count);
+    for (int c = 0; c < 3; c++) {
+      /* Adds one channel of a row of the map to the row's sums. */
+      int row = (int)y;
+      int64_t stride = job->width + 2 * RADIUS;
+      double *sums = job->row_sum + y * job->region_count;
+      double *blurred = scratch + MOMENTS * stride;
+      double own[MOST_REGIONS] = {0};
+      sum_columns(job, row, c, scratch, stride);
+      for (int m = 0; m < MOMENTS; m++)
+        sum_along(job->window, scratch + m * stride, blurred + m * stride, job->width);
+      for (int x = 0; x < job->width; x++) {
+        const double *v = blurred + x;
+        unsigned bits = regions_of(job, (int64_t)row * job->width + x);
+        double value = bits ? map_value(v[0], v[stride], v[2 * stride], v[3 * stride], v[4 * stride]) : 0.0;
+        for (int r = 0; bits; r++, bits >>= 1)
+          if (bits & 1)
+            own[r] += value;
+      }
+      for (int r = 0; r < job->region_count; r++)
+        sums[r] += own[r];
+    }
 }
 
 /* Mean of the map over each region. */
@@ -131,7 +120,16 @@ static void take_means(const ssim_job *job, double *ssim) {
 }
 
 static pags_result run(ssim_job *job, pags_tasks *tasks, double *ssim) {
-  make_window(job->window);
+  /* Make window. */
+  double sum = 0.0;
+  for (int i = 0; i < TAPS; i++) {
+    double d = i - RADIUS;
+    job->window[i] = exp(-d * d / (2.0 * 1.5 * 1.5));
+    sum += job->window[i];
+  }
+  for (int i = 0; i < TAPS; i++)
+    job->window[i] /= sum;
+
   job->scratch_stride = 2 * MOMENTS * ((int64_t)job->width + 2 * RADIUS);
   job->scratch = calloc((size_t)(job->scratch_stride * pags_tasks_workers(tasks)), sizeof *job->scratch);
   job->row_sum = calloc((size_t)job->height * (size_t)job->region_count, sizeof *job->row_sum);

@@ -25,14 +25,6 @@ typedef struct cull_context {
   float reach_max;
 } cull_context;
 
-/* Range of x/z for x in [lo, hi], z in [z0, z1], z0 > 0. */
-static float ratio_min(float lo, float z0, float z1) {
-  return lo < 0.0f ? lo / z0 : lo / z1;
-}
-static float ratio_max(float hi, float z0, float z1) {
-  return hi > 0.0f ? hi / z0 : hi / z1;
-}
-
 typedef struct interval { /* of pixels that members can change, px */
   float lo, hi;
 } interval;
@@ -41,7 +33,9 @@ static interval axis_reach(float lo, float hi, float z0, float z1, float focal, 
                            float low_pass, float reach_max) {
   const float j = focal / z0;
   const float extent = 1.0001f * sqrtf(reach_max * (sigma * sigma * j * j * lim2 + low_pass)) + 1e-3f;
-  const float right = focal * ratio_max(hi, z0, z1) + centre, left = focal * ratio_min(lo, z0, z1) + centre;
+  /* Range of x/z for x in [lo, hi], z in [z0, z1], z0 > 0. */
+  const float right = focal * (hi > 0.0f ? hi / z0 : hi / z1) + centre,
+              left = focal * (lo < 0.0f ? lo / z0 : lo / z1) + centre;
   const float slack = 1e-5f * (fabsf(right) + fabsf(left)) + extent;
   return (interval){left - slack, right + slack};
 }

@@ -95,21 +95,6 @@ static void draw_depth(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static void fill_level(const paper *p, int level) {
-  const float *const from = p->level[level - 1];
-  const int w = p->width[level - 1], h = p->height[level - 1];
-  for (int y = 0; y < p->height[level]; y++)
-    for (int x = 0; x < p->width[level]; x++) {
-      float farthest = 0.0f;
-      for (int k = 0; k < 4; k++) {
-        const int fx = 2 * x + (k & 1), fy = 2 * y + (k >> 1);
-        const float depth = fx < w && fy < h ? from[(int64_t)fy * w + fx] : 0.0f;
-        farthest = depth > farthest ? depth : farthest;
-      }
-      p->level[level][(int64_t)y * p->width[level] + x] = farthest;
-    }
-}
-
 static pags_result make_pyramid(paper *p) {
   pags_frame *const f = p->frame;
   for (int l = 0; l < LEVELS; l++) {
@@ -186,21 +171,25 @@ static pags_result draw_occluders(paper *p) {
   PAGS_TRY(pags_stage_list(f));
   PAGS_TRY(pags_stage_bin(f));
   PAGS_TRY(pags_frame_for(f, (int64_t)f->tiles_x * f->tiles_y, 1, draw_depth, p));
-  for (int l = 1; l < p->levels; l++)
-    fill_level(p, l);
+  for (int l = 1; l < p->levels; l++) {
+    /* Fill level. */
+    const float *const from = p->level[l - 1];
+    const int w = p->width[l - 1], h = p->height[l - 1];
+    for (int y = 0; y < p->height[l]; y++)
+      for (int x = 0; x < p->width[l]; x++) {
+        float farthest = 0.0f;
+        for (int k = 0; k < 4; k++) {
+          const int fx = 2 * x + (k & 1), fy = 2 * y + (k >> 1);
+          const float depth = fx < w && fy < h ? from[(int64_t)fy * w + fx] : 0.0f;
+          farthest = depth > farthest ? depth : farthest;
+        }
+        p->level[l][(int64_t)y * p->width[l] + x] = farthest;
+      }
+  }
   f->stats = before; /* its pairs and such are not the picture's */
   for (int64_t i = 0; i < f->cluster_count; i++)
     f->stats.occluders += p->occluders[i];
   return PAGS_OK;
-}
-
-static void count_clusters(const paper *p) {
-  pags_frame *const f = p->frame;
-  for (int64_t i = 0; i < f->cluster_count; i++) {
-    f->stats.clusters_hidden += p->hidden[i] && !p->loaded[i];
-    f->stats.loaded += p->loaded[i] ? f->clusters[i].count : 0;
-    f->stats.hidden += p->dropped[i];
-  }
 }
 
 pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, void *user) {
@@ -210,7 +199,15 @@ pags_result pags_frame_early_z_paper(pags_frame *frame, pags_touch_fn *touch, vo
   PAGS_TRY(draw_occluders(&p));
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(frame, frame->cluster_count, 8, choose_members, &p));
-  count_clusters(&p);
+
+  /* Count clusters. */
+  pags_frame *const f = p.frame;
+  for (int64_t i = 0; i < f->cluster_count; i++) {
+    f->stats.clusters_hidden += p.hidden[i] && !p.loaded[i];
+    f->stats.loaded += p.loaded[i] ? f->clusters[i].count : 0;
+    f->stats.hidden += p.dropped[i];
+  }
+
   const double t2 = pags_clock_ms();
   PAGS_TRY(pags_stage_shade(frame));
   const double t3 = pags_clock_ms();

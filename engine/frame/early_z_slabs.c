@@ -212,21 +212,20 @@ static void shade_groups(const slabs *s, active_cluster *a) {
   }
 }
 
-static void list_ready(const pags_frame *f, const active_cluster *a) {
-  const view_cluster *const c = f->clusters + a->view;
-  uint32_t *out = f->drawn + a->place;
-  for (int first = 0; first < c->count; first += GROUP)
-    for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1)
-      *out++ = (uint32_t)(c->base + first + __builtin_ctz(ready));
-}
-
 static void shade_active(void *context, int64_t begin, int64_t end, int worker) {
   const slabs *const s = context;
   (void)worker;
   for (int64_t i = begin; i < end; i++)
     if (s->active[i].ready_count) {
       shade_groups(s, s->active + i);
-      list_ready(s->frame, s->active + i);
+
+      /* List ready. */
+      const active_cluster *a = s->active + i;
+      const view_cluster *const c = s->frame->clusters + a->view;
+      uint32_t *out = s->frame->drawn + a->place;
+      for (int first = 0; first < c->count; first += GROUP)
+        for (unsigned ready = a->ready[first / GROUP]; ready; ready &= ready - 1)
+          *out++ = (uint32_t)(c->base + first + __builtin_ctz(ready));
     }
 }
 

@@ -93,22 +93,6 @@ static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_c
   return prepare_planes(frame);
 }
 
-static void fill_picture(const pags_frame *frame, pags_picture *out) {
-  memset(out, 0, sizeof *out);
-  out->width = frame->camera.width;
-  out->height = frame->camera.height;
-  out->stride = frame->stride;
-  for (int c = 0; c < 3; c++)
-    out->rgb[c] = frame_plane(frame, PLANE_R + c);
-  out->transmittance = frame_plane(frame, PLANE_T);
-  if (frame->options.extra_channels || frame->options.depth_sum)
-    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
-  if (frame->options.extra_channels) {
-    out->depth = frame_plane(frame, PLANE_DEPTH);
-    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
-  }
-}
-
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
@@ -174,6 +158,21 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
     frame->hiding = pairs > 0 ? 1.0 - (double)frame->looked_at / (double)pairs : 0.0;
   }
   frame->rendered = true;
-  fill_picture(frame, out);
+
+  /* Fill picture. */
+  memset(out, 0, sizeof *out);
+  out->width = frame->camera.width;
+  out->height = frame->camera.height;
+  out->stride = frame->stride;
+  for (int c = 0; c < 3; c++)
+    out->rgb[c] = frame_plane(frame, PLANE_R + c);
+  out->transmittance = frame_plane(frame, PLANE_T);
+  if (frame->options.extra_channels || frame->options.depth_sum)
+    out->depth_sum = frame_plane(frame, PLANE_DEPTH_SUM);
+  if (frame->options.extra_channels) {
+    out->depth = frame_plane(frame, PLANE_DEPTH);
+    out->id = (const int32_t *)(const void *)frame_plane(frame, PLANE_ID);
+  }
+
   return PAGS_OK;
 }

@@ -55,11 +55,6 @@ void pags_frame_blend_sky(const pags_frame *frame, int64_t tile, const pags_sky_
                             frame_plane(frame, PLANE_T) + at, rgb);
 }
 
-/* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */
-static int cell_reach(int size) {
-  return size > 1 ? size + 1 : 0;
-}
-
 /* Runs of texels first..last, both included. */
 static uint64_t runs_between(int64_t first, int64_t last, int run_bits) {
   const uint64_t upto = UINT64_MAX >> (MOST_RUNS - 1 - (last >> run_bits));
@@ -112,7 +107,8 @@ static uint64_t tile_runs(const sky_context *c, int64_t tile) {
   f->kernels->sky_cells(&f->rays, x0, y0, 1, row, column, weight);
   for (int i = 0; i < PAGS_TILE_PIXELS; i++) { /* those beyond the picture's edge do no harm */
     const int64_t texel = (int64_t)row[i] * size + column[i];
-    seen |= runs_between(texel, texel + cell_reach(size), c->run_bits);
+    /* From a cell's first texel to its last. A run is longer than that, so a cell lies in one run or two. */
+    seen |= runs_between(texel, texel + (size > 1 ? size + 1 : 0), c->run_bits);
   }
   return seen;
 }
@@ -180,15 +176,6 @@ static void sum_patch(const tile_terms *t, const pixel_box *box, const texel_pat
     }
 }
 
-/* Blocks of the run from texel `first` on, up to `last`, are there to be added to. */
-static void see_blocks(const texel_run *run, int32_t first, int32_t last) {
-  for (int32_t block = first / PAGS_SKY_BLOCK; block <= last / PAGS_SKY_BLOCK; block++)
-    if (!run->seen[block]) {
-      memset(run->gradient + 3 * PAGS_SKY_BLOCK * (int64_t)block, 0, 3 * PAGS_SKY_BLOCK * sizeof(float));
-      run->seen[block] = 1;
-    }
-}
-
 static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4]) {
   for (int32_t i = 0; i < p->rows; i++, sum += p->columns) {
     const int32_t row = (p->row + i) * run->size + p->column - run->first,
@@ -197,7 +184,16 @@ static void add_patch(const texel_run *run, const texel_patch *p, float (*sum)[4
                   end = row + p->columns > all ? all - row : p->columns; /* columns in the run */
     if (begin >= end)
       continue;
-    see_blocks(run, row + begin, row + end - 1);
+
+    /* Blocks of the run from texel `first` on, up to `last`, are there to be added to. */
+    int32_t first = row + begin;
+    int32_t last = row + end - 1;
+    for (int32_t block = first / PAGS_SKY_BLOCK; block <= last / PAGS_SKY_BLOCK; block++)
+      if (!run->seen[block]) {
+        memset(run->gradient + 3 * PAGS_SKY_BLOCK * (int64_t)block, 0, 3 * PAGS_SKY_BLOCK * sizeof(float));
+        run->seen[block] = 1;
+      }
+
     float *to = run->gradient + 3 * (int64_t)(row + begin);
     for (int32_t j = begin; j < end; j++, to += 3)
       for (int k = 0; k < 3; k++)
@@ -245,28 +241,6 @@ static void find_colours(const sky_context *c, int64_t at, float (*restrict colo
   }
 }
 
-static void add_tile(const sky_context *c, const texel_run *run, int64_t tile) {
-  const pags_frame *const f = c->frame;
-  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
-            height = f->camera.height - y0;
-  pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
-  tile_terms terms;
-  float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
-  f->kernels->sky_cells(&f->rays, x0, y0, 1, terms.row, terms.column, weight);
-  for (int y = 0; y < box.y1; y++) {
-    const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
-    terms.shows[y] = row_shows_sky(c, at);
-    if (terms.shows[y])
-      find_colours(c, at, terms.colour + y * PAGS_TILE);
-  }
-  while (box.y0 < box.y1 && !terms.shows[box.y0])
-    box.y0++;
-  while (box.y0 < box.y1 && !terms.shows[box.y1 - 1])
-    box.y1--;
-  if (box.y0 < box.y1)
-    add_pixels(run, &terms, &box);
-}
-
 static int64_t next_tile(const sky_context *c, int64_t tile, int64_t run) {
   const int64_t tiles = (int64_t)c->frame->tiles_x * c->frame->tiles_y;
   while (tile < tiles && !(c->runs_seen[tile] >> run & 1))
@@ -297,7 +271,27 @@ static void add_run(const sky_context *c, int64_t index, int worker) {
     next = next_tile(c, tile + 1, index);
     if (next < tiles)
       fetch_tile(c, next);
-    add_tile(c, &run, tile);
+
+    /* Add tile. */
+    const pags_frame *const f = c->frame;
+    const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile), width = f->camera.width - x0,
+              height = f->camera.height - y0;
+    pixel_box box = {0, 0, width < PAGS_TILE ? width : PAGS_TILE, height < PAGS_TILE ? height : PAGS_TILE};
+    tile_terms terms;
+    float *const weight[4] = {terms.weight[0], terms.weight[1], terms.weight[2], terms.weight[3]};
+    f->kernels->sky_cells(&f->rays, x0, y0, 1, terms.row, terms.column, weight);
+    for (int y = 0; y < box.y1; y++) {
+      const int64_t at = (int64_t)(y0 + y) * f->stride + x0;
+      terms.shows[y] = row_shows_sky(c, at);
+      if (terms.shows[y])
+        find_colours(c, at, terms.colour + y * PAGS_TILE);
+    }
+    while (box.y0 < box.y1 && !terms.shows[box.y0])
+      box.y0++;
+    while (box.y0 < box.y1 && !terms.shows[box.y1 - 1])
+      box.y1--;
+    if (box.y0 < box.y1)
+      add_pixels(&run, &terms, &box);
   }
   const pags_sky_gradient out = {
       .first = run.first, .blocks = texels / PAGS_SKY_BLOCK, .seen = run.seen, .data = run.gradient};

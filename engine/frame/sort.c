@@ -91,16 +91,6 @@ static void order_run(const pags_frame *frame, const pags_entry *entries, depth_
     }
 }
 
-/* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. */
-static void order_ties(const pags_frame *frame, const pags_entry *entries, depth_key *keys, int64_t count) {
-  for (int64_t begin = 0, end = 1; end <= count; end++)
-    if (end == count || keys[end].key != keys[begin].key) {
-      if (end - begin > 1)
-        order_run(frame, entries, keys + begin, end - begin);
-      begin = end;
-    }
-}
-
 static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, depth_key *keys, depth_key *spare) {
   bool sorted = true;
   for (int64_t i = 0; i < count; i++) {
@@ -111,7 +101,14 @@ static void sort_list(const pags_frame *f, pags_entry *entries, int64_t count, d
     return;
   depth_key *const order = pags_frame_sort_keys(keys, spare, count);
   if (!f->ids_ascend || f->full) /* slabs put splats into memory as they meet them */
-    order_ties(f, entries, order, count);
+    /* Equal depths are ordered by id; a stable sort has done so already where ids ascend with the index. */
+    for (int64_t begin = 0, end = 1; end <= count; end++)
+      if (end == count || order[end].key != order[begin].key) {
+        if (end - begin > 1)
+          order_run(f, entries, order + begin, end - begin);
+        begin = end;
+      }
+
   pags_entry *const copy = (pags_entry *)(void *)(order == keys ? spare : keys);
   memcpy(copy, entries, (size_t)count * sizeof *copy);
   for (int64_t i = 0; i < count; i++)

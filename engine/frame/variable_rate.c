@@ -29,15 +29,6 @@ static pags_result make_samples(pags_frame *f, frame_samples *s) {
   return PAGS_OK;
 }
 
-/* The tiles around a sample, up to a sample away. */
-static void mark_around(const pags_frame *f, const frame_samples *s, int x, int y, uint8_t *wanted) {
-  const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < s->width ? x + 1 : x) / TILE_SAMPLES;
-  const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < s->height ? y + 1 : y) / TILE_SAMPLES;
-  for (int ty = y0; ty <= y1; ty++)
-    for (int tx = x0; tx <= x1; tx++)
-      wanted[(int64_t)ty * f->tiles_x + tx] = 1;
-}
-
 static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
   const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y;
   uint8_t *const wanted = pags_frame_alloc(f, tiles, 1, "tiles that are drawn in full");
@@ -46,8 +37,14 @@ static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
   memset(wanted, 0, (size_t)tiles);
   for (int y = 0; y < s->height; y++)
     for (int x = 0; x < s->width; x++)
-      if (s->critical[(int64_t)y * s->stride + x] >= SHOWS)
-        mark_around(f, s, x, y, wanted);
+      if (s->critical[(int64_t)y * s->stride + x] >= SHOWS) {
+        /* The tiles around a sample, up to a sample away. */
+        const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < s->width ? x + 1 : x) / TILE_SAMPLES;
+        const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < s->height ? y + 1 : y) / TILE_SAMPLES;
+        for (int ty = y0; ty <= y1; ty++)
+          for (int tx = x0; tx <= x1; tx++)
+            wanted[(int64_t)ty * f->tiles_x + tx] = 1;
+      }
   int64_t marked = 0;
   for (int64_t i = 0; i < tiles; i++)
     marked += wanted[i];
@@ -106,28 +103,6 @@ static float most_transmittance(const pags_frame *f, int64_t at) {
   return most;
 }
 
-static void enlarge_tile(const pags_frame *f, const frame_samples *s, int64_t tile) {
-  const int x0 = frame_tile_x(f, tile), y0 = frame_tile_y(f, tile);
-  const int64_t at = frame_tile_offset(f, tile);
-  const int first = x0 / SAMPLE_SIDE;
-  for (int y = 0; y < PAGS_TILE; y++) {
-    const between v = between_at(y0 + y, s->height);
-    const int64_t row = at + (int64_t)y * f->stride;
-    for (int k = 0; k < 3; k++)
-      interpolate_row(s->rgb[k], s->stride, first, s->width, v, frame_plane(f, PLANE_R + k) + row);
-    interpolate_row(s->transmittance, s->stride, first, s->width, v, frame_plane(f, PLANE_T) + row);
-    if (f->options.extra_channels)
-      take_nearest(f, s, x0, y0 + y);
-  }
-  if (f->has_sky && most_transmittance(f, at) > 1.0f / 512.0f) { /* less is no grey level */
-    pags_sky_tile sky;
-    pags_frame_find_sky(f, tile, &sky);
-    pags_frame_blend_sky(f, tile, &sky);
-  }
-  if (f->options.exposed)
-    pags_frame_expose(f, tile);
-}
-
 typedef struct enlarging {
   const pags_frame *frame;
   const frame_samples *samples;
@@ -137,8 +112,30 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
   const enlarging *const e = context;
   (void)worker;
   for (int64_t tile = begin; tile < end; tile++)
-    if (!e->frame->wanted[tile])
-      enlarge_tile(e->frame, e->samples, tile);
+    if (!e->frame->wanted[tile]) {
+      /* Enlarge tile. */
+      const int x0 = frame_tile_x(e->frame, tile), y0 = frame_tile_y(e->frame, tile);
+      const int64_t at = frame_tile_offset(e->frame, tile);
+      const int first = x0 / SAMPLE_SIDE;
+      for (int y = 0; y < PAGS_TILE; y++) {
+        const between v = between_at(y0 + y, e->samples->height);
+        const int64_t row = at + (int64_t)y * e->frame->stride;
+        for (int k = 0; k < 3; k++)
+          interpolate_row(e->samples->rgb[k], e->samples->stride, first, e->samples->width, v,
+                          frame_plane(e->frame, PLANE_R + k) + row);
+        interpolate_row(e->samples->transmittance, e->samples->stride, first, e->samples->width, v,
+                        frame_plane(e->frame, PLANE_T) + row);
+        if (e->frame->options.extra_channels)
+          take_nearest(e->frame, e->samples, x0, y0 + y);
+      }
+      if (e->frame->has_sky && most_transmittance(e->frame, at) > 1.0f / 512.0f) { /* less is no grey level */
+        pags_sky_tile sky;
+        pags_frame_find_sky(e->frame, tile, &sky);
+        pags_frame_blend_sky(e->frame, tile, &sky);
+      }
+      if (e->frame->options.exposed)
+        pags_frame_expose(e->frame, tile);
+    }
 }
 
 pags_result pags_stage_variable_rate(pags_frame *frame) {

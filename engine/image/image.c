@@ -74,15 +74,6 @@ static double clamp01(double value) {
   return value > 0 ? (value < 1 ? value : 1) : 0;
 }
 
-static void sample_set(void *data, pags_sample sample, size_t index, double value) {
-  if (sample == PAGS_U8)
-    ((uint8_t *)data)[index] = (uint8_t)(clamp01(value) * 255 + 0.5);
-  else if (sample == PAGS_U16)
-    ((uint16_t *)data)[index] = (uint16_t)(clamp01(value) * 65535 + 0.5);
-  else
-    ((float *)data)[index] = (float)value;
-}
-
 /* Source channel that fills channel `c` of `to`, out of `from` channels: -1 for opaque alpha, -2 for luma of RGB. */
 static int source_channel(int from, int to, int c) {
   int from_alpha = from == 2 || from == 4;
@@ -110,7 +101,15 @@ static void convert(const pags_image *from, pags_image *to) {
       double value = source == -1   ? 1.0
                      : source == -2 ? luma(from->data, from->sample, at)
                                     : sample_get(from->data, from->sample, at + (size_t)source);
-      sample_set(to->data, to->sample, i * (size_t)m + (size_t)c, value);
+
+      /* Sample set. */
+      size_t index = i * (size_t)m + (size_t)c;
+      if (to->sample == PAGS_U8)
+        ((uint8_t *)to->data)[index] = (uint8_t)(clamp01(value) * 255 + 0.5);
+      else if (to->sample == PAGS_U16)
+        ((uint16_t *)to->data)[index] = (uint16_t)(clamp01(value) * 65535 + 0.5);
+      else
+        ((float *)to->data)[index] = (float)value;
     }
   }
 }

@@ -47,19 +47,6 @@ static void set_motion(const colorizer *p, const double world_from_owner[12], ow
   out->present = 1;
 }
 
-static void set_poses(colorizer *p, double time) {
-  const double *origin = pags_dataset_origin(p->dataset);
-  const double shifted[12] = {1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2]};
-  set_motion(p, shifted, &p->poses[0]);
-  for (int64_t i = 0; i < pags_dataset_object_count(p->dataset); i++) {
-    const pags_object *object = pags_dataset_object(p->dataset, i);
-    double pose[12];
-    p->poses[1 + i].present = 0;
-    if (object->moving && pags_object_pose(object, time, pose))
-      set_motion(p, pose, &p->poses[1 + i]);
-  }
-}
-
 static void project_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const colorizer *p = context;
@@ -140,7 +127,19 @@ static pags_result colorize_view(colorizer *p, pags_photo_cache *photos, int64_t
   const pags_view *v = pags_dataset_view(p->dataset, view);
   PAGS_TRY(pags_photo_cache_get(photos, view, shrink, &p->photo));
   p->camera = shrink == 1 ? v->camera : pags_camera_downscale(&v->camera, shrink);
-  set_poses(p, v->camera.time);
+
+  /* Set poses. */
+  const double *origin = pags_dataset_origin(p->dataset);
+  const double shifted[12] = {1, 0, 0, origin[0], 0, 1, 0, origin[1], 0, 0, 1, origin[2]};
+  set_motion(p, shifted, &p->poses[0]);
+  for (int64_t i = 0; i < pags_dataset_object_count(p->dataset); i++) {
+    const pags_object *object = pags_dataset_object(p->dataset, i);
+    double pose[12];
+    p->poses[1 + i].present = 0;
+    if (object->moving && pags_object_pose(object, v->camera.time, pose))
+      set_motion(p, pose, &p->poses[1 + i]);
+  }
+
   PAGS_TRY(pags_z_buffer_reset(&p->z_buffer, p->photo.width, p->photo.height, p->camera.fx));
   if (!pags_parallel_for(p->tasks, p->points->count, BLOCK, project_block, p))
     return pags_fail(PAGS_CANCELLED, "cancelled while colouring points");

@@ -135,14 +135,6 @@ static pags_result take_objects(const pags_dataset *dataset, const pags_lidar_po
 
 /* Background. */
 
-static void keep_seen_background(pags_lidar_points *points) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < points->count; i++)
-    if (points->rows[i].owner < 0 && points->rows[i].sum[3] > 0)
-      points->rows[kept++] = points->rows[i];
-  points->count = kept;
-}
-
 static int64_t background_count(const pags_lidar_points *points) {
   int64_t count = 0;
   for (int64_t i = 0; i < points->count; i++)
@@ -166,14 +158,6 @@ static double distance_from(const float *p, const double middle[3]) {
   for (int k = 0; k < 3; k++)
     sum += ((double)p[k] - middle[k]) * ((double)p[k] - middle[k]);
   return sqrt(sum);
-}
-
-static void mean_eye(const float *eyes, int64_t count, double middle[3]) {
-  for (int k = 0; k < 3; k++) {
-    middle[k] = 0;
-    for (int64_t i = 0; i < count; i++)
-      middle[k] += (double)eyes[3 * i + k] / (double)count;
-  }
 }
 
 /* Of the sphere about the cameras that holds 95 % of the background's points, at least 30 m; `largest`: that holds all.
@@ -291,7 +275,14 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
   w->far.farthest = farthest_times * radius;
   PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, &w->far));
   PAGS_TRY(take_objects(dataset, &w->points, measured, out));
-  keep_seen_background(&w->points);
+
+  /* Keep seen background. */
+  int64_t kept = 0;
+  for (int64_t i = 0; i < w->points.count; i++)
+    if (w->points.rows[i].owner < 0 && w->points.rows[i].sum[3] > 0)
+      w->points.rows[kept++] = w->points.rows[i];
+  w->points.count = kept;
+
   PAGS_TRY(pags_lidar_points_remove_outliers(&w->points, tasks, w->eyes, w->eye_count));
   PAGS_TRY(thin_background(&w->points, tasks, w->eyes, w->eye_count, MOST_BACKGROUND, &side));
   pags_log(PAGS_LOG_INFO, "%s: %lld points of the background from LiDAR in voxels of %.3f m and more",
@@ -307,7 +298,14 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   if (!out->objects)
     return pags_out_of_memory("%lld objects", (long long)out->object_count);
   PAGS_TRY(list_eyes(dataset, &w->eyes, &w->eye_count));
-  mean_eye(w->eyes, w->eye_count, middle);
+
+  /* Mean eye. */
+  for (int k = 0; k < 3; k++) {
+    middle[k] = 0;
+    for (int64_t i = 0; i < w->eye_count; i++)
+      middle[k] += (double)w->eyes[3 * i + k] / (double)w->eye_count;
+  }
+
   PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
   return put_background(dataset, &w->points, &w->extra, middle, largest, &w->far, out);

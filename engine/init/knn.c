@@ -57,12 +57,6 @@ static float nearest_mean(const nearest *near, int64_t others) {
   return used ? sum / (float)used : 0.0f;
 }
 
-static void swap_points(tree_point *a, tree_point *b) {
-  const tree_point t = *a;
-  *a = *b;
-  *b = t;
-}
-
 /* Hoare's selection: afterwards points[middle] is what sorting would put there, none before it is larger, none behind
  * smaller. */
 static void select_middle(tree_point *points, int64_t begin, int64_t end, int64_t middle, int axis) {
@@ -75,8 +69,13 @@ static void select_middle(tree_point *points, int64_t begin, int64_t end, int64_
         i++;
       while (points[j].p[axis] > pivot)
         j--;
-      if (i <= j)
-        swap_points(&points[i++], &points[j--]);
+      if (i <= j) {
+        tree_point *a = &points[i++];
+        tree_point *b = &points[j--];
+        const tree_point t = *a;
+        *a = *b;
+        *b = t;
+      }
     }
     if (middle <= j)
       hi = j;

@@ -128,26 +128,6 @@ static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, i
   return plane;
 }
 
-/* All cells of one level; `keys` has room for all points. */
-static void fit_level(const pags_lidar_points *points, int level, keyed *keys, pags_lidar_planes *out) {
-  double side = ldexp(finest, level);
-  int64_t n = 0;
-  for (int64_t i = 0; i < points->count; i++) {
-    int64_t cell[3];
-    if (points->rows[i].owner >= 0 || points->rows[i].parked >= 0)
-      continue;
-    cell_of(points->rows[i].p, side, cell);
-    keys[n++] = (keyed){key_of(cell, level), i};
-  }
-  pags_sort(keys, n, sizeof *keys, by_key);
-  for (int64_t i = 0, end; i < n; i = end) {
-    for (end = i + 1; end < n && keys[end].key == keys[i].key;)
-      end++;
-    if (end - i >= LEAST_POINTS)
-      out->list[out->count++] = fit(points, keys + i, end - i, side);
-  }
-}
-
 static pags_result make_table(pags_lidar_planes *self) {
   uint64_t size = 16;
   while (size < 2 * (uint64_t)self->count)
@@ -176,8 +156,25 @@ pags_result pags_lidar_planes_fit(const pags_lidar_points *points, pags_lidar_pl
     pags_lidar_planes_destroy(out);
     return pags_out_of_memory("%lld points", (long long)points->count);
   }
-  for (int level = 0; level < LEVELS; level++)
-    fit_level(points, level, keys, out);
+  for (int level = 0; level < LEVELS; level++) {
+    /* All cells of one level; `keys` has room for all points. */
+    double side = ldexp(finest, level);
+    int64_t n = 0;
+    for (int64_t i = 0; i < points->count; i++) {
+      int64_t cell[3];
+      if (points->rows[i].owner >= 0 || points->rows[i].parked >= 0)
+        continue;
+      cell_of(points->rows[i].p, side, cell);
+      keys[n++] = (keyed){key_of(cell, level), i};
+    }
+    pags_sort(keys, n, sizeof *keys, by_key);
+    for (int64_t i = 0, end; i < n; i = end) {
+      for (end = i + 1; end < n && keys[end].key == keys[i].key;)
+        end++;
+      if (end - i >= LEAST_POINTS)
+        out->list[out->count++] = fit(points, keys + i, end - i, side);
+    }
+  }
   free(keys);
   pags_result result = make_table(out);
   if (result != PAGS_OK)

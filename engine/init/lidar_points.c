@@ -90,10 +90,6 @@ typedef struct gathering {
   pags_lidar_point *rows; /* one a point; kind -1: left out */
 } gathering;
 
-static int chosen(int64_t i, int64_t keep, int64_t of) {
-  return i * keep / of != (i + 1) * keep / of;
-}
-
 static void classify_block(void *context, int64_t begin, int64_t end, int worker) {
   (void)worker;
   const gathering *g = context;
@@ -108,7 +104,7 @@ static void classify_block(void *context, int64_t begin, int64_t end, int worker
       row.parked = b->object;
     if (row.owner < 0) {
       pags_rigid_point(g->sweep->world_from_sweep, p, local);
-      if (!chosen(i, g->keep, g->of))
+      if (!(i * g->keep / g->of != (i + 1) * g->keep / g->of))
         row.kind = -1;
     }
     for (int k = 0; k < 3; k++)

@@ -43,11 +43,6 @@ static pags_result mirror(pags_lidar_points *points, int32_t owner) {
   return PAGS_OK;
 }
 
-/* People are rounder than their boxes. */
-static int outside_body(const double at[3], pags_category category) {
-  return category != PAGS_CATEGORY_VEHICLE && at[0] * at[0] + at[1] * at[1] > 0.7 * 0.7;
-}
-
 static pags_result add_grid(pags_lidar_points *points, const pags_object *object, int32_t owner) {
   PAGS_TRY(pags_lidar_points_reserve(points, points->count + (int64_t)GRID * GRID * GRID));
   for (int n = 0; n < GRID * GRID * GRID; n++) {
@@ -55,7 +50,8 @@ static pags_result add_grid(pags_lidar_points *points, const pags_object *object
     double at[3];
     for (int k = 0; k < 3; k++)
       at[k] = 0.9 * (2.0 * step[k] + 1 - GRID) / (GRID - 1); /* -0.9 .. 0.9 of half the size */
-    if (outside_body(at, object->category))
+    /* People are rounder than their boxes. */
+    if (object->category != PAGS_CATEGORY_VEHICLE && at[0] * at[0] + at[1] * at[1] > 0.7 * 0.7)
       continue;
     pags_lidar_point row = {.owner = owner, .parked = -1, .source = -1, .kind = PAGS_CANDIDATE_GRID};
     for (int k = 0; k < 3; k++)

@@ -100,26 +100,6 @@ static int64_t find_slot(const int32_t *table, uint64_t mask, const key *keys, c
   return (int64_t)at;
 }
 
-static void merge_rows(pags_lidar_points *points, const uint8_t *level, double side, int32_t *table, uint64_t mask,
-                       key *keys) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < points->count; i++) {
-    pags_lidar_point row = points->rows[i];
-    if (row.owner < 0) {
-      key k = key_of(&row, level[i], side);
-      int64_t slot = find_slot(table, mask, keys, &k);
-      if (table[slot] >= 0) {
-        merge_into(&points->rows[table[slot]], &row);
-        continue;
-      }
-      table[slot] = (int32_t)kept;
-      keys[kept] = k;
-    }
-    points->rows[kept++] = row;
-  }
-  points->count = kept;
-}
-
 pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                     double side) {
   uint8_t *level;
@@ -136,7 +116,25 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
     result = pags_out_of_memory("%lld voxels", (long long)points->count);
   } else {
     memset(table, 0xff, size * sizeof *table);
-    merge_rows(points, level, side, table, size - 1, keys);
+
+    /* Merge rows. */
+    uint64_t mask = size - 1;
+    int64_t kept = 0;
+    for (int64_t i = 0; i < points->count; i++) {
+      pags_lidar_point row = points->rows[i];
+      if (row.owner < 0) {
+        key k = key_of(&row, level[i], side);
+        int64_t slot = find_slot(table, mask, keys, &k);
+        if (table[slot] >= 0) {
+          merge_into(&points->rows[table[slot]], &row);
+          continue;
+        }
+        table[slot] = (int32_t)kept;
+        keys[kept] = k;
+      }
+      points->rows[kept++] = row;
+    }
+    points->count = kept;
   }
   free(keys);
   free(table);

@@ -47,18 +47,6 @@ static int clamp_cell(double pixel, int cells) {
   return pixel < 0 ? 0 : cell < cells ? cell : cells - 1;
 }
 
-static void cover(pags_z_buffer *self, const pags_seen_point *p, double spacing) {
-  double u = (double)p->u, v = (double)p->v, scale = self->focal / (double)p->z;
-  double half = fmin(fmax(spacing, least_half * scale), fmin(most_half * scale, most_pixels));
-  int left = clamp_cell(u - half, self->columns), right = clamp_cell(u + half, self->columns);
-  int top = clamp_cell(v - 0.25 * half, self->rows), bottom = clamp_cell(v + 2 * half, self->rows);
-  for (int y = top; y <= bottom; y++) {
-    float *row = self->depth + (int64_t)y * self->columns;
-    for (int x = left; x <= right; x++)
-      row[x] = p->z < row[x] ? p->z : row[x];
-  }
-}
-
 void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64_t count) {
   int64_t seen = 0;
   for (int64_t i = 0; i < count; i++)
@@ -67,8 +55,18 @@ void pags_z_buffer_add(pags_z_buffer *self, const pags_seen_point *points, int64
     return;
   double spacing = 0.5 * sqrt((double)self->width * self->height / (double)seen);
   for (int64_t i = 0; i < count; i++)
-    if (points[i].z > 0)
-      cover(self, &points[i], spacing);
+    if (points[i].z > 0) {
+      /* Cover. */
+      double u = (double)points[i].u, v = (double)points[i].v, scale = self->focal / (double)points[i].z;
+      double half = fmin(fmax(spacing, least_half * scale), fmin(most_half * scale, most_pixels));
+      int left = clamp_cell(u - half, self->columns), right = clamp_cell(u + half, self->columns);
+      int top = clamp_cell(v - 0.25 * half, self->rows), bottom = clamp_cell(v + 2 * half, self->rows);
+      for (int y = top; y <= bottom; y++) {
+        float *row = self->depth + (int64_t)y * self->columns;
+        for (int x = left; x <= right; x++)
+          row[x] = points[i].z < row[x] ? points[i].z : row[x];
+      }
+    }
 }
 
 int pags_z_buffer_visible(const pags_z_buffer *self, const pags_seen_point *point) {

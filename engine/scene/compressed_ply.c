@@ -97,14 +97,6 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
 }
 
-static void unpack_colour(uint32_t word, const double *lo, const double *hi, int64_t row, pags_gaussians *out) {
-  for (int k = 0; k < 3; k++) {
-    double colour = mix(lo[k], hi[k], unit(word, 24 - 8 * k, 8));
-    pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
-  }
-  pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)word);
-}
-
 static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
   double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
   for (int i = 0; i < BOUNDS; i++)
@@ -117,7 +109,15 @@ static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
     unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
     unpack_rotation(words[1], row, out);
     unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
-    unpack_colour(words[3], bounds + 12, bounds + 15, row, out);
+
+    /* Unpack colour. */
+    const double *lo = bounds + 12;
+    const double *hi = bounds + 15;
+    for (int k = 0; k < 3; k++) {
+      double colour = mix(lo[k], hi[k], unit(words[3], 24 - 8 * k, 8));
+      pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
+    }
+    pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)words[3]);
   }
 }
 

@@ -15,10 +15,6 @@ enum { FOURIER_PLANES = 12 }; /* four terms of three channels; the fifth, consta
 static const int64_t count_limit =
     INT64_C(0x7FFFFFFF) - 63; /* rows are 32-bit ids, and rounding up must not overflow them */
 
-static int64_t round_up(int64_t count) {
-  return (count + LANES - 1) / LANES * LANES;
-}
-
 /* `rows` is a multiple of 16, so that the size is one of 64 bytes. */
 static void *allocate(int64_t rows, int64_t planes) {
   if (rows == 0 || (uint64_t)rows > SIZE_MAX / 4 / (uint64_t)planes)
@@ -154,7 +150,7 @@ static void widen(const float *from, int64_t from_stride, float *to, int64_t to_
 
 pags_result pags_gaussians_reserve(pags_gaussians *g, int64_t capacity) {
   PAGS_TRY(check_count(capacity));
-  int64_t stride = round_up(capacity);
+  int64_t stride = (capacity + LANES - 1) / LANES * LANES;
   if (stride <= g->stride)
     return PAGS_OK;
   int planes = pags_plane_count(g->sh_degree);

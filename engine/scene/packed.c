@@ -103,22 +103,6 @@ static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *
   }
 }
 
-static void pack_geometry(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters,
-                          int64_t cluster, uint8_t *block) {
-  pack_means(g, first, rows, clusters, cluster, block);
-  for (int i = 0; i < rows; i++) {
-    for (int k = 0; k < 3; k++)
-      put_word(block, 3 + k, i,
-               quantise(pags_plane(g, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
-    pack_rotation(g, first + i, i, block);
-    put_word(block, 9, i,
-             quantise(pags_plane(g, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
-    if (g->s_sem)
-      block[2 * PAGS_PACKED_WORDS * ROWS + i] =
-          (uint8_t)(fminf(fmaxf(g->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
-  }
-}
-
 static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8_t *block) {
   const int rest = 3 * (pags_sh_coefficients(g->sh_degree) - 1);
   uint8_t *const steps = block + pags_packed_steps_at(g->sh_degree);
@@ -162,8 +146,24 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
   for (int64_t c = 0; c < clusters; c++) {
     const int64_t first = c * ROWS;
     const int rows = (int)(gaussians->count - first < ROWS ? gaussians->count - first : ROWS);
-    pack_geometry(gaussians, first, rows, &out->clusters, c,
-                  bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY);
+
+    /* Pack geometry. */
+    uint8_t *block = bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY;
+    pack_means(gaussians, first, rows, &out->clusters, c, block);
+    for (int i = 0; i < rows; i++) {
+      for (int k = 0; k < 3; k++)
+        put_word(
+            block, 3 + k, i,
+            quantise(pags_plane(gaussians, PAGS_SCALE + k)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+      pack_rotation(gaussians, first + i, i, block);
+      put_word(
+          block, 9, i,
+          quantise(pags_plane(gaussians, PAGS_OPACITY)[first + i], PAGS_PACKED_LOWEST, PAGS_PACKED_STEP, 65535.0f));
+      if (gaussians->s_sem)
+        block[2 * PAGS_PACKED_WORDS * ROWS + i] =
+            (uint8_t)(fminf(fmaxf(gaussians->s_sem[first + i], 0.0f), 1.0f) * 255.0f + 0.5f);
+    }
+
     pack_colours(gaussians, first, rows,
                  bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
     out->clusters.sigma[c] = largest_sigma(out, c, rows);

@@ -88,19 +88,6 @@ static bool read_block(const ply_table *table, const ply_element *vertex, int co
   return finite;
 }
 
-static pags_result fail_not_finite(const ply_table *table, const ply_element *vertex, int count, const column columns[],
-                                   const ply_property *const properties[], int64_t first, const pags_gaussians *g) {
-  for (int64_t row = first;; row++)
-    for (int i = 0; i < count; i++) {
-      float value = columns[i].plane < 0 ? 0 : pags_plane(g, columns[i].plane)[row];
-      if (!isfinite(value))
-        return pags_fail(
-            PAGS_ERROR_FORMAT, "%s: vertex %lld: expected a finite number for '%s', found %s (at byte %llu)",
-            table->path, (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
-            (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) + (uint64_t)properties[i]->offset));
-    }
-}
-
 static pags_result read_s_sem(const ply_table *table, const ply_element *vertex, pags_gaussians *out) {
   const ply_property *s_sem = pags_ply_property_find(table, vertex, "s_sem");
   if (!s_sem)
@@ -172,8 +159,19 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
   PAGS_TRY(pags_gaussians_create(out, vertex->count, degree));
   for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {
     int64_t rows = out->count - first < BLOCK_ROWS ? out->count - first : BLOCK_ROWS;
-    if (!read_block(table, vertex, count, columns, properties, first, rows, out))
-      return fail_not_finite(table, vertex, count, columns, properties, first, out);
+    if (!read_block(table, vertex, count, columns, properties, first, rows, out)) {
+      /* Fail not finite. */
+      for (int64_t row = first;; row++)
+        for (int i = 0; i < count; i++) {
+          float value = columns[i].plane < 0 ? 0 : pags_plane(out, columns[i].plane)[row];
+          if (!isfinite(value))
+            return pags_fail(PAGS_ERROR_FORMAT,
+                             "%s: vertex %lld: expected a finite number for '%s', found %s (at byte %llu)", table->path,
+                             (long long)row, columns[i].name, isnan(value) ? "nan" : "inf",
+                             (unsigned long long)(vertex->offset + (uint64_t)(row * vertex->stride) +
+                                                  (uint64_t)properties[i]->offset));
+        }
+    }
   }
   PAGS_TRY(read_s_sem(table, vertex, out));
   PAGS_TRY(read_object_id(table, vertex, out));
@@ -239,24 +237,6 @@ static void pack_floats(const float *values, int64_t rows, size_t stride, uint8_
     pags_store_f32(out, values ? values[row] : 0.0f);
 }
 
-/* Rows [first, first + rows) as the file has them; column by column, so that each plane is read in one run. */
-static void pack_rows(const pags_gaussians *g, int count, const column columns[], int64_t first, int64_t rows,
-                      size_t stride, uint8_t *out) {
-  for (int i = 0; i < count; ++i, out += 4)
-    pack_floats(columns[i].plane < 0 ? NULL : pags_plane(g, columns[i].plane) + first, rows, stride, out);
-  if (g->s_sem) {
-    pack_floats(g->s_sem + first, rows, stride, out);
-    out += 4;
-  }
-  if (g->object_id) {
-    for (int64_t row = 0; row < rows; row++)
-      pags_store_u32(out + (size_t)row * stride, (uint32_t)g->object_id[first + row]);
-    out += 4;
-  }
-  for (int p = 0; p < FOURIER_PLANES && g->fourier; ++p, out += 4)
-    pack_floats(g->fourier + p * g->stride + first, rows, stride, out);
-}
-
 int pags_ply_row_bytes(const pags_gaussians *g) {
   return 4 * (pags_plane_count(g->sh_degree) + NORMALS + (g->s_sem != NULL) + (g->object_id != NULL) +
               (g->fourier ? FOURIER_PLANES : 0));
@@ -275,7 +255,23 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
     result = write_header(&writer, gaussians, count, columns);
   for (int64_t first = 0; first < gaussians->count && result == PAGS_OK; first += BLOCK_ROWS) {
     int64_t rows = gaussians->count - first < BLOCK_ROWS ? gaussians->count - first : BLOCK_ROWS;
-    pack_rows(gaussians, count, columns, first, rows, stride, block);
+
+    /* Rows [first, first + rows) as the file has them; column by column, so that each plane is read in one run. */
+    uint8_t *out = block;
+    for (int i = 0; i < count; ++i, out += 4)
+      pack_floats(columns[i].plane < 0 ? NULL : pags_plane(gaussians, columns[i].plane) + first, rows, stride, out);
+    if (gaussians->s_sem) {
+      pack_floats(gaussians->s_sem + first, rows, stride, out);
+      out += 4;
+    }
+    if (gaussians->object_id) {
+      for (int64_t row = 0; row < rows; row++)
+        pags_store_u32(out + (size_t)row * stride, (uint32_t)gaussians->object_id[first + row]);
+      out += 4;
+    }
+    for (int p = 0; p < FOURIER_PLANES && gaussians->fourier; ++p, out += 4)
+      pack_floats(gaussians->fourier + p * gaussians->stride + first, rows, stride, out);
+
     result = pags_file_writer_put(&writer, block, stride * (size_t)rows);
   }
   if (result == PAGS_OK)

@@ -70,26 +70,6 @@ static pags_result parse_element(ply_table *t, int line, int words, char *word[]
   return PAGS_OK;
 }
 
-static pags_result add_property(ply_table *t, int line, const char *name, ply_type type) {
-  ply_element *element = &t->elements[t->element_count - 1];
-  if (t->property_count == MAX_PROPERTIES)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d properties", t->path, line, MAX_PROPERTIES);
-  if (pags_ply_property_find(t, element, name))
-    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a second property '%s'", t->path, line, name);
-  if (t->property_count == t->property_capacity) {
-    int capacity = t->property_capacity ? 2 * t->property_capacity : 64;
-    ply_property *grown = realloc(t->properties, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%s:%d: the header", t->path, line);
-    t->properties = grown;
-    t->property_capacity = capacity;
-  }
-  t->properties[t->property_count++] = (ply_property){name, type, element->stride};
-  element->property_count++;
-  element->stride += type_sizes[type];
-  return PAGS_OK;
-}
-
 static pags_result parse_property(ply_table *t, int line, int words, char *word[]) {
   ply_type type;
   if (t->element_count == 0)
@@ -100,7 +80,25 @@ static pags_result parse_property(ply_table *t, int line, int words, char *word[
   }
   if (words != 3 || !parse_type(word[1], &type))
     return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'property', a type and a name", t->path, line);
-  return add_property(t, line, word[2], type);
+
+  /* Add property. */
+  ply_element *element = &t->elements[t->element_count - 1];
+  if (t->property_count == MAX_PROPERTIES)
+    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d properties", t->path, line, MAX_PROPERTIES);
+  if (pags_ply_property_find(t, element, word[2]))
+    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: a second property '%s'", t->path, line, word[2]);
+  if (t->property_count == t->property_capacity) {
+    int capacity = t->property_capacity ? 2 * t->property_capacity : 64;
+    ply_property *grown = realloc(t->properties, (size_t)capacity * sizeof *grown);
+    if (!grown)
+      return pags_out_of_memory("%s:%d: the header", t->path, line);
+    t->properties = grown;
+    t->property_capacity = capacity;
+  }
+  t->properties[t->property_count++] = (ply_property){word[2], type, element->stride};
+  element->property_count++;
+  element->stride += type_sizes[type];
+  return PAGS_OK;
 }
 
 static pags_result parse_line(ply_table *t, int line, char *text) {
@@ -160,21 +158,6 @@ static pags_result parse_header(ply_table *t, size_t length) {
   return has_format ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a 'format' line", t->path, line);
 }
 
-static void store_number(uint8_t *out, ply_type type, double value) {
-  switch (type) {
-    case PLY_FLOAT: pags_store_f32(out, (float)value); break;
-    case PLY_DOUBLE: pags_store_f64(out, value); break;
-    default: {
-      /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in
-       * text. */
-      int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
-      uint8_t word[4];
-      pags_store_u32(word, (uint32_t)whole);
-      memcpy(out, word, (size_t)type_sizes[type]);
-    }
-  }
-}
-
 /* Turns the rows of a text file into little-endian ones; `at` moves on. False when the text ends before the rows do. */
 static pags_result convert_text(ply_table *t, int index, const char **at) {
   ply_element *e = &t->elements[index];
@@ -199,7 +182,22 @@ static pags_result convert_text(ply_table *t, int index, const char **at) {
                          (unsigned long long)((const uint8_t *)*at - t->bytes), property->name, e->name,
                          (long long)row);
       }
-      store_number(rows + row * e->stride + property->offset, property->type, value);
+
+      /* Store number. */
+      uint8_t *out = rows + row * e->stride + property->offset;
+      switch (property->type) {
+        case PLY_FLOAT: pags_store_f32(out, (float)value); break;
+        case PLY_DOUBLE: pags_store_f64(out, value); break;
+        default: {
+          /* Out of range values would be undefined as integers: they become 0, as no property of ours is an integer in
+           * text. */
+          int64_t whole = value >= -2147483648.0 && value <= 4294967295.0 ? (int64_t)value : 0;
+          uint8_t word[4];
+          pags_store_u32(word, (uint32_t)whole);
+          memcpy(out, word, (size_t)type_sizes[property->type]);
+        }
+      }
+
       *at = end;
     }
   }

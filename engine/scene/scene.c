@@ -150,23 +150,22 @@ pags_result pags_scene_save(const char *folder, const pags_scene *scene) {
   return result;
 }
 
-/* `name` with what some file system or shell trips over made '_'. */
-static void make_safe(const char *id, char *name, size_t room) {
+char *pags_scene_model_file(const pags_scene *scene, const char *id) {
+  char safe[SAFE_NAME], file[SAFE_NAME + 64];
+
+  /* `name` with what some file system or shell trips over made '_'. */
+  size_t room = sizeof safe;
   size_t length = 0;
   for (const char *c = id; *c && length + 1 < room; c++) {
     bool plain = (*c >= '0' && *c <= '9') || (*c >= 'A' && *c <= 'Z') || (*c >= 'a' && *c <= 'z') || *c == '-' ||
                  (*c == '.' && length > 0);
-    name[length] = plain ? *c : '_';
+    safe[length] = plain ? *c : '_';
     length++;
   }
   if (length == 0)
-    name[length++] = '_';
-  name[length] = 0;
-}
+    safe[length++] = '_';
+  safe[length] = 0;
 
-char *pags_scene_model_file(const pags_scene *scene, const char *id) {
-  char safe[SAFE_NAME], file[SAFE_NAME + 64];
-  make_safe(id, safe, sizeof safe);
   snprintf(file, sizeof file, "objects/%s.ply", safe);
   for (int64_t i = 0, number = 2; i < scene->model_count; i++) {
     if (scene->models[i].file && strcasecmp(scene->models[i].file, file) == 0) {

@@ -198,37 +198,11 @@ pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene
   return result;
 }
 
-static void write_models(pags_json_writer *w, const pags_scene *scene) {
-  pags_json_begin_array(w, "models");
-  for (int64_t i = 0; i < scene->model_count; i++) {
-    const pags_model *model = &scene->models[i];
-    pags_json_begin_object(w, NULL);
-    pags_json_put_string(w, "name", model->name);
-    pags_json_put_string(w, "file", model->file);
-    pags_json_put_integer(w, "gaussians", model->gaussians.count);
-    pags_json_put_integer(w, "sh_degree", model->gaussians.sh_degree);
-    pags_json_end_object(w);
-  }
-  pags_json_end_array(w);
-}
-
 static bool is_exposed(const pags_scene_view *view) {
   for (int k = 0; k < 3; k++)
     if (view->gain[k] != 1 || view->offset[k] != 0)
       return true;
   return false;
-}
-
-/* What a static scene's views don't have is left out. */
-static void write_driving(pags_json_writer *w, const pags_scene_view *view) {
-  if (view->sensor >= 0)
-    pags_json_put_integer(w, "sensor", view->sensor);
-  if (view->frame >= 0)
-    pags_json_put_integer(w, "frame", view->frame);
-  if (is_exposed(view)) {
-    pags_json_put_numbers(w, "gain", view->gain, 3);
-    pags_json_put_numbers(w, "offset", view->offset, 3);
-  }
 }
 
 static void write_views(pags_json_writer *w, const pags_scene *scene) {
@@ -238,7 +212,17 @@ static void write_views(pags_json_writer *w, const pags_scene *scene) {
     pags_json_begin_object(w, NULL);
     pags_json_put_string(w, "name", view->name);
     pags_json_put_bool(w, "test", view->test);
-    write_driving(w, view);
+
+    /* What a static scene's views don't have is left out. */
+    if (view->sensor >= 0)
+      pags_json_put_integer(w, "sensor", view->sensor);
+    if (view->frame >= 0)
+      pags_json_put_integer(w, "frame", view->frame);
+    if (is_exposed(view)) {
+      pags_json_put_numbers(w, "gain", view->gain, 3);
+      pags_json_put_numbers(w, "offset", view->offset, 3);
+    }
+
     pags_camera_to_json(w, &view->camera);
     pags_json_end_object(w);
   }
@@ -273,7 +257,20 @@ static pags_result write_root(pags_json_writer *w, const pags_scene *scene) {
   pags_json_put_numbers(w, "origin", scene->origin, 3);
   pags_json_put_string(w, "up", up_names[scene->up]);
   pags_json_put_numbers(w, "time", (double[]){scene->time_begin, scene->time_end}, 2);
-  write_models(w, scene);
+
+  /* Write models. */
+  pags_json_begin_array(w, "models");
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    const pags_model *model = &scene->models[i];
+    pags_json_begin_object(w, NULL);
+    pags_json_put_string(w, "name", model->name);
+    pags_json_put_string(w, "file", model->file);
+    pags_json_put_integer(w, "gaussians", model->gaussians.count);
+    pags_json_put_integer(w, "sh_degree", model->gaussians.sh_degree);
+    pags_json_end_object(w);
+  }
+  pags_json_end_array(w);
+
   pags_json_put_numbers(w, "background", background, 3);
   pags_json_put_bool(w, "antialiased", scene->antialiased);
   pags_json_put_string(w, "dataset", scene->dataset);

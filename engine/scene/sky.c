@@ -46,16 +46,6 @@ static const char *find_entry(const char *header, const char *key) {
   return at ? at + strlen(quoted) + strspn(at + strlen(quoted), " ") : NULL;
 }
 
-static pags_result read_shape(const char *path, const char *shape, int *size) {
-  int faces, rows, columns, channels;
-  if (sscanf(shape, "(%4d , %5d , %5d , %4d", &faces, &rows, &columns, &channels) != 4 || faces != FACES ||
-      channels != CHANNELS || rows != columns || rows < 1 || rows > MAX_SIZE)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a 'shape' of (6, N, N, 3), N from 1 to %d, found %.*s", path,
-                     MAX_SIZE, (int)strcspn(shape, ")\n") + (strchr(shape, ')') != NULL), shape);
-  *size = rows;
-  return PAGS_OK;
-}
-
 /* The header's text, which `length` bytes at `bytes` hold. */
 static pags_result read_header(const char *path, const uint8_t *bytes, size_t length, int *size) {
   char header[MAX_HEADER];
@@ -71,7 +61,15 @@ static pags_result read_header(const char *path, const uint8_t *bytes, size_t le
   if (strncmp(type, "'<f2'", 5) != 0 || strncmp(order, "False", 5) != 0)
     return pags_fail(PAGS_ERROR_UNSUPPORTED, "%s: expected little-endian float16 ('<f2') in C order, found %.8s", path,
                      type);
-  return read_shape(path, shape, size);
+
+  /* Read shape. */
+  int faces, rows, columns, channels;
+  if (sscanf(shape, "(%4d , %5d , %5d , %4d", &faces, &rows, &columns, &channels) != 4 || faces != FACES ||
+      channels != CHANNELS || rows != columns || rows < 1 || rows > MAX_SIZE)
+    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a 'shape' of (6, N, N, 3), N from 1 to %d, found %.*s", path,
+                     MAX_SIZE, (int)strcspn(shape, ")\n") + (strchr(shape, ')') != NULL), shape);
+  *size = rows;
+  return PAGS_OK;
 }
 
 static pags_result decode(const char *path, const uint8_t *bytes, size_t size, pags_sky *sky) {

@@ -218,26 +218,6 @@ static void put_part(pags_stage_placement *placement, const double box[12], doub
   }
 }
 
-/* Arms swing against legs; on a bicycle the trunk leans forward, arms reach for the bar, feet go round. */
-static void put_person(pags_stage_placement *parts, const pags_actor *actor, const double box[12], double time) {
-  const double step = sin(actor->step_rate * time + actor->phase);
-  const bool rides = actor->role == PAGS_ROLE_CYCLIST;
-  const double lean = rides ? 0.45 : 0.03, seat = rides ? 0.07 : 0.0, back = rides ? -0.18 : 0.0;
-  const double hip = (double)PAGS_HIP_HEIGHT + seat, reach = (double)(PAGS_SHOULDER_HEIGHT - PAGS_HIP_HEIGHT);
-  const double shoulder[2] = {back + reach * sin(lean), hip + reach * cos(lean)};
-  const double foot = (double)PAGS_HIP_HEIGHT; /* the trunk's mesh has its origin at the feet: turn it about the hip */
-  put_part(&parts[BODY], box, actor->ground, (double[3]){back - foot * sin(lean), 0, hip - foot * cos(lean)}, lean);
-  for (int side = 0; side < 2; side++) {
-    const double y = side ? -0.23 : 0.23, turn = side ? -1.0 : 1.0;
-    const double arm = rides ? -0.75 : 0.45 * step * turn,
-                 leg = rides ? -0.45 + 0.3 * step * turn : -0.42 * step * turn;
-    put_part(&parts[LEFT_ARM + side], box, actor->ground, (double[3]){shoulder[0], y, shoulder[1]}, arm);
-    put_part(&parts[LEFT_LEG + side], box, actor->ground, (double[3]){back, 0.4 * y, hip + (rides ? 0.02 : 0.0)}, leg);
-  }
-  if (rides)
-    put_part(&parts[BICYCLE], box, actor->ground, (double[3]){0, 0, 0}, 0.0);
-}
-
 void pags_street_set_time(pags_street *street, double time) {
   for (int i = 0; i < street->actor_count; i++) {
     const pags_actor *actor = &street->actors[i];
@@ -248,7 +228,26 @@ void pags_street_set_time(pags_street *street, double time) {
     pags_actor_pose(actor, time, box);
     if (actor->role == PAGS_ROLE_CAR)
       put_part(parts, box, actor->ground, (double[3]){0, 0, 0}, 0.0);
-    else
-      put_person(parts, actor, box, time);
+    else {
+      /* Arms swing against legs; on a bicycle the trunk leans forward, arms reach for the bar, feet go round. */
+      const double step = sin(actor->step_rate * time + actor->phase);
+      const bool rides = actor->role == PAGS_ROLE_CYCLIST;
+      const double lean = rides ? 0.45 : 0.03, seat = rides ? 0.07 : 0.0, back = rides ? -0.18 : 0.0;
+      const double hip = (double)PAGS_HIP_HEIGHT + seat, reach = (double)(PAGS_SHOULDER_HEIGHT - PAGS_HIP_HEIGHT);
+      const double shoulder[2] = {back + reach * sin(lean), hip + reach * cos(lean)};
+      const double foot =
+          (double)PAGS_HIP_HEIGHT; /* the trunk's mesh has its origin at the feet: turn it about the hip */
+      put_part(&parts[BODY], box, actor->ground, (double[3]){back - foot * sin(lean), 0, hip - foot * cos(lean)}, lean);
+      for (int side = 0; side < 2; side++) {
+        const double y = side ? -0.23 : 0.23, turn = side ? -1.0 : 1.0;
+        const double arm = rides ? -0.75 : 0.45 * step * turn,
+                     leg = rides ? -0.45 + 0.3 * step * turn : -0.42 * step * turn;
+        put_part(&parts[LEFT_ARM + side], box, actor->ground, (double[3]){shoulder[0], y, shoulder[1]}, arm);
+        put_part(&parts[LEFT_LEG + side], box, actor->ground, (double[3]){back, 0.4 * y, hip + (rides ? 0.02 : 0.0)},
+                 leg);
+      }
+      if (rides)
+        put_part(&parts[BICYCLE], box, actor->ground, (double[3]){0, 0, 0}, 0.0);
+    }
   }
 }

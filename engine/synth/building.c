@@ -277,14 +277,6 @@ static void choose_materials(house *h, pags_materials *materials) {
   h->sign = pags_materials_plain(materials, PAGS_CLASS_BUILDING, sign[0], sign[1], sign[2]);
 }
 
-static void choose_roof(house *h, pags_materials *materials, int tiled) {
-  const float red = pags_dice_between(h->dice, 0.18f, 0.34f);
-  const pags_material roof = {.finish = tiled ? PAGS_FINISH_TILES : PAGS_FINISH_PLAIN,
-                              .label = PAGS_CLASS_BUILDING,
-                              .color = {red, tiled ? 0.45f * red : red, tiled ? 0.3f * red : red}};
-  h->roof = pags_materials_add(materials, &roof);
-}
-
 void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, const pags_plot *plot) {
   house h = {.mesh = mesh, .dice = dice, .plot = plot};
   h.floors = 2 + pags_dice_pick(dice, 4);
@@ -297,7 +289,14 @@ void pags_building_add(pags_mesh *mesh, pags_materials *materials, pags_dice *di
   choose_materials(&h, materials);
   const int shop = pags_dice_pick(dice, 5) < 2, tiled = h.floors <= 3 && pags_dice_pick(dice, 3) < 2;
   h.ground = shop ? 3.9f : h.storey;
-  choose_roof(&h, materials, tiled);
+
+  /* Choose roof. */
+  const float red = pags_dice_between(h.dice, 0.18f, 0.34f);
+  const pags_material roof = {.finish = tiled ? PAGS_FINISH_TILES : PAGS_FINISH_PLAIN,
+                              .label = PAGS_CLASS_BUILDING,
+                              .color = {red, tiled ? 0.45f * red : red, tiled ? 0.3f * red : red}};
+  h.roof = pags_materials_add(materials, &roof);
+
   if (shop)
     shop_floor(&h);
   else

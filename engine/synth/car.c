@@ -31,21 +31,6 @@ static const float side_view[STATIONS][4] = {
     {0.32f, 0.19f, 0.93f, 1.00f},   {0.55f, 0.20f, 0.88f, 0.99f},   {0.80f, 0.22f, 0.80f, 0.96f},
     {0.93f, 0.25f, 0.73f, 0.91f},   {0.98f, 0.32f, 0.66f, 0.82f},   {1.000f, 0.42f, 0.58f, 0.70f}};
 
-static void add_body(pags_mesh *mesh, car_parts *parts, float length, float width) {
-  float points[STATIONS * AROUND * 3];
-  for (int i = 0; i < STATIONS; i++)
-    for (int j = 0; j < AROUND; j++) {
-      const float *s = side_view[i];
-      float y, z;
-      rounded(6.2831853f * ((float)j + 0.5f) / AROUND, 4.5f, &y, &z);
-      float *p = points + 3 * (i * AROUND + j);
-      p[0] = 0.5f * length * s[0];
-      p[1] = 0.5f * width * s[3] * y * (z > 0.0f ? 1.0f - 0.06f * z : 1.0f); /* sides lean in towards the belt */
-      p[2] = 0.5f * (s[1] + s[2]) + 0.5f * (s[2] - s[1]) * z;
-    }
-  pags_mesh_loft(mesh, STATIONS, AROUND, points, all_paint, parts);
-}
-
 /* The left half of the cabin's outline from above, from the windscreen to the rear window; shares of the half sides. */
 enum { HALF_OUTLINE = 12, OUTLINE = 2 * HALF_OUTLINE };
 static const float outline[HALF_OUTLINE][2] = {{1.0f, 0.35f},    {0.99f, 0.70f},  {0.95f, 0.90f},  {0.88f, 0.985f},
@@ -137,7 +122,21 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
   const float length = pags_dice_between(dice, 4.1f, 4.75f), width = pags_dice_between(dice, 1.74f, 1.86f);
   const float height = pags_dice_between(dice, 1.42f, 1.56f);
   choose_parts(&parts, materials, dice, kind);
-  add_body(mesh, &parts, length, width);
+
+  /* Add body. */
+  float points[STATIONS * AROUND * 3];
+  for (int i = 0; i < STATIONS; i++)
+    for (int j = 0; j < AROUND; j++) {
+      const float *s = side_view[i];
+      float y, z;
+      rounded(6.2831853f * ((float)j + 0.5f) / AROUND, 4.5f, &y, &z);
+      float *p = points + 3 * (i * AROUND + j);
+      p[0] = 0.5f * length * s[0];
+      p[1] = 0.5f * width * s[3] * y * (z > 0.0f ? 1.0f - 0.06f * z : 1.0f); /* sides lean in towards the belt */
+      p[2] = 0.5f * (s[1] + s[2]) + 0.5f * (s[2] - s[1]) * z;
+    }
+  pags_mesh_loft(mesh, STATIONS, AROUND, points, all_paint, &parts);
+
   add_cabin(mesh, &parts, length, width, height, pags_dice_pick(dice, 2));
   add_wheels(mesh, &parts, length, width);
   add_details(mesh, &parts, length, width);

@@ -106,14 +106,6 @@ void pags_mesh_box(pags_mesh *mesh, const float center[3], const float half[3], 
     }
 }
 
-/* Two unit vectors square to `axis`, a unit vector. */
-static void frame_about(const float axis[3], float x[3], float y[3]) {
-  const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
-  pags_cross3f(other, axis, x);
-  normalise(x);
-  pags_cross3f(axis, x, y);
-}
-
 static void end_cap(pags_mesh *mesh, const float center[3], const float x[3], const float y[3], float radius, int sides,
                     uint16_t material) {
   const uint32_t middle = pags_mesh_vertex(mesh, center, NULL, 0.0f, 0.0f);
@@ -140,7 +132,13 @@ void pags_mesh_tube(pags_mesh *mesh, const float from[3], const float to[3], flo
     axis[k] = to[k] - from[k];
   const float height = pags_length3f(axis);
   normalise(axis);
-  frame_about(axis, x, y);
+
+  /* Two unit vectors square to `axis`, a unit vector. */
+  const float other[3] = {fabsf(axis[2]) > 0.9f ? 1.0f : 0.0f, 0.0f, fabsf(axis[2]) > 0.9f ? 0.0f : 1.0f};
+  pags_cross3f(other, axis, x);
+  normalise(x);
+  pags_cross3f(axis, x, y);
+
   const uint32_t base = (uint32_t)mesh->vertex_count;
   for (int i = 0; i < sides; i++) {
     const float angle = TWO_PI * (float)i / (float)sides;
@@ -184,21 +182,6 @@ void pags_mesh_ellipsoid(pags_mesh *mesh, const float center[3], const float rad
     }
 }
 
-/* Normal of a loft at a ring's column from its neighbours; it need not point outwards, since shading turns it. */
-static void loft_normal(const float *points, int rings, int columns, int ring, int column, float out[3]) {
-  const int before = ring ? ring - 1 : 0, after = ring + 1 < rings ? ring + 1 : ring;
-  const float *left = points + 3 * (ring * columns + (column + columns - 1) % columns);
-  const float *right = points + 3 * (ring * columns + (column + 1) % columns);
-  const float *low = points + 3 * (before * columns + column), *high = points + 3 * (after * columns + column);
-  float across[3], along[3];
-  for (int k = 0; k < 3; k++) {
-    across[k] = right[k] - left[k];
-    along[k] = high[k] - low[k];
-  }
-  pags_cross3f(across, along, out);
-  normalise(out);
-}
-
 static void close_ring(pags_mesh *mesh, const float *ring, int columns, uint16_t material) {
   float middle[3] = {0};
   for (int i = 0; i < columns; i++)
@@ -219,7 +202,20 @@ void pags_mesh_loft(pags_mesh *mesh, int rings, int columns, const float *points
   for (int i = 0; i < rings; i++)
     for (int j = 0; j < columns; j++) {
       float normal[3];
-      loft_normal(points, rings, columns, i, j, normal);
+
+      /* Normal of a loft at a ring's column from its neighbours; it need not point outwards, since shading turns it. */
+      const int before = i ? i - 1 : 0, after = i + 1 < rings ? i + 1 : i;
+      const float *left = points + 3 * (i * columns + (j + columns - 1) % columns);
+      const float *right = points + 3 * (i * columns + (j + 1) % columns);
+      const float *low = points + 3 * (before * columns + j), *high = points + 3 * (after * columns + j);
+      float across[3], along[3];
+      for (int k = 0; k < 3; k++) {
+        across[k] = right[k] - left[k];
+        along[k] = high[k] - low[k];
+      }
+      pags_cross3f(across, along, normal);
+      normalise(normal);
+
       pags_mesh_vertex(mesh, points + 3 * (i * columns + j), normal, (float)j, (float)i);
     }
   for (int i = 0; i + 1 < rings; i++)

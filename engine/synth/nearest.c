@@ -145,11 +145,6 @@ static pags_result make_grid(const pags_street *street, const float *points, int
   return PAGS_OK;
 }
 
-static void destroy_grid(grid *g) {
-  free(g->start);
-  free(g->order);
-}
-
 /* Distances. */
 
 /* Squared distance to the segment from a along `edge`; `from` = point - a. */
@@ -187,14 +182,6 @@ static float to_triangle(const float p[3], const float corner[3][3]) {
   return inside && area > 0.0f ? height * height / area : nearest;
 }
 
-static void visit_cell(const grid *g, int64_t cell, const float corner[3][3], float *nearest) {
-  for (int64_t i = g->start[cell]; i < g->start[cell + 1]; i++) {
-    const int32_t at = g->order[i];
-    const float square = to_triangle(g->points + 3 * at, corner);
-    nearest[at] = square < nearest[at] ? square : nearest[at];
-  }
-}
-
 static void visit(const grid *g, const float corner[3][3], float *nearest) {
   int64_t first[3], last[3];
   for (int k = 0; k < 3; k++) {
@@ -205,8 +192,15 @@ static void visit(const grid *g, const float corner[3][3], float *nearest) {
   }
   for (int64_t z = first[2]; z <= last[2]; z++)
     for (int64_t y = first[1]; y <= last[1]; y++)
-      for (int64_t x = first[0]; x <= last[0]; x++)
-        visit_cell(g, (z * g->size[1] + y) * g->size[0] + x, corner, nearest);
+      for (int64_t x = first[0]; x <= last[0]; x++) {
+        /* Visit cell. */
+        int64_t cell = (z * g->size[1] + y) * g->size[0] + x;
+        for (int64_t i = g->start[cell]; i < g->start[cell + 1]; i++) {
+          const int32_t at = g->order[i];
+          const float square = to_triangle(g->points + 3 * at, corner);
+          nearest[at] = square < nearest[at] ? square : nearest[at];
+        }
+      }
 }
 
 static void place_vertex(const float m[12], const float p[3], float out[3]) {
@@ -244,6 +238,7 @@ pags_result pags_street_truth_distances(pags_street_truth *truth, double time, c
     critical[i] = sqrtf(critical[i]);
     other[i] = sqrtf(other[i]);
   }
-  destroy_grid(&g);
+  free(g.start);
+  free(g.order);
   return result;
 }

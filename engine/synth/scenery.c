@@ -73,19 +73,6 @@ static void add_row(pags_street *street, pags_mesh *mesh, pags_dice *dice, int l
   }
 }
 
-/* The street ends at another one, whose houses close the view. */
-static void add_end(pags_street *street, pags_mesh *mesh, pags_dice *dice) {
-  for (float y = -62.0f; y < 60.0f;) {
-    const pags_plot plot = {.base = {street->end_x + 16.0f, y, 0.0f},
-                            .along = {0, 1, 0},
-                            .into = {1, 0, 0},
-                            .width = pags_dice_between(dice, 10.0f, 16.0f),
-                            .depth = 12.0f};
-    pags_building_add(mesh, &street->materials, dice, &plot);
-    y += plot.width;
-  }
-}
-
 static bool near_crossing(const pags_street *street, float x, float reach) {
   const float phase = (x - street->markings.first_crossing) / street->markings.spacing;
   return fabsf(phase - floorf(phase + 0.5f)) * street->markings.spacing < reach;
@@ -154,7 +141,18 @@ void pags_scenery_add(pags_street *street) {
   add_ground(street, &street->meshes[ground]);
   add_row(street, &street->meshes[ground], &dice, 0);
   add_row(street, &street->meshes[ground], &dice, 1);
-  add_end(street, &street->meshes[ground], &dice);
+
+  /* The street ends at another one, whose houses close the view. */
+  for (float y = -62.0f; y < 60.0f;) {
+    const pags_plot plot = {.base = {street->end_x + 16.0f, y, 0.0f},
+                            .along = {0, 1, 0},
+                            .into = {1, 0, 0},
+                            .width = pags_dice_between(&dice, 10.0f, 16.0f),
+                            .depth = 12.0f};
+    pags_building_add(&street->meshes[ground], &street->materials, &dice, &plot);
+    y += plot.width;
+  }
+
   pags_street_place(street, ground, -1, 0, 0, 0, 0, 1);
   dice = (pags_dice){street->options->seed, STREAM_TREES, 0};
   pags_planting_make(street, &dice, &kinds);

@@ -153,15 +153,6 @@ static void face_ray(float n[3], const float direction[3]) {
     n[k] *= towards / (length > 0.0f ? length : 1.0f);
 }
 
-/* Embree cuts a quad into corners 0 1 3 and 2 3 1; the second's u and v run backwards. */
-static void weigh_corners(float u, float v, float weight[4]) {
-  const int second = u + v > 1.0f;
-  weight[0] = second ? 0.0f : 1.0f - u - v;
-  weight[1] = second ? 1.0f - v : u;
-  weight[2] = second ? u + v - 1.0f : 0.0f;
-  weight[3] = second ? 1.0f - u : v;
-}
-
 static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, int i, const float direction[3],
                        pags_touch *out) {
   const pags_stage_placement *placement = &stage->placements[ray->hit.instID[0][i]];
@@ -173,7 +164,14 @@ static void fill_touch(const pags_stage *stage, const struct RTCRayHit8 *ray, in
                       .placement = (int)ray->hit.instID[0][i],
                       .face = face,
                       .material = mesh->materials[face]};
-  weigh_corners(ray->hit.u[i], ray->hit.v[i], weight);
+
+  /* Embree cuts a quad into corners 0 1 3 and 2 3 1; the second's u and v run backwards. */
+  const int second = ray->hit.u[i] + ray->hit.v[i] > 1.0f;
+  weight[0] = second ? 0.0f : 1.0f - ray->hit.u[i] - ray->hit.v[i];
+  weight[1] = second ? 1.0f - ray->hit.v[i] : ray->hit.u[i];
+  weight[2] = second ? ray->hit.u[i] + ray->hit.v[i] - 1.0f : 0.0f;
+  weight[3] = second ? 1.0f - ray->hit.u[i] : ray->hit.v[i];
+
   for (int c = 0; c < 4; c++) {
     const pags_vertex *vertex = &mesh->vertices[mesh->faces[4 * face + (uint32_t)c]];
     for (int k = 0; k < 3; k++) {

@@ -73,10 +73,6 @@ double pags_street_ego_x(double time) {
   return 10.0 * time + 0.9 * sin(1.1 * time);
 }
 
-static double ego_y(double time) {
-  return PAGS_EGO_LANE + 0.22 * sin(0.9 * time + 0.4);
-}
-
 void pags_street_ego(double time, double pose[12]) {
   const double forward = 10.0 + 0.99 * cos(1.1 * time), aside = 0.198 * cos(0.9 * time + 0.4);
   const double yaw = atan2(aside, forward), pitch = 0.003 * sin(5.0 * time), roll = 0.003 * sin(3.7 * time + 1.0);
@@ -88,7 +84,7 @@ void pags_street_ego(double time, double pose[12]) {
                           sy * cp,
                           sy * sp * sr + cy * cr,
                           sy * sp * cr - cy * sr,
-                          ego_y(time),
+                          PAGS_EGO_LANE + 0.22 * sin(0.9 * time + 0.4),
                           -sp,
                           cp * sr,
                           cp * cr,

@@ -39,20 +39,6 @@ void pags_street_number(pags_street *street) {
   }
 }
 
-/* Errors of a box, independent from frame to frame: x and y, and about z. */
-static void disturb(const pags_street_options *o, const pags_actor *actor, int frame, double pose[12]) {
-  double move[2], turn[2];
-  const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
-  pags_rng_normal2(o->seed, stream, (uint64_t)frame, move);
-  pags_rng_normal2(o->seed, stream + 1, (uint64_t)frame, turn);
-  const double yaw = atan2(pose[4], pose[0]) + turn[0] * o->yaw_noise * 0.017453292519943295;
-  const double c = cos(yaw), s = sin(yaw);
-  memcpy(pose,
-         (double[12]){c, -s, 0, pose[3] + o->pose_noise * move[0], s, c, 0, pose[7] + o->pose_noise * move[1], 0, 0, 1,
-                      pose[11]},
-         12 * sizeof *pose);
-}
-
 /* The track of a labelled actor. A parked car's label doesn't vary: whoever labels it draws one box. */
 static bool make_track(const pags_street *street, const pags_actor *actor, bool exact, pags_layout_track *out) {
   static const char *const classes[] = {"Car", "Pedestrian", "Cyclist"};
@@ -72,8 +58,20 @@ static bool make_track(const pags_street *street, const pags_actor *actor, bool 
     pags_knot *knot = &object->knots[object->knot_count++];
     knot->frame = f;
     pags_actor_pose(actor, frame_time(street, f), knot->world_from_object);
-    if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0))
-      disturb(o, actor, f, knot->world_from_object);
+    if (!exact && actor->moving && (o->pose_noise > 0.0 || o->yaw_noise > 0.0)) {
+      /* Errors of a box, independent from frame to frame: x and y, and about z. */
+      double move[2], turn[2];
+      const uint64_t stream = STREAM_POSE_NOISE + 2 * (uint64_t)actor->number;
+      pags_rng_normal2(o->seed, stream, (uint64_t)f, move);
+      pags_rng_normal2(o->seed, stream + 1, (uint64_t)f, turn);
+      const double yaw =
+          atan2(knot->world_from_object[4], knot->world_from_object[0]) + turn[0] * o->yaw_noise * 0.017453292519943295;
+      const double c = cos(yaw), s = sin(yaw);
+      memcpy(knot->world_from_object,
+             (double[12]){c, -s, 0, knot->world_from_object[3] + o->pose_noise * move[0], s, c, 0,
+                          knot->world_from_object[7] + o->pose_noise * move[1], 0, 0, 1, knot->world_from_object[11]},
+             12 * sizeof *knot->world_from_object);
+    }
   }
   return true;
 }

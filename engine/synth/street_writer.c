@@ -125,16 +125,6 @@ static pags_result make_views(writer *w) {
   return complete ? PAGS_OK : pags_out_of_memory("pictures of %dx%d", o->width, o->height);
 }
 
-static void free_views(writer *w) {
-  for (int i = 0; i < VIEWS; i++) {
-    free(w->views[i].rgb);
-    free(w->views[i].depth);
-    free(w->views[i].labels);
-    free(w->views[i].actors);
-  }
-  free(w->points);
-}
-
 /* A plane as a picture of one channel. */
 typedef uint16_t pixel_fn(const writer *w, const pags_street_view *view, size_t at);
 
@@ -409,6 +399,15 @@ pags_result pags_synth_street(const char *folder, const pags_street_options *opt
   const pags_result result = write_all(&w, options, progress, user);
   pags_stage_destroy(w.stage);
   pags_street_destroy(&street);
-  free_views(&w);
+
+  /* Free views. */
+  for (int i = 0; i < VIEWS; i++) {
+    free(w.views[i].rgb);
+    free(w.views[i].depth);
+    free(w.views[i].labels);
+    free(w.views[i].actors);
+  }
+  free(w.points);
+
   return result;
 }

@@ -21,18 +21,6 @@ typedef struct sweep_job {
 
 static const double sensor[3] = {1.1, 0.0, 1.95}; /* in the ego frame */
 
-/* Unit direction in the ego frame; each sweep begins a golden section of a step further on. */
-static void ray_direction(const sweep_job *job, int64_t ray, double out[3]) {
-  const int beam = (int)(ray % BEAMS);
-  const double share = (beam + 0.5) / BEAMS * 2.0 - 1.0,
-               degrees = -3.0 + (share > 0.0 ? 11.0 : 19.0) * share * fabs(share);
-  const double turn = ((double)(ray / BEAMS) + fmod(job->frame * 0.6180339887498949, 1.0)) / (double)job->columns;
-  const double high = degrees * TWO_PI / 360.0, around = TWO_PI * turn;
-  out[0] = cos(high) * cos(around);
-  out[1] = -cos(high) * sin(around);
-  out[2] = sin(high);
-}
-
 static void set_point(const sweep_job *job, int64_t ray, const double direction[3], const pags_touch *touch) {
   float *out = job->points + 4 * ray;
   out[3] = -1.0f;
@@ -62,7 +50,17 @@ static void trace_rays(void *context, int64_t begin, int64_t end, int worker) {
     pags_rays rays;
     memset(&rays, 0, sizeof rays);
     for (int i = 0; i < PAGS_PACKET && first + i < most; i++) {
-      ray_direction(job, first + i, directions[i]);
+      /* Unit direction in the ego frame; each sweep begins a golden section of a step further on. */
+      int64_t ray = first + i;
+      const int beam = (int)(ray % BEAMS);
+      const double share = (beam + 0.5) / BEAMS * 2.0 - 1.0,
+                   degrees = -3.0 + (share > 0.0 ? 11.0 : 19.0) * share * fabs(share);
+      const double turn = ((double)(ray / BEAMS) + fmod(job->frame * 0.6180339887498949, 1.0)) / (double)job->columns;
+      const double high = degrees * TWO_PI / 360.0, around = TWO_PI * turn;
+      directions[i][0] = cos(high) * cos(around);
+      directions[i][1] = -cos(high) * sin(around);
+      directions[i][2] = sin(high);
+
       for (int r = 0; r < 3; r++) {
         const double *m = job->ego + 4 * r;
         rays.origin[i][r] = (float)(m[0] * sensor[0] + m[1] * sensor[1] + m[2] * sensor[2] + m[3]);

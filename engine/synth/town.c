@@ -43,23 +43,6 @@ static void add_row(pags_street *town, pags_mesh *mesh, pags_dice *dice, pags_pl
   }
 }
 
-/* The houses on both sides of street `s`, column by column; the outermost rows have no lanes. */
-static void add_fronts(pags_street *town, pags_mesh *mesh, pags_dice *dice, const pags_town_plan *plan, int s) {
-  const float y = (float)s * pags_town_pitch();
-  for (int left = 0; left < 2; left++) {
-    const bool outermost = left ? s + 1 == plan->streets : s == 0;
-    const pags_plot plot = {.base = {0, y + (left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT), PAGS_KERB_HEIGHT - 0.02f},
-                            .along = {1, 0, 0},
-                            .into = {0, left ? 1.0f : -1.0f, 0},
-                            .depth = 0.5f * PAGS_TOWN_BLOCK_DEPTH};
-    for (int c = 0; c < plan->columns; c++) {
-      const float from = (float)c * (plan->block + PAGS_TOWN_LANE), to = from + plan->block;
-      const bool last = c + 1 == plan->columns;
-      add_row(town, mesh, dice, plot, from, outermost && !last ? to + PAGS_TOWN_LANE : to);
-    }
-  }
-}
-
 /* Houses across both ends of all streets. */
 static void add_ends(pags_street *town, pags_mesh *mesh, pags_dice *dice, const pags_town_plan *plan) {
   const float length = pags_town_length(plan), top = (float)(plan->streets - 1) * pags_town_pitch() + PAGS_FRONT_LEFT;
@@ -127,7 +110,22 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
   pags_cast_make(town, &models);
   for (int s = 0; s < plan->streets && !town->failed; s++) {
     const int placement = town->placement_count, actor = town->actor_count;
-    add_fronts(town, &town->meshes[walls], &houses, plan, s);
+
+    /* The houses on both sides of street `s`, column by column; the outermost rows have no lanes. */
+    const float y = (float)s * pags_town_pitch();
+    for (int left = 0; left < 2; left++) {
+      const bool outermost = left ? s + 1 == plan->streets : s == 0;
+      const pags_plot plot = {.base = {0, y + (left ? PAGS_FRONT_LEFT : PAGS_FRONT_RIGHT), PAGS_KERB_HEIGHT - 0.02f},
+                              .along = {1, 0, 0},
+                              .into = {0, left ? 1.0f : -1.0f, 0},
+                              .depth = 0.5f * PAGS_TOWN_BLOCK_DEPTH};
+      for (int c = 0; c < plan->columns; c++) {
+        const float from = (float)c * (plan->block + PAGS_TOWN_LANE), to = from + plan->block;
+        const bool last = c + 1 == plan->columns;
+        add_row(town, &town->meshes[walls], &houses, plot, from, outermost && !last ? to + PAGS_TOWN_LANE : to);
+      }
+    }
+
     pags_street_place(town, ground, -1, 0, 0, 0, 0, 1);
     pags_planting_add(town, &plants, &planting);
     pags_actors_park(town, &parked, &models);

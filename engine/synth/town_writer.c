@@ -117,14 +117,6 @@ static pags_result add_views(const town_maker *m, pags_scene *scene) {
   return PAGS_OK;
 }
 
-/* Direction of a texel's centre; faces as in pags/sky.h. */
-static void sky_direction(int face, double s, double t, float out[3]) {
-  const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
-  const double length = sqrt(1.0 + s * s + t * t);
-  for (int k = 0; k < 3; k++)
-    out[k] = (float)(ways[face][k] / length);
-}
-
 static pags_result add_sky(const town_maker *m, pags_scene *scene) {
   PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
   float *texel = scene->sky.texels;
@@ -132,7 +124,15 @@ static pags_result add_sky(const town_maker *m, pags_scene *scene) {
     for (int row = 0; row < SKY_SIZE; row++)
       for (int column = 0; column < SKY_SIZE; column++, texel += 3) {
         float direction[3];
-        sky_direction(face, 2 * (column + 0.5) / SKY_SIZE - 1, 2 * (row + 0.5) / SKY_SIZE - 1, direction);
+
+        /* Direction of a texel's centre; faces as in pags/sky.h. */
+        double s = 2 * (column + 0.5) / SKY_SIZE - 1;
+        double t = 2 * (row + 0.5) / SKY_SIZE - 1;
+        const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
+        const double length = sqrt(1.0 + s * s + t * t);
+        for (int k = 0; k < 3; k++)
+          direction[k] = (float)(ways[face][k] / length);
+
         pags_sky_color(direction, m->options->seed, texel);
         for (int c = 0; c < 3; c++)
           texel[c] = pags_surface_srgb(texel[c]);
@@ -155,16 +155,6 @@ static pags_result add_background(const town_maker *m, pags_scene *scene, pags_t
   PAGS_TRY(pags_gaussians_create(&model->gaussians, count, 1));
   PAGS_TRY(pags_gaussians_add_s_sem(&model->gaussians));
   return pags_surface_sample(&m->surface, &model->gaussians, tasks, progress, user);
-}
-
-static void tell(const town_maker *m, const pags_scene *scene, pags_town_facts *facts) {
-  *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(scene),
-                             .streets = m->plan.streets,
-                             .blocks = (m->plan.streets + 1) * m->plan.columns,
-                             .length = (double)pags_town_length(&m->plan),
-                             .breadth = (double)(m->plan.streets - 1) * (double)pags_town_pitch() +
-                                        (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) + (double)PAGS_TOWN_BLOCK_DEPTH,
-                             .square_metres = m->seen};
 }
 
 static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user,
@@ -192,8 +182,16 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   pags_result result = make_scene(&maker, tasks, progress, user, &scene);
   if (result == PAGS_OK)
     result = pags_scene_save(folder, &scene);
-  if (result == PAGS_OK && facts)
-    tell(&maker, &scene, facts);
+  if (result == PAGS_OK && facts) {
+    /* Tell. */
+    *facts = (pags_town_facts){.gaussians = pags_scene_gaussian_count(&scene),
+                               .streets = maker.plan.streets,
+                               .blocks = (maker.plan.streets + 1) * maker.plan.columns,
+                               .length = (double)pags_town_length(&maker.plan),
+                               .breadth = (double)(maker.plan.streets - 1) * (double)pags_town_pitch() +
+                                          (double)(PAGS_FRONT_LEFT - PAGS_FRONT_RIGHT) + (double)PAGS_TOWN_BLOCK_DEPTH,
+                               .square_metres = maker.seen};
+  }
   pags_scene_destroy(&scene);
   raze(&maker);
   return result;

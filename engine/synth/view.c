@@ -91,17 +91,6 @@ static pags_footprint footprint_of(const pags_touch *touch, const float unit[3],
   return (pags_footprint){.mean = across / sqrtf(slant), .x = along * x + across * y, .y = along * y + across * x};
 }
 
-static void look_at(const draw_job *job, const pags_touch *touch, const float direction[3], float side, surface *out) {
-  const pags_material *material = &job->street->materials.list[touch->material];
-  const float length = sqrtf(pags_dot3f(direction, direction));
-  const float unit[3] = {direction[0] / length, direction[1] / length, direction[2] / length};
-  const pags_footprint footprint = footprint_of(touch, unit, side);
-  *out = (surface){{0}, {0}};
-  pags_material_color(material, &job->street->markings, touch, &footprint, job->seed, out->reflectance);
-  if (material->gloss > 0.0f)
-    mirror(material, touch, unit, job->seed, out);
-}
-
 /* Light on a surface: `sunny` and `open` say whether the sun and the sky in direction `way` are seen. */
 static void light_on(const pags_touch *touch, int leaf, int sunny, int open, const float way[3], float light[3]) {
   static const float above[3] = {0.45f, 0.52f, 0.65f}, bounced[3] = {0.17f, 0.155f, 0.135f},
@@ -148,8 +137,19 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
       continue;
     const bool borrowed =
         i & 1 && met >> (i - 1) & 1u && touch->face == touch[-1].face && touch->placement == touch[-1].placement;
-    if (!borrowed)
-      look_at(job, touch, rays->direction[i], (float)(0.5 / camera->fx), &seen);
+    if (!borrowed) {
+      /* Look at. */
+      float side = (float)(0.5 / camera->fx);
+      const pags_material *material = &job->street->materials.list[touch->material];
+      const float length = sqrtf(pags_dot3f(rays->direction[i], rays->direction[i]));
+      const float unit[3] = {rays->direction[i][0] / length, rays->direction[i][1] / length,
+                             rays->direction[i][2] / length};
+      const pags_footprint footprint = footprint_of(touch, unit, side);
+      *(&seen) = (surface){{0}, {0}};
+      pags_material_color(material, &job->street->markings, touch, &footprint, job->seed, seen.reflectance);
+      if (material->gloss > 0.0f)
+        mirror(material, touch, unit, job->seed, &seen);
+    }
     const int leaf = job->street->materials.list[touch->material].finish == PAGS_FINISH_LEAF;
     light_on(touch, leaf, light.sunny >> i & 1u, light.open >> i & 1u, sky_ways[i], color);
     for (int c = 0; c < 3; c++)
@@ -160,35 +160,27 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
   }
 }
 
-/* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
-static void add_sky(const draw_job *job, const pags_rays *rays, unsigned sky, float sum[3]) {
-  float mean[3] = {0}, color[3], count = 0.0f;
-  for (int i = 0; i < PAGS_PACKET; i++)
-    if (sky >> i & 1u) {
-      count += 1.0f;
-      for (int k = 0; k < 3; k++)
-        mean[k] += rays->direction[i][k];
-    }
-  const float length = sqrtf(pags_dot3f(mean, mean));
-  pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
-  for (int c = 0; c < 3; c++)
-    sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
-}
-
 /* Adds eight samples' colours. */
 static void add_samples(const draw_job *job, const pags_camera *camera, const pags_rays *rays, float sum[3]) {
   pags_touch touches[PAGS_PACKET];
   const unsigned met = pags_stage_trace(job->stage, rays, touches);
   if (met)
     add_surfaces(job, camera, rays, touches, met, sum);
-  if (met != rays->active)
-    add_sky(job, rays, rays->active & ~met, sum);
-}
-
-static void set_origin(const pags_camera *camera, pags_rays *rays) {
-  for (int i = 0; i < PAGS_PACKET; i++)
-    for (int k = 0; k < 3; k++)
-      rays->origin[i][k] = (float)camera->world_from_camera[4 * k + 3];
+  if (met != rays->active) {
+    /* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
+    unsigned sky = rays->active & ~met;
+    float mean[3] = {0}, color[3], count = 0.0f;
+    for (int i = 0; i < PAGS_PACKET; i++)
+      if (sky >> i & 1u) {
+        count += 1.0f;
+        for (int k = 0; k < 3; k++)
+          mean[k] += rays->direction[i][k];
+      }
+    const float length = sqrtf(pags_dot3f(mean, mean));
+    pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
+    for (int c = 0; c < 3; c++)
+      sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
+  }
 }
 
 /* Seen square on: a Gaussian has one colour from everywhere. */
@@ -250,12 +242,6 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
     out[c] = encode_srgb(sum[c] / (float)samples);
 }
 
-static void fill_truth(const draw_job *job, const pags_street_view *view, int64_t at, const pags_touch *touch) {
-  view->depth[at] = touch ? touch->distance : 0.0f;
-  view->labels[at] = touch ? job->street->materials.list[touch->material].label : PAGS_CLASS_SKY;
-  view->actors[at] = touch ? job->street->placements[touch->placement].actor : -1;
-}
-
 /* Eight neighbouring pixels' centres at a time. */
 static void draw_truth(const draw_job *job, const pags_street_view *view, int y, pags_rays *rays) {
   const int width = view->camera.width;
@@ -267,8 +253,13 @@ static void draw_truth(const draw_job *job, const pags_street_view *view, int y,
       rays->active |= 1u << i;
     }
     const unsigned met = pags_stage_trace(job->stage, rays, touches);
-    for (int i = 0; i < PAGS_PACKET && first + i < width; i++)
-      fill_truth(job, view, (int64_t)y * width + first + i, met >> i & 1u ? &touches[i] : NULL);
+    for (int i = 0; i < PAGS_PACKET && first + i < width; i++) {
+      int64_t at = (int64_t)y * width + first + i;
+      const pags_touch *touch = met >> i & 1u ? &touches[i] : NULL;
+      view->depth[at] = touch ? touch->distance : 0.0f;
+      view->labels[at] = touch ? job->street->materials.list[touch->material].label : PAGS_CLASS_SKY;
+      view->actors[at] = touch ? job->street->placements[touch->placement].actor : -1;
+    }
   }
 }
 
@@ -280,7 +271,9 @@ static void draw_rows(void *context, int64_t begin, int64_t end, int worker) {
     const int first = ROWS * (int)(b % job->blocks);
     pags_rays rays;
     memset(&rays, 0, sizeof rays);
-    set_origin(&view->camera, &rays);
+    for (int i = 0; i < PAGS_PACKET; i++)
+      for (int k = 0; k < 3; k++)
+        rays.origin[i][k] = (float)view->camera.world_from_camera[4 * k + 3];
     for (int y = first; y < first + ROWS && y < view->camera.height; y++) {
       for (int x = 0; x < view->camera.width; x++)
         draw_pixel(job, view, x, y, &rays);

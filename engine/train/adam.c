@@ -72,18 +72,6 @@ static int64_t table_index(const pags_adam *adam, int64_t step) {
   return step < adam->table_steps ? step : adam->table_steps - 1;
 }
 
-static void fill_tables(pags_adam *adam) {
-  const pags_train_config *c = config_of(adam);
-  for (int64_t k = 0; k < adam->table_steps; k++) {
-    double rates[GROUPS];
-    pags_schedule_rates(adam->schedule, k, rates);
-    adam->position_rate[k] = rates[PAGS_RATE_POSITION];
-    adam->correction[k] = k == 0 ? 0.0
-                                 : sqrt(-expm1((double)k * log(c->optimiser.beta2))) /
-                                       (c->optimiser.beta1 > 0.0 ? -expm1((double)k * log(c->optimiser.beta1)) : 1.0);
-  }
-}
-
 pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   int64_t steps = last_step + adam->reach + 2;
   double *correction = malloc((size_t)steps * sizeof(double));
@@ -98,7 +86,18 @@ pags_result pags_adam_retime(pags_adam *adam, int64_t last_step) {
   adam->correction = correction;
   adam->position_rate = position;
   adam->table_steps = steps;
-  fill_tables(adam);
+
+  /* Fill tables. */
+  const pags_train_config *c = config_of(adam);
+  for (int64_t k = 0; k < adam->table_steps; k++) {
+    double rates[GROUPS];
+    pags_schedule_rates(adam->schedule, k, rates);
+    adam->position_rate[k] = rates[PAGS_RATE_POSITION];
+    adam->correction[k] = k == 0 ? 0.0
+                                 : sqrt(-expm1((double)k * log(c->optimiser.beta2))) /
+                                       (c->optimiser.beta1 > 0.0 ? -expm1((double)k * log(c->optimiser.beta1)) : 1.0);
+  }
+
   return PAGS_OK;
 }
 

@@ -53,24 +53,6 @@ static double target_at(const pags_photo *photo, int c, int x, int y, int factor
   return sum / (255.0 * factor * factor);
 }
 
-static void add_picture(const pags_trainer *t, const pags_picture *p, const pags_photo *photo, int factor,
-                        object_error *errors) {
-  int32_t background = (int32_t)t->state.models[0].gaussians.count;
-  for (int y = 0; y < p->height; y++)
-    for (int x = 0; x < p->width; x++) {
-      int64_t at = (int64_t)y * p->stride + x;
-      if (p->id[at] < background || target_at(photo, 0, x, y, factor) < 0.0)
-        continue;
-      object_error *e = &errors[model_of_id(t, p->id[at])];
-      for (int c = 0; c < 3; c++) {
-        double error = target_at(photo, c, x, y, factor) - (double)p->rgb[c][at];
-        e->sum[c] += error;
-        e->squares += error * error;
-      }
-      e->pixels += 1.0;
-    }
-}
-
 static void add_errors(const pags_trainer *t, int frame, const object_error *errors, object_fit *fits) {
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
@@ -136,7 +118,23 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
   pags_camera camera = pags_camera_downscale(&view->camera, level * factor);
   PAGS_TRY(pags_view_render_draw(t, t->state.step + 1, &camera, &options, &picture));
   memset(errors, 0, (size_t)t->state.model_count * sizeof *errors);
-  add_picture(t, &picture, &photo, factor, errors);
+
+  /* Add picture. */
+  int32_t background = (int32_t)t->state.models[0].gaussians.count;
+  for (int y = 0; y < picture.height; y++)
+    for (int x = 0; x < picture.width; x++) {
+      int64_t at = (int64_t)y * picture.stride + x;
+      if (picture.id[at] < background || target_at(&photo, 0, x, y, factor) < 0.0)
+        continue;
+      object_error *e = &errors[model_of_id(t, picture.id[at])];
+      for (int c = 0; c < 3; c++) {
+        double error = target_at(&photo, c, x, y, factor) - (double)picture.rgb[c][at];
+        e->sum[c] += error;
+        e->squares += error * error;
+      }
+      e->pixels += 1.0;
+    }
+
   add_errors(t, view->frame, errors, fits);
   return PAGS_OK;
 }

@@ -40,23 +40,6 @@ void pags_exposures_value(const pags_exposures *exposures, const pags_dataset *d
     value[k] = exposures->items[view].value[k] + camera->value[k];
 }
 
-/* The cameras' parts take back what the mean has moved by. */
-static void hold_means(pags_exposures *exposures, const pags_dataset *dataset) {
-  double mean[6] = {0.0}, value[6];
-  int64_t training = 0;
-  for (int64_t i = 0; i < exposures->count; i++) {
-    if (pags_dataset_view(dataset, i)->test)
-      continue;
-    training++;
-    pags_exposures_value(exposures, dataset, i, value);
-    for (int k = 0; k < 6; k++)
-      mean[k] += value[k];
-  }
-  for (int64_t i = exposures->count; i < exposures->count + exposures->sensors; i++)
-    for (int k = 0; k < 6; k++)
-      exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
-}
-
 static int move(pags_exposure *e, const double gradient[6], const pags_train_config *config, double rate) {
   double direction[6];
   if (!pags_adam6_step(&e->moments, gradient, config, direction))
@@ -72,6 +55,21 @@ int pags_exposures_update(pags_exposures *exposures, const pags_dataset *dataset
   double t = fmin((double)step / (double)schedule->length, 1.0), rate = c->exposure.exposure_rate * pow(final_share, t);
   int moved = move(&exposures->items[view], gradient, c, rate) &&
               move(&exposures->items[exposures->count + camera_of(dataset, view)], gradient, c, rate);
-  hold_means(exposures, dataset);
+
+  /* The cameras' parts take back what the mean has moved by. */
+  double mean[6] = {0.0}, value[6];
+  int64_t training = 0;
+  for (int64_t i = 0; i < exposures->count; i++) {
+    if (pags_dataset_view(dataset, i)->test)
+      continue;
+    training++;
+    pags_exposures_value(exposures, dataset, i, value);
+    for (int k = 0; k < 6; k++)
+      mean[k] += value[k];
+  }
+  for (int64_t i = exposures->count; i < exposures->count + exposures->sensors; i++)
+    for (int k = 0; k < 6; k++)
+      exposures->items[i].value[k] -= mean[k] / (double)(training > 0 ? training : 1) - (k < 3 ? 1.0 : 0.0);
+
   return moved;
 }

@@ -20,10 +20,6 @@ static double logit(double p) {
   return log(p / (1.0 - p));
 }
 
-static int64_t bound_of(const pags_train_model *model) {
-  return model->cap > 0 ? model->cap : 1000000;
-}
-
 /* n copies of opacity o' = 1 - (1 - o)^(1/n) let through what one of o did. Their sigma keeps the integral along a ray:
  *   factor = o / sum over i = 1 .. n, k = 0 .. i - 1 of C(i - 1, k) (-1)^k o'^(k + 1) / sqrt(k + 1). */
 void pags_mcmc_relocation(double opacity, int copies, double *new_opacity, double *factor) {
@@ -114,17 +110,6 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
   }
 }
 
-/* Row `to` becomes row `from`, both with moments of zero. */
-static void teleport(pags_train_model *model, int64_t to, int64_t from) {
-  for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
-    float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
-    float *v = pags_plane(&model->adam.second, p);
-    x[to] = x[from];
-    m[to] = m[from] = 0.0f;
-    v[to] = v[from] = 0.0f;
-  }
-}
-
 static pags_result relocate(pags_train_model *model) {
   lottery l;
   PAGS_TRY(make_lottery(model, &l));
@@ -132,8 +117,16 @@ static pags_result relocate(pags_train_model *model) {
   pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
   if (rows && l.dead_count < l.count) {
     draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
-    for (int64_t i = 0; i < l.dead_count; i++)
-      teleport(model, l.dead[i], rows[i]);
+    for (int64_t i = 0; i < l.dead_count; i++) {
+      /* Row `to` becomes row `from`, both with moments of zero. */
+      for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
+        float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
+        float *v = pags_plane(&model->adam.second, p);
+        x[l.dead[i]] = x[rows[i]];
+        m[l.dead[i]] = m[rows[i]] = 0.0f;
+        v[l.dead[i]] = v[rows[i]] = 0.0f;
+      }
+    }
   }
   free(rows);
   free_lottery(&l);
@@ -141,7 +134,7 @@ static pags_result relocate(pags_train_model *model) {
 }
 
 static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
-  int64_t count = model->gaussians.count, most = bound_of(model);
+  int64_t count = model->gaussians.count, most = model->cap > 0 ? model->cap : 1000000;
   int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count);
   target = target > most ? most : target;
   if (target <= count)

@@ -9,42 +9,12 @@
 #include "base/memory.h"
 #include "base/text.h"
 
-static void put_sky(pags_json_writer *w, const pags_train_state *s) {
-  pags_json_begin_object(w, "sky");
-  pags_json_put_bool(w, "modelled", s->sky.sky.size > 0);
-  pags_json_put_integer(w, "texels", s->sky.sky.size);
-  pags_json_put_number(w, "share_of_pixels", s->sky_share);
-  pags_json_put_string(w, "why",
-                       !s->schedule.config.sky.sky ? "switched off"
-                       : s->sky.sky.size > 0       ? "training photographs show it"
-                                                   : "less than a thousandth of the training pixels shows it");
-  pags_json_end_object(w);
-}
-
 static const char *why_object(const pags_train_state *s, const pags_object *o, int64_t model) {
   if (!o->moving)
     return "parked: part of the background";
   if (model < 0)
     return s->schedule.config.objects.objects ? "moves, but nothing was found to start from" : "objects switched off";
   return "moves";
-}
-
-/* Mean length of a track's increments: how far training moved the labels. */
-static void put_increments(pags_json_writer *w, const pags_object *o) {
-  double metres = 0.0, radians = 0.0;
-  int64_t knots = 0;
-  for (int64_t k = 0; k < o->knot_count; k++) {
-    const pags_knot *n = &o->knots[k];
-    if (!n->trained)
-      continue;
-    metres += sqrt(n->translation[0] * n->translation[0] + n->translation[1] * n->translation[1] +
-                   n->translation[2] * n->translation[2]);
-    radians +=
-        sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
-    knots++;
-  }
-  pags_json_put_number(w, "mean_shift_metres", knots > 0 ? metres / (double)knots : 0.0);
-  pags_json_put_number(w, "mean_turn_degrees", knots > 0 ? radians / (double)knots * 57.29577951308232 : 0.0);
 }
 
 static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t object) {
@@ -59,7 +29,23 @@ static void put_object(pags_json_writer *w, const pags_train_state *s, int64_t o
   pags_json_put_string(w, "why", why_object(s, o, model));
   if (model >= 0) {
     const pags_train_model *m = &s->models[model];
-    put_increments(w, o);
+
+    /* Mean length of a track's increments: how far training moved the labels. */
+    double metres = 0.0, radians = 0.0;
+    int64_t knots = 0;
+    for (int64_t k = 0; k < o->knot_count; k++) {
+      const pags_knot *n = &o->knots[k];
+      if (!n->trained)
+        continue;
+      metres += sqrt(n->translation[0] * n->translation[0] + n->translation[1] * n->translation[1] +
+                     n->translation[2] * n->translation[2]);
+      radians +=
+          sqrt(n->rotation[0] * n->rotation[0] + n->rotation[1] * n->rotation[1] + n->rotation[2] * n->rotation[2]);
+      knots++;
+    }
+    pags_json_put_number(w, "mean_shift_metres", knots > 0 ? metres / (double)knots : 0.0);
+    pags_json_put_number(w, "mean_turn_degrees", knots > 0 ? radians / (double)knots * 57.29577951308232 : 0.0);
+
     pags_json_put_bool(w, "fourier", m->gaussians.fourier != NULL);
     if (isfinite(m->fourier_gain))
       pags_json_put_number(w, "fourier_promised_db", m->fourier_gain);
@@ -73,7 +59,18 @@ pags_result pags_model_report_write(const pags_dataset *dataset, const pags_trai
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
   pags_json_begin_object(&w, NULL);
-  put_sky(&w, s);
+
+  /* Put sky. */
+  pags_json_begin_object(&w, "sky");
+  pags_json_put_bool(&w, "modelled", s->sky.sky.size > 0);
+  pags_json_put_integer(&w, "texels", s->sky.sky.size);
+  pags_json_put_number(&w, "share_of_pixels", s->sky_share);
+  pags_json_put_string(&w, "why",
+                       !s->schedule.config.sky.sky ? "switched off"
+                       : s->sky.sky.size > 0       ? "training photographs show it"
+                                                   : "less than a thousandth of the training pixels shows it");
+  pags_json_end_object(&w);
+
   pags_json_put_bool(&w, "exposure", s->exposures.count > 0);
   pags_json_put_bool(&w, "track_optimisation", s->schedule.config.objects.tracks);
   pags_json_put_integer(&w, "lidar_points", s->lidar_points);

@@ -212,19 +212,15 @@ pags_result pags_trainer_start(pags_trainer *t, const pags_train_config *config)
   return pags_size_limit_start(t->dataset, &t->state, t->tasks);
 }
 
-/* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
-static void take_bound(pags_train_state *s, const pags_train_config *config) {
-  const pags_schedule *d = &s->schedule;
-  if (d->config.priority.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
-    s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
-}
-
 pags_result pags_trainer_resume(pags_trainer *t, const pags_train_config *config) {
   uint64_t fingerprint;
   const char *path = t->output.checkpoint;
   PAGS_TRY(pags_checkpoint_load(path, t->dataset, &t->state, &fingerprint));
   pags_train_state *s = &t->state;
-  take_bound(s, config);
+  /* With a preset, max_gaussians says what the last prune leaves: before it, another number may still be asked for. */
+  const pags_schedule *d = &s->schedule;
+  if (d->config.priority.preset != PAGS_PRESET_NONE && d->prunes > 0 && s->step < d->prune_step[d->prunes - 1])
+    s->schedule.config.size_limit.max_gaussians = config->size_limit.max_gaussians;
   const char *field = pags_config_difference(config, &s->schedule.config);
   if (fingerprint != t->fingerprint || s->schedule.views != t->view_count)
     return pags_fail(PAGS_ERROR_ARGUMENT,

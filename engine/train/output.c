@@ -268,13 +268,6 @@ pags_result pags_output_preview(const pags_output *output, int64_t step, const p
 
 /* Everything but arrays is borrowed from the data set and the state. */
 
-static void put_machine(pags_json_writer *w, pags_tasks *tasks) {
-  const pags_kernels *kernels = pags_kernels_get(NULL);
-  pags_json_put_integer(w, "threads", pags_tasks_workers(tasks));
-  pags_json_put_string(w, "kernels", kernels ? kernels->name : NULL);
-  pags_json_put_string(w, "version", PAGS_VERSION_STRING);
-}
-
 pags_result pags_output_report(const pags_output *output, const pags_train_result *r, pags_tasks *tasks) {
   pags_json_writer w;
   pags_json_writer_init(&w, 2);
@@ -299,7 +292,13 @@ pags_result pags_output_report(const pags_output *output, const pags_train_resul
   pags_json_put_number(&w, "backward", r->ms_backward);
   pags_json_put_number(&w, "density", r->ms_density);
   pags_json_end_object(&w);
-  put_machine(&w, tasks);
+
+  /* Put machine. */
+  const pags_kernels *kernels = pags_kernels_get(NULL);
+  pags_json_put_integer(&w, "threads", pags_tasks_workers(tasks));
+  pags_json_put_string(&w, "kernels", kernels ? kernels->name : NULL);
+  pags_json_put_string(&w, "version", PAGS_VERSION_STRING);
+
   pags_json_end_object(&w);
   pags_result result = pags_json_writer_save(&w, output->report);
   pags_json_writer_destroy(&w);

@@ -148,13 +148,6 @@ static pags_result create_lists(row_lists *l, int64_t count) {
   return l->score && l->group && l->drop && l->raw ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)count);
 }
 
-static void destroy_lists(row_lists *l) {
-  free(l->score);
-  free(l->group);
-  free(l->drop);
-  free(l->raw);
-}
-
 static int32_t group_of(const pags_train_model *m, int64_t row) {
   if (m->object >= 0)
     return (int32_t)m->object + 1;
@@ -253,7 +246,13 @@ pags_result pags_prune(pags_trainer *t, int index) {
   pags_result result = create_lists(&lists, scores.count);
   if (result == PAGS_OK)
     result = prune_rows(t, index, &scores, &lists, &dropped);
-  destroy_lists(&lists);
+
+  /* Destroy lists. */
+  free(lists.score);
+  free(lists.group);
+  free(lists.drop);
+  free(lists.raw);
+
   int64_t before = scores.count;
   pags_score_pass_destroy(&scores);
   PAGS_TRY(result);

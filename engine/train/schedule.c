@@ -32,20 +32,6 @@ static const struct {
              [PAGS_PRESET_PAPER] = {8, 10000, 5000, 50000}};
 _Static_assert(PAGS_MOST_PRUNES >= 8, "room for the longest plan");
 
-static void set_prunes(pags_schedule *s) {
-  size_t preset = (size_t)s->config.priority.preset;
-  for (int i = 0; i < plans[preset].prunes; i++) {
-    int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s->length / plans[preset].of);
-    int64_t after = (step + s->densify_every - 1) / s->densify_every * s->densify_every;
-    if (i < EARLY_PRUNES && after < s->densify_until)
-      step = after;
-    if (step <= 0 || step >= s->length || (s->prunes > 0 && step <= s->prune_step[s->prunes - 1]))
-      continue; /* so short a run that it falls together with another, or with the end */
-    s->prune_rate[s->prunes] = i < EARLY_PRUNES ? s->config.priority.prune_early : s->config.priority.prune_late;
-    s->prune_step[s->prunes++] = step;
-  }
-}
-
 pags_schedule pags_schedule_make(const pags_train_config *config, double extent, int64_t views) {
   pags_schedule s = {.config = pags_config_resolve(config, 0), .extent = extent, .views = views};
   s.length =
@@ -60,7 +46,20 @@ pags_schedule pags_schedule_make(const pags_train_config *config, double extent,
   s.half_until = llround(config->schedule.half_until * (double)s.length);
   s.tracks_from = scaled(config->objects.tracks_from, s.length);
   s.fourier_from = scaled(config->objects.fourier_from, s.length);
-  set_prunes(&s);
+
+  /* Set prunes. */
+  size_t preset = (size_t)s.config.priority.preset;
+  for (int i = 0; i < plans[preset].prunes; i++) {
+    int64_t step = llround((plans[preset].first + plans[preset].every * i) * (double)s.length / plans[preset].of);
+    int64_t after = (step + s.densify_every - 1) / s.densify_every * s.densify_every;
+    if (i < EARLY_PRUNES && after < s.densify_until)
+      step = after;
+    if (step <= 0 || step >= s.length || (s.prunes > 0 && step <= s.prune_step[s.prunes - 1]))
+      continue; /* so short a run that it falls together with another, or with the end */
+    s.prune_rate[s.prunes] = i < EARLY_PRUNES ? s.config.priority.prune_early : s.config.priority.prune_late;
+    s.prune_step[s.prunes++] = step;
+  }
+
   return s;
 }
 

@@ -61,19 +61,6 @@ static pags_result reserve_planes(score_pass *p, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-/* A photograph's pixels count where it has any to compare with; of `factor` x `factor` of them one is asked. */
-static void fill_planes(score_pass *p, const pags_photo *photo, const pags_picture *picture, int factor) {
-  p->critical = p->counted + p->plane_floats;
-  p->labelled = photo->labels != NULL;
-  for (int y = 0; y < picture->height; y++) {
-    int64_t from = (int64_t)(y * factor + factor / 2) * photo->stride + factor / 2, to = (int64_t)y * picture->stride;
-    for (int x = 0; x < picture->width; x++, from += factor, to++) {
-      p->counted[to] = !photo->mask || photo->mask[from] ? 1.0f : 0.0f;
-      p->critical[to] = photo->labels && photo->labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
-    }
-  }
-}
-
 static void add_cluster(void *user, const pags_cluster_score *c, int worker) {
   const score_pass *p = user;
   int64_t at = p->first[p->trainer->render.drawn[c->part].model] + c->first;
@@ -106,7 +93,18 @@ static pags_result add_view(score_pass *p, int64_t index, int rough) {
   pags_view_render_compose(t, t->views[index]);
   PAGS_TRY(pags_view_render_draw(t, t->state.step, &camera, &options, &picture));
   PAGS_TRY(reserve_planes(p, &picture));
-  fill_planes(p, &photo, &picture, factor);
+
+  /* A photograph's pixels count where it has any to compare with; of `factor` x `factor` of them one is asked. */
+  p->critical = p->counted + p->plane_floats;
+  p->labelled = photo.labels != NULL;
+  for (int y = 0; y < picture.height; y++) {
+    int64_t from = (int64_t)(y * factor + factor / 2) * photo.stride + factor / 2, to = (int64_t)y * picture.stride;
+    for (int x = 0; x < picture.width; x++, from += factor, to++) {
+      p->counted[to] = !photo.mask || photo.mask[from] ? 1.0f : 0.0f;
+      p->critical[to] = photo.labels && photo.labels[from] & PAGS_LABEL_CRITICAL ? 1.0f : 0.0f;
+    }
+  }
+
   pags_score_planes planes = {.counted = p->counted,
                               .critical = p->critical,
                               .overlap = t->state.schedule.config.priority.s_sem == PAGS_S_SEM_OVERLAP};

@@ -139,16 +139,6 @@ static int fits(const row_ranges *ranges, int degree, double error) {
   return 1;
 }
 
-static void lower(pags_gaussians *g, int64_t row, int degree, const row_ranges *ranges) {
-  for (int c = 0; c < 3; c++) {
-    float lo = ranges->lo[degree][c], hi = ranges->hi[degree][c];
-    if (lo <= hi)
-      pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / PAGS_SH_C0);
-  }
-  for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
-    pags_plane(g, PAGS_SH + k)[row] = 0.0f;
-}
-
 void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t view_count, double error, int64_t first,
                        int64_t last) {
   for (int64_t row = first; row < last; row++) {
@@ -156,7 +146,15 @@ void pags_sh_trim_rows(pags_gaussians *g, const pags_sh_view *views, int64_t vie
     find_ranges(g, views, view_count, row, &ranges);
     for (int degree = 0; degree < g->sh_degree; degree++)
       if (fits(&ranges, degree, error)) {
-        lower(g, row, degree, &ranges);
+        /* Lower. */
+        for (int c = 0; c < 3; c++) {
+          float lo = ranges.lo[degree][c], hi = ranges.hi[degree][c];
+          if (lo <= hi)
+            pags_plane(g, PAGS_SH + c)[row] += (float)(0.5 * ((double)lo + (double)hi) / PAGS_SH_C0);
+        }
+        for (int k = 3 * pags_sh_coefficients(degree); k < 3 * pags_sh_coefficients(g->sh_degree); k++)
+          pags_plane(g, PAGS_SH + k)[row] = 0.0f;
+
         break;
       }
   }

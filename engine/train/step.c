@@ -255,15 +255,6 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   return PAGS_OK;
 }
 
-static void clear_poses(pags_trainer *t) {
-  for (int i = 0; i < t->render.part_count; i++) {
-    int64_t model = t->render.drawn[i].model;
-    if (t->state.models[model].object >= 0)
-      memset(t->render.models[model].pose, 0,
-             (size_t)t->state.models[model].clusters.count * sizeof *t->render.models[model].pose);
-  }
-}
-
 static void update_tracks(pags_trainer *t, int64_t step) {
   const pags_schedule *s = &t->state.schedule;
   if (!s->config.objects.tracks || step <= s->tracks_from)
@@ -304,7 +295,15 @@ pags_result pags_train_step(pags_trainer *t, int64_t step, pags_step_view *v) {
   PAGS_TRY(reserve_planes(t, &v->picture));
   PAGS_TRY(losses(t, step, v, &gradient));
   t->ms.loss += pags_clock_lap_ms(&clock);
-  clear_poses(t);
+
+  /* Clear poses. */
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
+    if (t->state.models[model].object >= 0)
+      memset(t->render.models[model].pose, 0,
+             (size_t)t->state.models[model].clusters.count * sizeof *t->render.models[model].pose);
+  }
+
   PAGS_TRY(pags_frame_backward(t->render.frame, &gradient, receive, &context, NULL));
   if (!t->measuring && config->priority.preset != PAGS_PRESET_NONE &&
       config->priority.s_grad_from == PAGS_S_GRAD_FROM_TRAINING)

@@ -166,8 +166,14 @@ static void fill_labels(run *r) {
   }
 }
 
-/* The increment from each label to the smoothed pose. */
-static void take_increments(run *r) {
+static void smooth_run(run *r, const int best[KINDS]) {
+  memcpy(r->smooth, r->label, (size_t)r->count * sizeof *r->smooth);
+  for (int kind = 0; kind < KINDS; kind++) {
+    factor(r, strength(best[kind]));
+    solve(r, r->smooth, 3 * kind, 3 * kind + 3);
+  }
+
+  /* The increment from each label to the smoothed pose. */
   double first[12], zero[3] = {0.0, 0.0, 0.0};
   memcpy(first, r->object->knots[r->knots[0]].world_from_object, sizeof first);
   for (int64_t i = 0; i < r->count; i++) {
@@ -183,15 +189,6 @@ static void take_increments(run *r) {
     for (int k = 0; k < 3; k++)
       knot->translation[k] = increment[4 * k + 3];
   }
-}
-
-static void smooth_run(run *r, const int best[KINDS]) {
-  memcpy(r->smooth, r->label, (size_t)r->count * sizeof *r->smooth);
-  for (int kind = 0; kind < KINDS; kind++) {
-    factor(r, strength(best[kind]));
-    solve(r, r->smooth, 3 * kind, 3 * kind + 3);
-  }
-  take_increments(r);
 }
 
 static double median_spacing(const pags_object *o, const int64_t *knots, int64_t count, double *gaps) {

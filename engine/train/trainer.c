@@ -304,17 +304,6 @@ static pags_result open_run(pags_trainer *t, const pags_train_config *asked, pag
   return o->estimate ? PAGS_OK : pags_output_open(&t->output, found, t->state.step);
 }
 
-static void close_run(pags_trainer *t, int failed) {
-  pags_output_close(&t->output, failed);
-  pags_photo_cache_destroy(t->cache);
-  pags_view_render_destroy(t);
-  pags_state_destroy(&t->state);
-  pags_lidar_planes_destroy(&t->lidar_planes);
-  free(t->views);
-  free(t->order);
-  free(t);
-}
-
 pags_result pags_train(const pags_train_config *config, const pags_train_options *options, pags_train_result *result) {
   double begin = pags_clock_ms();
   assert(options->dataset && options->tasks && (options->output || options->estimate));
@@ -328,6 +317,17 @@ pags_result pags_train(const pags_train_config *config, const pags_train_options
   pags_result code = open_run(t, config, result);
   if (code == PAGS_OK)
     code = run(t, begin, result);
-  close_run(t, code != PAGS_OK);
+
+  /* Close run. */
+  int failed = code != PAGS_OK;
+  pags_output_close(&t->output, failed);
+  pags_photo_cache_destroy(t->cache);
+  pags_view_render_destroy(t);
+  pags_state_destroy(&t->state);
+  pags_lidar_planes_destroy(&t->lidar_planes);
+  free(t->views);
+  free(t->order);
+  free(t);
+
   return code;
 }

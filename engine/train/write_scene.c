@@ -27,15 +27,6 @@ static char *borrow(const char *text) {
   return (char *)(uintptr_t)text;
 }
 
-static void record_exposure(const pags_dataset *dataset, const pags_exposures *exposures, int64_t i,
-                            pags_scene_view *view) {
-  double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
-  if (exposures->count > 0 && !view->test)
-    pags_exposures_value(exposures, dataset, i, value);
-  memcpy(view->gain, value, sizeof view->gain);
-  memcpy(view->offset, value + 3, sizeof view->offset);
-}
-
 static pags_result list_views(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
   scene->view_count = pags_dataset_view_count(dataset);
   scene->views = calloc((size_t)(scene->view_count > 0 ? scene->view_count : 1), sizeof *scene->views);
@@ -48,7 +39,14 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
                                         .test = view->test,
                                         .sensor = view->sensor,
                                         .frame = view->frame};
-    record_exposure(dataset, &state->exposures, i, &scene->views[i]);
+
+    /* Record exposure. */
+    double value[6] = {1.0, 1.0, 1.0, 0.0, 0.0, 0.0};
+    if (state->exposures.count > 0 && !scene->views[i].test)
+      pags_exposures_value(&state->exposures, dataset, i, value);
+    memcpy(scene->views[i].gain, value, sizeof scene->views[i].gain);
+    memcpy(scene->views[i].offset, value + 3, sizeof scene->views[i].offset);
+
     double time = view->camera.time;
     if (!isfinite(time))
       continue;

@@ -184,11 +184,6 @@ static void pack_row(const pags_gaussians *g, int64_t i, spz_streams *s) {
         pack_sh(signs[k / 3] * (double)pags_plane(g, PAGS_SH + 3 + k)[i], k / 3 < 3 ? 8 : 16);
 }
 
-static void free_streams(spz_streams *s) {
-  for (int k = 0; k < SPZ_STREAMS; k++)
-    free(s->bytes[k]);
-}
-
 static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   const size_t each[SPZ_STREAMS] = {9, 1, 3, 3, 4, 3 * ((size_t)pags_sh_coefficients(g->sh_degree) - 1)};
   int scene_depth = 1;
@@ -202,16 +197,6 @@ static pags_result pack_streams(const pags_gaussians *g, spz_streams *s) {
   for (int64_t i = 0; i < g->count; i++)
     pack_row(g, i, s);
   return PAGS_OK;
-}
-
-static void spz_header(const pags_gaussians *g, int version, int antialiased, uint8_t out[16]) {
-  pags_store_u32(out, 0x5053474e);
-  pags_store_u32(out + 4, (uint32_t)version);
-  pags_store_u32(out + 8, (uint32_t)g->count);
-  out[12] = (uint8_t)g->sh_degree;
-  out[13] = SPZ_FRACTION;
-  out[14] = antialiased ? 1 : 0;
-  out[15] = 0;
 }
 
 static pags_result deflate_pieces(z_stream *z, const spz_streams *s, const uint8_t header[16], pags_file_writer *file) {
@@ -299,9 +284,19 @@ pags_result pags_spz_save(const char *path, const pags_gaussians *g, int version
   if (g->count > UINT32_MAX)
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are too many for SPZ", path, (long long)g->count);
   pags_result result = pack_streams(g, &streams);
-  spz_header(g, version, antialiased, header);
+
+  /* SPZ header. */
+  pags_store_u32(header, 0x5053474e);
+  pags_store_u32(header + 4, (uint32_t)version);
+  pags_store_u32(header + 8, (uint32_t)g->count);
+  header[12] = (uint8_t)g->sh_degree;
+  header[13] = SPZ_FRACTION;
+  header[14] = antialiased ? 1 : 0;
+  header[15] = 0;
+
   if (result == PAGS_OK)
     result = version == 4 ? save_zstd(path, &streams, header) : save_gzip(path, &streams, header);
-  free_streams(&streams);
+  for (int k = 0; k < SPZ_STREAMS; k++)
+    free(streams.bytes[k]);
   return result;
 }

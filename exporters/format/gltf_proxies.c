@@ -73,20 +73,6 @@ static void plain_name(const char *name, char out[NAME_SIZE]) {
   out[i] = 0;
 }
 
-static int group_node(exporter *self, int parent, const char *name) {
-  for (int i = 0; i < self->group_count; i++)
-    if (self->groups[i].parent == parent && !strcmp(self->groups[i].name, name))
-      return self->groups[i].node;
-  int node = pags_gltf_node(self->gltf, parent, name);
-  if (self->group_count < MOST_GROUPS) {
-    group *added = &self->groups[self->group_count++];
-    added->parent = parent;
-    added->node = node;
-    snprintf(added->name, NAME_SIZE, "%s", name);
-  }
-  return node;
-}
-
 /* The group of a class under `critical` or `background`, made when first asked for. */
 static int class_node(exporter *self, int critical, const char *class_name) {
   int *half = critical ? &self->critical : &self->background;
@@ -94,7 +80,19 @@ static int class_node(exporter *self, int critical, const char *class_name) {
   plain_name(class_name, name);
   if (*half < 0)
     *half = pags_gltf_node(self->gltf, self->root, critical ? "critical" : "background");
-  return group_node(self, *half, name);
+
+  /* Group node. */
+  for (int i = 0; i < self->group_count; i++)
+    if (self->groups[i].parent == (*half) && !strcmp(self->groups[i].name, name))
+      return self->groups[i].node;
+  int node = pags_gltf_node(self->gltf, (*half), name);
+  if (self->group_count < MOST_GROUPS) {
+    group *added = &self->groups[self->group_count++];
+    added->parent = (*half);
+    added->node = node;
+    snprintf(added->name, NAME_SIZE, "%s", name);
+  }
+  return node;
 }
 
 static void put_distance(pags_json_writer *w, const char *key, const pags_proxy_distance *d) {
@@ -182,26 +180,6 @@ static pags_result place(exporter *self, int node, const pags_object *object) {
   return result;
 }
 
-/* Kinematic: it goes where its track says. */
-static void put_body(exporter *self, int node, int mesh, const pags_proxy_facts *facts, const pags_object *record) {
-  char text[160];
-  if (facts->level == PAGS_PROXY_BOX) {
-    pags_json_begin_object(&self->shapes, NULL);
-    pags_json_put_string(&self->shapes, "type", "box");
-    pags_json_begin_object(&self->shapes, "box");
-    pags_json_put_numbers(&self->shapes, "size", record->size, 3);
-    pags_json_end_object(&self->shapes);
-    pags_json_end_object(&self->shapes);
-    snprintf(text, sizeof text, "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"shape\":%d}}}",
-             self->shape_count++);
-  } else {
-    snprintf(text, sizeof text,
-             "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}}", mesh,
-             facts->level == PAGS_PROXY_HULL ? "true" : "false");
-  }
-  pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
-}
-
 /* One level of one object into the file; `mesh` receives its number there. */
 static pags_result add_level(exporter *self, int64_t object, pags_built_level *built, const char *name, int *mesh) {
   pags_proxy_facts *facts = &built->facts;
@@ -270,8 +248,25 @@ static pags_result add_object(exporter *self, int64_t object, pags_built_object 
   } else {
     pags_gltf_node_mesh(self->gltf, node, mesh);
   }
-  if (result == PAGS_OK && options->physics)
-    put_body(self, node, mesh, facts, &o->record);
+  if (result == PAGS_OK && options->physics) {
+    /* Kinematic: it goes where its track says. */
+    char text[160];
+    if (facts->level == PAGS_PROXY_BOX) {
+      pags_json_begin_object(&self->shapes, NULL);
+      pags_json_put_string(&self->shapes, "type", "box");
+      pags_json_begin_object(&self->shapes, "box");
+      pags_json_put_numbers(&self->shapes, "size", o->record.size, 3);
+      pags_json_end_object(&self->shapes);
+      pags_json_end_object(&self->shapes);
+      snprintf(text, sizeof text, "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"shape\":%d}}}",
+               self->shape_count++);
+    } else {
+      snprintf(text, sizeof text,
+               "{\"motion\":{\"isKinematic\":true},\"collider\":{\"geometry\":{\"mesh\":%d,\"convexHull\":%s}}}", mesh,
+               facts->level == PAGS_PROXY_HULL ? "true" : "false");
+    }
+    pags_gltf_node_extension(self->gltf, node, "KHR_physics_rigid_bodies", text);
+  }
   if (options->visibility)
     pags_gltf_node_extension(self->gltf, node, "KHR_node_visibility", "{\"visible\":false}");
   return result;

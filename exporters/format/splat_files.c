@@ -173,14 +173,6 @@ static pags_result save_tracks(const char *path, pags_composition *composition, 
   return result;
 }
 
-static pags_result save_packed(const char *path, const pags_scene *scene, const pags_gaussians *g) {
-  pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
-  memcpy(head.origin, scene->origin, sizeof head.origin);
-  for (int k = 0; k < 3; k++)
-    head.background[k] = scene->background[k];
-  return pags_packed_export(path, g, &head);
-}
-
 static pags_result save(const char *path, const pags_scene *scene, const pags_splat_options *options,
                         const pags_gaussians *g) {
   const char *extension = pags_path_extension(path);
@@ -190,8 +182,14 @@ static pags_result save(const char *path, const pags_scene *scene, const pags_sp
     return pags_splat_save(path, g);
   if (!strcmp(extension, ".spz"))
     return pags_spz_save(path, g, options->spz_version, scene->antialiased);
-  if (!strcmp(extension, ".pagsz"))
-    return save_packed(path, scene, g);
+  if (!strcmp(extension, ".pagsz")) {
+    /* Save packed. */
+    pags_packed head = {.up = (int)scene->up, .antialiased = scene->antialiased};
+    memcpy(head.origin, scene->origin, sizeof head.origin);
+    for (int k = 0; k < 3; k++)
+      head.background[k] = scene->background[k];
+    return pags_packed_export(path, g, &head);
+  }
   return save_glb(path, scene->up, g);
 }
 

@@ -248,21 +248,6 @@ static pags_result find_classes(const pags_proxy_maker *w, const pags_background
   return PAGS_OK;
 }
 
-/* Leaves out triangles that are the ground, or below it. */
-static void drop_ground(pags_proxy_mesh *mesh, const pags_ground *ground) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < mesh->triangle_count; i++) {
-    double p[3] = {0}, z;
-    for (int c = 0; c < 3; c++)
-      for (int k = 0; k < 3; k++)
-        p[k] += (double)mesh->positions[3 * (int64_t)mesh->triangles[3 * i + c] + k] / 3;
-    if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
-      continue;
-    memmove(mesh->triangles + 3 * kept++, mesh->triangles + 3 * i, 3 * sizeof(uint32_t));
-  }
-  mesh->triangle_count = kept;
-}
-
 /* What a tile gives: a mesh of each class, or none. */
 typedef struct tile {
   double lo[3], hi[3];
@@ -296,7 +281,19 @@ static pags_result take_class(const pags_proxy_mesh *scene_depth, const uint8_t 
 
 static pags_result cut_by_class(const pags_proxy_maker *w, const pags_background *b, const pags_ground *ground,
                                 pags_proxy_mesh *scene_depth, tile *out) {
-  drop_ground(scene_depth, ground);
+  /* Leaves out triangles that are the ground, or below it. */
+  int64_t kept = 0;
+  for (int64_t i = 0; i < scene_depth->triangle_count; i++) {
+    double p[3] = {0}, z;
+    for (int c = 0; c < 3; c++)
+      for (int k = 0; k < 3; k++)
+        p[k] += (double)scene_depth->positions[3 * (int64_t)scene_depth->triangles[3 * i + c] + k] / 3;
+    if (pags_ground_height(ground, p[0], p[1], &z) && p[2] < z + ground_skin)
+      continue;
+    memmove(scene_depth->triangles + 3 * kept++, scene_depth->triangles + 3 * i, 3 * sizeof(uint32_t));
+  }
+  scene_depth->triangle_count = kept;
+
   PAGS_TRY(pags_proxy_mesh_compact(scene_depth));
   PAGS_TRY(pags_proxy_mesh_drop_floaters(scene_depth, least_area));
   if (!scene_depth->triangle_count)

@@ -36,20 +36,6 @@ static uint8_t byte_of(float value) {
   return (uint8_t)(value <= 0 ? 0 : value >= 1 ? 255 : value * 255.0f + 0.5f);
 }
 
-static void read_pixels(const pags_picture *picture, pags_depth_view *depth_view) {
-  for (int y = 0; y < picture->height; y++)
-    for (int x = 0; x < picture->width; x++) {
-      int64_t from = (int64_t)y * picture->stride + x, to = (int64_t)y * picture->width + x;
-      float alpha = 1.0f - picture->transmittance[from];
-      depth_view->cover[to] = byte_of(alpha);
-      depth_view->depth[to] = depth_view->cover[to] > SOLID && picture->depth[from] > 0 ? picture->depth[from]
-                              : depth_view->cover[to] < CLEAR                           ? PAGS_SIGHT_FREE
-                                                                                        : PAGS_SIGHT_UNKNOWN;
-      for (int c = 0; c < 3; c++)
-        depth_view->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture->rgb[c][from] / alpha : 0);
-    }
-}
-
 /* The thinnest axis of a Gaussian and its plane's reach; 0 where it isn't flat. */
 static int plane_of(const pags_part *part, int64_t row, double middle[3], double normal[3], double *reach) {
   const pags_gaussians *g = part->gaussians;
@@ -126,19 +112,6 @@ static void drop_edges(pags_depth_view *depth_view, float *scratch) {
     }
 }
 
-static pags_result make_cells(pags_depth_view *depth_view) {
-  int w = depth_view->camera.width, h = depth_view->camera.height;
-  depth_view->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
-  depth_view->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
-  int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
-  depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
-  if (!depth_view->lo)
-    return pags_out_of_memory("a view of %dx%d", w, h);
-  depth_view->hi = depth_view->lo + count;
-  pags_depth_view_bound(depth_view);
-  return PAGS_OK;
-}
-
 void pags_depth_view_bound(pags_depth_view *depth_view) {
   int w = depth_view->camera.width, h = depth_view->camera.height;
   int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
@@ -189,12 +162,36 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
     return pags_out_of_memory("a view of %dx%d", camera->width, camera->height);
   }
   pags_rigid_inverse(camera->world_from_camera, depth_view->camera_from_model);
-  read_pixels(&picture, depth_view);
+
+  /* Read pixels. */
+  for (int y = 0; y < picture.height; y++)
+    for (int x = 0; x < picture.width; x++) {
+      int64_t from = (int64_t)y * picture.stride + x, to = (int64_t)y * picture.width + x;
+      float alpha = 1.0f - picture.transmittance[from];
+      depth_view->cover[to] = byte_of(alpha);
+      depth_view->depth[to] = depth_view->cover[to] > SOLID && picture.depth[from] > 0 ? picture.depth[from]
+                              : depth_view->cover[to] < CLEAR                          ? PAGS_SIGHT_FREE
+                                                                                       : PAGS_SIGHT_UNKNOWN;
+      for (int c = 0; c < 3; c++)
+        depth_view->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture.rgb[c][from] / alpha : 0);
+    }
+
   if (planes)
     find_planes(&picture, &parts[0], depth_view);
   drop_edges(depth_view, scratch);
   free(scratch);
-  return make_cells(depth_view);
+
+  /* Make cells. */
+  int w = depth_view->camera.width, h = depth_view->camera.height;
+  depth_view->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  depth_view->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
+  depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
+  if (!depth_view->lo)
+    return pags_out_of_memory("a view of %dx%d", w, h);
+  depth_view->hi = depth_view->lo + count;
+  pags_depth_view_bound(depth_view);
+  return PAGS_OK;
 }
 
 int pags_camera_crop(const pags_camera *camera, const double lo[3], const double hi[3], double near_plane,

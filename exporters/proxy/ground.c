@@ -96,22 +96,20 @@ static void visit_pixels(const pags_ground *g, const source *from, int64_t *coun
   }
 }
 
-static void visit_points(const pags_ground *g, const pags_lidar *lidar, int64_t *count, float *values) {
-  for (int64_t i = 0; i < lidar->count; i++) {
-    const float *p = lidar->points + 3 * i;
-    int64_t at = cell_of(g, (double)p[0], (double)p[1]);
-    if (at >= 0 && values)
-      values[count[at]++] = p[2];
-    else if (at >= 0)
-      ++count[at + 1];
-  }
-}
-
 static void visit(const pags_ground *g, const source *from, int64_t *count, float *values) {
   if (from->depth_views)
     visit_pixels(g, from, count, values);
-  else
-    visit_points(g, from->lidar, count, values);
+  else {
+    /* Visit points. */
+    for (int64_t i = 0; i < from->lidar->count; i++) {
+      const float *p = from->lidar->points + 3 * i;
+      int64_t at = cell_of(g, (double)p[0], (double)p[1]);
+      if (at >= 0 && values)
+        values[count[at]++] = p[2];
+      else if (at >= 0)
+        ++count[at + 1];
+    }
+  }
 }
 
 static pags_result gather_heights(const pags_ground *g, const source *from, heights *out) {
@@ -395,21 +393,19 @@ static int single_valued(const pags_proxy_mesh *s) {
   return 1;
 }
 
-/* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
- * over unnoticed. */
-static void jitter(pags_proxy_mesh *s) {
-  uint32_t state = 1;
-  for (int64_t i = 0; i < 3 * s->vertex_count; i++) {
-    state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
-    if (i % 3 < 2)
-      s->positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
-  }
-}
-
 pags_result pags_ground_mesh(const pags_ground *ground, int64_t budget, pags_proxy_mesh *out) {
   pags_proxy_mesh full;
   PAGS_TRY(mesh_lattice(ground, 1, &full));
-  jitter(&full);
+
+  /* Moves places by up to a millimetre: of points in a row collapses would make triangles without an area, which turn
+   * over unnoticed. */
+  uint32_t state = 1;
+  for (int64_t i = 0; i < 3 * full.vertex_count; i++) {
+    state = state * 1664525u + 1013904223u; /* Numerical Recipes' generator */
+    if (i % 3 < 2)
+      full.positions[i] += 0.002f * ((float)(state >> 8) / 16777216.0f - 0.5f);
+  }
+
   pags_result result = pags_proxy_mesh_simplify(&full, budget, out);
   pags_proxy_mesh_destroy(&full);
   if (result == PAGS_OK && single_valued(out))

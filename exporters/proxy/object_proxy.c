@@ -42,16 +42,6 @@ void pags_proxy_maker_close(pags_proxy_maker *maker) {
   pags_lidar_destroy(&maker->lidar);
 }
 
-static void mean_color(const pags_object_shape *shape, float out[3]) {
-  double sum[3] = {0};
-  const pags_gaussians *g = &shape->gaussians;
-  for (int c = 0; c < 3; c++) {
-    for (int64_t i = 0; i < g->count; i++)
-      sum[c] += 0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + c)[i];
-    out[c] = g->count ? (float)fmin(fmax(sum[c] / (double)g->count, 0), 1) : 0.5f;
-  }
-}
-
 static pags_result make_level(const pags_proxy_maker *w, const pags_object_shape *shape, pags_proxy_level level,
                               pags_proxy_mesh *out) {
   switch (level) {
@@ -90,6 +80,15 @@ pags_result pags_object_proxy_make(const pags_proxy_maker *maker, int64_t object
       *note = "no closed surface could be made: the labelled box";
   }
   *level = PAGS_PROXY_BOX;
-  mean_color(shape, color);
+
+  /* Mean color. */
+  double sum[3] = {0};
+  const pags_gaussians *g = &shape->gaussians;
+  for (int c = 0; c < 3; c++) {
+    for (int64_t i = 0; i < g->count; i++)
+      sum[c] += 0.5 + PAGS_SH_C0 * (double)pags_plane(g, PAGS_SH + c)[i];
+    color[c] = g->count ? (float)fmin(fmax(sum[c] / (double)g->count, 0), 1) : 0.5f;
+  }
+
   return pags_proxy_mesh_box(maker->scene->objects[object].record.size, color, out);
 }

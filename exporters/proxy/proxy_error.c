@@ -117,15 +117,6 @@ static pags_proxy_distance summarise(const comparison *self, const double *value
   return pags_distance_summary(kept, n);
 }
 
-static void overlap(const sample *samples, int64_t count, pags_proxy_facts *facts) {
-  int64_t both = 0, either = 0;
-  for (int64_t i = 0; i < count; i++) {
-    both += samples[i].covered && samples[i].has_met;
-    either += samples[i].covered || samples[i].has_met;
-  }
-  facts->silhouette_iou = either ? (double)both / (double)either : (double)NAN;
-}
-
 static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
   float *points = malloc(((size_t)count + 1) * 3 * sizeof *points);
   double *kept = malloc(((size_t)count + 1) * sizeof *kept);
@@ -160,8 +151,15 @@ static pags_result measure(comparison *self, int64_t count, pags_tasks *tasks, p
 static pags_result compare(comparison *self, int64_t count, pags_tasks *tasks, pags_proxy_facts *facts) {
   if (!pags_parallel_for(tasks, self->depth_views->count, 1, sample_views, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
-  if (!self->group_of)
-    overlap(self->samples, count, facts);
+  if (!self->group_of) {
+    /* Overlap. */
+    int64_t both = 0, either = 0;
+    for (int64_t i = 0; i < count; i++) {
+      both += self->samples[i].covered && self->samples[i].has_met;
+      either += self->samples[i].covered || self->samples[i].has_met;
+    }
+    facts->silhouette_iou = either ? (double)both / (double)either : (double)NAN;
+  }
   return measure(self, count, tasks, facts);
 }
 

@@ -54,18 +54,6 @@ static pags_result lay_out(const pags_scene *scene, layout *out) {
   return PAGS_OK;
 }
 
-static void clear_away(const pags_scene *scene, layout *l) {
-  for (int64_t i = 0; i < scene->model_count; i++) {
-    if (l->models)
-      pags_gaussians_destroy(&l->models[i]);
-    if (l->clusters)
-      pags_clusters_destroy(&l->clusters[i]);
-  }
-  free(l->models);
-  free(l->clusters);
-  free(l->parts);
-}
-
 /* The background and the objects that are there; returns how many parts. */
 static int place(const pags_scene *scene, const layout *l, double time) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -122,7 +110,18 @@ pags_result pags_scene_depth_draw(const pags_scene *scene, pags_frame *frame, co
       out->views[v].camera.world_from_camera[4 * k + 3] -= scene->origin[k];
     result = draw_view(scene, &l, frame, drawing, trained, &out->views[v]);
   }
-  clear_away(scene, &l);
+
+  /* Clear away. */
+  for (int64_t i = 0; i < scene->model_count; i++) {
+    if (l.models)
+      pags_gaussians_destroy(&l.models[i]);
+    if (l.clusters)
+      pags_clusters_destroy(&l.clusters[i]);
+  }
+  free(l.models);
+  free(l.clusters);
+  free(l.parts);
+
   if (result != PAGS_OK)
     pags_scene_depth_destroy(out);
   return result;

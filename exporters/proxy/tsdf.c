@@ -91,22 +91,6 @@ typedef struct known {
   double sum, weight;
 } known;
 
-static void fuse_point(const fusion *self, const int64_t *seen, int64_t seen_count, known sure, const double point[3],
-                       int64_t at) {
-  double sum = sure.sum, weight = sure.weight, distance = 0;
-  for (int64_t i = 0; i < seen_count; i++) {
-    double w = ask(self, &self->depth_views->list[seen[i]], point, &distance);
-    if (w > 0) {
-      sum += w * distance;
-      weight += w;
-    }
-  }
-  if (weight > 0) {
-    self->grid->distance[at] = (float)(sum / weight);
-    self->grid->weight[at] = (float)weight;
-  }
-}
-
 /* Sorts the views by what they say of a ball around the block: nothing, that it is free, or point by point (`seen`). */
 static int64_t choose_views(const fusion *self, const double middle[3], double radius, int64_t *seen, known *sure) {
   int64_t count = 0;
@@ -146,7 +130,21 @@ static void fuse_block(const fusion *self, int64_t block, int64_t *seen) {
       for (int x = first[0]; x < last[0]; x++) {
         const double point[3] = {grid->origin[0] + x * grid->step, grid->origin[1] + y * grid->step,
                                  grid->origin[2] + z * grid->step};
-        fuse_point(self, seen, seen_count, sure, point, ((int64_t)z * grid->n[1] + y) * grid->n[0] + x);
+
+        /* Fuse point. */
+        int64_t at = ((int64_t)z * grid->n[1] + y) * grid->n[0] + x;
+        double sum = sure.sum, weight = sure.weight, distance = 0;
+        for (int64_t i = 0; i < seen_count; i++) {
+          double w = ask(self, &self->depth_views->list[seen[i]], point, &distance);
+          if (w > 0) {
+            sum += w * distance;
+            weight += w;
+          }
+        }
+        if (weight > 0) {
+          self->grid->distance[at] = (float)(sum / weight);
+          self->grid->weight[at] = (float)weight;
+        }
       }
 }
 

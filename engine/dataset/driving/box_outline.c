@@ -17,19 +17,6 @@ enum { MOST_POINTS = 16 };
 
 static const double nearest = 0.1; /* metres */
 
-/* Corner i of the box in the camera's frame: bits of i choose the sides along x, y, z. */
-static void corner_at(const pags_camera *camera, const double box[12], const double size[3], int i, double out[3]) {
-  const double *c = camera->world_from_camera;
-  double local[3], world[3];
-  for (int k = 0; k < 3; k++)
-    local[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
-  for (int k = 0; k < 3; k++)
-    world[k] =
-        box[4 * k] * local[0] + box[4 * k + 1] * local[1] + box[4 * k + 2] * local[2] + box[4 * k + 3] - c[4 * k + 3];
-  for (int k = 0; k < 3; k++)
-    out[k] = c[k] * world[0] + c[4 + k] * world[1] + c[8 + k] * world[2];
-}
-
 static void project(const pags_camera *camera, const double p[3], double out[2]) {
   out[0] = camera->fx * p[0] / p[2] + camera->cx;
   out[1] = camera->fy * p[1] / p[2] + camera->cy;
@@ -94,8 +81,18 @@ static int hull(double points[][2], int count, double out[32]) {
 int pags_box_outline(const pags_camera *camera, const double world_from_object[12], const double size[3],
                      double corners[32]) {
   double box[8][3], points[MOST_POINTS][2];
-  for (int i = 0; i < 8; i++)
-    corner_at(camera, world_from_object, size, i, box[i]);
+  for (int i = 0; i < 8; i++) {
+    /* Corner i of the box in the camera's frame: bits of i choose the sides along x, y, z. */
+    const double *c = camera->world_from_camera;
+    double local[3], world[3];
+    for (int k = 0; k < 3; k++)
+      local[k] = (i >> k & 1 ? 0.5 : -0.5) * size[k];
+    for (int k = 0; k < 3; k++)
+      world[k] = world_from_object[4 * k] * local[0] + world_from_object[4 * k + 1] * local[1] +
+                 world_from_object[4 * k + 2] * local[2] + world_from_object[4 * k + 3] - c[4 * k + 3];
+    for (int k = 0; k < 3; k++)
+      box[i][k] = c[k] * world[0] + c[4 + k] * world[1] + c[8 + k] * world[2];
+  }
   int count = clip(camera, box, points);
   if (count < 3)
     return 0;

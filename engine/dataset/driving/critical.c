@@ -145,17 +145,6 @@ static pags_result take_all(pags_driving *driving, const char *list) {
   return result;
 }
 
-/* What every class of the label images is, critical or not. */
-static void prepare_classes(pags_driving *driving) {
-  const pags_label_set *set = driving->rules.labels;
-  const pags_label_class *sky = pags_label_class_named(set, "sky");
-  for (int i = 0; i < set->count; i++)
-    driving->critical.classes[set->classes[i].id] =
-        set->classes[i].category == PAGS_CATEGORY_OTHER ? 0 : PAGS_LABEL_MOVING;
-  if (sky)
-    driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
-}
-
 /* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
 static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *parsed) {
   const bool *kinds = driving->critical.kinds;
@@ -174,7 +163,16 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   driving->critical.objects = calloc((size_t)driving->object_count + 1, 1);
   if (!driving->critical.objects)
     return pags_out_of_memory("%s", driving->root);
-  prepare_classes(driving);
+
+  /* What every class of the label images is, critical or not. */
+  const pags_label_set *set = driving->rules.labels;
+  const pags_label_class *sky = pags_label_class_named(set, "sky");
+  for (int i = 0; i < set->count; i++)
+    driving->critical.classes[set->classes[i].id] =
+        set->classes[i].category == PAGS_CATEGORY_OTHER ? 0 : PAGS_LABEL_MOVING;
+  if (sky)
+    driving->critical.classes[sky->id] = PAGS_LABEL_SKY;
+
   if (list)
     PAGS_TRY(take_all(driving, list));
   else

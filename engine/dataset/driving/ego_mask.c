@@ -181,11 +181,6 @@ static int flood(search *s, int seed, int *lowest) {
   return size;
 }
 
-static void repaint(search *s, uint8_t from, uint8_t to) {
-  for (int i = 0; i < s->width * s->height; i++)
-    s->still[i] = s->still[i] == from ? to : s->still[i];
-}
-
 /* Leaves 3 at the pixels proposed; returns how many. */
 static int propose(search *s) {
   int total = 0;
@@ -195,7 +190,10 @@ static int propose(search *s) {
       continue;
     int size = flood(s, seed, &lowest);
     bool large = 100 * size >= s->width * s->height && 20 * lowest >= s->width;
-    repaint(s, 2, large ? 3 : 0);
+    uint8_t from = 2;
+    uint8_t to = large ? 3 : 0;
+    for (int i = 0; i < s->width * s->height; i++)
+      s->still[i] = s->still[i] == from ? to : s->still[i];
     total += large ? size : 0;
   }
   return total;
@@ -258,14 +256,6 @@ static pags_result begin_search(search *s) {
                                                                    : pags_out_of_memory("%s", s->dataset->path);
 }
 
-static void end_search(search *s) {
-  free(s->sum);
-  free(s->square);
-  free(s->still);
-  free(s->scratch);
-  free(s->stack);
-}
-
 static pags_result search_all(pags_dataset *dataset) {
   pags_driving *driving = dataset->parsed.driving;
   int searched = 0;
@@ -279,7 +269,14 @@ static pags_result search_all(pags_dataset *dataset) {
     pags_result result = begin_search(&s);
     if (result == PAGS_OK)
       result = search_camera(&s, sensor);
-    end_search(&s);
+
+    /* End search. */
+    free(s.sum);
+    free(s.square);
+    free(s.still);
+    free(s.scratch);
+    free(s.stack);
+
     PAGS_TRY(result);
     searched++;
   }

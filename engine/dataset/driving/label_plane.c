@@ -133,8 +133,12 @@ static uint8_t bits_of(const pags_driving *driving, int64_t index, const pags_pa
   return (uint8_t)bits;
 }
 
-static void add_boxes(const pags_driving *driving, const pags_parsed_view *view, const pags_camera *camera, int stride,
-                      uint8_t *plane) {
+pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
+                                 uint8_t *plane) {
+  const pags_driving *driving = dataset->parsed.driving;
+  const pags_parsed_view *view = &dataset->parsed.views[index];
+
+  /* Add boxes. */
   for (int64_t i = 0; i < driving->object_count; i++) {
     const pags_object *object = &driving->objects[i];
     const pags_knot *knot = pags_object_knot(object, view->frame);
@@ -142,13 +146,7 @@ static void add_boxes(const pags_driving *driving, const pags_parsed_view *view,
     int count = knot ? pags_box_outline(camera, knot->world_from_object, object->size, corners) : 0;
     pags_outline_fill(corners, count, camera->width, camera->height, stride, bits_of(driving, i, view), plane);
   }
-}
 
-pags_result pags_label_plane_add(const pags_dataset *dataset, int64_t index, const pags_camera *camera, int stride,
-                                 uint8_t *plane) {
-  const pags_driving *driving = dataset->parsed.driving;
-  const pags_parsed_view *view = &dataset->parsed.views[index];
-  add_boxes(driving, view, camera, stride, plane);
   if (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) || driving->sweep_count == 0)
     return PAGS_OK;
   return pags_sky_from_lidar(driving, view->frame, camera, stride, plane);

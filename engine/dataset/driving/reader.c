@@ -56,19 +56,6 @@ static bool read_number(const char **at, int *out) {
   return *at > begin && value <= LARGEST_NUMBER;
 }
 
-static pags_result select_cameras(const char *text, selection *out) {
-  const char *at = text;
-  while (text) {
-    if (out->count == MOST_CAMERAS || !read_number(&at, &out->cameras[out->count]) || (*at && *at != ','))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas", text,
-                       (int)MOST_CAMERAS);
-    out->count++;
-    if (*at++ == '\0')
-      break;
-  }
-  return PAGS_OK;
-}
-
 static pags_result make_selection(const pags_dataset_options *options, selection *out) {
   out->count = 0;
   out->first = options->frame_first;
@@ -76,7 +63,18 @@ static pags_result make_selection(const pags_dataset_options *options, selection
   if (out->first < 0 || out->last < out->first)
     return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
                      (long long)options->frame_first, (long long)options->frame_last);
-  return select_cameras(options->cameras, out);
+
+  /* Select cameras. */
+  const char *at = options->cameras;
+  while (options->cameras) {
+    if (out->count == MOST_CAMERAS || !read_number(&at, &out->cameras[out->count]) || (*at && *at != ','))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas",
+                       options->cameras, (int)MOST_CAMERAS);
+    out->count++;
+    if (*at++ == '\0')
+      break;
+  }
+  return PAGS_OK;
 }
 
 static bool is_selected(const selection *selected, int camera, int frame) {
@@ -240,21 +238,6 @@ static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor)
   return result;
 }
 
-static pags_result read_pose(const pags_driving *driving, const pags_sensor *sensor, int frame, double out[12]) {
-  const char *root = driving->root;
-  int digits = driving->digits;
-  char *path = driving->rules.per_frame
-                   ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
-                   : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
-  if (!path)
-    return pags_out_of_memory("%s", root);
-  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, out) : pags_text_pose_read(path, out);
-  if (result == PAGS_OK && !driving->rules.per_frame)
-    pags_rigid_multiply(out, sensor->ego_from_camera, out);
-  free(path);
-  return result;
-}
-
 /* Views. */
 
 static pags_result find_masks(pags_driving *driving, pags_parsed_view *view) {
@@ -288,7 +271,21 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
   view->lens = sensor->lens;
   PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
   PAGS_TRY(find_masks(driving, view));
-  return read_pose(driving, sensor, frame, view->world_from_camera);
+
+  /* Read pose. */
+  const char *root = driving->root;
+  int digits = driving->digits;
+  char *path = driving->rules.per_frame
+                   ? pags_text_format("%s/extrinsics/%0*d_%d.txt", root, digits, frame, sensor->number)
+                   : pags_text_format("%s/ego_pose/%0*d.txt", root, digits, frame);
+  if (!path)
+    return pags_out_of_memory("%s", root);
+  pags_result result = driving->rules.per_frame ? read_extrinsics(driving, path, view->world_from_camera)
+                                                : pags_text_pose_read(path, view->world_from_camera);
+  if (result == PAGS_OK && !driving->rules.per_frame)
+    pags_rigid_multiply(view->world_from_camera, sensor->ego_from_camera, view->world_from_camera);
+  free(path);
+  return result;
 }
 
 /* Every camera at every time step, in that order. */

@@ -37,24 +37,6 @@ static int bin_of(double x, double y) {
   return bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
 }
 
-static void raise_bins(const pags_sweep *sweep, const pags_camera *camera, const float *xyz, int64_t count, bins *b) {
-  const double *m = sweep->world_from_sweep, *c = camera->world_from_camera;
-  for (int64_t i = 0; i < count; i++) {
-    double d[3];
-    for (int k = 0; k < 3; k++) {
-      const double *row = m + 4 * k;
-      d[k] = row[0] * (double)xyz[3 * i] + row[1] * (double)xyz[3 * i + 1] + row[2] * (double)xyz[3 * i + 2] + row[3] -
-             c[4 * k + 3];
-    }
-    double flat = hypot(d[0], d[1]), elevation = atan2(d[2], flat);
-    int bin = bin_of(d[0], d[1]);
-    if (flat > closest)
-      b->top[bin] = fmax(b->top[bin], elevation);
-    if (flat > far)
-      b->ceiling = fmax(b->ceiling, elevation);
-  }
-}
-
 /* The elevation above which a direction in this bin is sky; infinite where nothing can be said. */
 static void find_limits(const bins *b, double limit[BINS]) {
   for (int i = 0; i < BINS; i++) {
@@ -63,21 +45,6 @@ static void find_limits(const bins *b, double limit[BINS]) {
       highest = fmax(highest, b->top[(i + j + BINS) % BINS]);
     bool unknown = highest == -INFINITY || (highest > horizon && highest > b->ceiling - ceiling_band);
     limit[i] = unknown ? INFINITY : fmax(highest + margin, horizon);
-  }
-}
-
-static void mark(const pags_camera *camera, const double limit[BINS], int stride, uint8_t *plane) {
-  const double *c = camera->world_from_camera;
-  for (int y = 0; y < camera->height; y++) {
-    uint8_t *row = plane + (size_t)y * (size_t)stride;
-    double v = (y + 0.5 - camera->cy) / camera->fy;
-    for (int x = 0; x < camera->width; x++) {
-      double u = (x + 0.5 - camera->cx) / camera->fx, d[3];
-      for (int k = 0; k < 3; k++)
-        d[k] = c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
-      if (d[2] > 0 && atan2(d[2], hypot(d[0], d[1])) > limit[bin_of(d[0], d[1])])
-        row[x] |= PAGS_LABEL_SKY;
-    }
   }
 }
 
@@ -108,7 +75,24 @@ static pags_result gather(const pags_driving *driving, int frame, const pags_cam
     if (distance < 0)
       break;
     PAGS_TRY(pags_sweep_read(driving, index, &count, &xyz));
-    raise_bins(&driving->sweeps[index], camera, xyz, count, b);
+
+    /* Raise bins. */
+    const double *m = driving->sweeps[index].world_from_sweep, *c = camera->world_from_camera;
+    for (int64_t i = 0; i < count; i++) {
+      double d[3];
+      for (int k = 0; k < 3; k++) {
+        const double *row = m + 4 * k;
+        d[k] = row[0] * (double)xyz[3 * i] + row[1] * (double)xyz[3 * i + 1] + row[2] * (double)xyz[3 * i + 2] +
+               row[3] - c[4 * k + 3];
+      }
+      double flat = hypot(d[0], d[1]), elevation = atan2(d[2], flat);
+      int bin = bin_of(d[0], d[1]);
+      if (flat > closest)
+        b->top[bin] = fmax(b->top[bin], elevation);
+      if (flat > far)
+        b->ceiling = fmax(b->ceiling, elevation);
+    }
+
     total += count;
     free(xyz);
   }
@@ -123,6 +107,20 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
     b.top[i] = -INFINITY;
   PAGS_TRY(gather(driving, frame, camera, &b));
   find_limits(&b, limit);
-  mark(camera, limit, stride, plane);
+
+  /* Mark. */
+  const double *c = camera->world_from_camera;
+  for (int y = 0; y < camera->height; y++) {
+    uint8_t *row = plane + (size_t)y * (size_t)stride;
+    double v = (y + 0.5 - camera->cy) / camera->fy;
+    for (int x = 0; x < camera->width; x++) {
+      double u = (x + 0.5 - camera->cx) / camera->fx, d[3];
+      for (int k = 0; k < 3; k++)
+        d[k] = c[4 * k] * u + c[4 * k + 1] * v + c[4 * k + 2];
+      if (d[2] > 0 && atan2(d[2], hypot(d[0], d[1])) > limit[bin_of(d[0], d[1])])
+        row[x] |= PAGS_LABEL_SKY;
+    }
+  }
+
   return PAGS_OK;
 }

@@ -76,13 +76,6 @@ static void count_steps(pags_driving *driving) {
     driving->steps[i].time = driving->steps[i].frame / driving->fps;
 }
 
-static void measure_fps(pags_driving *driving) {
-  const pags_time_step *first = &driving->steps[0], *last = &driving->steps[driving->step_count - 1];
-  driving->fps = driving->rules.fps;
-  if (driving->fps == 0)
-    driving->fps = last > first ? (last->frame - first->frame) / (last->time - first->time) : usual_fps;
-}
-
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) {
   char *path = pags_path_join(driving->root, "timestamps.json");
   if (!path)
@@ -98,8 +91,13 @@ pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) 
     result = pags_json_parse_file(path, &json);
     if (result == PAGS_OK)
       result = read_file(json, driving, parsed);
-    if (result == PAGS_OK)
-      measure_fps(driving);
+    if (result == PAGS_OK) {
+      /* Measure fps. */
+      const pags_time_step *first = &driving->steps[0], *last = &driving->steps[driving->step_count - 1];
+      driving->fps = driving->rules.fps;
+      if (driving->fps == 0)
+        driving->fps = last > first ? (last->frame - first->frame) / (last->time - first->time) : usual_fps;
+    }
   }
   for (int64_t i = 0; i < parsed->count && result == PAGS_OK; i++)
     parsed->views[i].time = driving->steps[i / driving->sensor_count].time;

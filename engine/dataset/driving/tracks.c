@@ -103,16 +103,6 @@ static pags_result begin_annotations(const reader *r, const pags_json_value *ins
   return PAGS_OK;
 }
 
-static bool counts(const reader *r, int64_t instance, int64_t step) {
-  return step >= 0 && (!r->present || r->present[instance * r->driving->step_count + step]);
-}
-
-/* The mean of the extents, so that a box of changing size has one; equal ones stay to the bit. */
-static void add_size(const double size[3], int64_t index, double mean[3]) {
-  for (int i = 0; i < 3; i++)
-    mean[i] = index == 0 ? size[i] : mean[i] + (size[i] - mean[i]) / (double)(index + 1);
-}
-
 static pags_result take_knot(const reader *r, const annotation *at, int64_t step, pags_object *object) {
   const pags_time_step *time = &r->driving->steps[step];
   pags_knot *knot = &object->knots[object->knot_count];
@@ -120,7 +110,11 @@ static pags_result take_knot(const reader *r, const annotation *at, int64_t step
   *knot = (pags_knot){.frame = time->frame, .trained = !time->test, .time = time->time};
   PAGS_TRY(take_pose(r, at->pose, knot->world_from_object));
   PAGS_TRY(take_size(r, at->size, size));
-  add_size(size, object->knot_count, object->size);
+  /* The mean of the extents, so that a box of changing size has one; equal ones stay to the bit. */
+  for (int i = 0; i < 3; i++)
+    object->size[i] = object->knot_count == 0
+                          ? size[i]
+                          : object->size[i] + (size[i] - object->size[i]) / (double)(object->knot_count + 1);
   object->knot_count++;
   return PAGS_OK;
 }
@@ -142,7 +136,7 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
     if (frame != floor(frame) || frame < 0 || frame > 1e9)
       return pags_json_fail(r->info, at.frame, "expected a frame number, found %g", frame);
     int64_t step = pags_driving_step(r->driving, (int64_t)frame);
-    if (counts(r, number, step))
+    if (step >= 0 && (!r->present || r->present[number * r->driving->step_count + step]))
       PAGS_TRY(take_knot(r, &at, step, object));
   }
   pags_sort(object->knots, object->knot_count, sizeof *object->knots, by_frame);
@@ -277,14 +271,6 @@ static pags_result read_presence(reader *r) {
   return PAGS_OK;
 }
 
-static pags_result note_objects(pags_driving *driving) {
-  int64_t moving = 0;
-  for (int64_t i = 0; i < driving->object_count; i++)
-    moving += driving->objects[i].moving;
-  return pags_driving_note(driving, "boxes: %lld objects, %lld of them moving", (long long)driving->object_count,
-                           (long long)moving);
-}
-
 static pags_result read_files(reader *r, const char *info, const char *frames) {
   PAGS_TRY(pags_json_parse_file(info, &r->info));
   PAGS_TRY(pags_json_as_object(r->info, pags_json_root(r->info), "the instances"));
@@ -295,7 +281,13 @@ static pags_result read_files(reader *r, const char *info, const char *frames) {
   }
   PAGS_TRY(read_instances(r));
   r->driving->provides |= PAGS_PROVIDES_BOXES;
-  return note_objects(r->driving);
+
+  /* Note objects. */
+  int64_t moving = 0;
+  for (int64_t i = 0; i < r->driving->object_count; i++)
+    moving += r->driving->objects[i].moving;
+  return pags_driving_note(r->driving, "boxes: %lld objects, %lld of them moving", (long long)r->driving->object_count,
+                           (long long)moving);
 }
 
 pags_result pags_tracks_read(pags_driving *driving) {

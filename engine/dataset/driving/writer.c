@@ -71,15 +71,12 @@ bool pags_layout_has(const pags_layout *layout, const char *folder, int64_t fram
   return found;
 }
 
-static bool has_file(const pags_layout *layout, const char *name) {
-  char *path = pags_path_join(layout->folder, name);
+bool pags_layout_is_finished(const pags_layout *layout) {
+  /* Has file. */
+  char *path = pags_path_join(layout->folder, ("dataset.json"));
   const bool found = path && pags_file_exists(path);
   free(path);
   return found;
-}
-
-bool pags_layout_is_finished(const pags_layout *layout) {
-  return has_file(layout, "dataset.json");
 }
 
 /* ---- Begin ---- */

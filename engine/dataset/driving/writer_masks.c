@@ -51,19 +51,16 @@ static void draw_track(const pags_camera *camera, const pags_layout_track *track
     pags_outline_fill(corners, count, camera->width, camera->height, camera->width, 255, planes[HUMAN]);
 }
 
-/* The photograph's picture of a plane drawn for the pinhole. */
-static void see_through(const pags_layout_lens *lens, const uint8_t *plane, uint8_t *out) {
-  const size_t pixels = (size_t)lens->width * (size_t)lens->height;
-  for (size_t i = 0; i < pixels; i++)
-    out[i] = lens->source[i] >= 0 ? plane[lens->source[i]] : 0;
-}
-
 static pags_result put_planes(const pags_layout *layout, int64_t frame, int number, const pags_camera *camera,
                               const pags_layout_lens *lens, uint8_t *planes[MASKS], uint8_t *seen) {
   const int width = lens ? lens->width : camera->width, height = lens ? lens->height : camera->height;
   for (int m = 0; m < MASKS; m++) {
-    if (lens)
-      see_through(lens, planes[m], seen);
+    if (lens) {
+      /* The photograph's picture of a plane drawn for the pinhole. */
+      const size_t pixels = (size_t)lens->width * (size_t)lens->height;
+      for (size_t i = 0; i < pixels; i++)
+        seen[i] = lens->source[i] >= 0 ? planes[m][lens->source[i]] : 0;
+    }
     PAGS_TRY(pags_layout_put_mask(layout, mask_folders[m], frame, number, width, height, lens ? seen : planes[m]));
   }
   return PAGS_OK;
