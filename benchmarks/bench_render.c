@@ -134,18 +134,6 @@ static void compose(void *user, double time, const pags_part **parts, int *count
   pags_compose(user, time, parts, count);
 }
 
-/* Mean depth complexity of the cameras. */
-static double mean_layers(const render_bench *self, const pags_camera *cameras) {
-  double sum = 0;
-  for (int64_t i = 0; i < self->path.count; i++) {
-    const pags_part *parts;
-    int count;
-    pags_compose(self->composition, cameras[i].time, &parts, &count);
-    sum += pags_bench_layers(parts, count, cameras + i, &self->modes.modes[0].options);
-  }
-  return sum / (double)self->path.count;
-}
-
 /* Along the path, as a viewer would ask for them. */
 static pags_result keep_deadline(render_bench *self, int index, const pags_camera *cameras) {
   pags_deadline_report *deadline = &self->deadlines[index];
@@ -185,21 +173,21 @@ static pags_result measure_size(render_bench *self, int index) {
                                     .progress = pags_progress_watch,
                                     .progress_user = &self->progress};
   pags_result result = pags_bench_modes(&frames, self->results[index], NULL);
-  if (result == PAGS_OK)
-    self->layers[index] = mean_layers(self, cameras);
+  if (result == PAGS_OK) {
+    /* Mean depth complexity of the cameras. */
+    double sum = 0;
+    for (int64_t i = 0; i < self->path.count; i++) {
+      const pags_part *parts;
+      int count;
+      pags_compose(self->composition, cameras[i].time, &parts, &count);
+      sum += pags_bench_layers(parts, count, cameras + i, &self->modes.modes[0].options);
+    }
+    self->layers[index] = sum / (double)self->path.count;
+  }
   if (result == PAGS_OK)
     result = keep_deadline(self, index, cameras);
   free(cameras);
   return result;
-}
-
-static void say_error(const pags_session *session, const pags_bench_mode_result *r, bool reference) {
-  if (reference)
-    pags_say(session, "%9s %9s %7s\n", "-", "-", "-");
-  else if (isinf(r->psnr))
-    pags_say(session, "%9s %9.2g %6.2f%%\n", "same", r->max_error, 100 * r->differing);
-  else
-    pags_say(session, "%9.2f %9.2g %6.2f%%\n", r->psnr, r->max_error, 100 * r->differing);
 }
 
 static void say_size(const render_bench *self, int index) {
@@ -222,7 +210,15 @@ static void say_size(const render_bench *self, int index) {
              (long long)s->in_view, (long long)s->loaded, (long long)s->shaded, (long long)s->binned,
              (long long)s->pairs_binned, (double)s->pairs_evaluated * 1e-6, (double)s->pairs_blended * 1e-6,
              r->bytes * 1e-6);
-    say_error(session, r, k == 0);
+
+    /* Say error. */
+    bool reference = k == 0;
+    if (reference)
+      pags_say(session, "%9s %9s %7s\n", "-", "-", "-");
+    else if (isinf(r->psnr))
+      pags_say(session, "%9s %9.2g %6.2f%%\n", "same", r->max_error, 100 * r->differing);
+    else
+      pags_say(session, "%9.2f %9.2g %6.2f%%\n", r->psnr, r->max_error, 100 * r->differing);
   }
   pags_say(session, "%-16s", "ms by stage");
   for (int i = 0; i < PAGS_BENCH_STAGES - 1; i++)

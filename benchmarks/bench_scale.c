@@ -290,21 +290,6 @@ static pags_result measure_packed(scale_bench *self, double millions) {
   return result;
 }
 
-static void say_table(const scale_bench *self) {
-  const pags_session *session = &self->arguments->session;
-  pags_say(session, "%8s %-7s %-14s %12s %10s %10s %10s %9s %17s %9s %8s %9s %9s\n", "millions", "form", "mode",
-           "Gaussians", "in view", "loaded", "shaded", "ms", "10..90 %", "rows MB", "B/Gauss", "frame MB", "RSS MB");
-  for (int i = 0; i < self->table_count; i++) {
-    const scale_row *r = &self->table[i];
-    const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
-    pags_say(session, "%8g %-7s %-14s %12lld %10lld %10lld %10lld %9.2f %8.2f %8.2f %9.1f %8.1f %9.1f %9.1f\n",
-             r->millions, form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
-             (long long)r->result.counts.in_view, (long long)r->result.counts.loaded,
-             (long long)r->result.counts.shaded, ms->median, ms->low, ms->high, (double)r->rows_bytes * 1e-6,
-             (double)r->rows_bytes / (double)r->gaussians, (double)r->frame_bytes * 1e-6, (double)r->resident * 1e-6);
-  }
-}
-
 static pags_result write_json(const scale_bench *self) {
   pags_json_writer json;
   pags_json_writer_init(&json, 2);
@@ -379,7 +364,21 @@ static pags_result run(scale_bench *self) {
   }
   pags_progress_end(&self->progress);
   PAGS_TRY(result);
-  say_table(self);
+
+  /* Say table. */
+  const pags_session *session = &self->arguments->session;
+  pags_say(session, "%8s %-7s %-14s %12s %10s %10s %10s %9s %17s %9s %8s %9s %9s\n", "millions", "form", "mode",
+           "Gaussians", "in view", "loaded", "shaded", "ms", "10..90 %", "rows MB", "B/Gauss", "frame MB", "RSS MB");
+  for (int i = 0; i < self->table_count; i++) {
+    const scale_row *r = &self->table[i];
+    const pags_bench_span *ms = &r->result.ms[PAGS_BENCH_STAGES - 1];
+    pags_say(session, "%8g %-7s %-14s %12lld %10lld %10lld %10lld %9.2f %8.2f %8.2f %9.1f %8.1f %9.1f %9.1f\n",
+             r->millions, form_names[r->form], self->modes.names[r->mode], (long long)r->gaussians,
+             (long long)r->result.counts.in_view, (long long)r->result.counts.loaded,
+             (long long)r->result.counts.shaded, ms->median, ms->low, ms->high, (double)r->rows_bytes * 1e-6,
+             (double)r->rows_bytes / (double)r->gaussians, (double)r->frame_bytes * 1e-6, (double)r->resident * 1e-6);
+  }
+
   PAGS_TRY(write_csv(self));
   return write_json(self);
 }

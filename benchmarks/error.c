@@ -84,17 +84,6 @@ static row_text write_row(const error_row *row) {
   return t;
 }
 
-static void print_table(FILE *people, const char *head, const error_table *table) {
-  fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit", "largest",
-          "mean", "PSNR", "times as fast", "counts, exact -> used");
-  for (int i = 0; i < table->count; i++) {
-    const error_row *row = &table->rows[i];
-    const row_text t = write_row(row);
-    fprintf(people, "%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", row->name, row->exact, row->unit, t.largest, t.mean,
-            t.psnr, t.gain, t.counts);
-  }
-}
-
 static pags_result put_line(pags_file_writer *file, const char *line) {
   return pags_file_writer_put(file, line, strlen(line));
 }
@@ -143,8 +132,17 @@ pags_result pags_bench_error(const pags_bench_view *view, FILE *people, pags_jso
            kernels ? kernels->name : "", pags_tasks_workers(view->tasks),
            pags_tasks_workers(view->tasks) == 1 ? "" : "s");
 
-  if (people)
-    print_table(people, head, &table);
+  if (people) {
+    /* Print table. */
+    fprintf(people, "%s\n%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", head, "approximation", "against", "unit",
+            "largest", "mean", "PSNR", "times as fast", "counts, exact -> used");
+    for (int i = 0; i < table.count; i++) {
+      const error_row *row = &table.rows[i];
+      const row_text t = write_row(row);
+      fprintf(people, "%-28s %-36s %-12s %9s %9s %7s  %-24s %s\n", row->name, row->exact, row->unit, t.largest, t.mean,
+              t.psnr, t.gain, t.counts);
+    }
+  }
   pags_json_put_string(json, "scene", view->name);
   pags_json_put_integer(json, "views", view->camera_count);
   pags_json_put_integer(json, "width", view->cameras[0].width);

@@ -184,18 +184,17 @@ static void list_filter_ways(drawing *d) {
 
 /* ---- Pictures ---- */
 
-static pags_camera camera_of(const way *w, const pags_camera *camera) {
+static pags_result draw(drawing *d, int k, const pags_camera *camera, bool counted, pags_picture *picture) {
+  const way *const w = &d->ways[k];
+  pags_frame_options options = w->options;
+
+  /* Camera of. */
   pags_camera out = *camera;
   const int times = w->fine ? FINE : 1;
   out.width *= times, out.height *= times;
   out.fx *= times, out.fy *= times, out.cx *= times, out.cy *= times;
-  return out;
-}
+  const pags_camera seen = out;
 
-static pags_result draw(drawing *d, int k, const pags_camera *camera, bool counted, pags_picture *picture) {
-  const way *const w = &d->ways[k];
-  pags_frame_options options = w->options;
-  const pags_camera seen = camera_of(w, camera);
   options.count_pairs = counted;
   return pags_frame_render(d->frames[w->frame], d->parts[w->what], d->view->part_count, &seen, &options, NULL, NULL,
                            picture);
@@ -235,23 +234,6 @@ static pags_result look(drawing *d, const pags_camera *camera) {
   return PAGS_OK;
 }
 
-static pags_result draw_all(drawing *d) {
-  const pags_bench_view *const v = d->view;
-  const int64_t turns = (int64_t)v->camera_count * v->repetitions;
-  for (int c = 0; c < v->camera_count; c++) {
-    PAGS_TRY(error_go_on(v, 0.5 + 0.4 * c / v->camera_count, "drawing"));
-    PAGS_TRY(look(d, v->cameras + c));
-    for (int r = 0; r < v->repetitions; r++)
-      for (int k = 0; k < d->count; k++) {
-        pags_picture picture;
-        const double begin = error_clock_ms();
-        PAGS_TRY(draw(d, k, v->cameras + c, false, &picture));
-        d->ms[k * turns + (int64_t)c * v->repetitions + r] = error_clock_ms() - begin;
-      }
-  }
-  return PAGS_OK;
-}
-
 /* ---- Rows ---- */
 
 static void add_counts(const drawing *d, int k, error_row *row) {
@@ -266,23 +248,6 @@ static void add_counts(const drawing *d, int k, error_row *row) {
     *count++ = (error_count){"shaded", d->shaded[w->base] / views, d->shaded[k] / views};
   if (d->lanes[k] != d->lanes[w->base])
     *count = (error_count){"pixel pairs", d->lanes[w->base] / views, d->lanes[k] / views};
-}
-
-static void add_rows(drawing *d, error_table *table) {
-  const int64_t turns = (int64_t)d->view->camera_count * d->view->repetitions;
-  for (int k = 0; k < d->count; k++) {
-    const way *const w = &d->ways[k];
-    if (!w->told)
-      continue;
-    error_row *const row = error_table_add(table, w->name, w->exact, "1/255");
-    error_sum_put(&d->sums[k], 255, row);
-    double *const ratios = d->ms + (int64_t)d->count * turns;
-    for (int64_t i = 0; i < turns; i++)
-      ratios[i] = d->ms[w->base * turns + i] / fmax(d->ms[k * turns + i], 1e-6);
-    row->gain = error_median(ratios, turns);
-    row->gain_of = "frame";
-    add_counts(d, k, row);
-  }
 }
 
 static pags_result run(drawing *d) {
@@ -304,7 +269,22 @@ static pags_result run(drawing *d) {
   d->ms = malloc((size_t)(d->count + 1) * (size_t)d->view->camera_count * (size_t)d->view->repetitions * sizeof *d->ms);
   if (!d->ms)
     return pags_out_of_memory("times");
-  return draw_all(d);
+
+  /* Draw all. */
+  const pags_bench_view *const v = d->view;
+  const int64_t turns = (int64_t)v->camera_count * v->repetitions;
+  for (int c = 0; c < v->camera_count; c++) {
+    PAGS_TRY(error_go_on(v, 0.5 + 0.4 * c / v->camera_count, "drawing"));
+    PAGS_TRY(look(d, v->cameras + c));
+    for (int r = 0; r < v->repetitions; r++)
+      for (int k = 0; k < d->count; k++) {
+        pags_picture picture;
+        const double begin = error_clock_ms();
+        PAGS_TRY(draw(d, k, v->cameras + c, false, &picture));
+        d->ms[k * turns + (int64_t)c * v->repetitions + r] = error_clock_ms() - begin;
+      }
+  }
+  return PAGS_OK;
 }
 
 pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *table) {
@@ -313,8 +293,23 @@ pags_result error_rows_of_drawing(const pags_bench_view *view, error_table *tabl
     return pags_out_of_memory("the error bench");
   d->view = view;
   const pags_result result = run(d);
-  if (result == PAGS_OK)
-    add_rows(d, table);
+  if (result == PAGS_OK) {
+    /* Add rows. */
+    const int64_t turns = (int64_t)d->view->camera_count * d->view->repetitions;
+    for (int k = 0; k < d->count; k++) {
+      const way *const w = &d->ways[k];
+      if (!w->told)
+        continue;
+      error_row *const row = error_table_add(table, w->name, w->exact, "1/255");
+      error_sum_put(&d->sums[k], 255, row);
+      double *const ratios = d->ms + (int64_t)d->count * turns;
+      for (int64_t i = 0; i < turns; i++)
+        ratios[i] = d->ms[w->base * turns + i] / fmax(d->ms[k * turns + i], 1e-6);
+      row->gain = error_median(ratios, turns);
+      row->gain_of = "frame";
+      add_counts(d, k, row);
+    }
+  }
   for (int k = 0; k < MOST_WAYS; k++)
     free(d->pictures[k]);
   for (int p = 0; p < view->part_count; p++) {

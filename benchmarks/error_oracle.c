@@ -63,15 +63,6 @@ static double square_tiles(const reference_splat *s, int tiles_x, int tiles_y) {
   return fmax(0, x1 - x0) * fmax(0, y1 - y0);
 }
 
-static double all_square_tiles(const reference_picture *picture) {
-  const int tiles_x = (picture->width + PAGS_TILE - 1) / PAGS_TILE,
-            tiles_y = (picture->height + PAGS_TILE - 1) / PAGS_TILE;
-  double sum = 0;
-  for (int64_t i = 0; i < picture->splat_count; i++)
-    sum += picture->splats[i].drawn ? square_tiles(&picture->splats[i], tiles_x, tiles_y) : 0;
-  return sum;
-}
-
 /* ---- Gradients ---- */
 
 /* Rounding may turn a decision of the pixel: to cut, cap or stop, or which of two depths is the less. */
@@ -115,24 +106,21 @@ static double length(const struct group *group, const reference_part_gradient *e
   return sqrt(square);
 }
 
-/* Of rows that have a gradient. */
-static double root_mean_square(const oracle *o, const struct group *group, const reference_part_gradient *exact) {
-  double square = 0, rows = 0;
-  for (int p = 0; p < o->view->part_count; p++)
-    for (int64_t i = 0; i < exact[p].count; i++) {
-      const double l = length(group, &exact[p], NULL, pags_plane_count(o->parts[p].sh_degree), i);
-      square += l * l;
-      rows += l > 0;
-    }
-  return rows > 0 ? sqrt(square / rows) : 0;
-}
-
 /* |difference| / max(|exact|, 1 % of the group's root mean square), of rows that have a gradient. A group so small
  * beside another is the rounding of zeros, as rotations' is where all Gaussians are round. */
 static void compare_gradients(oracle *o, const reference_part_gradient *exact) {
   double size[GROUPS], largest = 0;
   for (int g = 0; g < GROUPS; g++) {
-    size[g] = root_mean_square(o, &groups[g], exact);
+    /* Of rows that have a gradient. */
+    double square = 0, rows = 0;
+    for (int p = 0; p < o->view->part_count; p++)
+      for (int64_t i = 0; i < exact[p].count; i++) {
+        const double l = length(&groups[g], &exact[p], NULL, pags_plane_count(o->parts[p].sh_degree), i);
+        square += l * l;
+        rows += l > 0;
+      }
+    size[g] = rows > 0 ? sqrt(square / rows) : 0;
+
     largest = fmax(largest, size[g]);
   }
   for (int g = 0; g < GROUPS; g++) {
@@ -257,7 +245,14 @@ static pags_result add_camera(oracle *o, int index) {
   const double ms = error_clock_ms() - begin;
   o->oracle_ms += ms;
   o->pairs += (double)usual.contribution_count;
-  o->squares += all_square_tiles(&usual);
+
+  /* All square tiles. */
+  const int tiles_x = (usual.width + PAGS_TILE - 1) / PAGS_TILE, tiles_y = (usual.height + PAGS_TILE - 1) / PAGS_TILE;
+  double sum = 0;
+  for (int64_t i = 0; i < usual.splat_count; i++)
+    sum += usual.splats[i].drawn ? square_tiles(&usual.splats[i], tiles_x, tiles_y) : 0;
+  o->squares += sum;
+
   others other = {.rays = NULL};
   pags_result result = error_go_on(o->view, 0.5 * index / o->view->camera_count, "oracle");
   if (result == PAGS_OK)

@@ -109,17 +109,6 @@ typedef struct truth_pictures {
   pags_image depth, ids;
 } truth_pictures;
 
-static pags_result load_pictures(const pags_proxy_bench *self, const pags_scene_view *view, truth_pictures *out) {
-  char path[1024];
-  const char *name = pags_path_name(view->name);
-  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
-  *out = (truth_pictures){0};
-  snprintf(path, sizeof path, "%s/truth/depth/%.*s.exr", self->scene.dataset, stem, name);
-  PAGS_TRY(pags_image_load(path, PAGS_F32, 1, &out->depth));
-  snprintf(path, sizeof path, "%s/truth/ids/%.*s.png", self->scene.dataset, stem, name);
-  return pags_image_load(path, PAGS_U16, 1, &out->ids);
-}
-
 /* Number at the end of an id: that of the data set's list. */
 static int number_of(const char *id) {
   const char *digits = strrchr(id, '_');
@@ -133,7 +122,18 @@ static pags_result take_pictures(const pags_proxy_bench *self, vehicle *v, const
   const pags_camera *camera = &view->camera;
   const double *m = camera->world_from_camera;
   const double origin[3] = {m[3], m[7], m[11]};
-  pags_result result = load_pictures(self, view, &p);
+
+  /* Load pictures. */
+  truth_pictures *out = &p;
+  char path[1024];
+  const char *name = pags_path_name(view->name);
+  int stem = (int)(strlen(name) - strlen(pags_path_extension(name)));
+  *out = (truth_pictures){0};
+  snprintf(path, sizeof path, "%s/truth/depth/%.*s.exr", self->scene.dataset, stem, name);
+  PAGS_TRY(pags_image_load(path, PAGS_F32, 1, &out->depth));
+  snprintf(path, sizeof path, "%s/truth/ids/%.*s.png", self->scene.dataset, stem, name);
+  pags_result result = pags_image_load(path, PAGS_U16, 1, &out->ids);
+
   int x0 = (int)floor(camera->cx - crop->cx + 0.5), y0 = (int)floor(camera->cy - crop->cy + 0.5);
   for (int y = 0; y < crop->height && result == PAGS_OK; y++)
     for (int x = 0; x < crop->width && result == PAGS_OK; x++) {
@@ -209,16 +209,6 @@ static int compare_points(const void *left, const void *right) {
       return x < y ? -1 : 1;
   }
   return 0;
-}
-
-/* One point a cell, so that near views don't count for more. */
-static void thin(vehicle *v) {
-  int64_t kept = 0;
-  pags_sort(v->cloud.points, v->cloud.count, 3 * sizeof(float), compare_points);
-  for (int64_t i = 0; i < v->cloud.count; i++)
-    if (!kept || compare_points(v->cloud.points + 3 * (kept - 1), v->cloud.points + 3 * i) != 0)
-      memmove(v->cloud.points + 3 * kept++, v->cloud.points + 3 * i, 3 * sizeof(float));
-  v->cloud.count = kept;
 }
 
 static double triangle_area(const pags_proxy_mesh *s, int64_t triangle) {
@@ -332,7 +322,15 @@ static pags_result measure(pags_proxy_bench *self, vehicle *v) {
     pags_say(&self->session, "%-16s is seen by no training camera\n", v->record->id);
     return PAGS_OK;
   }
-  thin(v);
+
+  /* One point a cell, so that near views don't count for more. */
+  int64_t kept = 0;
+  pags_sort(v->cloud.points, v->cloud.count, 3 * sizeof(float), compare_points);
+  for (int64_t i = 0; i < v->cloud.count; i++)
+    if (!kept || compare_points(v->cloud.points + 3 * (kept - 1), v->cloud.points + 3 * i) != 0)
+      memmove(v->cloud.points + 3 * kept++, v->cloud.points + 3 * i, 3 * sizeof(float));
+  v->cloud.count = kept;
+
   PAGS_TRY(pags_mesh_query_of_points(v->cloud.points, v->cloud.count, &v->cloud_query));
   spread to = {.seen = malloc((PROXY_SAMPLES + 2) * sizeof(double)),
                .rest = malloc((PROXY_SAMPLES + 2) * sizeof(double))};

@@ -26,16 +26,6 @@ static void run_peak(void *context, int64_t begin, int64_t end, int worker) {
     c->kept[i] = c->kernels->roofline(&faint, STEPS, 5);
 }
 
-/* Pairs per second of all workers together. */
-static double peak_pairs(pags_tasks *tasks, const pags_kernels *kernels) {
-  const int workers = pags_tasks_workers(tasks);
-  float kept[256] = {0};
-  peak_context c = {kernels, kept};
-  const double t0 = pags_clock_ms();
-  pags_parallel_for(tasks, workers, 1, run_peak, &c);
-  return (double)STEPS * PAGS_LANES * workers / (pags_clock_ms() - t0) * 1e3;
-}
-
 typedef struct read_context {
   const uint64_t *data;
   uint64_t *sums;
@@ -82,7 +72,14 @@ static pags_result measure_isa(const pags_bench_view *view, const pags_kernels *
   pags_bench_view once = *view;
   once.repetitions = (view->repetitions + ROUNDS - 1) / ROUNDS;
   for (int round = 0; round < ROUNDS; round++) {
-    const double peak = peak_pairs(view->tasks, kernels);
+    /* Pairs per second of all workers together. */
+    const int workers = pags_tasks_workers(view->tasks);
+    float kept[256] = {0};
+    peak_context c = {kernels, kept};
+    const double t0 = pags_clock_ms();
+    pags_parallel_for(view->tasks, workers, 1, run_peak, &c);
+    const double peak = (double)STEPS * PAGS_LANES * workers / (pags_clock_ms() - t0) * 1e3;
+
     pags_bench_frame frame;
     PAGS_TRY(pags_bench_measure(&once, 1, &frame));
     const double pairs = (double)frame.stats.pairs_evaluated;

@@ -116,24 +116,6 @@ static void take_snapshot(void *user, const pags_train_progress *progress, const
   }
 }
 
-static void put_reached(const training *t, FILE *people, pags_json_writer *json) {
-  pags_json_begin_object(json, "seconds_to_psnr");
-  for (int level = 20; level <= 30; level++) {
-    int i = 0;
-    while (i < t->count && !(t->snapshots[i].psnr >= level))
-      i++;
-    if (i == t->count)
-      break;
-    char key[8];
-    snprintf(key, sizeof key, "%d", level);
-    pags_json_put_number(json, key, t->snapshots[i].seconds);
-    if (people)
-      fprintf(people, "%d dB held out after %.1f s (step %lld)\n", level, t->snapshots[i].seconds,
-              (long long)t->snapshots[i].step);
-  }
-  pags_json_end_object(json);
-}
-
 /* The stages and roofline of the trained Gaussians from up to four training views. */
 static pags_result put_trained(const training *t, FILE *people, pags_json_writer *json) {
   pags_camera cameras[4];
@@ -205,7 +187,24 @@ static pags_result run(training *t, int64_t snapshot_every, pags_json_writer *js
     pags_json_end_object(json);
   }
   pags_json_end_array(json);
-  put_reached(t, t->people, json);
+
+  /* Put reached. */
+  pags_json_begin_object(json, "seconds_to_psnr");
+  for (int level = 20; level <= 30; level++) {
+    int i = 0;
+    while (i < t->count && !(t->snapshots[i].psnr >= level))
+      i++;
+    if (i == t->count)
+      break;
+    char key[8];
+    snprintf(key, sizeof key, "%d", level);
+    pags_json_put_number(json, key, t->snapshots[i].seconds);
+    if (t->people)
+      fprintf(t->people, "%d dB held out after %.1f s (step %lld)\n", level, t->snapshots[i].seconds,
+              (long long)t->snapshots[i].step);
+  }
+  pags_json_end_object(json);
+
   return t->last.count > 0 ? put_trained(t, t->people, json) : PAGS_OK;
 }
 

@@ -160,26 +160,6 @@ static pags_result orbit_of_gaussians(const pags_scene *scene, orbit *out) {
   return PAGS_OK;
 }
 
-/* The arc that the sorted azimuths cover: everything but their widest gap. */
-static void covered_arc(double *angles, int64_t count, double *middle, double *half_arc) {
-  pags_sort_doubles(angles, count);
-  double widest = angles[0] + 2 * pi - angles[count - 1], start = angles[0];
-  for (int64_t i = 1; i < count; i++)
-    if (angles[i] - angles[i - 1] > widest) {
-      widest = angles[i] - angles[i - 1];
-      start = angles[i];
-    }
-  *half_arc = widest < pi / 2 ? pi : (2 * pi - widest) / 2;
-  *middle = start + (2 * pi - widest) / 2;
-}
-
-static vec3 mean_up(const pags_scene *scene) {
-  vec3 sum = {0, 0, 0};
-  for (int64_t i = 0; i < scene->view_count; i++)
-    sum = sub(sum, column(&scene->views[i].camera, 1));
-  return length(sum) > 0.3 * (double)scene->view_count ? normalized(sum) : scene_up(scene);
-}
-
 static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   size_t count = (size_t)scene->view_count;
   double extent, *radii = malloc(3 * count * sizeof *radii), *heights = radii + count, *angles = heights + count;
@@ -188,7 +168,13 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   pags_result result = PAGS_OK;
   if (!nearest_to_axes(scene, &out->centre))
     result = gaussian_middle(scene, &out->centre, &extent);
-  out->up = mean_up(scene);
+
+  /* Mean up. */
+  vec3 sum = {0, 0, 0};
+  for (int64_t i = 0; i < scene->view_count; i++)
+    sum = sub(sum, column(&scene->views[i].camera, 1));
+  out->up = length(sum) > 0.3 * (double)scene->view_count ? normalized(sum) : scene_up(scene);
+
   vec3 u, v;
   horizontal_axes(out->up, &u, &v);
   for (size_t i = 0; i < count; i++) {
@@ -199,7 +185,20 @@ static pags_result orbit_of_views(const pags_scene *scene, orbit *out) {
   }
   out->height = percentile(heights, scene->view_count, 0.5);
   out->radius = fmax(percentile(radii, scene->view_count, 0.5), 1e-3);
-  covered_arc(angles, scene->view_count, &out->middle_angle, &out->half_arc);
+
+  /* The arc that the sorted azimuths cover: everything but their widest gap. */
+  double *middle = &out->middle_angle;
+  double *half_arc = &out->half_arc;
+  pags_sort_doubles(angles, scene->view_count);
+  double widest = angles[0] + 2 * pi - angles[scene->view_count - 1], start = angles[0];
+  for (int64_t i = 1; i < scene->view_count; i++)
+    if (angles[i] - angles[i - 1] > widest) {
+      widest = angles[i] - angles[i - 1];
+      start = angles[i];
+    }
+  *half_arc = widest < pi / 2 ? pi : (2 * pi - widest) / 2;
+  *middle = start + (2 * pi - widest) / 2;
+
   out->lens = scene->views[0].camera;
   free(radii);
   return result;

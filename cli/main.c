@@ -45,34 +45,6 @@ static const verb_entry verbs[] = {
 };
 enum { VERB_COUNT = sizeof verbs / sizeof verbs[0] };
 
-static void print_help(void) {
-  printf("usage: pags VERB [arguments]\n\n");
-  printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
-  for (int i = 0; i < VERB_COUNT; i++)
-    printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].run ? "" : "; this build lacks ",
-           verbs[i].run ? "" : verbs[i].lacking);
-  printf("\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
-  printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
-}
-
-static int unknown_verb(const char *name) {
-  if (!strcmp(name, "bench")) {
-    fprintf(stderr,
-            "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
-    return PAGS_EXIT_USAGE;
-  }
-  const char *names[VERB_COUNT + 1];
-  for (int i = 0; i < VERB_COUNT; i++)
-    names[i] = verbs[i].name;
-  names[VERB_COUNT] = NULL;
-  const char *nearest = pags_nearest_name(name, names);
-  if (nearest)
-    fprintf(stderr, "pags: unknown verb '%s'; did you mean '%s'?\n", name, nearest);
-  else
-    fprintf(stderr, "pags: unknown verb '%s'; 'pags --help' lists them\n", name);
-  return PAGS_EXIT_USAGE;
-}
-
 int main(int argc, char **argv) {
   setlocale(LC_ALL, "C");
   signal(SIGPIPE, SIG_IGN); /* `pags info x | head`: a failing write, not a killed process with half-written files */
@@ -81,7 +53,16 @@ int main(int argc, char **argv) {
     return PAGS_EXIT_USAGE;
   }
   if (!strcmp(argv[1], "--help") || !strcmp(argv[1], "-h") || !strcmp(argv[1], "help")) {
-    print_help();
+    /* Print help. */
+    printf("usage: pags VERB [arguments]\n\n");
+    printf("Priority-Adaptive Gaussian Splatting on CPUs, version %s\n\n", PAGS_VERSION_STRING);
+    for (int i = 0; i < VERB_COUNT; i++)
+      printf("  %-8s %s%s%s\n", verbs[i].name, verbs[i].summary, verbs[i].run ? "" : "; this build lacks ",
+             verbs[i].run ? "" : verbs[i].lacking);
+    printf(
+        "\n'pags VERB --help' lists a verb's options with units and defaults; 'pags --version' prints the version.\n");
+    printf("Exit codes: 0 done, 1 failed, 2 wrong usage, 3 interrupted with its state saved.\n");
+
     return PAGS_EXIT_OK;
   }
   if (!strcmp(argv[1], "--version")) {
@@ -95,5 +76,21 @@ int main(int argc, char **argv) {
       fprintf(stderr, "pags: '%s' is not in this build, which lacks %s\n", verbs[i].name, verbs[i].lacking);
       return PAGS_EXIT_FAILED;
     }
-  return unknown_verb(argv[1]);
+
+  /* Unknown verb. */
+  if (!strcmp(argv[1], "bench")) {
+    fprintf(stderr,
+            "pags: 'bench' is not a verb; benchmarks are the program pags-bench, which a build puts beside pags\n");
+    return PAGS_EXIT_USAGE;
+  }
+  const char *names[VERB_COUNT + 1];
+  for (int i = 0; i < VERB_COUNT; i++)
+    names[i] = verbs[i].name;
+  names[VERB_COUNT] = NULL;
+  const char *nearest = pags_nearest_name(argv[1], names);
+  if (nearest)
+    fprintf(stderr, "pags: unknown verb '%s'; did you mean '%s'?\n", argv[1], nearest);
+  else
+    fprintf(stderr, "pags: unknown verb '%s'; 'pags --help' lists them\n", argv[1]);
+  return PAGS_EXIT_USAGE;
 }

@@ -49,25 +49,22 @@ typedef struct edit_list {
   int64_t count, capacity;
 } edit_list;
 
-static pags_result append(edit_list *list, const pags_edit *edit) {
-  if (list->count == list->capacity) {
-    int64_t capacity = 2 * list->capacity + 64;
-    pags_edit *grown = realloc(list->edits, (size_t)capacity * sizeof *grown);
-    if (!grown)
-      return pags_out_of_memory("%lld edits", (long long)capacity);
-    list->edits = grown;
-    list->capacity = capacity;
-  }
-  list->edits[list->count++] = *edit;
-  return PAGS_OK;
-}
-
 /* One edit for each object that `name` means. */
 static pags_result find_any(const pags_scene *scene, const char *name, size_t length, pags_edit edit, edit_list *list) {
   for (int64_t o = 0; o < scene->object_count; o++) {
     edit.object = o;
-    if (is_meant(&scene->objects[o].record, name, length))
-      PAGS_TRY(append(list, &edit));
+    if (is_meant(&scene->objects[o].record, name, length)) {
+      /* Append. */
+      if (list->count == list->capacity) {
+        int64_t capacity = 2 * list->capacity + 64;
+        pags_edit *grown = realloc(list->edits, (size_t)capacity * sizeof *grown);
+        if (!grown)
+          return pags_out_of_memory("%lld edits", (long long)capacity);
+        list->edits = grown;
+        list->capacity = capacity;
+      }
+      list->edits[list->count++] = *(&edit);
+    }
   }
   return PAGS_OK;
 }

@@ -142,13 +142,6 @@ static pags_result copy_photo(const pags_photo *photo, pags_image *image) {
   return PAGS_OK;
 }
 
-static pags_result save(const overlay *o, const pags_view *view, const pags_image *image) {
-  char stem[256], file[300];
-  pags_stem(view->name, stem, sizeof stem);
-  snprintf(file, sizeof file, "%s.jpg", stem);
-  return pags_image_save_in(o->folder, file, image);
-}
-
 static pags_result draw_view(overlay *o, int64_t index) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
   pags_photo photo;
@@ -184,7 +177,12 @@ static pags_result draw_view(overlay *o, int64_t index) {
     if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
       compare_outlines(o, &photo);
     o->pictures++;
-    result = save(o, view, &image);
+
+    /* Save. */
+    char stem[256], file[300];
+    pags_stem(view->name, stem, sizeof stem);
+    snprintf(file, sizeof file, "%s.jpg", stem);
+    result = pags_image_save_in(o->folder, file, &image);
   }
   pags_image_destroy(&image);
   return result;

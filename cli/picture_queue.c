@@ -64,7 +64,11 @@ static const void *copy_plane(const void *from, size_t bytes, float **to, size_t
   return copy;
 }
 
-static pags_result copy_picture(const pags_picture *picture, pags_picture_slot *slot) {
+pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
+                                   const char *name) {
+  pags_picture_slot *slot = &queue->slots[queue->used];
+
+  /* Copy picture. */
   size_t count = (size_t)picture->stride * (size_t)picture->height, bytes = count * sizeof(float);
   if (count > slot->capacity) {
     free(slot->planes);
@@ -80,13 +84,7 @@ static pags_result copy_picture(const pags_picture *picture, pags_picture_slot *
   slot->picture.transmittance = copy_plane(picture->transmittance, bytes, &to, slot->capacity);
   slot->picture.depth = copy_plane(picture->depth, bytes, &to, slot->capacity);
   slot->picture.id = copy_plane(picture->id, bytes, &to, slot->capacity);
-  return PAGS_OK;
-}
 
-pags_result pags_picture_queue_put(pags_picture_queue *queue, const pags_picture *picture, const pags_camera *camera,
-                                   const char *name) {
-  pags_picture_slot *slot = &queue->slots[queue->used];
-  PAGS_TRY(copy_picture(picture, slot));
   slot->camera = *camera;
   slot->picture.depth_sum = NULL;
   snprintf(slot->name, sizeof slot->name, "%s", name);

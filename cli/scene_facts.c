@@ -59,17 +59,6 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
-static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
-  if (!folder)
-    return pags_file_size(path, bytes);
-  char *inside = pags_path_join(path, file);
-  if (!inside)
-    return pags_out_of_memory(NULL);
-  pags_result result = pags_file_size(inside, bytes);
-  free(inside);
-  return result;
-}
-
 static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
@@ -78,7 +67,17 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
     const pags_model *model = &scene->models[i];
     const pags_scene_object *owner = owner_of(scene, i);
     uint64_t bytes;
-    PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
+
+    /* File bytes. */
+    if (!folder)
+      return pags_file_size(path, &bytes);
+    char *inside = pags_path_join(path, model->file);
+    if (!inside)
+      return pags_out_of_memory(NULL);
+    pags_result result = pags_file_size(inside, &bytes);
+    free(inside);
+    PAGS_TRY(result);
+
     *total += bytes;
     if (owner) {
       /* One line for people: there may be a hundred. */
@@ -141,8 +140,8 @@ static void put_category(pags_report *report, const pags_scene *scene, pags_cate
   pags_report_end_item(report);
 }
 
-/* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
-static int64_t *count_parked(const pags_scene *scene) {
+static pags_result list_objects(pags_report *report, const pags_scene *scene) {
+  /* Gaussians of the background that are labelled as each object's. Freed by the caller; NULL: out of memory. */
   int64_t *counts = calloc((size_t)scene->object_count + 1, sizeof *counts);
   for (int64_t m = 0; counts && m < scene->model_count; m++) {
     const pags_gaussians *g = &scene->models[m].gaussians;
@@ -150,11 +149,8 @@ static int64_t *count_parked(const pags_scene *scene) {
       if (g->object_id[i] >= 0)
         counts[g->object_id[i]]++;
   }
-  return counts;
-}
+  int64_t *parked = counts;
 
-static pags_result list_objects(pags_report *report, const pags_scene *scene) {
-  int64_t *parked = count_parked(scene);
   if (!parked)
     return pags_out_of_memory("%lld objects", (long long)scene->object_count);
   pags_report_begin_list(report, "every_object");

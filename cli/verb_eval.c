@@ -114,8 +114,9 @@ static void copy_masked(pags_image *render, const pags_image *photo, const uint8
       memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
 }
 
-static pags_result measure_regions(const evaluation *self, const pags_image *render, const pags_photograph *photo,
-                                   pags_view_score *score) {
+static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
+                           pags_view_score *score) {
+  /* Measure regions. */
   int width = render->width, height = render->height;
   uint16_t *regions = malloc((size_t)width * (size_t)height * sizeof *regions);
   if (!regions)
@@ -124,12 +125,8 @@ static pags_result measure_regions(const evaluation *self, const pags_image *ren
   pags_result result = pags_eval_regions(render, &photo->image, regions, PAGS_REGION_COUNT,
                                          self->arguments->session.tasks, score->psnr, score->ssim);
   free(regions);
-  return result;
-}
+  PAGS_TRY(result);
 
-static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
-                           pags_view_score *score) {
-  PAGS_TRY(measure_regions(self, render, photo, score));
   if (self->arguments->images) {
     PAGS_TRY(save_image(self->arguments->images, score->name, "render", render));
     PAGS_TRY(save_image(self->arguments->images, score->name, "photo", &photo->image));

@@ -76,18 +76,6 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-static void say_proxy(const pags_session *session, const pags_proxy_facts *f) {
-  pags_say(session, "%-28s %-5s %7lld triangles", f->name, pags_proxy_level_name(f->level), (long long)f->triangles);
-  if (!isnan(f->to_gaussians.mean))
-    pags_say(session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m", f->to_gaussians.mean,
-             f->to_gaussians.p95, f->to_gaussians.max, f->from_gaussians.mean, f->from_gaussians.p95,
-             f->from_gaussians.max);
-  if (!isnan(f->silhouette_iou))
-    pags_say(session, ", IoU %.3f", f->silhouette_iou);
-  pags_say(session, ", %s, observed %.0f %%%s%s\n", f->closed ? "watertight" : "open", 100 * f->observed,
-           f->note ? "; " : "", f->note ? f->note : "");
-}
-
 static pags_result write_json(const export_arguments *arguments, const char *file, const pags_proxy_report *report,
                               double seconds) {
   pags_json_writer writer;
@@ -121,7 +109,20 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
     return result;
   int64_t triangles = 0;
   for (int64_t i = 0; i < report.count; i++) {
-    say_proxy(&arguments->session, &report.proxies[i]);
+    /* Say proxy. */
+    pags_say(&arguments->session, "%-28s %-5s %7lld triangles", report.proxies[i].name,
+             pags_proxy_level_name(report.proxies[i].level), (long long)report.proxies[i].triangles);
+    if (!isnan(report.proxies[i].to_gaussians.mean))
+      pags_say(&arguments->session, ", to Gaussians %.3f (p95 %.3f, max %.2f), back %.3f (%.3f, %.2f) m",
+               report.proxies[i].to_gaussians.mean, report.proxies[i].to_gaussians.p95,
+               report.proxies[i].to_gaussians.max, report.proxies[i].from_gaussians.mean,
+               report.proxies[i].from_gaussians.p95, report.proxies[i].from_gaussians.max);
+    if (!isnan(report.proxies[i].silhouette_iou))
+      pags_say(&arguments->session, ", IoU %.3f", report.proxies[i].silhouette_iou);
+    pags_say(&arguments->session, ", %s, observed %.0f %%%s%s\n", report.proxies[i].closed ? "watertight" : "open",
+             100 * report.proxies[i].observed, report.proxies[i].note ? "; " : "",
+             report.proxies[i].note ? report.proxies[i].note : "");
+
     triangles += report.proxies[i].triangles;
   }
   double seconds = pags_seconds() - begun;

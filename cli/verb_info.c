@@ -59,15 +59,6 @@ static pags_result describe_scene(pags_report *report, const info_arguments *arg
   return pags_scene_facts(report, path, kind, &chosen);
 }
 
-static pags_result describe_splat(pags_report *report, const info_arguments *arguments, const char *path) {
-  pags_gaussians gaussians;
-  const char *kind;
-  int antialiased;
-  PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
-  pags_gaussians_destroy(&gaussians);
-  return describe_scene(report, arguments, path, kind);
-}
-
 static void put_categories(pags_report *report, const char *key, const pags_dataset *dataset, int moving) {
   int64_t counts[4] = {0}, sum = 0;
   for (int64_t i = 0; i < pags_dataset_object_count(dataset); i++) {
@@ -149,59 +140,6 @@ static pags_result describe_cameras(pags_report *report, const char *path) {
   return PAGS_OK;
 }
 
-static pags_result describe_image(pags_report *report, const char *path) {
-  int width, height;
-  uint64_t bytes;
-  PAGS_TRY(pags_image_size(path, &width, &height));
-  PAGS_TRY(pags_file_size(path, &bytes));
-  pags_report_text(report, "kind", "image");
-  pags_report_count(report, "width", width);
-  pags_report_count(report, "height", height);
-  pags_report_bytes(report, "bytes", (double)bytes);
-  return PAGS_OK;
-}
-
-static pags_result describe_checkpoint(pags_report *report, const char *path) {
-  pags_checkpoint_facts checkpoint;
-  uint64_t bytes;
-  PAGS_TRY(pags_file_size(path, &bytes));
-  PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
-  pags_report_text(report, "kind", "checkpoint");
-  pags_report_count(report, "gaussians", checkpoint.gaussians);
-  pags_report_count(report, "models", checkpoint.models);
-  pags_report_bytes(report, "bytes", (double)bytes);
-  pags_report_count(report, "sh_degree", checkpoint.sh_degree);
-  pags_report_count(report, "step", checkpoint.step);
-  pags_report_count(report, "last_step", checkpoint.stop);
-  pags_report_count(report, "views_train", checkpoint.views);
-  pags_report_number(report, "loss", checkpoint.loss);
-  return PAGS_OK;
-}
-
-/* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
-static pags_result describe_json(pags_report *report, const info_arguments *arguments, const char *path) {
-  pags_json *json;
-  PAGS_TRY(pags_json_parse_file(path, &json));
-  const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
-  bool transforms = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
-  pags_json_destroy(json);
-  return transforms ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
-}
-
-/* The first 16 bytes; fewer, zero-filled, of shorter files. */
-static pags_result read_head(const char *path, unsigned char head[16]) {
-  memset(head, 0, 16);
-  FILE *file = fopen(path, "rb");
-  if (!file)
-    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
-  size_t got = fread(head, 1, 16, file);
-  bool failed = ferror(file) != 0;
-  fclose(file);
-  if (failed)
-    return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
-  return got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path);
-}
-
 static bool is_image(const unsigned char *head) {
   static const struct {
     const char *magic;
@@ -218,18 +156,69 @@ static pags_result describe(pags_report *report, const info_arguments *arguments
   if (pags_dir_exists(path))
     return pags_folder_has(path, "scene.json") ? describe_scene(report, arguments, path, "scene")
                                                : describe_dataset(report, arguments, path);
-  PAGS_TRY(read_head(path, head));
-  if (is_image(head))
-    return describe_image(report, path);
-  if (!memcmp(head, "PAGSRUN", 7))
-    return describe_checkpoint(report, path);
+
+  /* The first 16 bytes; fewer, zero-filled, of shorter files. */
+  memset(head, 0, 16);
+  FILE *file = fopen(path, "rb");
+  if (!file)
+    return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
+  size_t got = fread(head, 1, 16, file);
+  bool failed = ferror(file) != 0;
+  fclose(file);
+  if (failed)
+    return pags_fail(PAGS_ERROR_IO, "%s: can't be read", path);
+  PAGS_TRY(got ? PAGS_OK : pags_fail(PAGS_ERROR_FORMAT, "%s: is empty", path));
+
+  if (is_image(head)) {
+    /* Describe image. */
+    int width, height;
+    uint64_t bytes;
+    PAGS_TRY(pags_image_size(path, &width, &height));
+    PAGS_TRY(pags_file_size(path, &bytes));
+    pags_report_text(report, "kind", "image");
+    pags_report_count(report, "width", width);
+    pags_report_count(report, "height", height);
+    pags_report_bytes(report, "bytes", (double)bytes);
+    return PAGS_OK;
+  }
+  if (!memcmp(head, "PAGSRUN", 7)) {
+    /* Describe checkpoint. */
+    pags_checkpoint_facts checkpoint;
+    uint64_t bytes;
+    PAGS_TRY(pags_file_size(path, &bytes));
+    PAGS_TRY(pags_checkpoint_inspect(path, &checkpoint));
+    pags_report_text(report, "kind", "checkpoint");
+    pags_report_count(report, "gaussians", checkpoint.gaussians);
+    pags_report_count(report, "models", checkpoint.models);
+    pags_report_bytes(report, "bytes", (double)bytes);
+    pags_report_count(report, "sh_degree", checkpoint.sh_degree);
+    pags_report_count(report, "step", checkpoint.step);
+    pags_report_count(report, "last_step", checkpoint.stop);
+    pags_report_count(report, "views_train", checkpoint.views);
+    pags_report_number(report, "loss", checkpoint.loss);
+    return PAGS_OK;
+  }
   for (int i = 0; i < 16; i++) {
-    if (head[i] == '{')
-      return describe_json(report, arguments, path);
+    if (head[i] == '{') {
+      /* A JSON file is a transforms file when its frames have matrices, else a camera or a path. */
+      pags_json *json;
+      PAGS_TRY(pags_json_parse_file(path, &json));
+      const pags_json_value *frames = pags_json_member(pags_json_root(json), "frames");
+      bool transforms = frames && frames->first && pags_json_member(frames->first, "transform_matrix");
+      pags_json_destroy(json);
+      return transforms ? describe_dataset(report, arguments, path) : describe_cameras(report, path);
+    }
     if (!strchr(" \t\r\n", head[i]) || !head[i])
       break;
   }
-  return describe_splat(report, arguments, path);
+
+  /* Describe splat. */
+  pags_gaussians gaussians;
+  const char *kind;
+  int antialiased;
+  PAGS_TRY(pags_splat_load(path, &gaussians, &kind, &antialiased));
+  pags_gaussians_destroy(&gaussians);
+  return describe_scene(report, arguments, path, kind);
 }
 
 int pags_verb_info(int argc, char **argv) {

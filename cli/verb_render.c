@@ -148,16 +148,6 @@ static pags_result find_ego(const render_arguments *arguments, bool counted, con
   return PAGS_OK;
 }
 
-/* --time for all of them. A drive's last frame lasts as long as any. */
-static pags_result set_time(double time, const pags_scene *scene, pags_viewpoints *viewpoints) {
-  double span = scene->time_end - scene->time_begin;
-  if (time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, time);
-  for (int64_t i = 0; i < viewpoints->count; i++)
-    viewpoints->items[i].camera.time = scene->time_begin + time;
-  return PAGS_OK;
-}
-
 static pags_result find_viewpoints(const render_arguments *arguments, const pags_parsed *parsed,
                                    const pags_scene *scene, pags_viewpoints *out) {
   if (pags_option_given(parsed, "split") && arguments->dataset) {
@@ -334,8 +324,14 @@ static pags_result find_work(renderer *self, const pags_parsed *parsed, const pa
                              int64_t *edit_count) {
   const render_arguments *arguments = self->arguments;
   PAGS_TRY(find_viewpoints(arguments, parsed, scene, &self->viewpoints));
-  if (pags_option_given(parsed, "time"))
-    PAGS_TRY(set_time(arguments->time, scene, &self->viewpoints));
+  if (pags_option_given(parsed, "time")) {
+    /* --time for all of them. A drive's last frame lasts as long as any. */
+    double span = scene->time_end - scene->time_begin;
+    if (arguments->time > span + (scene->fps > 0 ? 1 / scene->fps : 0) + 1e-6)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "--time: the scene lasts from 0 to %g s; got %g", span, arguments->time);
+    for (int64_t i = 0; i < self->viewpoints.count; i++)
+      self->viewpoints.items[i].camera.time = scene->time_begin + arguments->time;
+  }
   return pags_object_edits_find(&arguments->edits, scene, edits, edit_count);
 }
 

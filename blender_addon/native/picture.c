@@ -90,11 +90,6 @@ static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3],
   (void)at;
 }
 
-static float object_value(const fill *f, int32_t id) {
-  int32_t object = id < 0 ? -1 : f->scene->object_of[id];
-  return object < 0 ? 0 : f->layout->object_values ? f->layout->object_values[object] : (float)(object + 1);
-}
-
 static void put_heat(const fill *f, int64_t at, float *out) {
   int32_t id = f->picture->id[at];
   float rgb[3] = {0, 0, 0}, alpha = 1 - f->picture->transmittance[at];
@@ -105,18 +100,6 @@ static void put_heat(const fill *f, int64_t at, float *out) {
   put_rgba(f, at, alpha, rgb, out);
 }
 
-static void fill_plain_row(const fill *f, int64_t from, float *out) {
-  const decoder *d = &f->decoder;
-  const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from,
-                     *const b = f->picture->rgb[2] + from;
-  for (int x = 0; x < f->layout->width; ++x, out += 4) {
-    out[0] = decode(d, r[x]);
-    out[1] = decode(d, g[x]);
-    out[2] = decode(d, b[x]);
-    out[3] = 1;
-  }
-}
-
 static void fill_row(const fill *f, int y) {
   const native_layout *l = f->layout;
   const native_planes *o = f->out;
@@ -124,7 +107,18 @@ static void fill_row(const fill *f, int y) {
   int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
   /* What Rendered viewports ask for: opaque colours alone, without the questions of the other rows. */
   if (l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear) {
-    fill_plain_row(f, from, o->rgba + 4 * to);
+    /* Fill plain row. */
+    float *out = o->rgba + 4 * to;
+    const decoder *d = &f->decoder;
+    const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from,
+                       *const b = f->picture->rgb[2] + from;
+    for (int x = 0; x < f->layout->width; ++x, out += 4) {
+      out[0] = decode(d, r[x]);
+      out[1] = decode(d, g[x]);
+      out[2] = decode(d, b[x]);
+      out[3] = 1;
+    }
+
     return;
   }
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
@@ -145,8 +139,12 @@ static void fill_row(const fill *f, int y) {
     }
     if (o->depth)
       o->depth[to] = f->picture->depth[from] > 0 ? f->picture->depth[from] * l->depth_scale : l->depth_empty;
-    if (o->object)
-      o->object[to] = object_value(f, id);
+    if (o->object) {
+      int32_t object = id < 0 ? -1 : f->scene->object_of[id];
+      o->object[to] = object < 0                 ? 0
+                      : f->layout->object_values ? f->layout->object_values[object]
+                                                 : (float)(object + 1);
+    }
     if (o->priority)
       o->priority[to] = id < 0 ? 0 : f->scene->priority_of[id];
     if (o->heat)

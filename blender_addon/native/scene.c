@@ -179,26 +179,24 @@ static PyObject *scene_info(PyObject *self, void *closure) {
   return NULL;
 }
 
-/* Gaussians that a placement of the object draws. */
-static int64_t count_gaussians(native_scene *self, int64_t object) {
-  const pags_part *parts;
-  int count;
-  int64_t sum = 0;
-  pthread_mutex_lock(&self->lock);
-  if (parts_of(self, object, &parts, &count) != PAGS_OK)
-    count = 0;
-  for (int p = 0; p < count; p++)
-    sum += parts[p].gaussians->count;
-  pthread_mutex_unlock(&self->lock);
-  return sum;
-}
-
 static PyObject *object_dict(native_scene *self, int64_t index) {
   const pags_scene *s = pags_composition_scene(self->composition);
   const pags_scene_object *o = &s->objects[index];
   PyObject *dict = PyDict_New();
   int64_t gaussians;
-  Py_BEGIN_ALLOW_THREADS gaussians = count_gaussians(self, index);
+
+  /* Gaussians that a placement of the object draws. */
+  const pags_part *parts;
+  int count;
+  int64_t sum = 0;
+  pthread_mutex_lock(&self->lock);
+  if (parts_of(self, index, &parts, &count) != PAGS_OK)
+    count = 0;
+  for (int p = 0; p < count; p++)
+    sum += parts[p].gaussians->count;
+  pthread_mutex_unlock(&self->lock);
+  Py_BEGIN_ALLOW_THREADS gaussians = sum;
+
   Py_END_ALLOW_THREADS bool good =
       dict && native_put(dict, "id", text_or_none(o->record.id)) &&
       native_put(dict, "class", text_or_none(o->record.class_name)) &&
@@ -316,11 +314,6 @@ static float logistic(float x) {
   return 1 / (1 + expf(-x));
 }
 
-static float to_linear(float v) {
-  v = v > 0 ? (v < 1 ? v : 1) : 0; /* NaN: 0 */
-  return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
-}
-
 /* Constant colour terms of the rows that read_geometry gave, planes `*stride` floats apart: those of the scene's begin
  * where the colour changes. `unpacked` has room for 3 planes of ROWS floats. */
 static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
@@ -332,8 +325,11 @@ static const float *read_colours(const pags_part *part, int64_t block, float *un
 }
 
 static void put_color(const float *dc, int64_t stride, float *color) {
-  for (int c = 0; c < 3; c++)
-    color[c] = to_linear(0.5f + 0.28209479f * dc[c * stride]);
+  for (int c = 0; c < 3; c++) {
+    float v = 0.5f + 0.28209479f * dc[c * stride];
+    v = v > 0 ? (v < 1 ? v : 1) : 0; /* NaN: 0 */
+    color[c] = v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
+  }
   color[3] = 1;
 }
 

@@ -22,18 +22,6 @@ pags_dataset_options pags_dataset_options_default(void) {
   return (pags_dataset_options){.downscale = 1, .split_every = -1, .random_points = 10000, .frame_last = -1};
 }
 
-static pags_result check_options(const pags_dataset_options *options) {
-  if (!(options->downscale >= 1) || !isfinite(options->downscale))
-    return pags_fail(PAGS_ERROR_ARGUMENT, "downscale %g: expected 1 or more", options->downscale);
-  if (options->split_every < -1 || options->split_every == 1)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "split %d: expected 0 (hold nothing out) or at least 2",
-                     options->split_every);
-  if (options->random_points < 1 || options->random_points > 100000000)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "%lld random points: expected 1..100000000",
-                     (long long)options->random_points);
-  return PAGS_OK;
-}
-
 /* Choice of the reader. */
 
 static const char *const model_folders[] = {".", "sparse/0", "sparse", "colmap/sparse/0"};
@@ -56,49 +44,44 @@ static pags_result read_default_model(const char *root, pags_parsed_dataset *par
       root);
 }
 
-static pags_result read_folder(const char *root, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
-  char *transforms = pags_path_join(root, "transforms.json");
-  if (!transforms)
-    return pags_out_of_memory("%s", root);
-  pags_result result;
-  if (options->kind)
-    result = pags_driving_read(root, options, parsed);
-  else if (pags_file_exists(transforms))
-    result = pags_transforms_read(transforms, parsed);
-  else if (pags_driving_is_set(root))
-    result = pags_driving_read(root, options, parsed);
-  else
-    result = read_default_model(root, parsed);
-  free(transforms);
-  return result;
-}
-
-/* A model that was asked for; its path may be relative to the data set. */
-static pags_result read_named_model(const char *path, const char *model, pags_parsed_dataset *parsed) {
-  char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
-  char *inside = root ? pags_path_join(root, model) : NULL;
-  pags_result result;
-  if (!inside)
-    result = pags_out_of_memory("%s", path);
-  else if (pags_colmap_is_model(model))
-    result = pags_colmap_read(root, model, parsed);
-  else if (pags_colmap_is_model(inside))
-    result = pags_colmap_read(root, inside, parsed);
-  else
-    result =
-        pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt", model);
-  free(inside);
-  free(root);
-  return result;
-}
-
 static pags_result read_parsed(const char *path, const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   if (!pags_path_exists(path))
     return pags_fail(PAGS_ERROR_IO, "%s: no such file or folder", path);
-  if (options->colmap)
-    return read_named_model(path, options->colmap, parsed);
-  if (pags_dir_exists(path))
-    return read_folder(path, options, parsed);
+  if (options->colmap) {
+    /* A model that was asked for; its path may be relative to the data set. */
+    char *root = pags_dir_exists(path) ? pags_text_copy(path) : pags_path_folder(path);
+    char *inside = root ? pags_path_join(root, options->colmap) : NULL;
+    pags_result result;
+    if (!inside)
+      result = pags_out_of_memory("%s", path);
+    else if (pags_colmap_is_model(options->colmap))
+      result = pags_colmap_read(root, options->colmap, parsed);
+    else if (pags_colmap_is_model(inside))
+      result = pags_colmap_read(root, inside, parsed);
+    else
+      result = pags_fail(PAGS_ERROR_FORMAT, "%s: not a COLMAP model: expected cameras.bin and images.bin, or .txt",
+                         options->colmap);
+    free(inside);
+    free(root);
+    return result;
+  }
+  if (pags_dir_exists(path)) {
+    /* Read folder. */
+    char *transforms = pags_path_join(path, "transforms.json");
+    if (!transforms)
+      return pags_out_of_memory("%s", path);
+    pags_result result;
+    if (options->kind)
+      result = pags_driving_read(path, options, parsed);
+    else if (pags_file_exists(transforms))
+      result = pags_transforms_read(transforms, parsed);
+    else if (pags_driving_is_set(path))
+      result = pags_driving_read(path, options, parsed);
+    else
+      result = read_default_model(path, parsed);
+    free(transforms);
+    return result;
+  }
   if (strcmp(pags_path_name(path), "dataset.json") == 0) {
     char *folder = pags_path_folder(path);
     pags_result result = folder ? pags_driving_read(folder, options, parsed) : pags_out_of_memory("%s", path);
@@ -288,7 +271,15 @@ pags_result pags_dataset_open(const char *path, const pags_dataset_options *opti
   assert(path && out);
   *out = NULL;
   pags_dataset_options chosen = options ? *options : pags_dataset_options_default();
-  PAGS_TRY(check_options(&chosen));
+
+  /* Check options. */
+  if (!(chosen.downscale >= 1) || !isfinite(chosen.downscale))
+    return pags_fail(PAGS_ERROR_ARGUMENT, "downscale %g: expected 1 or more", chosen.downscale);
+  if (chosen.split_every < -1 || chosen.split_every == 1)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "split %d: expected 0 (hold nothing out) or at least 2", chosen.split_every);
+  if (chosen.random_points < 1 || chosen.random_points > 100000000)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "%lld random points: expected 1..100000000", (long long)chosen.random_points);
+
   pags_dataset *dataset = calloc(1, sizeof *dataset);
   if (!dataset)
     return pags_out_of_memory("%s", path);

@@ -53,11 +53,6 @@ static bool find_focus(const pags_camera *const *cameras, int64_t count, const d
   return true;
 }
 
-static double depth_of(const pags_camera *camera, const double point[3]) {
-  const double *m = camera->world_from_camera;
-  return m[2] * (point[0] - m[3]) + m[6] * (point[1] - m[7]) + m[10] * (point[2] - m[11]);
-}
-
 /* Root mean square distance of the cameras from their middle. */
 static double find_middle(const pags_camera *const *cameras, int64_t count, double middle[3]) {
   double square = 0, c[3];
@@ -87,7 +82,8 @@ pags_result pags_focus_distance(const pags_camera *const *cameras, int64_t count
     return pags_out_of_memory("random points");
   int64_t ahead = 0;
   for (int64_t i = 0; i < count; i++) {
-    depths[ahead] = depth_of(cameras[i], focus);
+    const double *m = cameras[i]->world_from_camera;
+    depths[ahead] = m[2] * (focus[0] - m[3]) + m[6] * (focus[1] - m[7]) + m[10] * (focus[2] - m[11]);
     ahead += depths[ahead] > 0;
   }
   pags_sort_doubles(depths, ahead);

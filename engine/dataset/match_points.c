@@ -118,15 +118,6 @@ static void load_block(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static pags_result load(matcher *m, pags_tasks *tasks) {
-  if (!pags_parallel_for(tasks, m->count, 1, load_block, m))
-    return pags_fail(PAGS_CANCELLED, "cancelled while reading photographs");
-  for (int i = 0; i < m->count; i++)
-    if (m->results[i] != PAGS_OK)
-      return pags_fail(m->results[i], "%s", m->messages[i]);
-  return PAGS_OK;
-}
-
 /* Geometry. */
 
 static void point_on_ray(const pags_camera *camera, double u, double v, double depth, double point[3]) {
@@ -160,15 +151,6 @@ static double partner_cost(const matcher *m, const picture *a, const picture *b)
 
 /* Matching. */
 
-static float sample(const picture *p, double u, double v) {
-  double x = u - 0.5, y = v - 0.5;
-  int ix = (int)x, iy = (int)y;
-  float fx = (float)(x - ix), fy = (float)(y - iy);
-  const float *at = p->grey + (size_t)iy * (size_t)p->width + ix;
-  float top = at[0] + fx * (at[1] - at[0]), bottom = at[p->width] + fx * (at[p->width + 1] - at[p->width]);
-  return top + fy * (bottom - top);
-}
-
 /* An affine piece of a photograph: tap (i, j) lies at (u + a i + b j, v + c i + d j). */
 typedef struct patch {
   double u, v, a, b, c, d;
@@ -185,7 +167,16 @@ static bool normalised_taps(const picture *p, const patch *q, float taps[TAPS]) 
   int n = 0;
   for (int j = -RADIUS; j <= RADIUS; j++)
     for (int i = -RADIUS; i <= RADIUS; i++) {
-      taps[n] = sample(p, q->u + q->a * i + q->b * j, q->v + q->c * i + q->d * j);
+      /* Sample. */
+      double u = q->u + q->a * i + q->b * j;
+      double v = q->v + q->c * i + q->d * j;
+      double x = u - 0.5, y = v - 0.5;
+      int ix = (int)x, iy = (int)y;
+      float fx = (float)(x - ix), fy = (float)(y - iy);
+      const float *at = p->grey + (size_t)iy * (size_t)p->width + ix;
+      float top = at[0] + fx * (at[1] - at[0]), bottom = at[p->width] + fx * (at[p->width + 1] - at[p->width]);
+      taps[n] = top + fy * (bottom - top);
+
       sum += taps[n++];
     }
   for (n = 0; n < TAPS; n++) {
@@ -351,7 +342,13 @@ static void emit_block(void *context, int64_t begin, int64_t end, int worker) {
 }
 
 static pags_result match_all(matcher *m, pags_tasks *tasks) {
-  PAGS_TRY(load(m, tasks));
+  /* Load. */
+  if (!pags_parallel_for(tasks, m->count, 1, load_block, m))
+    return pags_fail(PAGS_CANCELLED, "cancelled while reading photographs");
+  for (int i = 0; i < m->count; i++)
+    if (m->results[i] != PAGS_OK)
+      return pags_fail(m->results[i], "%s", m->messages[i]);
+
   for (int i = 0; i < m->count; i++) {
     /* Choose neighbours. */
     picture *p = &m->pictures[i];
@@ -384,19 +381,6 @@ static pags_result match_all(matcher *m, pags_tasks *tasks) {
   return PAGS_OK;
 }
 
-/* Every training view, or of very many an even choice. */
-static int choose_views(const pags_dataset *dataset, int64_t *views) {
-  int64_t training = 0, seen = 0;
-  int count = 0;
-  for (int64_t i = 0; i < dataset->count; i++)
-    training += !dataset->views[i].test;
-  int64_t step = (training + MOST_PICTURES - 1) / MOST_PICTURES;
-  for (int64_t i = 0; i < dataset->count; i++)
-    if (!dataset->views[i].test && seen++ % step == 0)
-      views[count++] = i;
-  return count;
-}
-
 static pags_result prepare(matcher *m) {
   m->views = malloc(MOST_PICTURES * sizeof *m->views);
   m->pictures = calloc(MOST_PICTURES, sizeof *m->pictures);
@@ -407,7 +391,18 @@ static pags_result prepare(matcher *m) {
   m->rgb = malloc((size_t)m->ray_count * 3);
   if (!m->views || !m->pictures || !m->results || !m->messages || !m->rays || !m->xyz || !m->rgb)
     return pags_out_of_memory("%s", m->dataset->path);
-  m->count = choose_views(m->dataset, m->views);
+
+  /* Every training view, or of very many an even choice. */
+  int64_t training = 0, seen = 0;
+  int count = 0;
+  for (int64_t i = 0; i < m->dataset->count; i++)
+    training += !m->dataset->views[i].test;
+  int64_t step = (training + MOST_PICTURES - 1) / MOST_PICTURES;
+  for (int64_t i = 0; i < m->dataset->count; i++)
+    if (!m->dataset->views[i].test && seen++ % step == 0)
+      m->views[count++] = i;
+  m->count = count;
+
   const pags_camera *cameras[MOST_PICTURES];
   for (int i = 0; i < m->count; i++)
     cameras[i] = &m->dataset->views[m->views[i]].camera;

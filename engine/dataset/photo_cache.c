@@ -93,12 +93,6 @@ static void harvest(pags_photo_cache *cache, slot *s) {
   settle(cache, s);
 }
 
-static void harvest_done(pags_photo_cache *cache) {
-  for (int64_t i = 0; i < cache->count && cache->decoding > 0; i++)
-    if (cache->slots[i].state == DECODING && atomic_load(&cache->slots[i].done))
-      harvest(cache, &cache->slots[i]);
-}
-
 /* The slot to give up first out of those wanted later than `position`, or NULL. */
 static slot *find_victim(pags_photo_cache *cache, int64_t position) {
   slot *victim = NULL;
@@ -134,7 +128,9 @@ static void start(slot *s, int shrink, uint64_t bytes) {
 /* Starts background decodes in the announced order until memory or workers are busy. */
 static void pump(pags_photo_cache *cache) {
   int64_t limit = 2 * (int64_t)pags_tasks_workers(cache->tasks);
-  harvest_done(cache);
+  for (int64_t i = 0; i < cache->count && cache->decoding > 0; i++)
+    if (cache->slots[i].state == DECODING && atomic_load(&cache->slots[i].done))
+      harvest(cache, &cache->slots[i]);
   for (int64_t i = cache->order_next; i < cache->order_count && cache->decoding < limit; i++) {
     slot *s = &cache->slots[cache->order[i]];
     bool other_size = s->state == READY && s->shrink != cache->order_shrink;

@@ -21,12 +21,6 @@ static int by_id(const void *a, const void *b) {
   return left < right ? -1 : left > right;
 }
 
-static int trains(const id_use *uses, int64_t count, int64_t id) {
-  id_use key = {.id = id};
-  const id_use *found = bsearch(&key, uses, (size_t)count, sizeof key, by_id);
-  return found && found->training;
-}
-
 static id_use *list_uses(const pags_dataset *dataset) {
   id_use *uses = malloc((size_t)dataset->count * sizeof *uses);
   if (!uses)
@@ -45,8 +39,12 @@ static int is_used(const pags_parsed_points *points, const pags_parsed_point *po
   int seen = 0;
   if (!points->tracked)
     return 1;
-  for (int64_t i = 0; i < point->track_count && seen < 2; i++)
-    seen += trains(uses, views, points->track[point->track_begin + i]);
+  for (int64_t i = 0; i < point->track_count && seen < 2; i++) {
+    int64_t id = points->track[point->track_begin + i];
+    id_use key = {.id = id};
+    const id_use *found = bsearch(&key, uses, (size_t)views, sizeof key, by_id);
+    seen += found && found->training;
+  }
   return seen >= 2;
 }
 

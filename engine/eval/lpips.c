@@ -92,24 +92,23 @@ static pags_result get_heads(const loader *l, pags_lpips *lpips) {
   return PAGS_OK;
 }
 
-static pags_result load(const char *path, pags_lpips *lpips) {
-  PAGS_TRY(pags_npz_load(path, &lpips->npz));
-  const loader l = {.npz = &lpips->npz, .path = path};
+pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
+  *out = NULL;
+  pags_lpips *lpips = calloc(1, sizeof *lpips);
+  if (!lpips)
+    return pags_out_of_memory("%s", npz_path);
+
+  /* Load. */
+  PAGS_TRY(pags_npz_load(npz_path, &lpips->npz));
+  const loader l = {.npz = &lpips->npz, .path = npz_path};
   PAGS_TRY(get_conv(&l, "conv1", 64, 3, 3, &lpips->first));
   int inputs = 64;
   for (int i = 0; i < FIRES; i++) {
     PAGS_TRY(get_fire(&l, i, inputs, &lpips->fire[i]));
     inputs = 2 * expand_planes[i];
   }
-  return get_heads(&l, lpips);
-}
+  pags_result result = get_heads(&l, lpips);
 
-pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
-  *out = NULL;
-  pags_lpips *lpips = calloc(1, sizeof *lpips);
-  if (!lpips)
-    return pags_out_of_memory("%s", npz_path);
-  pags_result result = load(npz_path, lpips);
   if (result == PAGS_OK)
     *out = lpips;
   else

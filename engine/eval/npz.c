@@ -164,18 +164,6 @@ static pags_result parse_npy(const uint8_t *bytes, size_t size, const char *path
   return PAGS_OK;
 }
 
-static pags_result read_member(const archive *zip, const member *m, pags_npz_array *array) {
-  size_t length = m->name_length;
-  if (length > 4 && memcmp(m->name + length - 4, ".npy", 4) == 0)
-    length -= 4;
-  array->name = malloc(length + 1);
-  if (!array->name)
-    return pags_out_of_memory("%s", zip->path);
-  memcpy(array->name, m->name, length);
-  array->name[length] = '\0';
-  return parse_npy(zip->bytes + m->offset, m->size, zip->path, array);
-}
-
 static pags_result read_members(const archive *zip, pags_npz *out) {
   size_t end = 0;
   PAGS_TRY(find_end(zip, &end));
@@ -195,7 +183,16 @@ static pags_result read_members(const archive *zip, pags_npz *out) {
     if (total > zip->size) /* a small file must not ask for more memory than it has bytes */
       return pags_fail(PAGS_ERROR_FORMAT, "%s: '%.*s' overlaps other members", zip->path, (int)m.name_length, m.name);
     out->count++; /* first, so that a member that fails half-way is freed */
-    PAGS_TRY(read_member(zip, &m, &out->arrays[i]));
+    /* Read member. */
+    size_t length = m.name_length;
+    if (length > 4 && memcmp(m.name + length - 4, ".npy", 4) == 0)
+      length -= 4;
+    out->arrays[i].name = malloc(length + 1);
+    if (!out->arrays[i].name)
+      return pags_out_of_memory("%s", zip->path);
+    memcpy(out->arrays[i].name, m.name, length);
+    out->arrays[i].name[length] = '\0';
+    PAGS_TRY(parse_npy(zip->bytes + m.offset, m.size, zip->path, &out->arrays[i]));
   }
   return PAGS_OK;
 }

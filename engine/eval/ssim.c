@@ -55,15 +55,6 @@ static void sum_columns(const ssim_job *job, int row, int channel, double *momen
   }
 }
 
-static void sum_along(const double window[TAPS], const double *restrict in, double *restrict out, int width) {
-  for (int x = 0; x < width; x++) {
-    double s = 0.0;
-    for (int k = 0; k < TAPS; k++)
-      s += window[k] * in[x + k];
-    out[x] = s;
-  }
-}
-
 static double map_value(double mu_a, double mu_b, double aa, double bb, double ab) {
   double s_aa = aa - mu_a * mu_a, s_bb = bb - mu_b * mu_b, s_ab = ab - mu_a * mu_b;
   return (2.0 * mu_a * mu_b + C1) * (2.0 * s_ab + C2) / ((mu_a * mu_a + mu_b * mu_b + C1) * (s_aa + s_bb + C2));
@@ -88,8 +79,17 @@ static void ssim_rows(void *context, int64_t begin, int64_t end, int worker) {
       double *blurred = scratch + MOMENTS * stride;
       double own[MOST_REGIONS] = {0};
       sum_columns(job, row, c, scratch, stride);
-      for (int m = 0; m < MOMENTS; m++)
-        sum_along(job->window, scratch + m * stride, blurred + m * stride, job->width);
+      for (int m = 0; m < MOMENTS; m++) {
+        /* Sum along. */
+        const double *restrict in = scratch + m * stride;
+        double *restrict out = blurred + m * stride;
+        for (int x = 0; x < job->width; x++) {
+          double s = 0.0;
+          for (int k = 0; k < TAPS; k++)
+            s += job->window[k] * in[x + k];
+          out[x] = s;
+        }
+      }
       for (int x = 0; x < job->width; x++) {
         const double *v = blurred + x;
         unsigned bits = regions_of(job, (int64_t)row * job->width + x);

@@ -97,22 +97,6 @@ static void fill_block(void *context, int64_t begin, int64_t end, int worker) {
   c->frame->kernels->bin_fill(&in, c->offsets + begin / c->grain * c->tiles, c->frame->entries);
 }
 
-/* Row after row of the tables, which is how they lie. */
-static int64_t place_blocks(bin_context *c, int64_t blocks) {
-  int64_t *const start = c->frame->tile_start;
-  memset(start, 0, (size_t)(c->tiles + 1) * sizeof *start);
-  for (int64_t b = 0; b < blocks; b++)
-    for (int64_t tile = 0; tile < c->tiles; tile++)
-      start[tile + 1] += c->counts[b * c->tiles + tile];
-  for (int64_t tile = 0; tile < c->tiles; tile++)
-    start[tile + 1] += start[tile];
-  for (int64_t b = 0; b < blocks; b++)
-    for (int64_t tile = 0; tile < c->tiles; tile++)
-      c->offsets[b * c->tiles + tile] =
-          b == 0 ? start[tile] : c->offsets[(b - 1) * c->tiles + tile] + c->counts[(b - 1) * c->tiles + tile];
-  return start[c->tiles];
-}
-
 static int64_t slots_of(const pags_frame *f, int64_t i) {
   return f->keys[i] != UINT32_MAX ? f->splats[i].tiles : 0;
 }
@@ -157,7 +141,21 @@ pags_result pags_stage_bin(pags_frame *frame) {
   if (!c.counts || !c.offsets || !frame->tile_start)
     return PAGS_ERROR_MEMORY;
   PAGS_TRY(pags_frame_for(frame, frame->drawn_count, c.grain, count_block, &c));
-  const int64_t pairs = place_blocks(&c, blocks);
+
+  /* Row after row of the tables, which is how they lie. */
+  int64_t *const start = c.frame->tile_start;
+  memset(start, 0, (size_t)(c.tiles + 1) * sizeof *start);
+  for (int64_t b = 0; b < blocks; b++)
+    for (int64_t tile = 0; tile < c.tiles; tile++)
+      start[tile + 1] += c.counts[b * c.tiles + tile];
+  for (int64_t tile = 0; tile < c.tiles; tile++)
+    start[tile + 1] += start[tile];
+  for (int64_t b = 0; b < blocks; b++)
+    for (int64_t tile = 0; tile < c.tiles; tile++)
+      c.offsets[b * c.tiles + tile] =
+          b == 0 ? start[tile] : c.offsets[(b - 1) * c.tiles + tile] + c.counts[(b - 1) * c.tiles + tile];
+  const int64_t pairs = start[c.tiles];
+
   frame->stats.pairs_binned += pairs;
   frame->entries = pags_frame_alloc(frame, pairs, sizeof *frame->entries, "tile lists");
   if (!frame->entries)

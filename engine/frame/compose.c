@@ -67,27 +67,6 @@ static group *next_group(pags_composition *c) {
   return next;
 }
 
-/* Rows index[0 .. count) of a model, which are first_id + index by number. */
-static pags_result fill_group(const pags_composition *c, const pags_gaussians *model, int32_t first_id,
-                              const int64_t *index, int64_t count, group *out) {
-  PAGS_TRY(pags_gaussians_create_like(&out->gaussians, count, model));
-  pags_gaussians_gather(model, index, count, &out->gaussians);
-  out->id = malloc((size_t)(count + 1) * sizeof *out->id);
-  if (!out->id)
-    return out_of_memory(c);
-  for (int64_t i = 0; i < count; i++)
-    out->id[i] = first_id + (int32_t)index[i];
-  if (out->gaussians.fourier) {
-    out->dc = aligned_alloc(ALIGNMENT, (size_t)out->gaussians.stride * 3 * sizeof *out->dc);
-    if (!out->dc)
-      return out_of_memory(c);
-    memset(out->dc, 0, (size_t)out->gaussians.stride * 3 * sizeof *out->dc);
-  }
-  PAGS_TRY(pags_clusters_create(&out->clusters, count, CLUSTER_SIZE));
-  pags_clusters_update(&out->clusters, &out->gaussians, 0, out->clusters.count);
-  return PAGS_OK;
-}
-
 static int64_t bucket_of(int32_t object_id, int64_t object_count) {
   return object_id >= 0 && object_id < object_count ? object_id + 1 : 0;
 }
@@ -111,7 +90,24 @@ static pags_result add_one_group(pags_composition *c, const pags_gaussians *mode
     return out_of_memory(c);
   added->object = object;
   added->tracked = tracked;
-  return fill_group(c, model, first_id, index, count, added);
+
+  /* Rows index[0 .. count) of a model, which are first_id + index by number. */
+  PAGS_TRY(pags_gaussians_create_like(&added->gaussians, count, model));
+  pags_gaussians_gather(model, index, count, &added->gaussians);
+  added->id = malloc((size_t)(count + 1) * sizeof *added->id);
+  if (!added->id)
+    return out_of_memory(c);
+  for (int64_t i = 0; i < count; i++)
+    added->id[i] = first_id + (int32_t)index[i];
+  if (added->gaussians.fourier) {
+    added->dc = aligned_alloc(ALIGNMENT, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
+    if (!added->dc)
+      return out_of_memory(c);
+    memset(added->dc, 0, (size_t)added->gaussians.stride * 3 * sizeof *added->dc);
+  }
+  PAGS_TRY(pags_clusters_create(&added->clusters, count, CLUSTER_SIZE));
+  pags_clusters_update(&added->clusters, &added->gaussians, 0, added->clusters.count);
+  return PAGS_OK;
 }
 
 static pags_result split_by_object(pags_composition *c, const pags_gaussians *model, int32_t first_id,
@@ -282,39 +278,6 @@ static void edit_motion(const pags_edit *edit, double out[12]) {
   memcpy(out, motion, sizeof motion);
 }
 
-static pags_result check_edits(const pags_composition *c, const pags_edit *edits, int64_t count) {
-  for (int64_t i = 0; i < count; i++) {
-    const pags_edit *e = &edits[i];
-    if (e->object < 0 || e->object >= c->scene.object_count)
-      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected one of the scene's %lld objects, found number %lld",
-                       (long long)i, (long long)c->scene.object_count, (long long)e->object);
-    if (!isfinite(e->translation[0] + e->translation[1] + e->translation[2] + e->yaw))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected finite metres and degrees", (long long)i);
-  }
-  return PAGS_OK;
-}
-
-/* Makes room for every part that these edits can ask for. */
-static pags_result reserve_parts(pags_composition *c, const pags_edit *edits, int64_t count) {
-  int64_t additions = 0;
-  for (int64_t i = 0; i < count; i++)
-    for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < c->group_count; g++)
-      additions += follows_edits(c, &c->groups[g], edits[i].object);
-  addition *list = malloc((size_t)(additions + 1) * sizeof *list);
-  pags_part *parts = calloc((size_t)(c->group_count + additions) + 1, sizeof *parts);
-  if (!list || !parts) {
-    free(list);
-    free(parts);
-    return out_of_memory(c);
-  }
-  free(c->additions);
-  free(c->parts);
-  c->additions = list;
-  c->parts = parts;
-  c->addition_count = 0;
-  return PAGS_OK;
-}
-
 static void apply_edit(pags_composition *c, const pags_edit *edit) {
   for (int64_t i = 0; i < c->group_count; i++) {
     group *g = &c->groups[i];
@@ -330,8 +293,34 @@ static void apply_edit(pags_composition *c, const pags_edit *edit) {
 }
 
 pags_result pags_composition_edit(pags_composition *composition, const pags_edit *edits, int64_t count) {
-  PAGS_TRY(check_edits(composition, edits, count));
-  PAGS_TRY(reserve_parts(composition, edits, count));
+  /* Check edits. */
+  for (int64_t i = 0; i < count; i++) {
+    const pags_edit *e = &edits[i];
+    if (e->object < 0 || e->object >= composition->scene.object_count)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected one of the scene's %lld objects, found number %lld",
+                       (long long)i, (long long)composition->scene.object_count, (long long)e->object);
+    if (!isfinite(e->translation[0] + e->translation[1] + e->translation[2] + e->yaw))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "edit %lld: expected finite metres and degrees", (long long)i);
+  }
+
+  /* Makes room for every part that these edits can ask for. */
+  int64_t additions = 0;
+  for (int64_t i = 0; i < count; i++)
+    for (int64_t g = 0; edits[i].kind == PAGS_EDIT_ADD && g < composition->group_count; g++)
+      additions += follows_edits(composition, &composition->groups[g], edits[i].object);
+  addition *list = malloc((size_t)(additions + 1) * sizeof *list);
+  pags_part *parts = calloc((size_t)(composition->group_count + additions) + 1, sizeof *parts);
+  if (!list || !parts) {
+    free(list);
+    free(parts);
+    return out_of_memory(composition);
+  }
+  free(composition->additions);
+  free(composition->parts);
+  composition->additions = list;
+  composition->parts = parts;
+  composition->addition_count = 0;
+
   for (int64_t i = 0; i < composition->group_count; i++)
     composition->groups[i].hidden = composition->groups[i].moved = false;
   for (int64_t i = 0; i < count; i++)

@@ -229,18 +229,6 @@ static void shade_active(void *context, int64_t begin, int64_t end, int worker) 
     }
 }
 
-/* Forgets clusters with nothing left to draw. */
-static void retire(slabs *s) {
-  int64_t kept = 0;
-  for (int64_t i = 0; i < s->active_count; i++) {
-    s->frame->stats.shaded += s->active[i].shaded_count;
-    s->active[i].shaded_count = 0;
-    if (s->active[i].waiting_count)
-      s->active[kept++] = s->active[i];
-  }
-  s->active_count = kept;
-}
-
 static pags_result select_and_shade(slabs *s) {
   pags_frame *const f = s->frame;
   const double t0 = pags_clock_ms();
@@ -256,7 +244,17 @@ static pags_result select_and_shade(slabs *s) {
     return PAGS_ERROR_MEMORY;
   const double t1 = pags_clock_ms();
   PAGS_TRY(pags_frame_for(f, s->active_count, 8, shade_active, s));
-  retire(s);
+
+  /* Forgets clusters with nothing left to draw. */
+  int64_t kept = 0;
+  for (int64_t i = 0; i < s->active_count; i++) {
+    s->frame->stats.shaded += s->active[i].shaded_count;
+    s->active[i].shaded_count = 0;
+    if (s->active[i].waiting_count)
+      s->active[kept++] = s->active[i];
+  }
+  s->active_count = kept;
+
   f->stats.ms_project += t1 - t0;
   f->stats.ms_shade += pags_clock_ms() - t1;
   return PAGS_OK;

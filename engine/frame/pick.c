@@ -226,21 +226,6 @@ static pags_result walk(picking *self, const double origin[3], const double dire
   return PAGS_OK;
 }
 
-static void report(const picking *self, const meeting *found, const double origin[3], const double direction[3],
-                   double blocked, pags_picked *out) {
-  const pags_gaussians *g = self->parts[found->part].gaussians;
-  out->part = found->part;
-  out->row = found->row;
-  out->id = found->id;
-  out->depth = found->t;
-  out->alpha = found->alpha;
-  out->blocked = blocked;
-  for (int k = 0; k < 3; k++)
-    out->point[k] = origin[k] + found->t * direction[k];
-  if (g->object_id && !self->parts[found->part].packed)
-    out->object = g->object_id[found->row];
-}
-
 pags_result pags_pick(const pags_part *parts, int part_count, const double origin[3], const double direction[3],
                       const pags_pick_options *options, pags_picked *out) {
   const pags_pick_options fallback = pags_pick_options_default();
@@ -259,8 +244,20 @@ pags_result pags_pick(const pags_part *parts, int part_count, const double origi
   const meeting *found = NULL;
   if (result == PAGS_OK)
     result = walk(&self, origin, direction, &found, &blocked);
-  if (found)
-    report(&self, found, origin, direction, blocked, out);
+  if (found) {
+    /* Report. */
+    const pags_gaussians *g = self.parts[found->part].gaussians;
+    out->part = found->part;
+    out->row = found->row;
+    out->id = found->id;
+    out->depth = found->t;
+    out->alpha = found->alpha;
+    out->blocked = blocked;
+    for (int k = 0; k < 3; k++)
+      out->point[k] = origin[k] + found->t * direction[k];
+    if (g->object_id && !self.parts[found->part].packed)
+      out->object = g->object_id[found->row];
+  }
   free(self.entries);
   free(self.meetings);
   return result;

@@ -7,15 +7,6 @@
 
 enum { BLOCK_SIDE = 4, BLOCKS = PAGS_TILE / BLOCK_SIDE, WORD = 64 };
 
-/* Blocks of a tile that have a pixel inside of the picture: padding counts as full. */
-static uint16_t blocks_inside(const pags_frame *frame, int x0, int y0) {
-  unsigned inside = 0;
-  for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
-    if (x0 + BLOCK_SIDE * (b % BLOCKS) < frame->camera.width && y0 + BLOCK_SIDE * (b / BLOCKS) < frame->camera.height)
-      inside |= 1u << b;
-  return (uint16_t)inside;
-}
-
 /* Rows of blocks from the tiles' masks: four bits of a tile go into each of four rows. */
 static void spread(const pags_frame *frame) {
   saturation *const f = frame->full;
@@ -48,7 +39,15 @@ pags_result pags_frame_saturation_begin(pags_frame *frame) {
   memset(f->tile_begun, 0, (size_t)tiles);
   for (int64_t tile = 0; tile < tiles; tile++) {
     f->limits[tile] = INFINITY;
-    f->tile_open[tile] = blocks_inside(frame, frame_tile_x(frame, tile), frame_tile_y(frame, tile));
+
+    /* Blocks of a tile that have a pixel inside of the picture: padding counts as full. */
+    int x0 = frame_tile_x(frame, tile);
+    int y0 = frame_tile_y(frame, tile);
+    unsigned inside = 0;
+    for (int b = 0; b < PAGS_TILE_BLOCKS; b++)
+      if (x0 + BLOCK_SIDE * (b % BLOCKS) < frame->camera.width && y0 + BLOCK_SIDE * (b / BLOCKS) < frame->camera.height)
+        inside |= 1u << b;
+    f->tile_open[tile] = (uint16_t)inside;
   }
   frame->tile_limits = f->limits;
   spread(frame);

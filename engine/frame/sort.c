@@ -10,19 +10,34 @@
 
 enum { FEW = 32, SOME = 256, MOST_DIGIT_BITS = 9, MOST_PASSES = 4 };
 
-static void insertion_sort(depth_key *keys, int64_t count) {
-  for (int64_t i = 1; i < count; i++) {
-    const depth_key moving = keys[i];
-    int64_t k = i;
-    for (; k > 0 && keys[k - 1].key > moving.key; k--)
-      keys[k] = keys[k - 1];
-    keys[k] = moving;
-  }
-}
+/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths.
+ */
+depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count) {
+  if (count <= FEW) {
+    /* Insertion sort. */
+    for (int64_t i = 1; i < count; i++) {
+      const depth_key moving = keys[i];
+      int64_t k = i;
+      for (; k > 0 && keys[k - 1].key > moving.key; k--)
+        keys[k] = keys[k - 1];
+      keys[k] = moving;
+    }
 
-/* All digits' histograms in one go, then turned into the places where each value's keys begin. */
-static void digit_places(const depth_key *keys, int64_t count, uint32_t least, int width, int passes,
-                         uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS]) {
+    return keys;
+  }
+  uint32_t least = UINT32_MAX, most = 0;
+  for (int64_t i = 0; i < count; i++) {
+    least = keys[i].key < least ? keys[i].key : least;
+    most = keys[i].key > most ? keys[i].key : most;
+  }
+  if (least == most)
+    return keys;
+  const int bits = 32 - __builtin_clz(most - least);
+  const int most_bits = count <= SOME ? MOST_DIGIT_BITS - 1 : MOST_DIGIT_BITS; /* histograms cost, too */
+  const int passes = (bits + most_bits - 1) / most_bits, width = (bits + passes - 1) / passes;
+  uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
+
+  /* All digits' histograms in one go, then turned into the places where each value's keys begin. */
   const uint32_t mask = (1u << width) - 1;
   for (int pass = 0; pass < passes; pass++)
     memset(place[pass], 0, sizeof(uint32_t) << width);
@@ -37,27 +52,7 @@ static void digit_places(const depth_key *keys, int64_t count, uint32_t least, i
       before += n;
     }
   }
-}
 
-/* A radix sort, digit by digit from the lowest, over as many bits as the keys' range has: some 26 of a street's depths.
- */
-depth_key *pags_frame_sort_keys(depth_key *keys, depth_key *spare, int64_t count) {
-  if (count <= FEW) {
-    insertion_sort(keys, count);
-    return keys;
-  }
-  uint32_t least = UINT32_MAX, most = 0;
-  for (int64_t i = 0; i < count; i++) {
-    least = keys[i].key < least ? keys[i].key : least;
-    most = keys[i].key > most ? keys[i].key : most;
-  }
-  if (least == most)
-    return keys;
-  const int bits = 32 - __builtin_clz(most - least);
-  const int most_bits = count <= SOME ? MOST_DIGIT_BITS - 1 : MOST_DIGIT_BITS; /* histograms cost, too */
-  const int passes = (bits + most_bits - 1) / most_bits, width = (bits + passes - 1) / passes;
-  uint32_t place[MOST_PASSES][1 << MOST_DIGIT_BITS];
-  digit_places(keys, count, least, width, passes, place);
   for (int pass = 0; pass < passes; pass++) {
     uint32_t *const next = place[pass];
     for (int64_t i = 0; i < count; i++)

@@ -14,21 +14,6 @@ static float *sample_plane(pags_frame *f, const frame_samples *s) {
   return pags_frame_alloc(f, (int64_t)s->stride * (f->rows / SAMPLE_SIDE), sizeof(float), "samples");
 }
 
-static pags_result make_samples(pags_frame *f, frame_samples *s) {
-  *s = (frame_samples){.width = (f->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
-                       .height = (f->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
-                       .stride = f->stride / SAMPLE_SIDE};
-  float **const planes[] = {&s->rgb[0],   &s->rgb[1], &s->rgb[2],   &s->transmittance,
-                            &s->critical, &s->depth,  &s->depth_sum};
-  const int count = f->options.extra_channels ? 7 : 5;
-  for (int k = 0; k < count; k++)
-    if (!(*planes[k] = sample_plane(f, s)))
-      return PAGS_ERROR_MEMORY;
-  if (f->options.extra_channels && !(s->id = (int32_t *)(void *)sample_plane(f, s)))
-    return PAGS_ERROR_MEMORY;
-  return PAGS_OK;
-}
-
 static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
   const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y;
   uint8_t *const wanted = pags_frame_alloc(f, tiles, 1, "tiles that are drawn in full");
@@ -140,7 +125,21 @@ static void enlarge_tiles(void *context, int64_t begin, int64_t end, int worker)
 
 pags_result pags_stage_variable_rate(pags_frame *frame) {
   frame_samples samples;
-  PAGS_TRY(make_samples(frame, &samples));
+
+  /* Make samples. */
+  frame_samples *s = &samples;
+  *s = (frame_samples){.width = (frame->camera.width + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                       .height = (frame->camera.height + SAMPLE_SIDE - 1) / SAMPLE_SIDE,
+                       .stride = frame->stride / SAMPLE_SIDE};
+  float **const planes[] = {&s->rgb[0],   &s->rgb[1], &s->rgb[2],   &s->transmittance,
+                            &s->critical, &s->depth,  &s->depth_sum};
+  const int count = frame->options.extra_channels ? 7 : 5;
+  for (int k = 0; k < count; k++)
+    if (!(*planes[k] = sample_plane(frame, s)))
+      return PAGS_ERROR_MEMORY;
+  if (frame->options.extra_channels && !(s->id = (int32_t *)(void *)sample_plane(frame, s)))
+    return PAGS_ERROR_MEMORY;
+
   PAGS_TRY(pags_stage_sample(frame, &samples));
   PAGS_TRY(mark_tiles(frame, &samples));
   PAGS_TRY(pags_stage_raster(frame));

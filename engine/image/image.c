@@ -126,8 +126,8 @@ static pags_result convert_in_place(pags_image *image, pags_sample sample, int c
   return PAGS_OK;
 }
 
-/* Opening says itself what is wrong with a path before any decoder guesses at its contents. */
-static pags_result check_readable(const char *path) {
+static pags_result open_picture(const char *path, const pags_oiio **oiio, void **reader, pags_oiio_info *info) {
+  /* Opening says itself what is wrong with a path before any decoder guesses at its contents. */
   struct stat status;
   if (stat(path, &status) != 0)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
@@ -135,11 +135,7 @@ static pags_result check_readable(const char *path) {
     return pags_fail(PAGS_ERROR_IO, "%s: is a folder, expected a picture", path);
   if (access(path, R_OK) != 0)
     return pags_fail(PAGS_ERROR_IO, "%s: %s", path, strerror(errno));
-  return PAGS_OK;
-}
 
-static pags_result open_picture(const char *path, const pags_oiio **oiio, void **reader, pags_oiio_info *info) {
-  PAGS_TRY(check_readable(path));
   PAGS_TRY(pags_png_check_chunks(path));
   PAGS_TRY(pags_oiio_module(oiio));
   pags_oiio_message message;

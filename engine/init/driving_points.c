@@ -69,23 +69,6 @@ static void colour_of(const pags_lidar_point *row, uint8_t rgb[3]) {
     rgb[c] = (uint8_t)fminf(255.0f, row->sum[c] / row->sum[3] + 0.5f);
 }
 
-/* The eyes: where the training cameras stand, relative to the origin. */
-static pags_result list_eyes(const pags_dataset *dataset, float **eyes, int64_t *count) {
-  *count = 0;
-  *eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof **eyes);
-  if (!*eyes)
-    return pags_out_of_memory("the cameras");
-  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
-    const pags_view *view = pags_dataset_view(dataset, i);
-    if (view->test)
-      continue;
-    for (int k = 0; k < 3; k++)
-      (*eyes)[3 * *count + k] = (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
-    ++*count;
-  }
-  return PAGS_OK;
-}
-
 /* Objects. */
 
 /* What has a colour; a mirror image takes its source's. */
@@ -230,27 +213,6 @@ static pags_result find_extra(const pags_dataset *dataset, const pags_train_conf
   return PAGS_OK;
 }
 
-static pags_result put_background(const pags_dataset *dataset, const pags_lidar_points *points,
-                                  const extra_points *extra, const double middle[3], double largest,
-                                  const pags_far_points *far, pags_start *out) {
-  pags_start_points *to = &out->background;
-  PAGS_TRY(reserve(to, points->count + extra->count + far->count, 1));
-  for (int64_t i = 0; i < points->count; i++) {
-    uint8_t rgb[3];
-    const pags_lidar_point *row = &points->rows[i];
-    colour_of(row, rgb);
-    to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
-    put(to, row->p, rgb, row->parked);
-  }
-  out->lidar_points = to->count;
-  for (int64_t i = 0; i < extra->count; i++)
-    if (distance_from(extra->xyz + 3 * i, middle) <= 2 * largest && !swept_by_object(dataset, extra->xyz + 3 * i))
-      put(to, extra->xyz + 3 * i, extra->rgb + 3 * i, -1);
-  for (int64_t i = 0; i < far->count; i++)
-    put(to, far->xyz + 3 * i, far->rgb + 3 * i, -1);
-  return PAGS_OK;
-}
-
 typedef struct work {
   pags_lidar_points points;
   pags_far_points far;
@@ -297,7 +259,22 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
   out->objects = calloc((size_t)out->object_count + 1, sizeof *out->objects);
   if (!out->objects)
     return pags_out_of_memory("%lld objects", (long long)out->object_count);
-  PAGS_TRY(list_eyes(dataset, &w->eyes, &w->eye_count));
+
+  /* The eyes: where the training cameras stand, relative to the origin. */
+  float **eyes = &w->eyes;
+  int64_t *count = &w->eye_count;
+  *count = 0;
+  *eyes = malloc(((size_t)pags_dataset_view_count(dataset) + 1) * 3 * sizeof **eyes);
+  if (!*eyes)
+    return pags_out_of_memory("the cameras");
+  for (int64_t i = 0; i < pags_dataset_view_count(dataset); i++) {
+    const pags_view *view = pags_dataset_view(dataset, i);
+    if (view->test)
+      continue;
+    for (int k = 0; k < 3; k++)
+      (*eyes)[3 * *count + k] = (float)(view->camera.world_from_camera[4 * k + 3] - pags_dataset_origin(dataset)[k]);
+    ++*count;
+  }
 
   /* Mean eye. */
   for (int k = 0; k < 3; k++) {
@@ -308,7 +285,24 @@ static pags_result make(const pags_dataset *dataset, const pags_train_config *co
 
   PAGS_TRY(make_lidar(dataset, lidar, tasks, w, middle, &largest, out));
   PAGS_TRY(find_extra(dataset, config, w->points.count, tasks, &w->extra));
-  return put_background(dataset, &w->points, &w->extra, middle, largest, &w->far, out);
+
+  /* Put background. */
+  pags_start_points *to = &out->background;
+  PAGS_TRY(reserve(to, w->points.count + w->extra.count + w->far.count, 1));
+  for (int64_t i = 0; i < w->points.count; i++) {
+    uint8_t rgb[3];
+    const pags_lidar_point *row = &w->points.rows[i];
+    colour_of(row, rgb);
+    to->s_sem[to->count] = row->views[0] > 0 ? row->views[1] / row->views[0] : 0.0f;
+    put(to, row->p, rgb, row->parked);
+  }
+  out->lidar_points = to->count;
+  for (int64_t i = 0; i < w->extra.count; i++)
+    if (distance_from(w->extra.xyz + 3 * i, middle) <= 2 * largest && !swept_by_object(dataset, w->extra.xyz + 3 * i))
+      put(to, w->extra.xyz + 3 * i, w->extra.rgb + 3 * i, -1);
+  for (int64_t i = 0; i < w->far.count; i++)
+    put(to, w->far.xyz + 3 * i, w->far.rgb + 3 * i, -1);
+  return PAGS_OK;
 }
 
 pags_result pags_start_create(const pags_dataset *dataset, const pags_train_config *config, int lidar,

@@ -48,15 +48,6 @@ static void nearest_add(nearest *near, float d2) {
   }
 }
 
-/* `others`: how many points there are besides this one. */
-static float nearest_mean(const nearest *near, int64_t others) {
-  const int used = others < 3 ? (int)others : 3;
-  float sum = 0.0f;
-  for (int k = 0; k < used; k++)
-    sum += near->d2[k];
-  return used ? sum / (float)used : 0.0f;
-}
-
 /* Hoare's selection: afterwards points[middle] is what sorting would put there, none before it is larger, none behind
  * smaller. */
 static void select_middle(tree_point *points, int64_t begin, int64_t end, int64_t middle, int axis) {
@@ -136,7 +127,14 @@ static void search_block(void *context, int64_t begin, int64_t end, int worker) 
   for (int64_t i = begin; i < end; i++) {
     nearest near = {{FLT_MAX, FLT_MAX, FLT_MAX}};
     search(t, 0, t->count, i, &near);
-    t->out[t->points[i].row] = nearest_mean(&near, t->count - 1);
+
+    /* `others`: how many points there are besides this one. */
+    int64_t others = t->count - 1;
+    const int used = others < 3 ? (int)others : 3;
+    float sum = 0.0f;
+    for (int k = 0; k < used; k++)
+      sum += near.d2[k];
+    t->out[t->points[i].row] = used ? sum / (float)used : 0.0f;
   }
 }
 

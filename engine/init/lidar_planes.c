@@ -95,8 +95,11 @@ static void diagonalise(double a[3][3], double v[3][3]) {
       }
 }
 
-static void moments_of(const pags_lidar_points *points, const keyed *run, int64_t count, double mean[3],
-                       double a[3][3]) {
+static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
+  double mean[3], a[3][3], v[3][3];
+  pags_lidar_plane plane = {.key = run->key};
+
+  /* Moments of. */
   memset(a, 0, 9 * sizeof(double));
   for (int k = 0; k < 3; k++) {
     mean[k] = 0;
@@ -107,12 +110,7 @@ static void moments_of(const pags_lidar_points *points, const keyed *run, int64_
     for (int k = 0; k < 9; k++)
       a[k / 3][k % 3] += ((double)points->rows[run[i].row].p[k / 3] - mean[k / 3]) *
                          ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
-}
 
-static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
-  double mean[3], a[3][3], v[3][3];
-  pags_lidar_plane plane = {.key = run->key};
-  moments_of(points, run, count, mean, a);
   diagonalise(a, v);
   int least = 0, most = 0;
   for (int k = 1; k < 3; k++) {

@@ -92,14 +92,6 @@ static void merge_into(pags_lidar_point *to, const pags_lidar_point *from) {
   to->merged += from->merged;
 }
 
-/* Open addressing over indices of rows kept so far; `keys` are theirs. */
-static int64_t find_slot(const int32_t *table, uint64_t mask, const key *keys, const key *wanted) {
-  uint64_t at = hash_of(wanted) & mask;
-  while (table[at] >= 0 && memcmp(&keys[table[at]], wanted, sizeof *wanted) != 0)
-    at = (at + 1) & mask;
-  return (int64_t)at;
-}
-
 pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks, const float *eyes, int64_t eye_count,
                                     double side) {
   uint8_t *level;
@@ -124,7 +116,13 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
       pags_lidar_point row = points->rows[i];
       if (row.owner < 0) {
         key k = key_of(&row, level[i], side);
-        int64_t slot = find_slot(table, mask, keys, &k);
+
+        /* Open addressing over indices of rows kept so far; `keys` are theirs. */
+        uint64_t at = hash_of(&k) & mask;
+        while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof *(&k)) != 0)
+          at = (at + 1) & mask;
+        int64_t slot = (int64_t)at;
+
         if (table[slot] >= 0) {
           merge_into(&points->rows[table[slot]], &row);
           continue;
@@ -179,19 +177,6 @@ pags_result pags_lidar_points_remove_rig(pags_lidar_points *points, pags_tasks *
   return result;
 }
 
-/* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
-static void find_limits(const uint8_t *level, const float *square, int64_t count, float *scratch,
-                        float limits[LEVELS]) {
-  for (int l = 0; l < LEVELS; l++) {
-    int64_t n = 0;
-    for (int64_t i = 0; i < count; i++)
-      if (level[i] == l)
-        scratch[n++] = square[i];
-    pags_sort_floats(scratch, n);
-    limits[l] = n >= 16 ? 16 * scratch[n / 2] : INFINITY;
-  }
-}
-
 /* `index` lists the rows of the background, `floats` has room for 5 a row: positions, squares, scratch. */
 static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, const uint8_t *level,
                                  const int64_t *index, int64_t count, float *floats, uint8_t *own) {
@@ -201,7 +186,18 @@ static pags_result mark_outliers(pags_lidar_points *points, pags_tasks *tasks, c
     own[i] = level[index[i]];
   }
   PAGS_TRY(pags_knn_mean_squared(floats, count, tasks, square));
-  find_limits(own, square, count, square + count, limits);
+
+  /* Sixteen times the median of the squares of each level; infinity where too few are to tell. */
+  float *scratch = square + count;
+  for (int l = 0; l < LEVELS; l++) {
+    int64_t n = 0;
+    for (int64_t i = 0; i < count; i++)
+      if (own[i] == l)
+        scratch[n++] = square[i];
+    pags_sort_floats(scratch, n);
+    limits[l] = n >= 16 ? 16 * scratch[n / 2] : INFINITY;
+  }
+
   for (int64_t i = 0; i < count; i++)
     if (square[i] > limits[own[i]])
       points->rows[index[i]].kind = -1;

@@ -69,27 +69,25 @@ void pags_camera_to_json(pags_json_writer *writer, const pags_camera *camera) {
     pags_json_put_number(writer, "time", camera->time);
 }
 
-static pags_result read_frames(const pags_json *json, const pags_json_value *root, pags_camera_path *path) {
-  const pags_json_value *frames;
-  PAGS_TRY(pags_json_array(json, root, "frames", &frames));
-  PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
-  if (!(path->fps > 0))
-    return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", path->fps);
-  if (frames->count == 0)
-    return pags_json_fail(json, frames, "expected at least one camera in 'frames'");
-  path->cameras = calloc((size_t)frames->count, sizeof *path->cameras);
-  if (!path->cameras)
-    return pags_out_of_memory("%s: its cameras", pags_json_path(json));
-  for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
-    PAGS_TRY(pags_camera_from_json(json, frame, &path->cameras[path->count++]));
-  return PAGS_OK;
-}
-
 static pags_result read_path(const pags_json *json, pags_camera_path *path) {
   const pags_json_value *root = pags_json_root(json);
   PAGS_TRY(pags_json_as_object(json, root, "a camera or a path"));
-  if (pags_json_member(root, "frames"))
-    return read_frames(json, root, path);
+  if (pags_json_member(root, "frames")) {
+    /* Read frames. */
+    const pags_json_value *frames;
+    PAGS_TRY(pags_json_array(json, root, "frames", &frames));
+    PAGS_TRY(pags_json_number(json, root, "fps", &path->fps));
+    if (!(path->fps > 0))
+      return pags_json_fail(json, root, "expected a positive number for 'fps', found %g", path->fps);
+    if (frames->count == 0)
+      return pags_json_fail(json, frames, "expected at least one camera in 'frames'");
+    path->cameras = calloc((size_t)frames->count, sizeof *path->cameras);
+    if (!path->cameras)
+      return pags_out_of_memory("%s: its cameras", pags_json_path(json));
+    for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
+      PAGS_TRY(pags_camera_from_json(json, frame, &path->cameras[path->count++]));
+    return PAGS_OK;
+  }
   path->cameras = calloc(1, sizeof *path->cameras);
   if (!path->cameras)
     return pags_out_of_memory("%s: its camera", pags_json_path(json));

@@ -210,25 +210,24 @@ static void mark_not_finite(const float *plane, int count, uint8_t bad[BLOCK]) {
     bad[i] = bad[i] || !isfinite(plane[i]);
 }
 
-static void mark_bad(const pags_gaussians *g, int64_t first, int count, uint8_t bad[BLOCK]) {
-  memset(bad, 0, BLOCK);
-  for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
-    mark_not_finite(pags_plane(g, p) + first, count, bad);
-  for (int p = 0; p < FOURIER_PLANES && g->fourier; p++)
-    mark_not_finite(g->fourier + p * g->stride + first, count, bad);
-  const float *q[4];
-  for (int k = 0; k < 4; k++)
-    q[k] = pags_plane(g, PAGS_ROTATION + k) + first;
-  for (int i = 0; i < count; i++)
-    bad[i] = bad[i] || (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0);
-}
-
 int64_t pags_gaussians_find_bad(const pags_gaussians *g, int64_t *index) {
   int64_t bad_count = 0, good_count = 0;
   uint8_t bad[BLOCK];
   for (int64_t first = 0; first < g->count; first += BLOCK) {
     int count = g->count - first < BLOCK ? (int)(g->count - first) : BLOCK;
-    mark_bad(g, first, count, bad);
+
+    /* Mark bad. */
+    memset(bad, 0, BLOCK);
+    for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+      mark_not_finite(pags_plane(g, p) + first, count, bad);
+    for (int p = 0; p < FOURIER_PLANES && g->fourier; p++)
+      mark_not_finite(g->fourier + p * g->stride + first, count, bad);
+    const float *q[4];
+    for (int k = 0; k < 4; k++)
+      q[k] = pags_plane(g, PAGS_ROTATION + k) + first;
+    for (int i = 0; i < count; i++)
+      bad[i] = bad[i] || (q[0][i] == 0 && q[1][i] == 0 && q[2][i] == 0 && q[3][i] == 0);
+
     for (int i = 0; i < count; i++) {
       if (bad[i])
         bad_count++;

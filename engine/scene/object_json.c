@@ -69,24 +69,6 @@ static pags_result read_knot(const pags_json *json, const pags_json_value *value
   return PAGS_OK;
 }
 
-static pags_result read_knots(const pags_json *json, const pags_json_value *object, pags_object *record) {
-  const pags_json_value *knots;
-  PAGS_TRY(pags_json_array(json, object, "knots", &knots));
-  if (knots->count == 0)
-    return pags_json_fail(json, knots, "expected at least one pose in 'knots'");
-  record->knots = calloc((size_t)knots->count, sizeof *record->knots);
-  if (!record->knots)
-    return fail_memory(json);
-  for (const pags_json_value *value = knots->first; value; value = value->next) {
-    pags_knot *knot = &record->knots[record->knot_count++];
-    PAGS_TRY(read_knot(json, value, knot));
-    if (knot > record->knots && !(knot->time > knot[-1].time))
-      return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g", knot[-1].time,
-                            knot->time);
-  }
-  return PAGS_OK;
-}
-
 static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
   const char *name;
   PAGS_TRY(pags_json_string(json, object, "category", &name));
@@ -111,7 +93,23 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
     return pags_json_fail(json, pags_json_member(object, "size"), "expected three positive numbers for 'size'");
   PAGS_TRY(pags_json_bool_or(json, object, "moving", false, &moving));
   record->moving = moving;
-  return read_knots(json, object, record);
+
+  /* Read knots. */
+  const pags_json_value *knots;
+  PAGS_TRY(pags_json_array(json, object, "knots", &knots));
+  if (knots->count == 0)
+    return pags_json_fail(json, knots, "expected at least one pose in 'knots'");
+  record->knots = calloc((size_t)knots->count, sizeof *record->knots);
+  if (!record->knots)
+    return fail_memory(json);
+  for (const pags_json_value *value = knots->first; value; value = value->next) {
+    pags_knot *knot = &record->knots[record->knot_count++];
+    PAGS_TRY(read_knot(json, value, knot));
+    if (knot > record->knots && !(knot->time > knot[-1].time))
+      return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g", knot[-1].time,
+                            knot->time);
+  }
+  return PAGS_OK;
 }
 
 /* Model by name. `taken` says which models belong to an object already; the first one is the background. */

@@ -83,19 +83,6 @@ static int median_reaches(const pags_object *object, double length) {
   return spacings > 0 && shorter <= spacings / 2;
 }
 
-/* The number of knots at or before `time`. */
-static int64_t knots_until(const pags_object *object, double time) {
-  int64_t low = 0, high = object->knot_count;
-  while (low < high) {
-    int64_t middle = low + (high - low) / 2;
-    if (object->knots[middle].time <= time)
-      low = middle + 1;
-    else
-      high = middle;
-  }
-  return low;
-}
-
 /* The label at `time`, `after` knots lying at or before it. */
 static int label_at(const pags_object *object, double time, int64_t after, double out[12]) {
   const pags_knot *before = after > 0 ? &object->knots[after - 1] : NULL;
@@ -208,7 +195,17 @@ static void correct(const pags_knot *a, const pags_knot *b, double time, double 
 }
 
 int pags_object_pose(const pags_object *object, double time, double out[12]) {
-  const int64_t after = knots_until(object, time);
+  /* The number of knots at or before `time`. */
+  int64_t low = 0, high = object->knot_count;
+  while (low < high) {
+    int64_t middle = low + (high - low) / 2;
+    if (object->knots[middle].time <= time)
+      low = middle + 1;
+    else
+      high = middle;
+  }
+  const int64_t after = low;
+
   if (!label_at(object, time, after, out))
     return 0;
   /* A knot at this very time is on both sides. */

@@ -66,23 +66,6 @@ static void put_word(uint8_t *block, int plane, int row, uint16_t word) {
   memcpy(block + 2 * ((size_t)plane * ROWS + (size_t)row), &word, sizeof word);
 }
 
-static void pack_means(const pags_gaussians *g, int64_t first, int rows, const pags_clusters *clusters, int64_t cluster,
-                       uint8_t *block) {
-  for (int a = 0; a < 3; a++) {
-    const float *const mean = pags_plane(g, PAGS_MEAN + a) + first;
-    float lo = mean[0], hi = mean[0];
-    for (int i = 1; i < rows; i++) {
-      lo = mean[i] < lo ? mean[i] : lo;
-      hi = mean[i] > hi ? mean[i] : hi;
-    }
-    clusters->lo[a][cluster] = lo;
-    clusters->hi[a][cluster] = hi;
-    const float step = (hi - lo) * (1.0f / 65535.0f);
-    for (int i = 0; i < rows; i++)
-      put_word(block, a, i, step > 0.0f ? quantise(mean[i], lo, step, 65535.0f) : 0);
-  }
-}
-
 /* The smallest three of a unit quaternion whose largest part is positive. A zero quaternion is the identity. */
 static void pack_rotation(const pags_gaussians *g, int64_t row, int i, uint8_t *block) {
   double q[4], norm = 0;
@@ -123,16 +106,6 @@ static void pack_colours(const pags_gaussians *g, int64_t first, int rows, uint8
   }
 }
 
-/* A hair more than exp of the largest, since the projection kernel's exp rounds otherwise than libm's. */
-static float largest_sigma(const pags_packed *packed, int64_t cluster, int rows) {
-  float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
-  pags_packed_geometry(packed, cluster, planes);
-  for (int k = 0; k < 3; k++)
-    for (int i = 0; i < rows; i++)
-      largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
-  return expf(largest) * 1.00001f;
-}
-
 pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out) {
   const int64_t clusters = (gaussians->count + ROWS - 1) / ROWS;
   const size_t size = find_places(clusters, gaussians->sh_degree).size;
@@ -149,7 +122,22 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
 
     /* Pack geometry. */
     uint8_t *block = bytes + (out->geometry - bytes) + c * PAGS_PACKED_GEOMETRY;
-    pack_means(gaussians, first, rows, &out->clusters, c, block);
+
+    /* Pack means. */
+    for (int a = 0; a < 3; a++) {
+      const float *const mean = pags_plane(gaussians, PAGS_MEAN + a) + first;
+      float lo = mean[0], hi = mean[0];
+      for (int i = 1; i < rows; i++) {
+        lo = mean[i] < lo ? mean[i] : lo;
+        hi = mean[i] > hi ? mean[i] : hi;
+      }
+      out->clusters.lo[a][c] = lo;
+      out->clusters.hi[a][c] = hi;
+      const float step = (hi - lo) * (1.0f / 65535.0f);
+      for (int i = 0; i < rows; i++)
+        put_word(block, a, i, step > 0.0f ? quantise(mean[i], lo, step, 65535.0f) : 0);
+    }
+
     for (int i = 0; i < rows; i++) {
       for (int k = 0; k < 3; k++)
         put_word(
@@ -166,7 +154,14 @@ pags_result pags_packed_create(const pags_gaussians *gaussians, pags_packed *out
 
     pack_colours(gaussians, first, rows,
                  bytes + (out->colour - bytes) + (size_t)c * pags_packed_colour_bytes(gaussians->sh_degree));
-    out->clusters.sigma[c] = largest_sigma(out, c, rows);
+
+    /* A hair more than exp of the largest, since the projection kernel's exp rounds otherwise than libm's. */
+    float planes[PAGS_PACKED_GEOMETRY_PLANES * ROWS], largest = PAGS_PACKED_LOWEST;
+    pags_packed_geometry(out, c, planes);
+    for (int k = 0; k < 3; k++)
+      for (int i = 0; i < rows; i++)
+        largest = planes[(PAGS_SCALE + k) * ROWS + i] > largest ? planes[(PAGS_SCALE + k) * ROWS + i] : largest;
+    out->clusters.sigma[c] = expf(largest) * 1.00001f;
   }
   const pags_result result = pags_clusters_add_runs(&out->clusters);
   if (result != PAGS_OK)

@@ -62,17 +62,6 @@ static pags_result find_degree(const ply_table *table, const ply_element *vertex
   return PAGS_OK;
 }
 
-static pags_result bind_columns(const ply_table *table, const ply_element *vertex, int count, const column columns[],
-                                const ply_property *properties[]) {
-  for (int i = 0; i < count; i++) {
-    properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
-    if (!properties[i] && columns[i].plane >= 0)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
-                       table->path, columns[i].name);
-  }
-  return PAGS_OK;
-}
-
 /* Fills rows [first, first + rows) of the planes; false when any value is not finite. */
 static bool read_block(const ply_table *table, const ply_element *vertex, int count, const column columns[],
                        const ply_property *const properties[], int64_t first, int64_t rows, pags_gaussians *out) {
@@ -154,7 +143,15 @@ static pags_result read_vertices(const ply_table *table, const ply_element *vert
   int degree;
   PAGS_TRY(find_degree(table, vertex, &degree));
   int count = list_columns(degree, columns);
-  PAGS_TRY(bind_columns(table, vertex, count, columns, properties));
+
+  /* Bind columns. */
+  for (int i = 0; i < count; i++) {
+    properties[i] = pags_ply_property_find(table, vertex, columns[i].name);
+    if (!properties[i] && columns[i].plane >= 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: no property '%s' in element 'vertex': not a 3D Gaussian splat",
+                       table->path, columns[i].name);
+  }
+
   PAGS_TRY(pags_ply_table_need(table, vertex));
   PAGS_TRY(pags_gaussians_create(out, vertex->count, degree));
   for (int64_t first = 0; first < out->count; first += BLOCK_ROWS) {

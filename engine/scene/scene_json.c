@@ -48,17 +48,6 @@ static pags_result read_model(const pags_json *json, const pags_json_value *valu
   return PAGS_OK;
 }
 
-static pags_result check_names(const pags_json *json, const pags_json_value *models, const pags_scene *scene) {
-  const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
-  if (!names)
-    return fail_memory(json);
-  for (int64_t i = 0; i < scene->model_count; i++)
-    names[i] = scene->models[i].name;
-  pags_result result = pags_json_names_differ(json, models, "models", names, scene->model_count);
-  free(names);
-  return result;
-}
-
 static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
                                int64_t **counts) {
   const pags_json_value *models;
@@ -71,7 +60,16 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
     int64_t i = scene->model_count++;
     PAGS_TRY(read_model(json, model, &scene->models[i], &(*counts)[i]));
   }
-  return check_names(json, models, scene);
+
+  /* Check names. */
+  const char **names = malloc((size_t)(scene->model_count + 1) * sizeof *names);
+  if (!names)
+    return fail_memory(json);
+  for (int64_t i = 0; i < scene->model_count; i++)
+    names[i] = scene->models[i].name;
+  pags_result result = pags_json_names_differ(json, models, "models", names, scene->model_count);
+  free(names);
+  return result;
 }
 
 /* Three numbers under a key that may be missing. */
@@ -96,17 +94,6 @@ static pags_result read_view(const pags_json *json, const pags_json_value *value
   view->sensor = (int)sensor;
   view->frame = (int)frame;
   return pags_camera_from_json(json, value, &view->camera);
-}
-
-static pags_result read_views(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
-  const pags_json_value *views;
-  PAGS_TRY(pags_json_array(json, root, "cameras", &views));
-  scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
-  if (!scene->views)
-    return fail_memory(json);
-  for (const pags_json_value *value = views->first; value; value = value->next)
-    PAGS_TRY(read_view(json, value, &scene->views[scene->view_count++]));
-  return PAGS_OK;
 }
 
 /* The text of an object as the file has it; NULL where there is none. */
@@ -186,7 +173,16 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   PAGS_TRY(read_sky(json, root, &files->sky));
   PAGS_TRY(read_models(json, root, scene, &files->counts));
   PAGS_TRY(pags_scene_objects_from_json(json, root, scene));
-  return read_views(json, root, scene);
+
+  /* Read views. */
+  const pags_json_value *views;
+  PAGS_TRY(pags_json_array(json, root, "cameras", &views));
+  scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
+  if (!scene->views)
+    return fail_memory(json);
+  for (const pags_json_value *value = views->first; value; value = value->next)
+    PAGS_TRY(read_view(json, value, &scene->views[scene->view_count++]));
+  return PAGS_OK;
 }
 
 pags_result pags_scene_json_read(const char *path, pags_scene *scene, pags_scene_files *files) {

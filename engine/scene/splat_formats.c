@@ -19,15 +19,6 @@ static const char *plane_name(int plane) {
                                  : "colour";
 }
 
-static pags_result fail_first_bad(const char *path, const pags_gaussians *g) {
-  for (int64_t i = 0; i < g->count; i++)
-    for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
-      if (!isfinite(pags_plane(g, p)[i]))
-        return pags_fail(PAGS_ERROR_FORMAT, "%s: Gaussian %lld: expected finite numbers for its %s", path, (long long)i,
-                         plane_name(p));
-  return PAGS_OK;
-}
-
 static int64_t fix_rotations(pags_gaussians *g) {
   int64_t fixed = 0;
   float *q[4];
@@ -45,7 +36,14 @@ static int64_t fix_rotations(pags_gaussians *g) {
 pags_result pags_splat_accept(const char *path, pags_gaussians *g) {
   if (g->count == 0 || pags_gaussians_find_bad(g, NULL) == 0)
     return PAGS_OK;
-  PAGS_TRY(fail_first_bad(path, g));
+
+  /* Fail first bad. */
+  for (int64_t i = 0; i < g->count; i++)
+    for (int p = 0; p < pags_plane_count(g->sh_degree); p++)
+      if (!isfinite(pags_plane(g, p)[i]))
+        return pags_fail(PAGS_ERROR_FORMAT, "%s: Gaussian %lld: expected finite numbers for its %s", path, (long long)i,
+                         plane_name(p));
+
   int64_t fixed = fix_rotations(g);
   pags_log(PAGS_LOG_WARNING, "%s: %lld all-zero quaternions taken as no rotation", path, (long long)fixed);
   return PAGS_OK;

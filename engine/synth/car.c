@@ -67,37 +67,6 @@ static void add_cabin(pags_mesh *mesh, car_parts *parts, float length, float wid
   pags_mesh_loft(mesh, LEVELS, OUTLINE, points, cabin_material, parts);
 }
 
-static void add_wheels(pags_mesh *mesh, const car_parts *parts, float length, float width) {
-  for (int i = 0; i < 4; i++) {
-    const float x = (i & 1 ? 0.30f : -0.30f) * length, side = i & 2 ? 1.0f : -1.0f, outer = 0.5f * width * side;
-    const float inner[3] = {x, outer - 0.24f * side, 0.32f}, rim[3] = {x, outer + 0.010f * side, 0.32f};
-    const float arch[3] = {x, outer + 0.004f * side, 0.34f}, behind[3] = {x, outer - 0.3f * side, 0.34f};
-    pags_mesh_tube(mesh, behind, arch, 0.38f, 0.38f, 20, parts->black);
-    pags_mesh_tube(mesh, inner, rim, 0.32f, 0.32f, 20, parts->black);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.014f * side, 0.32f}, 0.22f, 0.20f, 16, parts->hub);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.016f * side, 0.32f}, 0.17f, 0.17f, 16, parts->black);
-    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.020f * side, 0.32f}, 0.14f, 0.06f, 16, parts->hub);
-  }
-}
-
-static void add_details(pags_mesh *mesh, const car_parts *parts, float length, float width) {
-  const float nose = 0.5f * length, y = 0.33f * width;
-  for (int side = -1; side <= 1; side += 2) {
-    const float s = (float)side;
-    pags_mesh_ellipsoid(mesh, (float[3]){nose - 0.10f, s * y, 0.63f}, (float[3]){0.09f, 0.17f, 0.075f}, 10,
-                        parts->white);
-    pags_mesh_ellipsoid(mesh, (float[3]){-nose + 0.045f, s * y * 1.05f, 0.78f}, (float[3]){0.06f, 0.13f, 0.09f}, 10,
-                        parts->red);
-    pags_mesh_box(mesh, (float[3]){nose * 0.36f, s * (0.5f * width + 0.06f), 0.99f}, (float[3]){0.05f, 0.075f, 0.055f},
-                  parts->paint);
-    pags_mesh_box(mesh, (float[3]){-0.42f, s * (0.5f * width - 0.012f), 0.80f}, (float[3]){0.09f, 0.012f, 0.018f},
-                  parts->hub);
-  }
-  pags_mesh_box(mesh, (float[3]){nose - 0.060f, 0, 0.36f}, (float[3]){0.03f, 0.46f, 0.06f}, parts->black);
-  pags_mesh_box(mesh, (float[3]){nose + 0.004f, 0, 0.50f}, (float[3]){0.008f, 0.26f, 0.055f}, parts->plate);
-  pags_mesh_box(mesh, (float[3]){-nose - 0.004f, 0, 0.60f}, (float[3]){0.008f, 0.26f, 0.055f}, parts->plate);
-}
-
 static void choose_parts(car_parts *parts, pags_materials *materials, pags_dice *dice, int kind) {
   static const float paints[10][3] = {{0.62f, 0.62f, 0.60f}, {0.03f, 0.03f, 0.035f}, {0.28f, 0.29f, 0.31f},
                                       {0.45f, 0.03f, 0.03f}, {0.04f, 0.10f, 0.32f},  {0.09f, 0.10f, 0.11f},
@@ -138,8 +107,36 @@ void pags_car_add(pags_mesh *mesh, pags_materials *materials, pags_dice *dice, i
   pags_mesh_loft(mesh, STATIONS, AROUND, points, all_paint, &parts);
 
   add_cabin(mesh, &parts, length, width, height, pags_dice_pick(dice, 2));
-  add_wheels(mesh, &parts, length, width);
-  add_details(mesh, &parts, length, width);
+
+  /* Add wheels. */
+  for (int i = 0; i < 4; i++) {
+    const float x = (i & 1 ? 0.30f : -0.30f) * length, side = i & 2 ? 1.0f : -1.0f, outer = 0.5f * width * side;
+    const float inner[3] = {x, outer - 0.24f * side, 0.32f}, rim[3] = {x, outer + 0.010f * side, 0.32f};
+    const float arch[3] = {x, outer + 0.004f * side, 0.34f}, behind[3] = {x, outer - 0.3f * side, 0.34f};
+    pags_mesh_tube(mesh, behind, arch, 0.38f, 0.38f, 20, parts.black);
+    pags_mesh_tube(mesh, inner, rim, 0.32f, 0.32f, 20, parts.black);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.014f * side, 0.32f}, 0.22f, 0.20f, 16, parts.hub);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.016f * side, 0.32f}, 0.17f, 0.17f, 16, parts.black);
+    pags_mesh_tube(mesh, rim, (float[3]){x, outer + 0.020f * side, 0.32f}, 0.14f, 0.06f, 16, parts.hub);
+  }
+
+  /* Add details. */
+  const float nose = 0.5f * length, y = 0.33f * width;
+  for (int side = -1; side <= 1; side += 2) {
+    const float s = (float)side;
+    pags_mesh_ellipsoid(mesh, (float[3]){nose - 0.10f, s * y, 0.63f}, (float[3]){0.09f, 0.17f, 0.075f}, 10,
+                        parts.white);
+    pags_mesh_ellipsoid(mesh, (float[3]){-nose + 0.045f, s * y * 1.05f, 0.78f}, (float[3]){0.06f, 0.13f, 0.09f}, 10,
+                        parts.red);
+    pags_mesh_box(mesh, (float[3]){nose * 0.36f, s * (0.5f * width + 0.06f), 0.99f}, (float[3]){0.05f, 0.075f, 0.055f},
+                  parts.paint);
+    pags_mesh_box(mesh, (float[3]){-0.42f, s * (0.5f * width - 0.012f), 0.80f}, (float[3]){0.09f, 0.012f, 0.018f},
+                  parts.hub);
+  }
+  pags_mesh_box(mesh, (float[3]){nose - 0.060f, 0, 0.36f}, (float[3]){0.03f, 0.46f, 0.06f}, parts.black);
+  pags_mesh_box(mesh, (float[3]){nose + 0.004f, 0, 0.50f}, (float[3]){0.008f, 0.26f, 0.055f}, parts.plate);
+  pags_mesh_box(mesh, (float[3]){-nose - 0.004f, 0, 0.60f}, (float[3]){0.008f, 0.26f, 0.055f}, parts.plate);
+
   size[0] = length + 0.04f;
   size[1] = width + 0.32f; /* mirrors */
   size[2] = height + 0.02f;

@@ -147,18 +147,6 @@ static pags_result make_grid(const pags_street *street, const float *points, int
 
 /* Distances. */
 
-/* Squared distance to the segment from a along `edge`; `from` = point - a. */
-static float to_segment(const float from[3], const float edge[3]) {
-  const float length = pags_dot3f(edge, edge);
-  float t = length > 0.0f ? pags_dot3f(from, edge) / length : 0.0f, sum = 0.0f;
-  t = t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f;
-  for (int k = 0; k < 3; k++) {
-    const float d = from[k] - t * edge[k];
-    sum += d * d;
-  }
-  return sum;
-}
-
 /* Squared distance to a triangle: to its plane where the point stands over it, else to the nearest edge. */
 static float to_triangle(const float p[3], const float corner[3][3]) {
   float edge[3][3], from[3][3], normal[3], nearest = INFINITY;
@@ -171,7 +159,16 @@ static float to_triangle(const float p[3], const float corner[3][3]) {
     normal[k] = edge[0][(k + 1) % 3] * edge[1][(k + 2) % 3] - edge[0][(k + 2) % 3] * edge[1][(k + 1) % 3];
   int inside = 1;
   for (int i = 0; i < 3; i++) {
-    const float along = to_segment(from[i], edge[i]);
+    /* Squared distance to the segment from a along `edge`; `from` = point - a. */
+    const float length = pags_dot3f(edge[i], edge[i]);
+    float t = length > 0.0f ? pags_dot3f(from[i], edge[i]) / length : 0.0f, sum = 0.0f;
+    t = t > 0.0f ? t < 1.0f ? t : 1.0f : 0.0f;
+    for (int k = 0; k < 3; k++) {
+      const float d = from[i][k] - t * edge[i][k];
+      sum += d * d;
+    }
+    const float along = sum;
+
     float side[3];
     for (int k = 0; k < 3; k++)
       side[k] = edge[i][(k + 1) % 3] * from[i][(k + 2) % 3] - edge[i][(k + 2) % 3] * from[i][(k + 1) % 3];

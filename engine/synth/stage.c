@@ -28,35 +28,6 @@ static pags_result check(const pags_stage *stage) {
   return pags_fail(PAGS_ERROR_UNSUPPORTED, "Embree failed with error %d", (int)code);
 }
 
-static pags_result build_part(pags_stage *stage, int index) {
-  const pags_mesh *mesh = &stage->meshes[index];
-  stage->parts[index] = rtcNewScene(stage->device);
-  RTCGeometry geometry = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_QUAD);
-  if (!stage->parts[index] || !geometry)
-    return pags_embree_failed(stage->device);
-  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh->vertices, 0,
-                             sizeof(pags_vertex), (size_t)mesh->vertex_count);
-  rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, mesh->faces, 0, 16,
-                             (size_t)mesh->face_count);
-  rtcCommitGeometry(geometry);
-  rtcAttachGeometryByID(stage->parts[index], geometry, 0);
-  rtcReleaseGeometry(geometry);
-  rtcSetSceneFlags(stage->parts[index], RTC_SCENE_FLAG_ROBUST);
-  rtcCommitScene(stage->parts[index]);
-  return check(stage);
-}
-
-static pags_result place(pags_stage *stage, int index) {
-  RTCGeometry instance = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_INSTANCE);
-  if (!instance)
-    return pags_embree_failed(stage->device);
-  stage->instances[index] = instance;
-  rtcSetGeometryInstancedScene(instance, stage->parts[stage->placements[index].mesh]);
-  rtcSetGeometryTimeStepCount(instance, 1);
-  rtcAttachGeometryByID(stage->scene, instance, (unsigned)index);
-  return PAGS_OK;
-}
-
 static pags_result build(pags_stage *stage) {
   /* One thread, so that the tree, and with it which of two equally near faces is met, is always the same. */
   stage->device = rtcNewDevice("threads=1");
@@ -66,14 +37,38 @@ static pags_result build(pags_stage *stage) {
     return pags_out_of_memory("the ray tracer");
   if (!stage->device)
     return pags_embree_failed(NULL);
-  for (int i = 0; i < stage->mesh_count; i++)
-    PAGS_TRY(build_part(stage, i));
+  for (int i = 0; i < stage->mesh_count; i++) {
+    /* Build part. */
+    const pags_mesh *mesh = &stage->meshes[i];
+    stage->parts[i] = rtcNewScene(stage->device);
+    RTCGeometry geometry = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_QUAD);
+    if (!stage->parts[i] || !geometry)
+      return pags_embree_failed(stage->device);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh->vertices, 0,
+                               sizeof(pags_vertex), (size_t)mesh->vertex_count);
+    rtcSetSharedGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT4, mesh->faces, 0, 16,
+                               (size_t)mesh->face_count);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(stage->parts[i], geometry, 0);
+    rtcReleaseGeometry(geometry);
+    rtcSetSceneFlags(stage->parts[i], RTC_SCENE_FLAG_ROBUST);
+    rtcCommitScene(stage->parts[i]);
+    PAGS_TRY(check(stage));
+  }
   stage->scene = rtcNewScene(stage->device);
   if (!stage->scene)
     return pags_embree_failed(stage->device);
   rtcSetSceneFlags(stage->scene, RTC_SCENE_FLAG_ROBUST);
-  for (int i = 0; i < stage->placement_count; i++)
-    PAGS_TRY(place(stage, i));
+  for (int i = 0; i < stage->placement_count; i++) {
+    /* Place. */
+    RTCGeometry instance = rtcNewGeometry(stage->device, RTC_GEOMETRY_TYPE_INSTANCE);
+    if (!instance)
+      return pags_embree_failed(stage->device);
+    stage->instances[i] = instance;
+    rtcSetGeometryInstancedScene(instance, stage->parts[stage->placements[i].mesh]);
+    rtcSetGeometryTimeStepCount(instance, 1);
+    rtcAttachGeometryByID(stage->scene, instance, (unsigned)i);
+  }
   return pags_stage_commit(stage, 0, stage->placement_count);
 }
 

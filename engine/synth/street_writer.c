@@ -239,21 +239,6 @@ static void save_files(void *context, int64_t begin, int64_t end, int worker) {
   }
 }
 
-static pags_result save_views(const writer *w) {
-  const int files = (PLANES + 2) * w->street->options->cameras + w->view_count - w->street->options->cameras;
-  save_job *job = calloc(1, sizeof *job);
-  if (!job)
-    return pags_out_of_memory("%s", w->folder);
-  job->writer = w;
-  pags_result result =
-      pags_parallel_for(w->tasks, files, 1, save_files, job) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
-  for (int i = 0; i < files && result == PAGS_OK; i++)
-    if (job->results[i] != PAGS_OK)
-      result = pags_fail(job->results[i], "%s", job->messages[i]);
-  free(job);
-  return result;
-}
-
 static pags_result save_sweep(const writer *w) {
   char relative[32], *path = NULL;
   snprintf(relative, sizeof relative, "lidar/%03d.bin", w->frame);
@@ -299,7 +284,21 @@ static pags_result write_frame(writer *w, int frame) {
   writer shown = *w;
   memcpy(shown.views, drawn, sizeof drawn);
   PAGS_TRY(pags_street_draw(street, w->stage, drawn, w->view_count, w->tasks));
-  PAGS_TRY(save_views(&shown));
+
+  /* Save views. */
+  const int files = (PLANES + 2) * shown.street->options->cameras + shown.view_count - shown.street->options->cameras;
+  save_job *job = calloc(1, sizeof *job);
+  if (!job)
+    return pags_out_of_memory("%s", shown.folder);
+  job->writer = (&shown);
+  pags_result result =
+      pags_parallel_for(shown.tasks, files, 1, save_files, job) ? PAGS_OK : pags_fail(PAGS_CANCELLED, "cancelled");
+  for (int i = 0; i < files && result == PAGS_OK; i++)
+    if (job->results[i] != PAGS_OK)
+      result = pags_fail(job->results[i], "%s", job->messages[i]);
+  free(job);
+  PAGS_TRY(result);
+
   w->point_count = pags_sweep_trace(street, w->stage, frame, w->tasks, w->points);
   PAGS_TRY(save_sweep(w));
   return save_ego(w, time);
@@ -323,25 +322,6 @@ static pags_result write_mounts(const writer *w) {
     PAGS_TRY(result);
   }
   return PAGS_OK;
-}
-
-static pags_result write_shift_path(const writer *w, const struct shift *shift) {
-  const pags_street_options *o = w->street->options;
-  pags_camera_path cameras = {.fps = o->fps / SHIFT_EVERY};
-  char relative[48], *path = NULL;
-  cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
-  if (!cameras.cameras)
-    return pags_out_of_memory("%s", w->folder);
-  for (int f = 0; f < o->frames; f++)
-    if (is_shift_frame(o, f))
-      cameras.cameras[cameras.count++] = pags_street_camera(o, f / o->fps, 0, shift->right, shift->up);
-  snprintf(relative, sizeof relative, "truth/shift/%s/path.json", shift->name);
-  pags_result result = join(w, relative, &path);
-  if (result == PAGS_OK)
-    result = pags_camera_path_save(path, &cameras);
-  free(path);
-  pags_camera_path_destroy(&cameras);
-  return result;
 }
 
 typedef pags_result text_fn(const pags_street *street, const char *path);
@@ -370,8 +350,25 @@ static pags_result write_texts(const writer *w) {
   PAGS_TRY(write_text(w, "truth/street.json", pags_street_write_truth));
   PAGS_TRY(write_text(w, "timestamps.json", pags_street_write_timestamps));
   /* Fewer frames than a shift needs: no path either. */
-  for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++)
-    PAGS_TRY(write_shift_path(w, &shifts[i]));
+  for (int i = 0; w->street->options->shifts && w->street->options->frames > SHIFT_EVERY && i < SHIFTS; i++) {
+    /* Write shift path. */
+    const pags_street_options *o = w->street->options;
+    pags_camera_path cameras = {.fps = o->fps / SHIFT_EVERY};
+    char relative[48], *path = NULL;
+    cameras.cameras = malloc((size_t)o->frames * sizeof *cameras.cameras);
+    if (!cameras.cameras)
+      return pags_out_of_memory("%s", w->folder);
+    for (int f = 0; f < o->frames; f++)
+      if (is_shift_frame(o, f))
+        cameras.cameras[cameras.count++] = pags_street_camera(o, f / o->fps, 0, shifts[i].right, shifts[i].up);
+    snprintf(relative, sizeof relative, "truth/shift/%s/path.json", shifts[i].name);
+    pags_result result = join(w, relative, &path);
+    if (result == PAGS_OK)
+      result = pags_camera_path_save(path, &cameras);
+    free(path);
+    pags_camera_path_destroy(&cameras);
+    PAGS_TRY(result);
+  }
   return PAGS_OK;
 }
 

@@ -352,8 +352,12 @@ float pags_surface_srgb(float linear) {
   return v <= 0.0031308f ? 12.92f * v : 1.055f * powf(v, 1.0f / 2.4f) - 0.055f;
 }
 
-/* Two sigma along each axis stand for the sample's width. */
-static void colour_of(const pags_surface *s, const spot *at, float srgb[3]) {
+static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, int64_t row) {
+  const uint64_t seed = s->town->options->seed;
+  double sheen[2], offset[2], r[9], q[4];
+  float srgb[3];
+
+  /* Two sigma along each axis stand for the sample's width. */
   const float wide = 2.0f * expf(at->ln_sigma[0]), high = 2.0f * expf(at->ln_sigma[1]);
   const pags_footprint print = {.mean = sqrtf(wide * high),
                                 .x = fabsf(at->axis[0][0]) * wide + fabsf(at->axis[1][0]) * high,
@@ -362,13 +366,7 @@ static void colour_of(const pags_surface *s, const spot *at, float srgb[3]) {
   pags_street_shade(s->town, s->stage, &at->touch, &print, light);
   for (int c = 0; c < 3; c++)
     srgb[c] = pags_surface_srgb(light[c]);
-}
 
-static void put_row(const pags_surface *s, const spot *at, pags_gaussians *g, int64_t row) {
-  const uint64_t seed = s->town->options->seed;
-  double sheen[2], offset[2], r[9], q[4];
-  float srgb[3];
-  colour_of(s, at, srgb);
   pags_rng_normal2(seed, DRAW_SHEEN, (uint64_t)row, sheen);
   pags_rng_normal2(seed, DRAWS + DRAW_SHEEN, (uint64_t)row, offset);
   const float spread = fminf(PAGS_TRAINED_SPREAD, 0.25f * fminf(at->face.length, at->face.width)) * (float)offset[1];

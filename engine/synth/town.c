@@ -43,18 +43,6 @@ static void add_row(pags_street *town, pags_mesh *mesh, pags_dice *dice, pags_pl
   }
 }
 
-/* Houses across both ends of all streets. */
-static void add_ends(pags_street *town, pags_mesh *mesh, pags_dice *dice, const pags_town_plan *plan) {
-  const float length = pags_town_length(plan), top = (float)(plan->streets - 1) * pags_town_pitch() + PAGS_FRONT_LEFT;
-  for (int end = 0; end < 2; end++) {
-    const pags_plot plot = {.base = {end ? length + END_GAP : -END_GAP, 0, PAGS_KERB_HEIGHT - 0.02f},
-                            .along = {0, 1, 0},
-                            .into = {end ? 1.0f : -1.0f, 0, 0},
-                            .depth = 10.0f};
-    add_row(town, mesh, dice, plot, PAGS_FRONT_RIGHT - 6.0f, top + 6.0f);
-  }
-}
-
 static void pave(pags_street *town, pags_mesh *mesh, const pags_town_plan *plan) {
   const pags_ground ground = pags_ground_make(&town->materials);
   const float x0 = -END_GAP, x1 = pags_town_length(plan) + END_GAP;
@@ -104,7 +92,17 @@ static void add_all(pags_street *town, const pags_town_plan *plan) {
   if (town->failed)
     return;
   pags_street_place(town, walls, -1, 0, 0, 0, 0, 1);
-  add_ends(town, &town->meshes[walls], &houses, plan);
+
+  /* Houses across both ends of all streets. */
+  const float length = pags_town_length(plan), top = (float)(plan->streets - 1) * pags_town_pitch() + PAGS_FRONT_LEFT;
+  for (int end = 0; end < 2; end++) {
+    const pags_plot plot = {.base = {end ? length + END_GAP : -END_GAP, 0, PAGS_KERB_HEIGHT - 0.02f},
+                            .along = {0, 1, 0},
+                            .into = {end ? 1.0f : -1.0f, 0, 0},
+                            .depth = 10.0f};
+    add_row(town, &town->meshes[walls], &houses, plot, PAGS_FRONT_RIGHT - 6.0f, top + 6.0f);
+  }
+
   pave(town, &town->meshes[ground], plan);
   pags_planting_make(town, &kinds, &planting);
   pags_cast_make(town, &models);

@@ -97,26 +97,6 @@ static pags_camera camera_at(const town_maker *m, int frame, int camera) {
   return out;
 }
 
-static pags_result add_views(const town_maker *m, pags_scene *scene) {
-  scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
-  if (!scene->views)
-    return pags_out_of_memory("the views of a town");
-  for (int i = 0; i < m->options->frames * CAMERAS; i++) {
-    pags_scene_view *view = &scene->views[scene->view_count];
-    char name[32];
-    *view = (pags_scene_view){.camera = camera_at(m, i / CAMERAS, i % CAMERAS),
-                              .sensor = i % CAMERAS,
-                              .frame = i / CAMERAS,
-                              .gain = {1, 1, 1}};
-    snprintf(name, sizeof name, "%03d_%d.png", i / CAMERAS, i % CAMERAS);
-    view->name = pags_text_copy(name);
-    if (!view->name)
-      return pags_out_of_memory("the views of a town");
-    scene->view_count++;
-  }
-  return PAGS_OK;
-}
-
 static pags_result add_sky(const town_maker *m, pags_scene *scene) {
   PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
   float *texel = scene->sky.texels;
@@ -140,8 +120,35 @@ static pags_result add_sky(const town_maker *m, pags_scene *scene) {
   return PAGS_OK;
 }
 
-static pags_result add_background(const town_maker *m, pags_scene *scene, pags_tasks *tasks, pags_progress_fn *progress,
-                                  void *user) {
+static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user,
+                              pags_scene *scene) {
+  *scene = (pags_scene){.up = PAGS_UP_Z, .fps = 10, .seed = m->options->seed};
+  scene->time_end = 0.1 * (m->options->frames - 1);
+  m->street_options = pags_street_options_default();
+  m->street_options.seed = m->options->seed;
+  PAGS_TRY(plan_town(m));
+
+  /* Add views. */
+  scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
+  if (!scene->views)
+    return pags_out_of_memory("the views of a town");
+  for (int i = 0; i < m->options->frames * CAMERAS; i++) {
+    pags_scene_view *view = &scene->views[scene->view_count];
+    char name[32];
+    *view = (pags_scene_view){.camera = camera_at(m, i / CAMERAS, i % CAMERAS),
+                              .sensor = i % CAMERAS,
+                              .frame = i / CAMERAS,
+                              .gain = {1, 1, 1}};
+    snprintf(name, sizeof name, "%03d_%d.png", i / CAMERAS, i % CAMERAS);
+    view->name = pags_text_copy(name);
+    if (!view->name)
+      return pags_out_of_memory("the views of a town");
+    scene->view_count++;
+  }
+
+  PAGS_TRY(add_sky(m, scene));
+
+  /* Add background. */
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
     return pags_out_of_memory("a town");
@@ -155,18 +162,6 @@ static pags_result add_background(const town_maker *m, pags_scene *scene, pags_t
   PAGS_TRY(pags_gaussians_create(&model->gaussians, count, 1));
   PAGS_TRY(pags_gaussians_add_s_sem(&model->gaussians));
   return pags_surface_sample(&m->surface, &model->gaussians, tasks, progress, user);
-}
-
-static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user,
-                              pags_scene *scene) {
-  *scene = (pags_scene){.up = PAGS_UP_Z, .fps = 10, .seed = m->options->seed};
-  scene->time_end = 0.1 * (m->options->frames - 1);
-  m->street_options = pags_street_options_default();
-  m->street_options.seed = m->options->seed;
-  PAGS_TRY(plan_town(m));
-  PAGS_TRY(add_views(m, scene));
-  PAGS_TRY(add_sky(m, scene));
-  return add_background(m, scene, tasks, progress, user);
 }
 
 pags_result pags_synth_town(const char *folder, const pags_town_options *options, pags_tasks *tasks,

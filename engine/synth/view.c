@@ -160,29 +160,6 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
   }
 }
 
-/* Adds eight samples' colours. */
-static void add_samples(const draw_job *job, const pags_camera *camera, const pags_rays *rays, float sum[3]) {
-  pags_touch touches[PAGS_PACKET];
-  const unsigned met = pags_stage_trace(job->stage, rays, touches);
-  if (met)
-    add_surfaces(job, camera, rays, touches, met, sum);
-  if (met != rays->active) {
-    /* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
-    unsigned sky = rays->active & ~met;
-    float mean[3] = {0}, color[3], count = 0.0f;
-    for (int i = 0; i < PAGS_PACKET; i++)
-      if (sky >> i & 1u) {
-        count += 1.0f;
-        for (int k = 0; k < 3; k++)
-          mean[k] += rays->direction[i][k];
-      }
-    const float length = sqrtf(pags_dot3f(mean, mean));
-    pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
-    for (int c = 0; c < 3; c++)
-      sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
-  }
-}
-
 /* Seen square on: a Gaussian has one colour from everywhere. */
 void pags_street_shade(const pags_street *street, const pags_stage *stage, const pags_touch *touch,
                        const pags_footprint *footprint, float color[3]) {
@@ -236,7 +213,27 @@ static void draw_pixel(const draw_job *job, const pags_street_view *view, int x,
       camera_ray(&view->camera, x + (first + i + 0.5) / samples, y + (row + 0.5) / samples, rays->direction[i]);
       rays->active |= 1u << i;
     }
-    add_samples(job, &view->camera, rays, sum);
+
+    /* Adds eight samples' colours. */
+    pags_touch touches[PAGS_PACKET];
+    const unsigned met = pags_stage_trace(job->stage, rays, touches);
+    if (met)
+      add_surfaces(job, &view->camera, rays, touches, met, sum);
+    if (met != rays->active) {
+      /* The sky changes little within a pixel: one look in the rays' mean direction counts for all of them. */
+      unsigned sky = rays->active & ~met;
+      float mean[3] = {0}, color[3], count = 0.0f;
+      for (int i = 0; i < PAGS_PACKET; i++)
+        if (sky >> i & 1u) {
+          count += 1.0f;
+          for (int k = 0; k < 3; k++)
+            mean[k] += rays->direction[i][k];
+        }
+      const float length = sqrtf(pags_dot3f(mean, mean));
+      pags_sky_color((float[3]){mean[0] / length, mean[1] / length, mean[2] / length}, job->seed, color);
+      for (int c = 0; c < 3; c++)
+        sum[c] += count * (color[c] < 1.0f ? color[c] : 1.0f);
+    }
   }
   for (int c = 0; c < 3; c++)
     out[c] = encode_srgb(sum[c] / (float)samples);

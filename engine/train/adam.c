@@ -261,16 +261,6 @@ static int is_left_out(const left_out *l, int row) {
   return l->bits[row / 16] >> (row % 16) & 1;
 }
 
-static left_out find_left_out(const pags_adam *adam, const pags_gaussians *g, int64_t first, int rows,
-                              const float *gradient, int64_t stride, int planes) {
-  left_out l = {.any = 0};
-  l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
-  if (g->fourier)
-    l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride,
-                                       PAGS_FOURIER_PLANES, rows, l.bits);
-  return l;
-}
-
 /* How many, and the first of them. */
 static int name_left_out(const pags_adam *adam, const pags_gaussians *g, const left_out *l, int64_t first, int rows,
                          const float *gradient, int64_t stride, int planes, pags_nonfinite_row *out) {
@@ -310,7 +300,15 @@ int pags_adam_update(pags_adam *adam, pags_gaussians *g, pags_clusters *clusters
   int64_t step = adam->step, first, k = table_index(adam, step);
   int rows = cluster_rows(adam, cluster, &first);
   pay(adam, g, cluster, step - 1);
-  left_out out = find_left_out(adam, g, first, rows, gradient, stride, planes);
+
+  /* Find left out. */
+  left_out l = {.any = 0};
+  l.any = adam->kernels->adam_check(g->data + first, g->stride, gradient, stride, planes, rows, l.bits);
+  if (g->fourier)
+    l.any |= adam->kernels->adam_check(g->fourier + first, g->stride, gradient + planes * stride, stride,
+                                       PAGS_FOURIER_PLANES, rows, l.bits);
+  left_out out = l;
+
   int64_t n = step - adam->moment_step[cluster];
   pags_adam_step s = {.decay1 = (float)(n == 1 ? c->optimiser.beta1 : pow(c->optimiser.beta1, (double)n)),
                       .decay2 = (float)(n == 1 ? c->optimiser.beta2 : pow(c->optimiser.beta2, (double)n)),

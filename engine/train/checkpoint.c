@@ -291,17 +291,6 @@ static int is_sound_model(const model_record *m, const pags_train_config *config
          (m->s_sem == 0 || m->s_sem == 1) && (m->squared == 0 || m->squared == 1);
 }
 
-/* Steps that no run leaves would send replay over the ends of its tables. */
-static pags_result check_steps(const char *path, const pags_train_model *m, int64_t step) {
-  for (int64_t c = 0; c < m->adam.cluster_count; c++) {
-    int32_t moment = m->adam.moment_step[c], param = m->adam.param_step[c];
-    if (moment < 0 || param < moment || param > step)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", path,
-                       (long long)c);
-  }
-  return PAGS_OK;
-}
-
 static pags_result get_object_ids(section_reader *r, pags_gaussians *g, int64_t objects) {
   const uint8_t *payload = NULL;
   size_t bytes = (size_t)g->count * sizeof(int32_t);
@@ -355,7 +344,15 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
     PAGS_TRY(get_s_sem(r, &m->gaussians));
   if (record->squared)
     PAGS_TRY(get_squared(r, m));
-  PAGS_TRY(check_steps(r->path, m, s->step));
+
+  /* Steps that no run leaves would send replay over the ends of its tables. */
+  for (int64_t c = 0; c < m->adam.cluster_count; c++) {
+    int32_t moment = m->adam.moment_step[c], param = m->adam.param_step[c];
+    if (moment < 0 || param < moment || param > s->step)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: section STEP: cluster %lld is at an impossible step", r->path,
+                       (long long)c);
+  }
+
   pags_adam_bound_all(&m->adam, &m->gaussians, &m->clusters, NULL);
   return PAGS_OK;
 }
@@ -501,15 +498,6 @@ pags_result pags_checkpoint_load(const char *path, const pags_dataset *dataset, 
   return result;
 }
 
-/* Steps over a section whatever its tag; `tag` receives it. */
-static pags_result next_any(section_reader *r, char tag[4], const uint8_t **payload, uint64_t *size) {
-  if (r->end - r->at < 16)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a section at its end, found %lld bytes", r->path,
-                     (long long)(r->end - r->at));
-  memcpy(tag, r->at, 4);
-  return next(r, tag, payload, size);
-}
-
 static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
   const uint8_t *payload = NULL;
   uint64_t size = 0;
@@ -521,7 +509,14 @@ static pags_result inspect(section_reader *r, pags_checkpoint_facts *out) {
   while (memcmp(tag, "END!", 4) != 0) {
     run_record run;
     model_record model;
-    PAGS_TRY(next_any(r, tag, &payload, &size));
+
+    /* Steps over a section whatever its tag; `tag` receives it. */
+    if (r->end - r->at < 16)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: expected a section at its end, found %lld bytes", r->path,
+                       (long long)(r->end - r->at));
+    memcpy(tag, r->at, 4);
+    PAGS_TRY(next(r, tag, &payload, &size));
+
     if (memcmp(tag, "RUN0", 4) == 0 && size == sizeof run) {
       memcpy(&run, payload, sizeof run);
       out->step = run.step;

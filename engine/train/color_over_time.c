@@ -53,27 +53,6 @@ static double target_at(const pags_photo *photo, int c, int x, int y, int factor
   return sum / (255.0 * factor * factor);
 }
 
-static void add_errors(const pags_trainer *t, int frame, const object_error *errors, object_fit *fits) {
-  for (int i = 0; i < t->render.part_count; i++) {
-    int64_t model = t->render.drawn[i].model;
-    const object_error *e = &errors[model];
-    object_fit *f = &fits[model];
-    const double *basis = t->render.models[model].basis;
-    if (e->pixels <= 0.0)
-      continue;
-    f->steps += f->last_frame != frame;
-    f->last_frame = frame;
-    f->pixels += e->pixels;
-    f->squares += e->squares;
-    for (int k = 0; k < TERMS; k++) {
-      for (int l = 0; l < TERMS; l++)
-        f->a[k][l] += e->pixels * basis[k] * basis[l];
-      for (int c = 0; c < 3; c++)
-        f->b[c][k] += e->sum[c] * basis[k];
-    }
-  }
-}
-
 /* b' A^-1 b by Cholesky, terms 0 .. n - 1, with a slight ridge: short tracks see only part of the basis. */
 static double explained(const object_fit *f, const double b[TERMS], int n) {
   double l[TERMS][TERMS] = {{0.0}}, y[TERMS], sum = 0.0;
@@ -135,7 +114,26 @@ static pags_result add_view(pags_trainer *t, int64_t index, object_error *errors
       e->pixels += 1.0;
     }
 
-  add_errors(t, view->frame, errors, fits);
+  /* Add errors. */
+  for (int i = 0; i < t->render.part_count; i++) {
+    int64_t model = t->render.drawn[i].model;
+    const object_error *e = &errors[model];
+    object_fit *f = &fits[model];
+    const double *basis = t->render.models[model].basis;
+    if (e->pixels <= 0.0)
+      continue;
+    f->steps += f->last_frame != view->frame;
+    f->last_frame = view->frame;
+    f->pixels += e->pixels;
+    f->squares += e->squares;
+    for (int k = 0; k < TERMS; k++) {
+      for (int l = 0; l < TERMS; l++)
+        f->a[k][l] += e->pixels * basis[k] * basis[l];
+      for (int c = 0; c < 3; c++)
+        f->b[c][k] += e->sum[c] * basis[k];
+    }
+  }
+
   return PAGS_OK;
 }
 

@@ -20,12 +20,6 @@
 /* A run that loses everything has failed already; keeping a few rows lets it end in an orderly way. */
 static const int64_t least_survivors = 16;
 
-static float largest_sigma(const pags_gaussians *g, int64_t row) {
-  float s = fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
-                  pags_plane(g, PAGS_SCALE + 2)[row]);
-  return expf(s);
-}
-
 static float logit(double probability) {
   return (float)log(probability / (1.0 - probability));
 }
@@ -73,7 +67,9 @@ static pags_edit decide_row(const pags_train_model *model, const thresholds *t, 
   const pags_gaussians *g = &model->gaussians;
   if (!pags_model_is_finite_row(g, row) || pags_plane(g, PAGS_OPACITY)[row] < t->prune_logit || strays(model, row))
     return PAGS_EDIT_PRUNE;
-  float sigma = largest_sigma(g, row);
+  float s = fmaxf(fmaxf(pags_plane(g, PAGS_SCALE)[row], pags_plane(g, PAGS_SCALE + 1)[row]),
+                  pags_plane(g, PAGS_SCALE + 2)[row]);
+  float sigma = expf(s);
   int pulled = mean_gradient(model, row) >= t->gradient;
   if (pulled && sigma > t->dense_sigma) /* its children are what the size test sees */
     return sigma / t->split_divisor > t->prune_sigma ? PAGS_EDIT_PRUNE : PAGS_EDIT_SPLIT;
@@ -113,17 +109,6 @@ static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, 
   return PAGS_OK;
 }
 
-/* Withdraws all prunes. Objects far away may well start from so few. */
-static void spare_all(const pags_train_model *model, pags_edits *edits) {
-  if (model->object < 0)
-    pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
-             (long long)(edits->count - edits->pruned), (long long)edits->count);
-  for (int64_t row = 0; row < edits->count; row++)
-    if (edits->kind[row] == PAGS_EDIT_PRUNE)
-      edits->kind[row] = PAGS_EDIT_KEEP;
-  edits->pruned = 0;
-}
-
 pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits) {
   int64_t count = model->gaussians.count;
   *edits = (pags_edits){.count = count, .kind = malloc((size_t)(count > 0 ? count : 1))};
@@ -138,8 +123,16 @@ pags_result pags_densify_decide(const pags_train_model *model, pags_edits *edits
     edits->pruned += kind == PAGS_EDIT_PRUNE;
   }
   edits->wanted = edits->cloned + edits->split;
-  if (edits->pruned > 0 && count - edits->pruned < least_survivors)
-    spare_all(model, edits);
+  if (edits->pruned > 0 && count - edits->pruned < least_survivors) {
+    /* Withdraws all prunes. Objects far away may well start from so few. */
+    if (model->object < 0)
+      pags_log(PAGS_LOG_WARNING, "densify would leave %lld of %lld Gaussians: nothing is pruned",
+               (long long)(edits->count - edits->pruned), (long long)edits->count);
+    for (int64_t row = 0; row < edits->count; row++)
+      if (edits->kind[row] == PAGS_EDIT_PRUNE)
+        edits->kind[row] = PAGS_EDIT_KEEP;
+    edits->pruned = 0;
+  }
   int64_t cap = model->cap;
   int64_t room = (cap > 0 ? cap : INT32_MAX - 64) - (count - edits->pruned);
   room = room < 0 ? 0 : room;

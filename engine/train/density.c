@@ -40,15 +40,6 @@ static void move_unseen_block(void *context, int64_t begin, int64_t end, int wor
   }
 }
 
-/* Under MCMC the regularisers and the noise move rows that no view shows, too. */
-static pags_result move_unseen(pags_trainer *t, pags_train_model *m) {
-  pags_adam_begin(&m->adam, m->step);
-  if (!pags_parallel_for(t->tasks, m->adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
-                         &(unseen_job){m, &t->state.nonfinite}))
-    return pags_fail(PAGS_CANCELLED, "cancelled");
-  return pags_mcmc_noise(m, m->step, t->tasks);
-}
-
 static pags_result densify(pags_trainer *t, pags_train_model *m, pags_density_change *change) {
   pags_edits edits;
   PAGS_TRY(pags_densify_decide(m, &edits));
@@ -96,8 +87,14 @@ pags_result pags_density_control(pags_trainer *t) {
   int due = pags_schedule_is_densify(&s->schedule, s->step), reset = pags_schedule_is_reset(&s->schedule, s->step);
   int prune = pags_schedule_prune(&s->schedule, s->step);
   int fourier = s->schedule.config.objects.fourier && s->step == s->schedule.fourier_from && s->model_count > 1;
-  for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++)
-    PAGS_TRY(move_unseen(t, &s->models[i]));
+  for (int64_t i = 0; s->schedule.config.density.strategy == PAGS_STRATEGY_MCMC && i < s->model_count; i++) {
+    /* Under MCMC the regularisers and the noise move rows that no view shows, too. */
+    pags_adam_begin(&s->models[i].adam, s->models[i].step);
+    if (!pags_parallel_for(t->tasks, s->models[i].adam.cluster_count, UNSEEN_GRAIN, move_unseen_block,
+                           &(unseen_job){(&s->models[i]), &t->state.nonfinite}))
+      return pags_fail(PAGS_CANCELLED, "cancelled");
+    PAGS_TRY(pags_mcmc_noise(&s->models[i], s->models[i].step, t->tasks));
+  }
   int pulls = t->lidar_planes.count > 0 && pags_schedule_is_draw(&s->schedule, s->step);
   if (!due && !reset && !fourier && !pulls && prune < 0)
     return PAGS_OK;

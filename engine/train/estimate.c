@@ -60,19 +60,6 @@ static double mean_growth(const pags_train_state *s, double now, double final) {
   return fmax((share * 0.5 * (now + final) + (1.0 - share) * final) / now, 1.0);
 }
 
-static uint64_t bytes_of(const pags_trainer *t, int64_t gaussians) {
-  int width = 1, height = 1;
-  for (int64_t i = 0; i < t->view_count; i++) {
-    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
-    if ((int64_t)camera->width * camera->height > (int64_t)width * height) {
-      width = camera->width;
-      height = camera->height;
-    }
-  }
-  return pags_train_bytes(gaussians, t->state.schedule.config.color.sh_degree, width, height) +
-         t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size);
-}
-
 /* Training views drawn for scores. Each is charged like a step: drawing it is a step's forward half, summing what each
  * Gaussian did goes through the pairs like the backward half; at half size, as prunes have it, pairs are fewer, yet not
  * Gaussians: half of it. */
@@ -101,6 +88,19 @@ pags_result pags_trainer_estimate(pags_trainer *t, pags_estimate *out) {
   }
   out->step_seconds = ms / (double)s->stop / 1e3;
   out->scoring_seconds = scored_views(t) * full / 1e3;
-  out->bytes = bytes_of(t, (int64_t) final);
+
+  /* Bytes of. */
+  int64_t gaussians = (int64_t) final;
+  int width = 1, height = 1;
+  for (int64_t i = 0; i < t->view_count; i++) {
+    const pags_camera *camera = &pags_dataset_view(t->dataset, t->views[i])->camera;
+    if ((int64_t)camera->width * camera->height > (int64_t)width * height) {
+      width = camera->width;
+      height = camera->height;
+    }
+  }
+  out->bytes = pags_train_bytes(gaussians, t->state.schedule.config.color.sh_degree, width, height) +
+               t->options->image_cache + pags_sky_fit_bytes(t->state.sky.sky.size);
+
   return PAGS_OK;
 }

@@ -74,20 +74,6 @@ static pags_result make_lottery(const pags_train_model *model, lottery *l) {
   return PAGS_OK;
 }
 
-/* The row that `u` in [0, 1) falls on. */
-static int64_t draw(const lottery *l, double u) {
-  double at = u * l->total[l->count - 1];
-  int64_t lo = 0, hi = l->count - 1;
-  while (lo < hi) {
-    int64_t middle = lo + (hi - lo) / 2;
-    if (l->total[middle] > at)
-      hi = middle;
-    else
-      lo = middle + 1;
-  }
-  return lo;
-}
-
 /* Draws `count` rows into `rows`, then makes each drawn row what 1 + (times drawn) copies of it should be. */
 static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int64_t *rows, int64_t count) {
   pags_gaussians *g = &model->gaussians;
@@ -95,7 +81,20 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
     l->drawn[i] = 0;
   for (int64_t i = 0; i < count; i++) {
     uint64_t seed = model->schedule.config.schedule.seed;
-    rows[i] = draw(l, pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i));
+
+    /* The row that `u` in [0, 1) falls on. */
+    double u = pags_rng_uniform(seed, pags_draw(model->step, purpose), (uint64_t)i);
+    double at = u * l->total[l->count - 1];
+    int64_t lo = 0, hi = l->count - 1;
+    while (lo < hi) {
+      int64_t middle = lo + (hi - lo) / 2;
+      if (l->total[middle] > at)
+        hi = middle;
+      else
+        lo = middle + 1;
+    }
+    rows[i] = lo;
+
     l->drawn[rows[i]]++;
   }
   for (int64_t row = 0; row < l->count; row++) {

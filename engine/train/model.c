@@ -9,22 +9,19 @@
 
 #include "base/memory.h"
 
-static pags_result reserve_squared(pags_density *density, int64_t capacity) {
-  float *squared = calloc((size_t)capacity, sizeof *squared);
-  if (!squared)
-    return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
-  if (density->squared)
-    memcpy(squared, density->squared, (size_t)density->capacity * sizeof *squared);
-  free(density->squared);
-  density->squared = squared;
-  return PAGS_OK;
-}
-
 static pags_result reserve_density(pags_density *density, int64_t capacity, int with_squared) {
   if (capacity <= density->capacity)
     return PAGS_OK;
-  if (with_squared)
-    PAGS_TRY(reserve_squared(density, capacity));
+  if (with_squared) {
+    /* Reserve squared. */
+    float *squared = calloc((size_t)capacity, sizeof *squared);
+    if (!squared)
+      return pags_out_of_memory("statistics of %lld Gaussians", (long long)capacity);
+    if (density->squared)
+      memcpy(squared, density->squared, (size_t)density->capacity * sizeof *squared);
+    free(density->squared);
+    density->squared = squared;
+  }
   float *gradient = calloc((size_t)capacity, sizeof(float));
   int32_t *seen = calloc((size_t)capacity, sizeof(int32_t));
   if (!gradient || !seen) {

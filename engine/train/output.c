@@ -22,21 +22,20 @@
 
 static const char *const preview_prefix = "preview_";
 
-static pags_result has_scene(const pags_output *output, bool *out) {
-  char *path = pags_path_join(output->folder, "scene.json");
-  if (!path)
-    return pags_out_of_memory("a path");
-  *out = pags_path_exists(path);
-  free(path);
-  return PAGS_OK;
-}
-
 /* Going on where there is no checkpoint is to begin, as a command line that is queued again does. But a scene comes
  * after its run's checkpoint: one without is another's, or its checkpoint was taken away, and isn't to be lost to a run
  * that begins. */
 static pags_result begin_instead(const pags_output *output) {
   bool scene = false;
-  PAGS_TRY(has_scene(output, &scene));
+
+  /* Has scene. */
+  bool *out = &scene;
+  char *path = pags_path_join(output->folder, "scene.json");
+  if (!path)
+    return pags_out_of_memory("a path");
+  *out = pags_path_exists(path);
+  free(path);
+
   if (scene)
     return pags_fail(PAGS_ERROR_ARGUMENT,
                      "%s: there is a scene.json but no checkpoint to go on from; expected checkpoint.pags beside it; "

@@ -81,28 +81,6 @@ pags_result pags_prune_normalise(pags_s_grad kind, const double *raw, int64_t co
   return PAGS_OK;
 }
 
-/* Members per group; what group floors come to. */
-static int64_t floor_of(const pags_prune_request *r, const int64_t *members) {
-  int64_t groups = 0;
-  for (int64_t g = 1; g < r->groups; g++)
-    groups += members[g] > 0;
-  int64_t most = groups > 0 ? r->target / 2 / groups : r->floor;
-  return r->floor < most ? r->floor : most;
-}
-
-static void drop_lowest(const pags_prune_request *r, const ranked *list, int64_t *members, uint8_t *drop,
-                        int64_t *dropped) {
-  int64_t floor = floor_of(r, members);
-  for (int64_t i = 0; i < r->count && r->count - *dropped > r->target; i++) {
-    int32_t group = r->group[list[i].row];
-    if (group > 0 && members[group] <= floor)
-      continue;
-    members[group]--;
-    drop[list[i].row] = 1;
-    ++*dropped;
-  }
-}
-
 pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_t *dropped) {
   ranked *list;
   *dropped = 0;
@@ -120,7 +98,24 @@ pags_result pags_prune_choose(const pags_prune_request *r, uint8_t *drop, int64_
     drop[i] = 0;
   }
   pags_sort(list, r->count, sizeof *list, by_value);
-  drop_lowest(r, list, members, drop, dropped);
+
+  /* Drop lowest. */
+  /* Members per group; what group floors come to. */
+  int64_t groups = 0;
+  for (int64_t g = 1; g < r->groups; g++)
+    groups += members[g] > 0;
+  int64_t most = groups > 0 ? r->target / 2 / groups : r->floor;
+  int64_t floor = r->floor < most ? r->floor : most;
+
+  for (int64_t i = 0; i < r->count && r->count - *dropped > r->target; i++) {
+    int32_t group = r->group[list[i].row];
+    if (group > 0 && members[group] <= floor)
+      continue;
+    members[group]--;
+    drop[list[i].row] = 1;
+    ++*dropped;
+  }
+
   free(members);
   free(list);
   return PAGS_OK;

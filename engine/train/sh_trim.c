@@ -90,20 +90,6 @@ typedef struct row_ranges {
   float lo[MOST_DEGREE][3], hi[MOST_DEGREE][3];
 } row_ranges;
 
-static void add_direction(row_ranges *ranges, int degree, const float direction[3], const float coefficients[48]) {
-  float basis[16];
-  sh_basis(degree, direction, basis);
-  for (int c = 0; c < 3; c++) {
-    float beyond = 0.0f;
-    for (int l = degree; l >= 1; l--) {
-      for (int k = l * l; k < (l + 1) * (l + 1); k++)
-        beyond += basis[k] * coefficients[3 * k + c];
-      ranges->lo[l - 1][c] = fminf(ranges->lo[l - 1][c], beyond);
-      ranges->hi[l - 1][c] = fmaxf(ranges->hi[l - 1][c], beyond);
-    }
-  }
-}
-
 static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int64_t view_count, int64_t row,
                         row_ranges *ranges) {
   float p[3], coefficients[48];
@@ -125,7 +111,19 @@ static void find_ranges(const pags_gaussians *g, const pags_sh_view *views, int6
     float inverse = 1.0f / sqrtf(fmaxf(d[0] * d[0] + d[1] * d[1] + d[2] * d[2], 1e-30f));
     for (int k = 0; k < 3; k++)
       d[k] *= inverse;
-    add_direction(ranges, g->sh_degree, d, coefficients);
+
+    /* Add direction. */
+    float basis[16];
+    sh_basis(g->sh_degree, d, basis);
+    for (int c = 0; c < 3; c++) {
+      float beyond = 0.0f;
+      for (int l = g->sh_degree; l >= 1; l--) {
+        for (int k = l * l; k < (l + 1) * (l + 1); k++)
+          beyond += basis[k] * coefficients[3 * k + c];
+        ranges->lo[l - 1][c] = fminf(ranges->lo[l - 1][c], beyond);
+        ranges->hi[l - 1][c] = fmaxf(ranges->hi[l - 1][c], beyond);
+      }
+    }
   }
 }
 

@@ -100,9 +100,14 @@ typedef struct block_factors { /* per float; what leaves it as it is where no pi
   float gradient[BLOCK_FLOATS], keep1[BLOCK_FLOATS], keep2[BLOCK_FLOATS], rate[BLOCK_FLOATS], correction[BLOCK_FLOATS];
 } block_factors;
 
-/* A gradient that isn't finite counts for nothing. */
-static void find_factors(const pags_sky_fit *f, const float *gradient, uint16_t *visits, int64_t texels,
-                         block_factors *out) {
+/* Without a branch, for compilers to make vectors of. */
+static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
+  const int64_t at = 3 * first_texel;
+  block_factors by;
+  float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
+
+  /* A gradient that isn't finite counts for nothing. */
+  uint16_t *visits = f->visits + first_texel;
   for (int64_t i = 0; i < texels; i++) {
     const float *g = gradient + 3 * i;
     const int finite = isfinite(g[0]) && isfinite(g[1]) && isfinite(g[2]);
@@ -111,21 +116,14 @@ static void find_factors(const pags_sky_fit *f, const float *gradient, uint16_t 
       visits[i]++;
     const float *c = f->correction[visits[i] < CORRECTIONS ? visits[i] : CORRECTIONS - 1];
     for (int64_t k = 0; k < 3; k++) {
-      out->gradient[3 * i + k] = seen ? g[k] : 0.0f;
-      out->keep1[3 * i + k] = seen ? f->beta1 : 1.0f;
-      out->keep2[3 * i + k] = seen ? f->beta2 : 1.0f;
-      out->rate[3 * i + k] = seen ? f->rate * c[0] : 0.0f;
-      out->correction[3 * i + k] = c[1];
+      by.gradient[3 * i + k] = seen ? g[k] : 0.0f;
+      by.keep1[3 * i + k] = seen ? f->beta1 : 1.0f;
+      by.keep2[3 * i + k] = seen ? f->beta2 : 1.0f;
+      by.rate[3 * i + k] = seen ? f->rate * c[0] : 0.0f;
+      by.correction[3 * i + k] = c[1];
     }
   }
-}
 
-/* Without a branch, for compilers to make vectors of. */
-static void update_block(pags_sky_fit *f, int64_t first_texel, int64_t texels, const float *gradient) {
-  const int64_t at = 3 * first_texel;
-  block_factors by;
-  float *restrict first = f->first + at, *restrict second = f->second + at, *restrict colour = f->sky.texels + at;
-  find_factors(f, gradient, f->visits + first_texel, texels, &by);
   for (int64_t i = 0; i < 3 * texels; i++) {
     const float g = by.gradient[i];
     first[i] = by.keep1[i] * first[i] + (1.0f - by.keep1[i]) * g;
@@ -151,27 +149,24 @@ static void update(void *user, const pags_sky_gradient *g, int worker) {
   }
 }
 
-static pags_result make_corrections(pags_sky_fit *fit, const pags_train_config *c) {
-  double power1 = 1.0, power2 = 1.0;
-  fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
-  if (!fit->correction)
-    return pags_out_of_memory("the sky's optimiser");
-  fit->correction[0][0] = fit->correction[0][1] = 1.0f;
-  for (int k = 1; k < CORRECTIONS; k++) {
-    power1 *= c->optimiser.beta1;
-    power2 *= c->optimiser.beta2;
-    fit->correction[k][0] = (float)(1.0 / (1.0 - power1));
-    fit->correction[k][1] = (float)(1.0 / (1.0 - power2));
-  }
-  return PAGS_OK;
-}
-
 pags_result pags_sky_fit_receive(pags_sky_fit *fit, const pags_schedule *schedule, int64_t step,
                                  pags_picture_gradient *gradient) {
   const pags_train_config *c = &schedule->config;
   const double t = fmin((double)step / (double)schedule->length, 1.0);
-  if (!fit->correction)
-    PAGS_TRY(make_corrections(fit, c));
+  if (!fit->correction) {
+    /* Make corrections. */
+    double power1 = 1.0, power2 = 1.0;
+    fit->correction = malloc(CORRECTIONS * sizeof *fit->correction);
+    if (!fit->correction)
+      return pags_out_of_memory("the sky's optimiser");
+    fit->correction[0][0] = fit->correction[0][1] = 1.0f;
+    for (int k = 1; k < CORRECTIONS; k++) {
+      power1 *= c->optimiser.beta1;
+      power2 *= c->optimiser.beta2;
+      fit->correction[k][0] = (float)(1.0 / (1.0 - power1));
+      fit->correction[k][1] = (float)(1.0 / (1.0 - power2));
+    }
+  }
   fit->beta1 = (float)c->optimiser.beta1;
   fit->beta2 = (float)c->optimiser.beta2;
   fit->rate = (float)(c->sky.sky_rate * pow(final_share, t));

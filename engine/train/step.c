@@ -65,16 +65,6 @@ static pags_result reserve_held(pags_trainer *t, int64_t model) {
 
 /* The way back. */
 
-static void add_statistics(pags_train_model *m, const pags_cluster_gradient *g) {
-  const float *pull = m->schedule.config.density.absgrad ? g->mean2d_abs : g->mean2d;
-  for (int i = 0; i < g->count; i++) {
-    if (!g->drawn[i])
-      continue;
-    m->density.gradient[g->first + i] += pull[i];
-    m->density.seen[g->first + i]++;
-  }
-}
-
 static int any_drawn(const pags_cluster_gradient *g) {
   int any = 0;
   for (int i = 0; i < g->count; i++)
@@ -113,13 +103,6 @@ static void hold(void *user, const pags_cluster_gradient *g, int worker) {
   p->models[model].held_step[g->cluster] = (int32_t)c->step;
 }
 
-static void add_held(const pags_view_render *p, const pags_train_model *m, int64_t model,
-                     const pags_cluster_gradient *g, float *data) {
-  const float *rows = held_rows(p, m, model, g->cluster);
-  for (int64_t i = 0; i < (int64_t)g->planes * g->stride; i++)
-    data[i] += rows[i];
-}
-
 /* Gradients by the Fourier terms, behind the planes: the colour's times the basis. */
 static void add_fourier(const double basis[5], const pags_cluster_gradient *g, float *data) {
   for (int k = 1; k < 5; k++)
@@ -142,15 +125,27 @@ static void receive(void *user, const pags_cluster_gradient *g, int worker) {
   (void)worker;
   if (c->trainer->measuring || !any_drawn(g))
     return;
-  add_statistics(m, g);
+
+  /* Add statistics. */
+  const float *pull = m->schedule.config.density.absgrad ? g->mean2d_abs : g->mean2d;
+  for (int i = 0; i < g->count; i++) {
+    if (!g->drawn[i])
+      continue;
+    m->density.gradient[g->first + i] += pull[i];
+    m->density.seen[g->first + i]++;
+  }
+
   int mcmc = m->schedule.config.density.strategy == PAGS_STRATEGY_MCMC;
   int held = p->models[model].held_step && p->models[model].held_step[g->cluster] == (int32_t)c->step, bad = any_bad(g);
   if (mcmc || held || bad || m->gaussians.fourier) {
     memcpy(copy, data, (size_t)g->planes * (size_t)g->stride * sizeof(float));
     data = copy;
   }
-  if (held)
-    add_held(p, m, model, g, copy);
+  if (held) {
+    const float *rows = held_rows(p, m, model, g->cluster);
+    for (int64_t i = 0; i < (int64_t)g->planes * g->stride; i++)
+      copy[i] += rows[i];
+  }
   if (m->object >= 0)
     pags_pose_gradient(data, g->stride, g->planes, &m->gaussians, g->first, g->count,
                        p->models[model].pose[g->cluster]);
@@ -215,15 +210,6 @@ static void emphasise(pags_trainer *t, const pags_photo *photo, pags_comparison 
   how->times = times;
 }
 
-static pags_result photometric(pags_trainer *t, pags_step_view *v) {
-  pags_comparison how = {
-      .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
-  if (t->state.exposures.count > 0)
-    pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
-  emphasise(t, &v->photo, &how);
-  return pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss);
-}
-
 /* dLoss/d(picture) in the planes. `planes` receives which of T and sum(w z) have any. */
 static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags_picture_gradient *gradient) {
   pags_view_render *p = &t->render;
@@ -232,7 +218,16 @@ static pags_result losses(pags_trainer *t, int64_t step, pags_step_view *v, pags
   int late = step >= t->state.schedule.densify_until && p->part_count > 1 && v->photo.labels && !t->measuring;
   if (late && c->losses.object_weight > 0.0 && step % OBJECTS_EVERY == 0)
     PAGS_TRY(object_term(t, step, v));
-  PAGS_TRY(photometric(t, v));
+
+  /* Photometric. */
+  pags_comparison how = {
+      .ssim_weight = t->state.schedule.config.losses.ssim_weight, .exposure = {1.0, 1.0, 1.0}, .times = 1.0};
+  if (t->state.exposures.count > 0)
+    pags_exposures_value(&t->state.exposures, t->dataset, v->view, how.exposure);
+  emphasise(t, &v->photo, &how);
+  PAGS_TRY(
+      pags_photometric_loss_evaluate(t->tasks, &v->picture, &v->photo, &how, t->render.plane + GRADIENT, &v->loss));
+
   *gradient = (pags_picture_gradient){.rgb = {p->plane[0], p->plane[1], p->plane[2]}};
   int sky = t->state.sky.sky.size > 0 && v->photo.labels && c->losses.sky_weight > 0.0;
   int depth = v->picture.depth_sum && p->depth[v->view].count > 0;

@@ -45,8 +45,9 @@ static double strength(int i) {
   return least_lambda * pow(10.0, 0.5 * i);
 }
 
-/* A = 1 + lambda D' D, D's rows being the third divided differences (times 3! to be derivatives). */
-static void build_matrix(run *r, double lambda) {
+/* Cholesky in place. The matrix is at least the identity. */
+static void factor(run *r, double lambda) {
+  /* A = 1 + lambda D' D, D's rows being the third divided differences (times 3! to be derivatives). */
   for (int64_t i = 0; i < r->count; i++)
     for (int j = 0; j < WINDOW; j++)
       r->band[i][j] = j == 0;
@@ -63,11 +64,7 @@ static void build_matrix(run *r, double lambda) {
       for (int j = 0; j <= i; j++)
         r->band[first + i][i - j] += lambda * d[i] * d[j];
   }
-}
 
-/* Cholesky in place. The matrix is at least the identity. */
-static void factor(run *r, double lambda) {
-  build_matrix(r, lambda);
   for (int64_t i = 0; i < r->count; i++)
     for (int j = i < WINDOW - 1 ? (int)i : WINDOW - 1; j >= 0; j--) {
       double sum = r->band[i][j];
@@ -191,13 +188,6 @@ static void smooth_run(run *r, const int best[KINDS]) {
   }
 }
 
-static double median_spacing(const pags_object *o, const int64_t *knots, int64_t count, double *gaps) {
-  for (int64_t i = 1; i < count; i++)
-    gaps[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
-  pags_sort_doubles(gaps, count - 1);
-  return gaps[(count - 1) / 2];
-}
-
 /* All runs of a data set and what they point into. */
 typedef struct run_list {
   run *items;
@@ -214,7 +204,13 @@ static void list_runs(run_list *list, pags_object *o) {
       knots[count++] = k;
   if (count < LEAST_KNOTS)
     return;
-  double spacing = median_spacing(o, knots, count, &list->smooth[list->used][0]);
+
+  /* Median spacing. */
+  for (int64_t i = 1; i < count; i++)
+    (&list->smooth[list->used][0])[i - 1] = o->knots[knots[i]].time - o->knots[knots[i - 1]].time;
+  pags_sort_doubles(&list->smooth[list->used][0], count - 1);
+  double spacing = (&list->smooth[list->used][0])[(count - 1) / 2];
+
   for (int64_t begin = 0, i = 1; i <= count; i++) {
     if (i < count && o->knots[knots[i]].time - o->knots[knots[i - 1]].time <= longest_gap * spacing)
       continue;

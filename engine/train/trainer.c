@@ -197,12 +197,6 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
   return PAGS_OK;
 }
 
-static uint64_t peak_rss(void) {
-  struct rusage usage;
-  getrusage(RUSAGE_SELF, &usage);
-  return (uint64_t)usage.ru_maxrss * 1024;
-}
-
 static void fill_result(const pags_trainer *t, const run_clock *clock, pags_train_result *r) {
   const pags_train_state *s = &t->state;
   double now = pags_clock_ms(), steps = (double)(s->step - clock->first_step);
@@ -213,7 +207,9 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->seconds = (now - clock->begin) / 1e3;
   if (s->step > clock->tail_step)
     r->iterations_per_second = 1e3 * (double)(s->step - clock->tail_step) / fmax(now - clock->tail, 1e-6);
-  r->peak_rss_bytes = peak_rss();
+  struct rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  r->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
   r->loss = s->loss;
   r->psnr = psnr_of(s->mse);
   r->bad_rows = s->nonfinite.count;
@@ -227,8 +223,16 @@ static void fill_result(const pags_trainer *t, const run_clock *clock, pags_trai
   r->ms_density = t->ms.density * per_step;
 }
 
-/* A scene holds numbers alone; its reader would refuse it else. */
-static pags_result drop_spoiled(pags_trainer *t) {
+/* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
+static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
+  pags_train_state *s = &t->state;
+  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
+  pags_state_flush(s, t->tasks);
+  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
+    PAGS_TRY(pags_score_pass_finish(t));
+  PAGS_TRY(pags_sh_trim(t));
+
+  /* A scene holds numbers alone; its reader would refuse it else. */
   int64_t dropped = 0;
   for (int64_t i = 0; i < t->state.model_count && dropped >= 0; i++) {
     int64_t rows = pags_model_drop_spoiled(&t->state.models[i]);
@@ -239,29 +243,10 @@ static pags_result drop_spoiled(pags_trainer *t) {
   if (dropped > 0)
     pags_log(PAGS_LOG_WARNING, "%lld Gaussians with parameters that are not finite are left out of the scene",
              (long long)dropped);
-  return PAGS_OK;
-}
 
-/* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
-static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
-  pags_train_state *s = &t->state;
-  PAGS_TRY(pags_checkpoint_save(t->output.checkpoint, s, t->fingerprint));
-  pags_state_flush(s, t->tasks);
-  if (s->step >= s->stop && s->step >= s->schedule.length) /* a run that is to be gone on with doesn't pay for it */
-    PAGS_TRY(pags_score_pass_finish(t));
-  PAGS_TRY(pags_sh_trim(t));
-  PAGS_TRY(drop_spoiled(t));
   PAGS_TRY(pags_output_scene(&t->output, t->dataset, s));
   r->seconds = (pags_clock_ms() - clock->begin) / 1e3;
   return pags_output_report(&t->output, r, t->tasks);
-}
-
-static pags_result write_estimate(pags_trainer *t, pags_train_result *r) {
-  pags_estimate estimate;
-  PAGS_TRY(pags_trainer_estimate(t, &estimate));
-  r->estimated_seconds = estimate.step_seconds * (double)t->state.stop + estimate.scoring_seconds;
-  r->estimated_bytes = estimate.bytes;
-  return PAGS_OK;
 }
 
 static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
@@ -272,8 +257,14 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   const pags_result code = loop(t, &clock, &stopped);
   fill_result(t, &clock, r);
   PAGS_TRY(code);
-  if (t->options->estimate)
-    return write_estimate(t, r);
+  if (t->options->estimate) {
+    /* Write estimate. */
+    pags_estimate estimate;
+    PAGS_TRY(pags_trainer_estimate(t, &estimate));
+    r->estimated_seconds = estimate.step_seconds * (double)t->state.stop + estimate.scoring_seconds;
+    r->estimated_bytes = estimate.bytes;
+    return PAGS_OK;
+  }
   return write_end(t, r, &clock);
 }
 

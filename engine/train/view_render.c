@@ -46,29 +46,6 @@ void pags_view_render_destroy(pags_trainer *t) {
   *p = (pags_view_render){0};
 }
 
-/* Room per model that follows its number of clusters. */
-static pags_result reserve_model(pags_trainer *t, int64_t model) {
-  pags_view_render *p = &t->render;
-  const pags_train_model *m = &t->state.models[model];
-  int64_t clusters = m->clusters.count;
-  if (m->object >= 0 && clusters > p->models[model].pose_room) {
-    free(p->models[model].pose);
-    p->models[model].pose_room = clusters + clusters / 2;
-    p->models[model].pose = calloc((size_t)p->models[model].pose_room, sizeof *p->models[model].pose);
-    if (!p->models[model].pose)
-      return p->models[model].pose_room = 0, pags_out_of_memory("pose gradients");
-  }
-  if (m->gaussians.fourier && p->models[model].dc_stride != m->gaussians.stride) {
-    free(p->models[model].dc);
-    p->models[model].dc_stride = m->gaussians.stride;
-    p->models[model].dc = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
-    if (!p->models[model].dc)
-      return p->models[model].dc_stride = 0, pags_out_of_memory("colours over time");
-    memset(p->models[model].dc, 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
-  }
-  return PAGS_OK;
-}
-
 /* Gives the parts that were composed the factors that `touch` draws. */
 pags_result pags_view_render_reserve_factors(pags_trainer *t, int64_t step) {
   pags_view_render *p = &t->render;
@@ -176,7 +153,27 @@ pags_result pags_view_render_draw(pags_trainer *t, int64_t step, const pags_came
   pags_render_context context = {t, step, 0};
   for (int i = 0; i < t->render.part_count; i++) {
     int64_t model = t->render.drawn[i].model;
-    PAGS_TRY(reserve_model(t, model));
+
+    /* Room per model that follows its number of clusters. */
+    pags_view_render *p = &t->render;
+    const pags_train_model *m = &t->state.models[model];
+    int64_t clusters = m->clusters.count;
+    if (m->object >= 0 && clusters > p->models[model].pose_room) {
+      free(p->models[model].pose);
+      p->models[model].pose_room = clusters + clusters / 2;
+      p->models[model].pose = calloc((size_t)p->models[model].pose_room, sizeof *p->models[model].pose);
+      if (!p->models[model].pose)
+        return p->models[model].pose_room = 0, pags_out_of_memory("pose gradients");
+    }
+    if (m->gaussians.fourier && p->models[model].dc_stride != m->gaussians.stride) {
+      free(p->models[model].dc);
+      p->models[model].dc_stride = m->gaussians.stride;
+      p->models[model].dc = aligned_alloc(64, 3 * (size_t)m->gaussians.stride * sizeof(float));
+      if (!p->models[model].dc)
+        return p->models[model].dc_stride = 0, pags_out_of_memory("colours over time");
+      memset(p->models[model].dc, 0, 3 * (size_t)m->gaussians.stride * sizeof(float));
+    }
+
     t->render.parts[i].dc = t->state.models[model].gaussians.fourier ? t->render.models[model].dc : NULL;
     pags_adam_begin(&t->state.models[model].adam, step);
   }

@@ -61,40 +61,6 @@ static pags_result list_views(const pags_dataset *dataset, const pags_train_stat
   return PAGS_OK;
 }
 
-static pags_result list_objects(const pags_dataset *dataset, const pags_train_state *state, pags_scene *scene) {
-  scene->object_count = state->tracks.count;
-  scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
-  if (!scene->objects)
-    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
-  for (int64_t i = 0; i < scene->object_count; i++)
-    scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
-                                            .model = -1,
-                                            .critical = pags_dataset_object_is_critical(dataset, i),
-                                            .rigid = 1};
-  return PAGS_OK;
-}
-
-/* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
-static pags_result split_background(const pags_gaussians *g, pags_gaussians parts[4], int *count) {
-  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
-  pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
-    int64_t rows = 0;
-    for (int64_t i = 0; i < g->count; i++)
-      if (pags_gaussians_row_degree(g, i) == degree)
-        index[rows++] = i;
-    if (rows == 0 && (degree > 0 || *count > 0))
-      continue;
-    pags_gaussians *part = &parts[(*count)++];
-    result = pags_gaussians_create_like(part, rows, g);
-    if (result == PAGS_OK)
-      pags_gaussians_gather(g, index, rows, part);
-    part->sh_degree = degree; /* the planes beyond lie at the end and are zeros */
-  }
-  free(index);
-  return result;
-}
-
 /* `file` NULL: named after the object that `name` is. */
 static pags_result add_model(pags_scene *scene, const char *name, const char *file, const pags_gaussians *g) {
   pags_model *model = &scene->models[scene->model_count];
@@ -111,7 +77,26 @@ static pags_result add_background(const pags_train_state *state, description *d)
   int count = 0;
   if (!d->by_degree)
     return add_model(&d->scene, "background", "background.ply", g);
-  PAGS_TRY(split_background(g, d->parts, &count));
+
+  /* The background's rows by the degree they need, highest first: a PLY has one degree for all. */
+  int64_t *index = malloc((size_t)(g->count > 0 ? g->count : 1) * sizeof *index);
+  pags_result result = index ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
+  for (int degree = g->sh_degree; degree >= 0 && result == PAGS_OK; degree--) {
+    int64_t rows = 0;
+    for (int64_t i = 0; i < g->count; i++)
+      if (pags_gaussians_row_degree(g, i) == degree)
+        index[rows++] = i;
+    if (rows == 0 && (degree > 0 || *(&count) > 0))
+      continue;
+    pags_gaussians *part = &d->parts[(*(&count))++];
+    result = pags_gaussians_create_like(part, rows, g);
+    if (result == PAGS_OK)
+      pags_gaussians_gather(g, index, rows, part);
+    part->sh_degree = degree; /* the planes beyond lie at the end and are zeros */
+  }
+  free(index);
+  PAGS_TRY(result);
+
   for (int i = 0; i < count; i++) {
     const int degree = d->parts[i].sh_degree;
     PAGS_TRY(i == 0 ? add_model(&d->scene, "background", "background.ply", &d->parts[i])
@@ -177,7 +162,18 @@ static pags_result describe(const pags_dataset *dataset, const pags_train_state 
     scene->background[k] = (float)config->picture.background[k];
   }
   PAGS_TRY(list_views(dataset, state, scene));
-  PAGS_TRY(list_objects(dataset, state, scene));
+
+  /* List objects. */
+  scene->object_count = state->tracks.count;
+  scene->objects = calloc((size_t)(scene->object_count > 0 ? scene->object_count : 1), sizeof *scene->objects);
+  if (!scene->objects)
+    return pags_out_of_memory("%lld objects", (long long)scene->object_count);
+  for (int64_t i = 0; i < scene->object_count; i++)
+    scene->objects[i] = (pags_scene_object){.record = state->tracks.objects[i],
+                                            .model = -1,
+                                            .critical = pags_dataset_object_is_critical(dataset, i),
+                                            .rigid = 1};
+
   PAGS_TRY(list_models(state, d));
   return scene->fps > 0.0 ? pags_model_report_write(dataset, state, &scene->notes) : PAGS_OK;
 }

@@ -308,15 +308,6 @@ static void find_time_zero(exporter *self) {
     self->time_zero = fmin(self->time_zero, scene->objects[i].record.knots[0].time);
 }
 
-static pags_result finish_shapes(exporter *self) {
-  pags_json_end_array(&self->shapes);
-  pags_json_end_object(&self->shapes);
-  PAGS_TRY(pags_json_writer_finish(&self->shapes));
-  if (self->shape_count)
-    pags_gltf_extension(self->gltf, "KHR_implicit_shapes", self->shapes.data);
-  return PAGS_OK;
-}
-
 static int tell_background(void *user, double fraction, const char *what) {
   const exporter *self = user;
   return tell(self, self->maker.scene->object_count ? 0.5 + 0.5 * fraction : fraction, what) == PAGS_OK;
@@ -432,7 +423,14 @@ static pags_result fill(exporter *self) {
   if (self->maker.options->cameras)
     PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));
-  return finish_shapes(self);
+
+  /* Finish shapes. */
+  pags_json_end_array(&self->shapes);
+  pags_json_end_object(&self->shapes);
+  PAGS_TRY(pags_json_writer_finish(&self->shapes));
+  if (self->shape_count)
+    pags_gltf_extension(self->gltf, "KHR_implicit_shapes", self->shapes.data);
+  return PAGS_OK;
 }
 
 pags_result pags_export_proxies(const pags_scene *scene, const char *path, const pags_proxy_options *options,

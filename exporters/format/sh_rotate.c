@@ -31,23 +31,6 @@ static void basis(const double d[3], double out[15]) {
   memcpy(out, values, sizeof values);
 }
 
-/* Solves a x = b for `columns` right sides, a being n x n and positive definite; b becomes x. */
-static void solve(int n, double a[7][7], double b[7][7]) {
-  for (int p = 0; p < n; p++)
-    for (int i = 0; i < n; i++) {
-      if (i == p)
-        continue;
-      double f = a[i][p] / a[p][p];
-      for (int k = 0; k < n; k++) {
-        a[i][k] -= f * a[p][k];
-        b[i][k] -= f * b[p][k];
-      }
-    }
-  for (int i = 0; i < n; i++)
-    for (int k = 0; k < n; k++)
-      b[i][k] /= a[i][i];
-}
-
 static void turn_degree(const double rotation[9], int degree, double out[7][7]) {
   int n = 2 * degree + 1, first = degree * degree - 1;
   double normal[7][7] = {{0}};
@@ -66,7 +49,21 @@ static void turn_degree(const double rotation[9], int degree, double out[7][7]) 
         out[a][b] += here[first + a] * there[first + b];
       }
   }
-  solve(n, normal, out);
+
+  /* Solves a x = b for `columns` right sides, a being n x n and positive definite; b becomes x. */
+  for (int p = 0; p < n; p++)
+    for (int i = 0; i < n; i++) {
+      if (i == p)
+        continue;
+      double f = normal[i][p] / normal[p][p];
+      for (int k = 0; k < n; k++) {
+        normal[i][k] -= f * normal[p][k];
+        out[i][k] -= f * out[p][k];
+      }
+    }
+  for (int i = 0; i < n; i++)
+    for (int k = 0; k < n; k++)
+      out[i][k] /= normal[i][i];
 }
 
 void pags_sh_rotation_make(const double rotation[9], pags_sh_rotation *out) {

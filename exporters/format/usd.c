@@ -64,11 +64,6 @@ static pags_result make_proxies(usd_export *self, const pags_scene *scene) {
   return result;
 }
 
-static float linear(float v) {
-  double c = fmin(fmax((double)v, 0), 1);
-  return (float)(c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4));
-}
-
 static void put_extent(pags_usd *usd, const float *positions, int64_t count, const float *reach) {
   float bounds[6] = {0};
   for (int64_t i = 0; i < count; i++)
@@ -95,8 +90,10 @@ static void put_mesh(usd_export *self, const char *name, const char *label, cons
   pags_usd_repeat(usd, "int[] faceVertexCounts", 3, mesh->triangle_count);
   pags_usd_integers(usd, "int[] faceVertexIndices", mesh->triangles, 3 * mesh->triangle_count);
   pags_usd_floats(usd, "point3f[] points", mesh->positions, mesh->vertex_count, 3, NULL);
-  for (int64_t i = 0; colors && i < 3 * mesh->vertex_count; i++)
-    colors[i] = linear(mesh->colors[i]);
+  for (int64_t i = 0; colors && i < 3 * mesh->vertex_count; i++) {
+    double c = fmin(fmax((double)mesh->colors[i], 0), 1);
+    colors[i] = (float)(c <= 0.04045 ? c / 12.92 : pow((c + 0.055) / 1.055, 2.4));
+  }
   if (colors)
     pags_usd_floats(usd, "color3f[] primvars:displayColor", colors, mesh->vertex_count, 3, "vertex");
   else

@@ -151,17 +151,6 @@ typedef struct fit {
   equations equations;
 } fit;
 
-static void evaluate(fit *f) {
-  for (int64_t i = 0; i < f->stencils.count; i++) {
-    double p[3] = {0};
-    for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; s++)
-      for (int k = 0; k < 3; k++)
-        p[k] += (double)f->stencils.weights[s] * (double)f->cage->positions[3 * f->stencils.indices[s] + k];
-    for (int k = 0; k < 3; k++)
-      f->limit[3 * i + k] = (float)p[k];
-  }
-}
-
 static void pull(fit *f, int64_t sample, const double target[3], double price) {
   int64_t first = f->stencils.first[sample];
   add_equation(&f->equations, f->stencils.indices + first, f->stencils.weights + first,
@@ -192,7 +181,17 @@ static void add_smoothness(fit *f, double price) {
 static pags_result round_of(fit *f, int round) {
   int n = f->equations.n;
   pags_mesh_query *cloud;
-  evaluate(f);
+
+  /* Evaluate. */
+  for (int64_t i = 0; i < f->stencils.count; i++) {
+    double p[3] = {0};
+    for (int64_t s = f->stencils.first[i]; s < f->stencils.first[i + 1]; s++)
+      for (int k = 0; k < 3; k++)
+        p[k] += (double)f->stencils.weights[s] * (double)f->cage->positions[3 * f->stencils.indices[s] + k];
+    for (int k = 0; k < 3; k++)
+      f->limit[3 * i + k] = (float)p[k];
+  }
+
   PAGS_TRY(pags_mesh_query_of_points(f->limit, f->stencils.count, &cloud));
   memset(f->equations.matrix, 0, (size_t)n * (size_t)n * sizeof(double));
   memset(f->equations.right, 0, 3 * (size_t)n * sizeof(double));

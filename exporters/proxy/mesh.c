@@ -182,17 +182,6 @@ static uint32_t root_of(uint32_t *parent, uint32_t i) {
   return i;
 }
 
-/* Each vertex's part, named by a vertex of it. */
-static void find_parts(const pags_proxy_mesh *s, uint32_t *parent) {
-  for (int64_t i = 0; i < s->vertex_count; i++)
-    parent[i] = (uint32_t)i;
-  for (int64_t i = 0; i < s->triangle_count; i++)
-    for (int c = 1; c < 3; c++) {
-      uint32_t a = root_of(parent, s->triangles[3 * i]), b = root_of(parent, s->triangles[3 * i + c]);
-      parent[a < b ? b : a] = a < b ? a : b;
-    }
-}
-
 /* Each vertex's part, and the area of each part that is named by a vertex. */
 typedef struct parts {
   uint32_t *parent;
@@ -211,7 +200,16 @@ static pags_result measure_parts(const pags_proxy_mesh *s, parts *out) {
     forget_parts(out);
     return pags_out_of_memory("%lld vertices", (long long)s->vertex_count);
   }
-  find_parts(s, out->parent);
+
+  /* Each vertex's part, named by a vertex of it. */
+  for (int64_t i = 0; i < s->vertex_count; i++)
+    out->parent[i] = (uint32_t)i;
+  for (int64_t i = 0; i < s->triangle_count; i++)
+    for (int c = 1; c < 3; c++) {
+      uint32_t a = root_of(out->parent, s->triangles[3 * i]), b = root_of(out->parent, s->triangles[3 * i + c]);
+      out->parent[a < b ? b : a] = a < b ? a : b;
+    }
+
   for (int64_t i = 0; i < s->triangle_count; i++) {
     double n[3];
     cross_of(s, i, n);

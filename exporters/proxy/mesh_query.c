@@ -140,15 +140,6 @@ static pags_result add_triangles(pags_mesh_query *query, const pags_proxy_mesh *
   return attach(query, geometry);
 }
 
-static pags_result add_points(pags_mesh_query *query, int64_t count) {
-  PAGS_TRY(open_scene(query));
-  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
-  rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
-  rtcSetGeometryUserData(geometry, query);
-  rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
-  return attach(query, geometry);
-}
-
 pags_result pags_mesh_query_of_mesh(const pags_proxy_mesh *surface, pags_mesh_query **out) {
   *out = NULL;
   pags_mesh_query *query = calloc(1, sizeof *query);
@@ -170,7 +161,15 @@ pags_result pags_mesh_query_of_points(const float *points, int64_t count, pags_m
   if (!query)
     return pags_out_of_memory("points");
   query->points = points;
-  pags_result result = add_points(query, count);
+
+  /* Add points. */
+  PAGS_TRY(open_scene(query));
+  RTCGeometry geometry = rtcNewGeometry(query->device, RTC_GEOMETRY_TYPE_USER);
+  rtcSetGeometryUserPrimitiveCount(geometry, (unsigned)count);
+  rtcSetGeometryUserData(geometry, query);
+  rtcSetGeometryBoundsFunction(geometry, point_bounds, NULL);
+  pags_result result = attach(query, geometry);
+
   if (result == PAGS_OK)
     *out = query;
   else

@@ -67,33 +67,6 @@ void pags_object_mark(const pags_proxy_maker *maker, int64_t object, uint8_t *ta
       taken[i] = 1;
 }
 
-/* Of the background, what is known as the parked object's and what lies in its box. */
-static pags_result gather_parked(const pags_proxy_maker *w, int64_t object, pags_gaussians *out) {
-  const pags_gaussians *g = &w->scene->models[0].gaussians;
-  int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
-  uint8_t *taken = calloc((size_t)g->count + 1, 1);
-  pags_result result = index && taken ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
-  if (result == PAGS_OK) {
-    pags_object_mark(w, object, taken);
-    for (int64_t i = 0; i < g->count; i++)
-      if (taken[i])
-        index[count++] = i;
-    result = pags_gaussians_create_like(out, count, g);
-  }
-  if (result == PAGS_OK)
-    pags_gaussians_gather(g, index, count, out);
-  free(index);
-  free(taken);
-  return result;
-}
-
-static double mean_s_sem(const pags_gaussians *g) {
-  double sum = 0;
-  for (int64_t i = 0; g->s_sem && i < g->count; i++)
-    sum += (double)g->s_sem[i];
-  return g->s_sem && g->count ? sum / (double)g->count : (double)NAN;
-}
-
 /* The camera of a view in the object's frame at the view's time; 0 when the object isn't there or not in the picture.
  */
 static int camera_of(const pags_object *object, const pags_scene_view *view, const double reach[3], pags_camera *out) {
@@ -159,29 +132,6 @@ static pags_result draw_views(const pags_proxy_maker *w, int64_t object, const d
   return result;
 }
 
-static int64_t count_pixels(const pags_depth_views *depth_views) {
-  int64_t count = 0;
-  for (int64_t i = 0; i < depth_views->count; i++)
-    for (int64_t p = 0; p < (int64_t)depth_views->list[i].camera.width * depth_views->list[i].camera.height; p++)
-      count += depth_views->list[i].depth[p] > 0;
-  return count;
-}
-
-static pags_result fuse(const pags_proxy_maker *w, const pags_object *record, const double reach[3],
-                        pags_object_shape *shape, pags_tsdf *grid) {
-  double lo[3], hi[3], longest = fmax(record->size[0], fmax(record->size[1], record->size[2]));
-  shape->voxel = fmax(0.02, longest / STEPS);
-  for (int k = 0; k < 3; k++) { /* an odd number of points, even about 0, so that the mirror image falls on points */
-    double half = ceil(reach[k] / shape->voxel) * shape->voxel;
-    lo[k] = -half;
-    hi[k] = half - 0.5 * shape->voxel;
-  }
-  PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
-  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
-             ? PAGS_OK
-             : pags_fail(PAGS_CANCELLED, "interrupted");
-}
-
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
 static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -192,15 +142,58 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
     PAGS_TRY(pags_gaussians_sorted_copy(&shape->gaussians, &w->scene->models[o->model].gaussians));
   } else if (w->scene->model_count > 0) {
     parked_pose(w, &o->record, pose);
-    PAGS_TRY(gather_parked(w, object, &shape->gaussians));
+
+    /* Of the background, what is known as the parked object's and what lies in its box. */
+    const pags_gaussians *g = &w->scene->models[0].gaussians;
+    int64_t count = 0, *index = malloc(((size_t)g->count + 1) * sizeof *index);
+    uint8_t *taken = calloc((size_t)g->count + 1, 1);
+    pags_result result = index && taken ? PAGS_OK : pags_out_of_memory("%lld Gaussians", (long long)g->count);
+    if (result == PAGS_OK) {
+      pags_object_mark(w, object, taken);
+      for (int64_t i = 0; i < g->count; i++)
+        if (taken[i])
+          index[count++] = i;
+      result = pags_gaussians_create_like(&shape->gaussians, count, g);
+    }
+    if (result == PAGS_OK)
+      pags_gaussians_gather(g, index, count, &shape->gaussians);
+    free(index);
+    free(taken);
+    PAGS_TRY(result);
+
     pags_rigid_inverse(pose, model_pose);
   }
-  shape->s_sem = mean_s_sem(&shape->gaussians);
+
+  /* Mean s sem. */
+  double sum = 0;
+  for (int64_t i = 0; shape->gaussians.s_sem && i < shape->gaussians.count; i++)
+    sum += (double)shape->gaussians.s_sem[i];
+  shape->s_sem = shape->gaussians.s_sem && shape->gaussians.count ? sum / (double)shape->gaussians.count : (double)NAN;
+
   reach_of(&o->record, reach);
   if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS)
     PAGS_TRY(draw_views(w, object, model_pose, reach, shape));
-  shape->surface_pixels = count_pixels(&shape->depth_views);
-  return fuse(w, &o->record, reach, shape, grid);
+
+  /* Count pixels. */
+  int64_t count = 0;
+  for (int64_t i = 0; i < shape->depth_views.count; i++)
+    for (int64_t p = 0; p < (int64_t)shape->depth_views.list[i].camera.width * shape->depth_views.list[i].camera.height;
+         p++)
+      count += shape->depth_views.list[i].depth[p] > 0;
+  shape->surface_pixels = count;
+
+  /* Fuse. */
+  double lo[3], hi[3], longest = fmax(o->record.size[0], fmax(o->record.size[1], o->record.size[2]));
+  shape->voxel = fmax(0.02, longest / STEPS);
+  for (int k = 0; k < 3; k++) { /* an odd number of points, even about 0, so that the mirror image falls on points */
+    double half = ceil(reach[k] / shape->voxel) * shape->voxel;
+    lo[k] = -half;
+    hi[k] = half - 0.5 * shape->voxel;
+  }
+  PAGS_TRY(pags_tsdf_create(grid, lo, hi, shape->voxel, 0));
+  return pags_tsdf_fuse(grid, &shape->depth_views, 4 * shape->voxel, HUGE_VAL, 1, w->tasks)
+             ? PAGS_OK
+             : pags_fail(PAGS_CANCELLED, "interrupted");
 }
 
 static const pags_lidar_fit *cloud_of(const pags_proxy_maker *w, int64_t object) {

@@ -45,17 +45,6 @@ static pags_result make_level(const pags_proxy_maker *w, int64_t object, const p
   return PAGS_OK;
 }
 
-static pags_result make_object(const pags_proxy_maker *w, int64_t object, int measure, pags_built_object *out) {
-  pags_object_shape shape = {0};
-  int first = w->options->lod ? PAGS_PROXY_MESH : (int)w->options->level;
-  int last = w->options->lod ? PAGS_PROXY_LEVELS - 1 : first;
-  pags_result result = pags_object_shape_make(w, object, &shape);
-  for (int level = first; level <= last && result == PAGS_OK; level++)
-    result = make_level(w, object, &shape, (pags_proxy_level)level, measure, &out->levels[out->level_count++]);
-  pags_object_shape_destroy(&shape);
-  return result;
-}
-
 static void make_objects(void *context, int64_t begin, int64_t end, int worker) {
   making *self = context;
   const pags_scene *scene = self->maker->scene;
@@ -67,8 +56,18 @@ static void make_objects(void *context, int64_t begin, int64_t end, int worker) 
       if (!self->frames[worker])
         object->result = pags_frame_create(own.tasks, &self->frames[worker]);
       own.frame = self->frames[worker];
-      if (object->result == PAGS_OK)
-        object->result = make_object(&own, i, self->measure, object);
+      if (object->result == PAGS_OK) {
+        /* Make object. */
+        pags_object_shape shape = {0};
+        int first = own.options->lod ? PAGS_PROXY_MESH : (int)own.options->level;
+        int last = own.options->lod ? PAGS_PROXY_LEVELS - 1 : first;
+        pags_result result = pags_object_shape_make(&own, i, &shape);
+        for (int level = first; level <= last && result == PAGS_OK; level++)
+          result = make_level(&own, i, &shape, (pags_proxy_level)level, self->measure,
+                              &object->levels[object->level_count++]);
+        pags_object_shape_destroy(&shape);
+        object->result = result;
+      }
       if (object->result != PAGS_OK) {
         snprintf(object->message, sizeof object->message, "%s", pags_error_message());
         atomic_store(&self->stopped, 1);
@@ -88,8 +87,20 @@ typedef struct forming {
   pags_frame **frames;
 } forming;
 
-/* The vehicles that fill most of the views; of equals the first. */
-static pags_result choose_priors(forming *self) {
+static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
+  forming *self = context;
+  for (int64_t i = begin; i < end; i++) {
+    pags_proxy_maker own = *self->maker;
+    if (!self->frames[worker])
+      self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
+    own.frame = self->frames[worker];
+    if (self->results[i] == PAGS_OK)
+      self->results[i] = pags_object_prior_make(&own, self->priors[i].object, &self->priors[i]);
+  }
+}
+
+static pags_result find_priors(forming *self) {
+  /* The vehicles that fill most of the views; of equals the first. */
   const pags_scene *scene = self->maker->scene;
   double *pixels = calloc((size_t)scene->object_count + 1, sizeof *pixels);
   if (!pixels)
@@ -107,23 +118,7 @@ static pags_result choose_priors(forming *self) {
     self->priors[self->count].object = best;
   }
   free(pixels);
-  return PAGS_OK;
-}
 
-static void make_priors(void *context, int64_t begin, int64_t end, int worker) {
-  forming *self = context;
-  for (int64_t i = begin; i < end; i++) {
-    pags_proxy_maker own = *self->maker;
-    if (!self->frames[worker])
-      self->results[i] = pags_frame_create(own.tasks, &self->frames[worker]);
-    own.frame = self->frames[worker];
-    if (self->results[i] == PAGS_OK)
-      self->results[i] = pags_object_prior_make(&own, self->priors[i].object, &self->priors[i]);
-  }
-}
-
-static pags_result find_priors(forming *self) {
-  PAGS_TRY(choose_priors(self));
   if (!pags_parallel_for(self->maker->tasks, self->count, 1, make_priors, self))
     return pags_fail(PAGS_CANCELLED, "interrupted");
   for (int64_t i = 0; i < self->count; i++)

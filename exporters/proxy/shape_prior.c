@@ -102,24 +102,6 @@ static double look_up(const pags_tsdf *g, const double p[3], double *distance) {
   return between(g->n, g->distance, g->weight, u, distance);
 }
 
-/* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras. The
- * free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that know
- * better. */
-static void meet_unknown(pags_shape_prior *prior) {
-  for (int i = NX * NY; i < POINTS; i++) {
-    int below = i - NX * NY;
-    double p[3];
-    point_of(prior->size, below, p);
-    if (!(prior->known[i] > 0) || prior->known[below] > 0 || !(prior->distance[i] > 0) ||
-        p[2] < body - 0.5 * prior->size[2] || p[2] > 0.5 * prior->size[2] || fabs(p[0]) > 0.5 * prior->size[0] ||
-        fabs(p[1]) > 0.5 * prior->size[1])
-      continue;
-    prior->distance[i] = fminf(prior->distance[i], meet);
-    prior->distance[below] = -meet;
-    prior->known[below] = prior->known[i];
-  }
-}
-
 pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], int64_t object, pags_shape_prior *out) {
   PAGS_TRY(make_room(size, object, out));
   for (int i = 0; i < POINTS; i++) {
@@ -134,7 +116,22 @@ pags_result pags_shape_prior_take(const pags_tsdf *grid, const double size[3], i
     out->distance[i] = (float)distance;
     out->known[i] = (float)fmin(1, weight / sure);
   }
-  meet_unknown(out);
+
+  /* Where nobody sees what is below a free point in the box, half way is a surface: a roof at the height of cameras.
+   * The free point is as free as can be, which says nothing of how far the roof is, and would outvote the forms that
+   * know better. */
+  for (int i = NX * NY; i < POINTS; i++) {
+    int below = i - NX * NY;
+    double p[3];
+    point_of(out->size, below, p);
+    if (!(out->known[i] > 0) || out->known[below] > 0 || !(out->distance[i] > 0) || p[2] < body - 0.5 * out->size[2] ||
+        p[2] > 0.5 * out->size[2] || fabs(p[0]) > 0.5 * out->size[0] || fabs(p[1]) > 0.5 * out->size[1])
+      continue;
+    out->distance[i] = fminf(out->distance[i], meet);
+    out->distance[below] = -meet;
+    out->known[below] = out->known[i];
+  }
+
   return PAGS_OK;
 }
 

@@ -78,16 +78,6 @@ static void add_word(phrase *to, const char *separator, const char *word) {
   to->used += length > 0 ? (size_t)length : 0;
 }
 
-static void list_boxes(const pags_driving *driving, phrase *out) {
-  for (int64_t i = 0; i < driving->object_count; i++) {
-    bool seen = false;
-    for (int64_t j = 0; j < i && !seen; j++)
-      seen = pags_same_word(driving->objects[i].class_name, driving->objects[j].class_name);
-    if (!seen)
-      add_word(out, ", ", driving->objects[i].class_name);
-  }
-}
-
 static pags_result unknown_word(const pags_driving *driving, const char *word) {
   char classes[1500] = "", boxes[600] = "";
   const pags_label_set *set = driving->rules.labels;
@@ -97,28 +87,21 @@ static pags_result unknown_word(const pags_driving *driving, const char *word) {
     snprintf(text, sizeof text, "%d %s", set->classes[i].id, set->classes[i].name);
     add_word(&known, ", ", text);
   }
-  list_boxes(driving, &named);
+
+  /* List boxes. */
+  for (int64_t i = 0; i < driving->object_count; i++) {
+    bool seen = false;
+    for (int64_t j = 0; j < i && !seen; j++)
+      seen = pags_same_word(driving->objects[i].class_name, driving->objects[j].class_name);
+    if (!seen)
+      add_word(&named, ", ", driving->objects[i].class_name);
+  }
+
   return pags_fail(
       PAGS_ERROR_ARGUMENT,
       "critical '%s' is not known; expected vehicle, pedestrian, cyclist, or a class of %s labels by name or "
       "number (%s)%s%s",
       word, set->name, classes, *boxes ? ", or the class of boxes: " : "", boxes);
-}
-
-static pags_result take_word(pags_driving *driving, const char *word) {
-  const pags_label_set *set = driving->rules.labels;
-  char *end;
-  long number = strtol(word, &end, 10);
-  const pags_label_class *class =
-      *word && !*end ? pags_label_class_numbered(set, number) : pags_label_class_named(set, word);
-  pags_category kind = kind_of(word);
-  if (kind != PAGS_CATEGORY_OTHER)
-    take_kind(driving, kind);
-  else if (class)
-    take_class(driving, class);
-  else if (!*word || take_boxes(driving, word, PAGS_CRITICAL_ALWAYS) == 0)
-    return unknown_word(driving, word);
-  return PAGS_OK;
 }
 
 /* Cuts the list at its commas and the blanks around them. */
@@ -131,7 +114,20 @@ static pags_result take_list(pags_driving *driving, char *list) {
       word++;
     for (size_t length = strlen(word); length > 0 && word[length - 1] == ' '; length--)
       word[length - 1] = '\0';
-    PAGS_TRY(take_word(driving, word));
+
+    /* Take word. */
+    const pags_label_set *set = driving->rules.labels;
+    char *end;
+    long number = strtol(word, &end, 10);
+    const pags_label_class *class =
+        *word && !*end ? pags_label_class_numbered(set, number) : pags_label_class_named(set, word);
+    pags_category kind = kind_of(word);
+    if (kind != PAGS_CATEGORY_OTHER)
+      take_kind(driving, kind);
+    else if (class)
+      take_class(driving, class);
+    else if (!*word || take_boxes(driving, word, PAGS_CRITICAL_ALWAYS) == 0)
+      return unknown_word(driving, word);
   }
   return PAGS_OK;
 }
@@ -143,20 +139,6 @@ static pags_result take_all(pags_driving *driving, const char *list) {
       copy && driving->critical.list ? take_list(driving, copy) : pags_out_of_memory("%s", driving->root);
   free(copy);
   return result;
-}
-
-/* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
-static pags_result choose_masks(pags_driving *driving, pags_parsed_dataset *parsed) {
-  const bool *kinds = driving->critical.kinds;
-  bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
-  driving->critical.all_dynamic = vehicle && human;
-  for (int64_t i = 0; i < parsed->count && vehicle != human; i++) {
-    pags_parsed_view *view = &parsed->views[i];
-    if (!view->missing)
-      PAGS_TRY(pags_driving_find_mask(driving, vehicle ? "dynamic_masks/vehicle" : "dynamic_masks/human", view,
-                                      &view->part_path));
-  }
-  return PAGS_OK;
 }
 
 pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_parsed_dataset *parsed) {
@@ -178,7 +160,18 @@ pags_result pags_critical_choose(pags_driving *driving, const char *list, pags_p
   else
     for (int c = PAGS_CATEGORY_VEHICLE; c < CATEGORIES; c++)
       take_kind(driving, (pags_category)c);
-  return choose_masks(driving, parsed);
+
+  /* With vehicles and people dynamic_masks/all is taken, with one of them its own folder. */
+  const bool *kinds = driving->critical.kinds;
+  bool vehicle = kinds[PAGS_CATEGORY_VEHICLE], human = kinds[PAGS_CATEGORY_PEDESTRIAN] || kinds[PAGS_CATEGORY_CYCLIST];
+  driving->critical.all_dynamic = vehicle && human;
+  for (int64_t i = 0; i < parsed->count && vehicle != human; i++) {
+    pags_parsed_view *view = &parsed->views[i];
+    if (!view->missing)
+      PAGS_TRY(pags_driving_find_mask(driving, vehicle ? "dynamic_masks/vehicle" : "dynamic_masks/human", view,
+                                      &view->part_path));
+  }
+  return PAGS_OK;
 }
 
 /* Notes. */
@@ -233,26 +226,6 @@ static void say_sources(int sources, phrase *out) {
   add_word(out, ", ", sources ? text : "unknown (neither masks nor boxes)");
 }
 
-/* "from semantic and dynamic_masks in 200 of 240 views, boxes in 40" */
-static pags_result note_critical(pags_driving *driving, const tally *t) {
-  char text[300] = "", classes[500] = "", count[64];
-  phrase sources = {text, sizeof text, 0}, names = {classes, sizeof classes, 0};
-  for (int from = 7; from >= 0; from--) {
-    if (t->critical[from] == 0)
-      continue;
-    say_sources(from, &sources);
-    snprintf(count, sizeof count, " in %lld of %lld views", (long long)t->critical[from], (long long)t->views);
-    add_word(&sources, "", count);
-  }
-  const pags_label_set *set = driving->rules.labels;
-  for (int i = 0; i < set->count && t->semantic > 0; i++)
-    if (driving->critical.classes[set->classes[i].id] & PAGS_LABEL_CRITICAL)
-      add_word(&names, ", ", set->classes[i].name);
-  return pags_driving_note(driving, "critical: %s from %s%s%s%s%s",
-                           driving->critical.list ? driving->critical.list : "vehicles, pedestrians and cyclists", text,
-                           *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "", classes);
-}
-
 pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *parsed) {
   const tally t = count_views(driving, parsed);
   bool laser = driving->provides & PAGS_PROVIDES_LIDAR;
@@ -263,7 +236,26 @@ pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset 
                              : t.semantic > 0 && pags_labels_know_sky(driving) ? "from semantic, class sky"
                              : laser ? "guessed: above the horizon and above all that the laser met"
                                      : "unknown (neither masks nor LiDAR)"));
-  PAGS_TRY(note_critical(driving, &t));
+
+  /* "from semantic and dynamic_masks in 200 of 240 views, boxes in 40" */
+  char text[300] = "", classes[500] = "", count[64];
+  phrase sources = {text, sizeof text, 0}, names = {classes, sizeof classes, 0};
+  for (int from = 7; from >= 0; from--) {
+    if (t.critical[from] == 0)
+      continue;
+    say_sources(from, &sources);
+    snprintf(count, sizeof count, " in %lld of %lld views", (long long)t.critical[from], (long long)t.views);
+    add_word(&sources, "", count);
+  }
+  const pags_label_set *set = driving->rules.labels;
+  for (int i = 0; i < set->count && t.semantic > 0; i++)
+    if (driving->critical.classes[set->classes[i].id] & PAGS_LABEL_CRITICAL)
+      add_word(&names, ", ", set->classes[i].name);
+  PAGS_TRY(pags_driving_note(driving, "critical: %s from %s%s%s%s%s",
+                             driving->critical.list ? driving->critical.list : "vehicles, pedestrians and cyclists",
+                             text, *classes ? "; classes of " : "", *classes ? set->name : "", *classes ? ": " : "",
+                             classes));
+
   if ((t.semantic > 0 || t.dynamic > 0) && !(driving->provides & PAGS_PROVIDES_BOXES))
     return pags_driving_note(driving,
                              "no boxes: pixels of dynamic classes and of dynamic_masks are left out of the loss");

@@ -151,15 +151,6 @@ static void spread(const search *s, const uint8_t *from, bool smallest, uint8_t 
     }
 }
 
-static void find_still(search *s, int frames) {
-  for (int i = 0; i < s->width * s->height; i++) {
-    float mean = s->sum[i] / (float)frames, variance = s->square[i] / (float)frames - mean * mean;
-    s->still[i] = (double)variance < still_deviation * still_deviation;
-  }
-  spread(s, s->still, true, s->scratch);
-  spread(s, s->scratch, false, s->still);
-}
-
 /* Marks as 2 what hangs together with a still pixel; returns how many pixels, and how many of the lowest row. */
 static int flood(search *s, int seed, int *lowest) {
   int depth = 0, size = 0;
@@ -204,7 +195,15 @@ static pags_result look_at(search *s, int count, int *proposed) {
     s->sum[i] = s->square[i] = 0;
   for (int i = 0; i < count; i++) /* spread over those chosen */
     PAGS_TRY(add_photograph(s, s->views[count == 1 ? 0 : i * (s->count - 1) / (count - 1)]));
-  find_still(s, count);
+
+  /* Find still. */
+  for (int i = 0; i < s->width * s->height; i++) {
+    float mean = s->sum[i] / (float)count, variance = s->square[i] / (float)count - mean * mean;
+    s->still[i] = (double)variance < still_deviation * still_deviation;
+  }
+  spread(s, s->still, true, s->scratch);
+  spread(s, s->scratch, false, s->still);
+
   *proposed = propose(s);
   return PAGS_OK;
 }

@@ -56,27 +56,6 @@ static bool read_number(const char **at, int *out) {
   return *at > begin && value <= LARGEST_NUMBER;
 }
 
-static pags_result make_selection(const pags_dataset_options *options, selection *out) {
-  out->count = 0;
-  out->first = options->frame_first;
-  out->last = options->frame_last < 0 ? INT64_MAX : options->frame_last;
-  if (out->first < 0 || out->last < out->first)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
-                     (long long)options->frame_first, (long long)options->frame_last);
-
-  /* Select cameras. */
-  const char *at = options->cameras;
-  while (options->cameras) {
-    if (out->count == MOST_CAMERAS || !read_number(&at, &out->cameras[out->count]) || (*at && *at != ','))
-      return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas",
-                       options->cameras, (int)MOST_CAMERAS);
-    out->count++;
-    if (*at++ == '\0')
-      break;
-  }
-  return PAGS_OK;
-}
-
 static bool is_selected(const selection *selected, int camera, int frame) {
   if (frame < selected->first || frame > selected->last)
     return false;
@@ -325,20 +304,19 @@ static bool has_per_frame_extrinsics(const pags_driving *driving) {
   return found;
 }
 
-static pags_result note_rules(pags_driving *driving) {
-  const pags_rules *rules = &driving->rules;
-  return pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s", rules->kind,
-                           rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
-                           rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "laser's" : "ego",
-                           rules->forward_y ? "+y" : "+x");
-}
-
 /* Everything beside the pictures themselves. */
 static pags_result read_parts(pags_driving *driving, const pags_dataset_options *options, const picture *pictures,
                               int64_t count, pags_parsed_dataset *parsed) {
   PAGS_TRY(pags_rules_read(driving->root, options->kind, has_per_frame_extrinsics(driving), &driving->rules,
                            name_sensor, driving));
-  PAGS_TRY(note_rules(driving));
+
+  /* Note rules. */
+  const pags_rules *rules = &driving->rules;
+  PAGS_TRY(pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s",
+                             rules->kind, rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
+                             rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "laser's" : "ego",
+                             rules->forward_y ? "+y" : "+x"));
+
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
@@ -353,7 +331,26 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
 static pags_result read_listed(pags_driving *driving, const char *folder, const pags_dir_list *list,
                                const pags_dataset_options *options, pags_parsed_dataset *parsed) {
   selection selected;
-  PAGS_TRY(make_selection(options, &selected));
+
+  /* Make selection. */
+  selected.count = 0;
+  selected.first = options->frame_first;
+  selected.last = options->frame_last < 0 ? INT64_MAX : options->frame_last;
+  if (selected.first < 0 || selected.last < selected.first)
+    return pags_fail(PAGS_ERROR_ARGUMENT, "frames %lld to %lld: expected 0 <= first <= last",
+                     (long long)options->frame_first, (long long)options->frame_last);
+
+  /* Select cameras. */
+  const char *at = options->cameras;
+  while (options->cameras) {
+    if (selected.count == MOST_CAMERAS || !read_number(&at, &selected.cameras[selected.count]) || (*at && *at != ','))
+      return pags_fail(PAGS_ERROR_ARGUMENT, "cameras '%s': expected at most %d numbers separated by commas",
+                       options->cameras, (int)MOST_CAMERAS);
+    selected.count++;
+    if (*at++ == '\0')
+      break;
+  }
+
   picture *pictures = malloc(((size_t)list->count + 1) * sizeof *pictures);
   if (!pictures)
     return pags_out_of_memory("%s", folder);

@@ -37,17 +37,6 @@ static int bin_of(double x, double y) {
   return bin < 0 ? 0 : bin >= BINS ? BINS - 1 : bin;
 }
 
-/* The elevation above which a direction in this bin is sky; infinite where nothing can be said. */
-static void find_limits(const bins *b, double limit[BINS]) {
-  for (int i = 0; i < BINS; i++) {
-    double highest = -INFINITY;
-    for (int j = -REACH; j <= REACH; j++)
-      highest = fmax(highest, b->top[(i + j + BINS) % BINS]);
-    bool unknown = highest == -INFINITY || (highest > horizon && highest > b->ceiling - ceiling_band);
-    limit[i] = unknown ? INFINITY : fmax(highest + margin, horizon);
-  }
-}
-
 /* The nearest sweep that is `rank` or more frames away; of training, unless it is the frame's own: what is held out
  * must not speak for other frames. Returns its distance in frames, -1: there is none. */
 static int next_sweep(const pags_driving *driving, int frame, int rank, int64_t after, int64_t *index) {
@@ -106,7 +95,15 @@ pags_result pags_sky_from_lidar(const pags_driving *driving, int frame, const pa
   for (int i = 0; i < BINS; i++)
     b.top[i] = -INFINITY;
   PAGS_TRY(gather(driving, frame, camera, &b));
-  find_limits(&b, limit);
+
+  /* The elevation above which a direction in this bin is sky; infinite where nothing can be said. */
+  for (int i = 0; i < BINS; i++) {
+    double highest = -INFINITY;
+    for (int j = -REACH; j <= REACH; j++)
+      highest = fmax(highest, b.top[(i + j + BINS) % BINS]);
+    bool unknown = highest == -INFINITY || (highest > horizon && highest > b.ceiling - ceiling_band);
+    limit[i] = unknown ? INFINITY : fmax(highest + margin, horizon);
+  }
 
   /* Mark. */
   const double *c = camera->world_from_camera;

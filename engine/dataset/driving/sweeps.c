@@ -48,8 +48,24 @@ static pags_result add_sweep(pags_driving *driving, const pags_time_step *step, 
   return PAGS_OK;
 }
 
-/* "LiDAR: 76 sweeps, none for frames 056 057 058 071" */
-static pags_result note_sweeps(pags_driving *driving) {
+pags_result pags_sweeps_find(pags_driving *driving) {
+  driving->sweeps = calloc((size_t)driving->step_count, sizeof *driving->sweeps);
+  if (!driving->sweeps)
+    return pags_out_of_memory("%s", driving->root);
+  for (int64_t i = 0; i < driving->step_count; i++) {
+    char *path = pags_text_format("%s/lidar/%0*d.bin", driving->root, driving->digits, driving->steps[i].frame);
+    if (!path)
+      return pags_out_of_memory("%s", driving->root);
+    int64_t before = driving->sweep_count;
+    pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path) : PAGS_OK;
+    if (driving->sweep_count == before)
+      free(path);
+    PAGS_TRY(result);
+  }
+  if (driving->sweep_count > 0)
+    driving->provides |= PAGS_PROVIDES_LIDAR;
+
+  /* "LiDAR: 76 sweeps, none for frames 056 057 058 071" */
   char line[400];
   int length = snprintf(line, sizeof line, "LiDAR: %lld sweeps", (long long)driving->sweep_count);
   int64_t sweep = 0, missing = driving->step_count - driving->sweep_count;
@@ -69,25 +85,6 @@ static pags_result note_sweeps(pags_driving *driving) {
     }
   }
   return pags_driving_note(driving, "%s", line);
-}
-
-pags_result pags_sweeps_find(pags_driving *driving) {
-  driving->sweeps = calloc((size_t)driving->step_count, sizeof *driving->sweeps);
-  if (!driving->sweeps)
-    return pags_out_of_memory("%s", driving->root);
-  for (int64_t i = 0; i < driving->step_count; i++) {
-    char *path = pags_text_format("%s/lidar/%0*d.bin", driving->root, driving->digits, driving->steps[i].frame);
-    if (!path)
-      return pags_out_of_memory("%s", driving->root);
-    int64_t before = driving->sweep_count;
-    pags_result result = pags_file_exists(path) ? add_sweep(driving, &driving->steps[i], path) : PAGS_OK;
-    if (driving->sweep_count == before)
-      free(path);
-    PAGS_TRY(result);
-  }
-  if (driving->sweep_count > 0)
-    driving->provides |= PAGS_PROVIDES_LIDAR;
-  return note_sweeps(driving);
 }
 
 static int64_t take_points(const pags_rules *rules, const uint8_t *bytes, int64_t rows, float *xyz) {

@@ -43,8 +43,16 @@ static pags_result read_exposures(const pags_json *json, const pags_json_value *
   return PAGS_OK;
 }
 
-static pags_result read_cameras(const pags_json *json, const pags_json_value *cameras, const pags_driving *driving,
-                                pags_parsed_dataset *parsed) {
+static pags_result read_file(const pags_json *json, pags_driving *driving, pags_parsed_dataset *parsed) {
+  const pags_json_value *root = pags_json_root(json), *frames, *cameras;
+  PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
+  PAGS_TRY(pags_json_array(json, root, "frames", &frames));
+  PAGS_TRY(read_steps(json, frames, driving));
+  if (!pags_json_member(root, "cameras"))
+    return PAGS_OK;
+  PAGS_TRY(pags_json_object(json, root, "cameras", &cameras));
+
+  /* Read cameras. */
   for (const pags_json_value *list = cameras->first; list; list = list->next) {
     char *end;
     long number = strtol(list->key, &end, 10);
@@ -59,23 +67,6 @@ static pags_result read_cameras(const pags_json *json, const pags_json_value *ca
   return PAGS_OK;
 }
 
-static pags_result read_file(const pags_json *json, pags_driving *driving, pags_parsed_dataset *parsed) {
-  const pags_json_value *root = pags_json_root(json), *frames, *cameras;
-  PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
-  PAGS_TRY(pags_json_array(json, root, "frames", &frames));
-  PAGS_TRY(read_steps(json, frames, driving));
-  if (!pags_json_member(root, "cameras"))
-    return PAGS_OK;
-  PAGS_TRY(pags_json_object(json, root, "cameras", &cameras));
-  return read_cameras(json, cameras, driving, parsed);
-}
-
-static void count_steps(pags_driving *driving) {
-  driving->fps = driving->rules.fps > 0 ? driving->rules.fps : usual_fps;
-  for (int64_t i = 0; i < driving->step_count; i++)
-    driving->steps[i].time = driving->steps[i].frame / driving->fps;
-}
-
 pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) {
   char *path = pags_path_join(driving->root, "timestamps.json");
   if (!path)
@@ -85,7 +76,9 @@ pags_result pags_times_read(pags_driving *driving, pags_parsed_dataset *parsed) 
   for (int64_t i = 0; i < parsed->count; i++)
     parsed->views[i].shutter_time = (double)NAN;
   if (!pags_file_exists(path)) {
-    count_steps(driving);
+    driving->fps = driving->rules.fps > 0 ? driving->rules.fps : usual_fps;
+    for (int64_t i = 0; i < driving->step_count; i++)
+      driving->steps[i].time = driving->steps[i].frame / driving->fps;
     result = pags_driving_note(driving, "times: no timestamps.json, frame t is at t / %g s", driving->fps);
   } else {
     result = pags_json_parse_file(path, &json);

@@ -112,18 +112,6 @@ static pags_result compare_work(const char *marker, const pags_json_writer *writ
   return PAGS_OK;
 }
 
-static pags_result clear(const pags_layout *layout) {
-  pags_result result = PAGS_OK;
-  for (int i = 0; i < FILES + FOLDERS && result == PAGS_OK; i++) {
-    char *path = NULL;
-    result = join(layout, i < FILES ? files[i] : folders[i - FILES], &path);
-    if (result == PAGS_OK)
-      result = pags_remove_tree(path);
-    free(path);
-  }
-  return result;
-}
-
 static pags_result claim(const pags_layout *layout, const char *marker, const pags_json_writer *writer,
                          bool overwrite) {
   work_state state = WORK_NONE;
@@ -136,7 +124,18 @@ static pags_result claim(const pags_layout *layout, const char *marker, const pa
     return pags_fail(PAGS_ERROR_IO, "%s: %s; another folder is wanted, or --overwrite", layout->folder,
                      state == WORK_OTHER ? "was begun from another source or with other options (see its import.json)"
                                          : "holds something else already");
-  PAGS_TRY(clear(layout));
+
+  /* Clear. */
+  pags_result result = PAGS_OK;
+  for (int i = 0; i < FILES + FOLDERS && result == PAGS_OK; i++) {
+    char *path = NULL;
+    result = join(layout, i < FILES ? files[i] : folders[i - FILES], &path);
+    if (result == PAGS_OK)
+      result = pags_remove_tree(path);
+    free(path);
+  }
+  PAGS_TRY(result);
+
   PAGS_TRY(pags_make_dirs(layout->folder));
   return pags_file_write(marker, writer->data, writer->size);
 }

@@ -146,25 +146,6 @@ static bool is_known(const pags_layout_times *times, int64_t count, const struct
   return false;
 }
 
-static void put_column(pags_json_writer *writer, const pags_layout_info *info, const pags_layout_times *times,
-                       const struct column *column) {
-  char key[24];
-  pags_json_begin_object(writer, column->key);
-  for (int c = 0; c < info->camera_count; c++) {
-    snprintf(key, sizeof key, "%d", info->cameras[c].number);
-    pags_json_begin_array(writer, key);
-    for (int64_t t = 0; t < info->frame_count; t++) {
-      const double *value = column_value(&times->exposures[t * info->camera_count + c], column);
-      if (column->count == 1)
-        pags_json_put_number(writer, NULL, *value);
-      else
-        pags_json_put_numbers(writer, NULL, value, column->count);
-    }
-    pags_json_end_array(writer);
-  }
-  pags_json_end_object(writer);
-}
-
 pags_result pags_layout_write_times(const char *path, const pags_layout_info *info, const pags_layout_times *times) {
   pags_json_writer writer;
   pags_json_writer_init(&writer, 1);
@@ -174,8 +155,24 @@ pags_result pags_layout_write_times(const char *path, const pags_layout_info *in
     pags_json_put_number(&writer, NULL, times->frames[t]);
   pags_json_end_array(&writer);
   for (size_t i = 0; i < sizeof columns / sizeof columns[0]; i++)
-    if (is_known(times, info->frame_count * info->camera_count, &columns[i]))
-      put_column(&writer, info, times, &columns[i]);
+    if (is_known(times, info->frame_count * info->camera_count, &columns[i])) {
+      /* Put column. */
+      char key[24];
+      pags_json_begin_object(&writer, columns[i].key);
+      for (int c = 0; c < info->camera_count; c++) {
+        snprintf(key, sizeof key, "%d", info->cameras[c].number);
+        pags_json_begin_array(&writer, key);
+        for (int64_t t = 0; t < info->frame_count; t++) {
+          const double *value = column_value(&times->exposures[t * info->camera_count + c], &columns[i]);
+          if (columns[i].count == 1)
+            pags_json_put_number(&writer, NULL, *value);
+          else
+            pags_json_put_numbers(&writer, NULL, value, columns[i].count);
+        }
+        pags_json_end_array(&writer);
+      }
+      pags_json_end_object(&writer);
+    }
   if (times->lidar) {
     pags_json_begin_array(&writer, "lidar");
     for (int64_t t = 0; t < info->frame_count; t++)
