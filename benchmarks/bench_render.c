@@ -270,33 +270,6 @@ static void put_mode(pags_json_writer *json, const char *name, const pags_bench_
   pags_json_end_object(json);
 }
 
-static pags_result write_json(const render_bench *self) {
-  pags_json_writer json;
-  pags_json_writer_init(&json, 2);
-  pags_json_begin_object(&json, NULL);
-  pags_json_put_integer(&json, "threads", pags_tasks_workers(self->arguments->session.tasks));
-  pags_json_put_integer(&json, "gaussians", pags_composition_gaussian_count(self->composition));
-  pags_json_put_integer(&json, "pictures", self->path.count);
-  pags_json_put_integer(&json, "repetitions", self->arguments->repetitions);
-  pags_json_begin_array(&json, "sizes");
-  for (int i = 0; i < self->size_count; i++) {
-    pags_json_begin_object(&json, NULL);
-    pags_json_put_integer(&json, "width", self->sizes[i].width);
-    pags_json_put_integer(&json, "height", self->sizes[i].height);
-    pags_json_put_number(&json, "gaussians_per_pixel", self->layers[i]);
-    pags_json_begin_array(&json, "modes");
-    for (int k = 0; k < self->modes.count; k++)
-      put_mode(&json, self->modes.modes[k].name, &self->results[i][k]);
-    pags_json_end_array(&json);
-    if (self->arguments->budget_ms > 0)
-      pags_deadline_report_put(&self->deadlines[i], &json);
-    pags_json_end_object(&json);
-  }
-  pags_json_end_array(&json);
-  pags_json_end_object(&json);
-  return pags_session_json(&self->arguments->session, &json);
-}
-
 static pags_result put_csv_row(pags_file_writer *file, const render_bench *self, int size, int mode) {
   const pags_bench_mode_result *r = &self->results[size][mode];
   const pags_frame_stats *s = &r->counts;
@@ -422,7 +395,32 @@ static pags_result run(render_bench *self) {
     say_size(self, i);
   PAGS_TRY(write_csv(self));
   PAGS_TRY(write_plot(self));
-  return write_json(self);
+
+  /* Write JSON. */
+  pags_json_writer json;
+  pags_json_writer_init(&json, 2);
+  pags_json_begin_object(&json, NULL);
+  pags_json_put_integer(&json, "threads", pags_tasks_workers(self->arguments->session.tasks));
+  pags_json_put_integer(&json, "gaussians", pags_composition_gaussian_count(self->composition));
+  pags_json_put_integer(&json, "pictures", self->path.count);
+  pags_json_put_integer(&json, "repetitions", self->arguments->repetitions);
+  pags_json_begin_array(&json, "sizes");
+  for (int i = 0; i < self->size_count; i++) {
+    pags_json_begin_object(&json, NULL);
+    pags_json_put_integer(&json, "width", self->sizes[i].width);
+    pags_json_put_integer(&json, "height", self->sizes[i].height);
+    pags_json_put_number(&json, "gaussians_per_pixel", self->layers[i]);
+    pags_json_begin_array(&json, "modes");
+    for (int k = 0; k < self->modes.count; k++)
+      put_mode(&json, self->modes.modes[k].name, &self->results[i][k]);
+    pags_json_end_array(&json);
+    if (self->arguments->budget_ms > 0)
+      pags_deadline_report_put(&self->deadlines[i], &json);
+    pags_json_end_object(&json);
+  }
+  pags_json_end_array(&json);
+  pags_json_end_object(&json);
+  return pags_session_json(&self->arguments->session, &json);
 }
 
 int pags_bench_render(int argc, char **argv) {

@@ -118,16 +118,6 @@ static pags_result trim_part(drawing *d, int p) {
   return PAGS_OK;
 }
 
-static pags_result make_contents(drawing *d) {
-  for (int p = 0; p < d->view->part_count; p++) {
-    for (int k = 0; k < CONTENTS; k++)
-      d->parts[k][p] = d->view->parts[p];
-    PAGS_TRY(pack_part(d, p));
-    PAGS_TRY(trim_part(d, p));
-  }
-  return PAGS_OK;
-}
-
 /* ---- Ways ---- */
 
 static way *add_way(drawing *d, const char *name, const char *exact, int base) {
@@ -213,27 +203,6 @@ static void shrink(double *planes, int width, int height) {
   }
 }
 
-static pags_result look(drawing *d, const pags_camera *camera) {
-  for (int k = 0; k < d->count; k++) {
-    pags_picture picture;
-    PAGS_TRY(draw(d, k, camera, true, &picture));
-    const pags_frame_stats *const s = pags_frame_stats_get(d->frames[d->ways[k].frame]);
-    d->binned[k] += (double)s->pairs_binned;
-    d->lanes[k] += (double)s->pairs_evaluated;
-    d->shaded[k] += (double)s->shaded;
-    free(d->pictures[k]);
-    d->pictures[k] = error_picture_copy(&picture);
-    if (!d->pictures[k])
-      return pags_out_of_memory("a picture");
-    if (d->ways[k].fine)
-      shrink(d->pictures[k], camera->width, camera->height);
-  }
-  for (int k = 0; k < d->count; k++)
-    error_picture_compare(d->pictures[k], d->pictures[d->ways[k].base], 3 * (int64_t)camera->width * camera->height,
-                          &d->sums[k]);
-  return PAGS_OK;
-}
-
 /* ---- Rows ---- */
 
 static void add_counts(const drawing *d, int k, error_row *row) {
@@ -252,7 +221,15 @@ static void add_counts(const drawing *d, int k, error_row *row) {
 
 static pags_result run(drawing *d) {
   PAGS_TRY(error_go_on(d->view, 0.5, "packing and trimming"));
-  PAGS_TRY(make_contents(d));
+
+  /* Make contents. */
+  for (int p = 0; p < d->view->part_count; p++) {
+    for (int k = 0; k < CONTENTS; k++)
+      d->parts[k][p] = d->view->parts[p];
+    PAGS_TRY(pack_part(d, p));
+    PAGS_TRY(trim_part(d, p));
+  }
+
   for (int i = 0; i < FRAMES; i++)
     PAGS_TRY(pags_frame_create(d->view->tasks, &d->frames[i]));
 
@@ -275,7 +252,27 @@ static pags_result run(drawing *d) {
   const int64_t turns = (int64_t)v->camera_count * v->repetitions;
   for (int c = 0; c < v->camera_count; c++) {
     PAGS_TRY(error_go_on(v, 0.5 + 0.4 * c / v->camera_count, "drawing"));
-    PAGS_TRY(look(d, v->cameras + c));
+
+    /* Look. */
+    const pags_camera *camera = v->cameras + c;
+    for (int k = 0; k < d->count; k++) {
+      pags_picture picture;
+      PAGS_TRY(draw(d, k, camera, true, &picture));
+      const pags_frame_stats *const s = pags_frame_stats_get(d->frames[d->ways[k].frame]);
+      d->binned[k] += (double)s->pairs_binned;
+      d->lanes[k] += (double)s->pairs_evaluated;
+      d->shaded[k] += (double)s->shaded;
+      free(d->pictures[k]);
+      d->pictures[k] = error_picture_copy(&picture);
+      if (!d->pictures[k])
+        return pags_out_of_memory("a picture");
+      if (d->ways[k].fine)
+        shrink(d->pictures[k], camera->width, camera->height);
+    }
+    for (int k = 0; k < d->count; k++)
+      error_picture_compare(d->pictures[k], d->pictures[d->ways[k].base], 3 * (int64_t)camera->width * camera->height,
+                            &d->sums[k]);
+
     for (int r = 0; r < v->repetitions; r++)
       for (int k = 0; k < d->count; k++) {
         pags_picture picture;

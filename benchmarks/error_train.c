@@ -67,18 +67,6 @@ static void take_gradient(void *user, const pags_cluster_gradient *g, int worker
     memcpy(a->gradient + p * a->stride + g->first, g->data + (int64_t)p * g->stride, (size_t)g->count * sizeof(float));
 }
 
-static pags_result find_gradients(adam_bench *a, pags_frame *frame, const float *plane, int64_t step) {
-  const pags_bench_view *const v = a->view;
-  pags_frame_options options = v->options;
-  pags_picture picture;
-  options.keep_for_backward = 1;
-  options.exp_degree = 5;
-  memset(a->seen, 0, (size_t)a->clusters);
-  PAGS_TRY(pags_frame_render(frame, v->parts, v->part_count, view_at(v, step, STEPS), &options, NULL, NULL, &picture));
-  const pags_picture_gradient gradient = {.rgb = {plane, plane, plane}};
-  return pags_frame_backward(frame, &gradient, take_gradient, a, NULL);
-}
-
 static void step_engine(adam_bench *a, int which, int64_t step) {
   const double begin = error_clock_ms();
   pags_adam_begin(&a->adam[which], step);
@@ -156,7 +144,19 @@ static pags_result create_adam(adam_bench *a) {
 static pags_result run_adam(adam_bench *a, pags_frame *frame, const float *plane) {
   for (int64_t step = 0; step < STEPS; step++) {
     PAGS_TRY(error_go_on(a->view, 0.9 + 0.07 * (double)step / STEPS, "Adam"));
-    PAGS_TRY(find_gradients(a, frame, plane, step));
+
+    /* Find gradients. */
+    const pags_bench_view *const v = a->view;
+    pags_frame_options options = v->options;
+    pags_picture picture;
+    options.keep_for_backward = 1;
+    options.exp_degree = 5;
+    memset(a->seen, 0, (size_t)a->clusters);
+    PAGS_TRY(
+        pags_frame_render(frame, v->parts, v->part_count, view_at(v, step, STEPS), &options, NULL, NULL, &picture));
+    const pags_picture_gradient gradient = {.rgb = {plane, plane, plane}};
+    PAGS_TRY(pags_frame_backward(frame, &gradient, take_gradient, a, NULL));
+
     for (int turn = 0; turn < 2; turn++)
       step_engine(a, (int)(step + turn) % 2, FIRST_STEP + step + 1);
     step_exact(a, FIRST_STEP + step + 1);

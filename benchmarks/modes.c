@@ -159,35 +159,6 @@ static int highest_degree(const pags_part *parts, int count, int most) {
   return degree < most ? degree : most;
 }
 
-/* One frame of each mode with pairs counted, compared with the first's. */
-static pags_result look(measuring *m, const pags_camera *camera, const pags_part *parts, int part_count) {
-  double clusters = 0;
-  for (int p = 0; p < part_count; p++)
-    clusters += (double)parts[p].clusters->count;
-  for (int k = 0; k < m->frames->mode_count; k++) {
-    pags_frame_options options = m->frames->modes[k].options;
-    pags_picture picture;
-    options.count_pairs = 1;
-    PAGS_TRY(pags_frame_render(m->frame, parts, part_count, camera, &options, NULL, NULL, &picture));
-    const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
-
-    /* Add counts. */
-    for (int i = 0; i < COUNTS; i++) {
-      int64_t value;
-      memcpy(&value, (const char *)stats + count_at[i], sizeof value);
-      m->sums[k].counts[i] += (double)value;
-    }
-
-    m->sums[k].bytes +=
-        pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
-                                 (double)camera->width * camera->height, part_count > 0 && parts[0].packed);
-    if (k == 0)
-      PAGS_TRY(save_picture(&picture, &m->saved));
-    compare(&picture, &m->saved, &m->sums[k], &m->results[k]);
-  }
-  return PAGS_OK;
-}
-
 static pags_result time_camera(measuring *m, int64_t index, const pags_part *parts, int part_count) {
   const pags_bench_frames *f = m->frames;
   const int64_t samples = f->camera_count * f->repetitions;
@@ -252,7 +223,34 @@ static pags_result measure_all(measuring *m) {
     if (f->progress && !f->progress(f->progress_user, (double)c / (double)f->camera_count, "frames"))
       return pags_fail(PAGS_CANCELLED, "cancelled");
     f->compose(f->user, f->cameras[c].time, &parts, &part_count);
-    PAGS_TRY(look(m, f->cameras + c, parts, part_count));
+
+    /* One frame of each mode with pairs counted, compared with the first's. */
+    const pags_camera *camera = f->cameras + c;
+    double clusters = 0;
+    for (int p = 0; p < part_count; p++)
+      clusters += (double)parts[p].clusters->count;
+    for (int k = 0; k < m->frames->mode_count; k++) {
+      pags_frame_options options = m->frames->modes[k].options;
+      pags_picture picture;
+      options.count_pairs = 1;
+      PAGS_TRY(pags_frame_render(m->frame, parts, part_count, camera, &options, NULL, NULL, &picture));
+      const pags_frame_stats *stats = pags_frame_stats_get(m->frame);
+
+      /* Add counts. */
+      for (int i = 0; i < COUNTS; i++) {
+        int64_t value;
+        memcpy(&value, (const char *)stats + count_at[i], sizeof value);
+        m->sums[k].counts[i] += (double)value;
+      }
+
+      m->sums[k].bytes +=
+          pags_bench_forward_bytes(stats, highest_degree(parts, part_count, options.sh_degree), clusters,
+                                   (double)camera->width * camera->height, part_count > 0 && parts[0].packed);
+      if (k == 0)
+        PAGS_TRY(save_picture(&picture, &m->saved));
+      compare(&picture, &m->saved, &m->sums[k], &m->results[k]);
+    }
+
     PAGS_TRY(time_camera(m, c, parts, part_count));
   }
   sum_up(m);

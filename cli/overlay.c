@@ -131,23 +131,21 @@ static pags_result draw_points(overlay *o, int64_t index, const pags_photo *phot
 
 /* Pictures. */
 
-static pags_result copy_photo(const pags_photo *photo, pags_image *image) {
-  size_t plane = (size_t)photo->height * (size_t)photo->stride;
-  PAGS_TRY(pags_image_create(image, photo->width, photo->height, 3, PAGS_U8));
-  uint8_t *out = image->data;
-  for (int y = 0; y < photo->height; y++)
-    for (int x = 0; x < photo->width; x++)
-      for (size_t c = 0; c < 3; c++)
-        *out++ = photo->rgb[c * plane + (size_t)y * (size_t)photo->stride + (size_t)x];
-  return PAGS_OK;
-}
-
 static pags_result draw_view(overlay *o, int64_t index) {
   const pags_view *view = pags_dataset_view(o->dataset, index);
   pags_photo photo;
   pags_image image = {0};
   PAGS_TRY(pags_photo_cache_get(o->photos, index, 1, &photo));
-  PAGS_TRY(copy_photo(&photo, &image));
+
+  /* Copy photo. */
+  size_t plane = (size_t)photo.height * (size_t)photo.stride;
+  PAGS_TRY(pags_image_create(&image, photo.width, photo.height, 3, PAGS_U8));
+  uint8_t *out = image.data;
+  for (int y = 0; y < photo.height; y++)
+    for (int x = 0; x < photo.width; x++)
+      for (size_t c = 0; c < 3; c++)
+        *out++ = photo.rgb[c * plane + (size_t)y * (size_t)photo.stride + (size_t)x];
+
   size_t pixels = (size_t)photo.width * (size_t)photo.height;
   uint8_t *grown = realloc(o->outlines, pixels);
   pags_result result = grown ? PAGS_OK : pags_out_of_memory(NULL);
@@ -240,35 +238,6 @@ static double front_cosine(const pags_dataset *dataset) {
   return count ? sum / (double)count : (double)NAN;
 }
 
-static void put_warnings(const overlay *o, double cosine, pags_report *report) {
-  bool lidar = (pags_dataset_provides(o->dataset) & PAGS_PROVIDES_LIDAR) != 0;
-  const struct {
-    bool holds;
-    const char *text;
-  } warnings[] = {{cosine < 0.5,
-                   "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
-                  {share_value(o->under_sky) > 0.05,
-                   "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
-                   "lidar_frame of dataset.json (--kind) may be wrong"},
-                  {share_value(o->in_boxes) < 0.5,
-                   "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
-                   "LiDAR or their times may be wrong"},
-                  {share_value(o->on_vehicles) < 0.5,
-                   "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
-                   "photographs: extrinsics or times may be wrong"},
-                  {share_value(o->union_) < 0.5,
-                   "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
-                   "extrinsics or object_forward may be wrong"},
-                  {lidar && !o->points,
-                   "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
-                  {o->boxes.of && !o->boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
-  pags_report_begin_list(report, "warnings");
-  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; i++)
-    if (warnings[i].holds)
-      pags_report_sentence(report, warnings[i].text);
-  pags_report_end_list(report);
-}
-
 pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const pags_session *session,
                          pags_report *report) {
   overlay o = {.dataset = dataset, .folder = folder};
@@ -296,7 +265,34 @@ pags_result pags_overlay(const pags_dataset *dataset, const char *folder, const 
   pags_report_number(report, "boxes_in_pictures", share_value(o.boxes));
   pags_report_number(report, "front_cosine", cosine);
 
-  put_warnings(&o, cosine, report);
+  /* Put warnings. */
+  bool lidar = (pags_dataset_provides(o.dataset) & PAGS_PROVIDES_LIDAR) != 0;
+  const struct {
+    bool holds;
+    const char *text;
+  } warnings[] = {{cosine < 0.5,
+                   "vehicles don't go where their fronts point: object_forward of dataset.json (--kind) may be wrong"},
+                  {share_value(o.under_sky) > 0.05,
+                   "more than 5 % of the LiDAR points lie on sky: extrinsics, camera_axes or "
+                   "lidar_frame of dataset.json (--kind) may be wrong"},
+                  {share_value(o.in_boxes) < 0.5,
+                   "most LiDAR points about the boxes of moving vehicles lie outside of them: boxes, "
+                   "LiDAR or their times may be wrong"},
+                  {share_value(o.on_vehicles) < 0.5,
+                   "most LiDAR points in the boxes of moving vehicles don't lie on vehicles in the "
+                   "photographs: extrinsics or times may be wrong"},
+                  {share_value(o.union_) < 0.5,
+                   "the boxes' outlines and dynamic_masks overlap by less than half: boxes, "
+                   "extrinsics or object_forward may be wrong"},
+                  {lidar && !o.points,
+                   "no LiDAR point lies in a photograph: lidar_columns, lidar_frame or extrinsics may be wrong"},
+                  {o.boxes.of && !o.boxes.hits, "no box lies in a photograph: boxes or extrinsics may be wrong"}};
+  pags_report_begin_list(report, "warnings");
+  for (size_t i = 0; i < sizeof warnings / sizeof warnings[0]; i++)
+    if (warnings[i].holds)
+      pags_report_sentence(report, warnings[i].text);
+  pags_report_end_list(report);
+
   pags_report_end_group(report);
   return PAGS_OK;
 }

@@ -54,30 +54,6 @@ typedef struct reading {
   int64_t count, room;
 } reading;
 
-/* The numbers of a 4x4 matrix given as rows. */
-static pags_result read_pose(const reading *r, const pags_json_value *matrix, double out[12]) {
-  int n = 0;
-  PAGS_TRY(matrix->type == PAGS_JSON_ARRAY
-               ? PAGS_OK
-               : pags_json_fail(r->json, matrix, "expected a 4x4 matrix as four arrays of four numbers"));
-  for (const pags_json_value *row = matrix->first; row; row = row->next)
-    for (const pags_json_value *v = row->first; v; v = v->next) {
-      double value;
-      PAGS_TRY(pags_json_as_number(r->json, v, "an entry of 'obj_to_world'", &value));
-      if (n < 12)
-        out[n] = value;
-      n++;
-    }
-  if (n != 16)
-    return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
-  for (int k = 0; r->forward_y && k < 3; k++) { /* forward is its y, left its -x */
-    double x = out[4 * k];
-    out[4 * k] = out[4 * k + 1];
-    out[4 * k + 1] = -x;
-  }
-  return PAGS_OK;
-}
-
 static pags_result make_room(reading *r) {
   int64_t room = 2 * r->room + 64;
   if (r->count < r->room)
@@ -96,7 +72,28 @@ static pags_result make_room(reading *r) {
 static pags_result add_knot(reading *r, const pags_object *object, const pags_knot *knot, const pags_json_value *matrix,
                             pags_pose_errors *out) {
   double photographs[12], pose[12];
-  PAGS_TRY(read_pose(r, matrix, photographs));
+
+  /* The numbers of a 4x4 matrix given as rows. */
+  int n = 0;
+  PAGS_TRY(matrix->type == PAGS_JSON_ARRAY
+               ? PAGS_OK
+               : pags_json_fail(r->json, matrix, "expected a 4x4 matrix as four arrays of four numbers"));
+  for (const pags_json_value *row = matrix->first; row; row = row->next)
+    for (const pags_json_value *v = row->first; v; v = v->next) {
+      double value;
+      PAGS_TRY(pags_json_as_number(r->json, v, "an entry of 'obj_to_world'", &value));
+      if (n < 12)
+        photographs[n] = value;
+      n++;
+    }
+  if (n != 16)
+    return pags_json_fail(r->json, matrix, "expected a 4x4 matrix, got %d numbers", n);
+  for (int k = 0; r->forward_y && k < 3; k++) { /* forward is its y, left its -x */
+    double x = photographs[4 * k];
+    photographs[4 * k] = photographs[4 * k + 1];
+    photographs[4 * k + 1] = -x;
+  }
+
   if (!pags_object_pose(object, knot->time, pose))
     return PAGS_OK;
   const offset labelled = offset_of(photographs, knot->world_from_object), drawn = offset_of(photographs, pose);

@@ -67,17 +67,6 @@ static pags_result reserve_planes(measuring *m, const pags_picture *picture) {
   return PAGS_OK;
 }
 
-static pags_result weigh_view(measuring *m, int64_t i) {
-  const pags_camera *camera = &pags_dataset_view(m->photographs->dataset, m->photographs->views[i].index)->camera;
-  pags_picture picture;
-  m->now = (int32_t)i;
-  pags_compose(m->composition, camera->time, &m->parts, &m->part_count);
-  PAGS_TRY(pags_frame_render(m->frame, m->parts, m->part_count, camera, &m->options, NULL, NULL, &picture));
-  PAGS_TRY(reserve_planes(m, &picture));
-  pags_score_planes planes = {.counted = m->ones, .critical = m->zeros};
-  return pags_frame_scores(m->frame, &planes, add_weights, m);
-}
-
 /* The seen Gaussians that views of that time show most. */
 static int64_t list_points(measuring *m, double time) {
   int64_t count = 0;
@@ -162,8 +151,17 @@ static pags_result measure(measuring *m, pags_priority_truth *out) {
     m->view[i] = -1;
   for (int64_t i = 0; i < m->photographs->count; i++) {
     PAGS_TRY(check_interrupted());
-    if (!m->photographs->views[i].test)
-      PAGS_TRY(weigh_view(m, i));
+    if (!m->photographs->views[i].test) {
+      /* Weigh view. */
+      const pags_camera *camera = &pags_dataset_view(m->photographs->dataset, m->photographs->views[i].index)->camera;
+      pags_picture picture;
+      m->now = (int32_t)i;
+      pags_compose(m->composition, camera->time, &m->parts, &m->part_count);
+      PAGS_TRY(pags_frame_render(m->frame, m->parts, m->part_count, camera, &m->options, NULL, NULL, &picture));
+      PAGS_TRY(reserve_planes(m, &picture));
+      pags_score_planes planes = {.counted = m->ones, .critical = m->zeros};
+      PAGS_TRY(pags_frame_scores(m->frame, &planes, add_weights, m));
+    }
   }
   return judge_times(m, out);
 }

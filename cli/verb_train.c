@@ -272,35 +272,33 @@ static void report(const train_arguments *arguments, const pags_train_result *re
              (long long)result->bad_rows, result->first_bad_row);
 }
 
-static void describe_dataset(const train_arguments *arguments, const pags_dataset *dataset) {
-  int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
-  const float *xyz;
-  const uint8_t *rgb;
-  int random;
-  for (int64_t i = 0; i < count; i++)
-    held_out += pags_dataset_view(dataset, i)->test;
-  pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
-  const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
-  if (pags_dataset_fps(dataset) > 0) {
-    int64_t objects = pags_dataset_object_count(dataset), moving = 0;
-    for (int64_t i = 0; i < objects; i++)
-      moving += pags_dataset_object(dataset, i)->moving;
-    pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
-             (long long)moving, (long long)pags_dataset_sweep_count(dataset));
-    for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
-      pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
-  }
-  const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
-  pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
-           pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
-           (long long)held_out, (long long)points, kind, pags_dataset_kind(dataset));
-}
-
 static pags_result train(train_arguments *arguments, const char *path, pags_train_result *result) {
   pags_dataset *dataset;
   PAGS_TRY(pags_dataset_open(path, &arguments->dataset, &dataset));
-  if (pags_dataset_view_count(dataset) > 0)
-    describe_dataset(arguments, dataset);
+  if (pags_dataset_view_count(dataset) > 0) {
+    /* Describe dataset. */
+    int64_t count = pags_dataset_view_count(dataset), held_out = 0, points;
+    const float *xyz;
+    const uint8_t *rgb;
+    int random;
+    for (int64_t i = 0; i < count; i++)
+      held_out += pags_dataset_view(dataset, i)->test;
+    pags_dataset_points(dataset, &points, &xyz, &rgb, &random);
+    const pags_camera *camera = &pags_dataset_view(dataset, 0)->camera;
+    if (pags_dataset_fps(dataset) > 0) {
+      int64_t objects = pags_dataset_object_count(dataset), moving = 0;
+      for (int64_t i = 0; i < objects; i++)
+        moving += pags_dataset_object(dataset, i)->moving;
+      pags_say(&arguments->session, "%lld objects, %lld of them moving; %lld LiDAR sweeps\n", (long long)objects,
+               (long long)moving, (long long)pags_dataset_sweep_count(dataset));
+      for (int64_t i = 0; i < pags_dataset_note_count(dataset); i++)
+        pags_say(&arguments->session, "  %s\n", pags_dataset_note(dataset, i));
+    }
+    const char *kind = !random ? "points" : arguments->config.start.random_start ? "random points" : "points to match";
+    pags_say(&arguments->session, "%s: %lld views of %dx%d to train on, %lld held out, %lld %s (%s)\n",
+             pags_dataset_path(dataset), (long long)(count - held_out), camera->width, camera->height,
+             (long long)held_out, (long long)points, kind, pags_dataset_kind(dataset));
+  }
   pags_progress progress = pags_progress_begin(arguments->session.people);
   arguments->options.dataset = dataset;
   arguments->options.output = arguments->output;

@@ -13,23 +13,21 @@ static double now_ms(void) {
 
 /* ---- The renderer's thread ---- */
 
-static pags_result need_tables(native_scene *scene, const native_layout *layout) {
-  bool rgba = layout->outputs & OUTPUT_RGBA;
-  if ((layout->outputs & OUTPUT_OBJECT) || (rgba && layout->mode == MODE_CRITICAL))
-    PAGS_TRY(native_scene_need_objects(scene));
-  if ((layout->outputs & (OUTPUT_PRIORITY | OUTPUT_HEAT)) || (rgba && layout->mode == MODE_PRIORITY))
-    PAGS_TRY(native_scene_need_priorities(scene));
-  if (rgba && layout->mode == MODE_SIZE)
-    PAGS_TRY(native_scene_need_sizes(scene));
-  return PAGS_OK;
-}
-
 static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scene *scene, native_job *job) {
   const pags_part *parts;
   int count;
   pags_picture picture;
   double begin = now_ms();
-  PAGS_TRY(need_tables(scene, &job->layout));
+
+  /* Need tables. */
+  bool rgba = job->layout.outputs & OUTPUT_RGBA;
+  if ((job->layout.outputs & OUTPUT_OBJECT) || (rgba && job->layout.mode == MODE_CRITICAL))
+    PAGS_TRY(native_scene_need_objects(scene));
+  if ((job->layout.outputs & (OUTPUT_PRIORITY | OUTPUT_HEAT)) || (rgba && job->layout.mode == MODE_PRIORITY))
+    PAGS_TRY(native_scene_need_priorities(scene));
+  if (rgba && job->layout.mode == MODE_SIZE)
+    PAGS_TRY(native_scene_need_sizes(scene));
+
   PAGS_TRY(native_job_compose(scene, job, &parts, &count));
   PAGS_TRY(pags_frame_render(frame, parts, count, &job->camera, &job->options, NULL, NULL, &picture));
   double drawn = now_ms();

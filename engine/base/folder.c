@@ -114,25 +114,23 @@ pags_result pags_dir_is_empty(const char *path, bool *empty) {
   return PAGS_OK;
 }
 
-static pags_result remove_children(const char *path) {
-  pags_dir_list list;
-  PAGS_TRY(pags_dir_list_read(path, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
-    char *child = pags_path_join(path, list.names[i]);
-    result = child ? pags_remove_tree(child) : fail_memory(path);
-    free(child);
-  }
-  pags_dir_list_destroy(&list);
-  return result;
-}
-
 pags_result pags_remove_tree(const char *path) {
   struct stat status;
   if (lstat(path, &status) != 0)
     return errno == ENOENT ? PAGS_OK : pags_fail_errno(path, "can't remove");
   if (S_ISDIR(status.st_mode)) {
-    PAGS_TRY(remove_children(path));
+    /* Remove children. */
+    pags_dir_list list;
+    PAGS_TRY(pags_dir_list_read(path, &list));
+    pags_result result = PAGS_OK;
+    for (int64_t i = 0; i < list.count && result == PAGS_OK; i++) {
+      char *child = pags_path_join(path, list.names[i]);
+      result = child ? pags_remove_tree(child) : fail_memory(path);
+      free(child);
+    }
+    pags_dir_list_destroy(&list);
+    PAGS_TRY(result);
+
     return rmdir(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove the folder");
   }
   return unlink(path) == 0 ? PAGS_OK : pags_fail_errno(path, "can't remove");

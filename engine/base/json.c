@@ -215,18 +215,6 @@ static pags_result read_word(reader *r, const char *word) {
 
 static pags_result read_value(reader *r, const char *key, pags_json_value **out);
 
-static pags_result read_key(reader *r, const char **key) {
-  skip_space(r);
-  if (r->at >= r->end || *r->at != '"')
-    return syntax_error(r, "a key in quotes");
-  PAGS_TRY(read_string(r, key));
-  skip_space(r);
-  if (r->at >= r->end || *r->at != ':')
-    return syntax_error(r, "':'");
-  r->at++;
-  return PAGS_OK;
-}
-
 static pags_result read_children(reader *r, pags_json_value *parent, char close) {
   const pags_json_value **link = &parent->first;
   r->at++;
@@ -238,8 +226,17 @@ static pags_result read_children(reader *r, pags_json_value *parent, char close)
   for (;;) {
     const char *key = NULL;
     pags_json_value *child;
-    if (close == '}')
-      PAGS_TRY(read_key(r, &key));
+    if (close == '}') {
+      /* Read key. */
+      skip_space(r);
+      if (r->at >= r->end || *r->at != '"')
+        return syntax_error(r, "a key in quotes");
+      PAGS_TRY(read_string(r, &key));
+      skip_space(r);
+      if (r->at >= r->end || *r->at != ':')
+        return syntax_error(r, "':'");
+      r->at++;
+    }
     PAGS_TRY(read_value(r, key, &child));
     *link = child;
     link = &child->next;

@@ -43,61 +43,56 @@ static pags_result take_count(cursor *c, size_t record, const char *what, int64_
   return PAGS_OK;
 }
 
-static pags_result take_camera(cursor *c, pags_colmap *model) {
-  pags_colmap_camera *camera = pags_colmap_add_camera(model);
-  if (!camera)
-    return pags_out_of_memory("%s", c->bytes->path);
-  int64_t kind_id;
-  uint64_t size[2];
-  double parameters[12];
-  int kind;
-  PAGS_TRY(take_u32(c, &camera->id));
-  PAGS_TRY(take_u32(c, &kind_id));
-  PAGS_TRY(pags_colmap_kind_by_id(c->bytes->path, kind_id, &kind));
-  PAGS_TRY(take(c, size, sizeof size));
-  PAGS_TRY(take(c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
-  if (size[0] > 65535 || size[1] > 65535)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c->bytes->path,
-                     (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
-  camera->lens.width = (int)size[0];
-  camera->lens.height = (int)size[1];
-  pags_colmap_set_lens(kind, parameters, &camera->lens);
-  return PAGS_OK;
-}
-
 pags_result pags_colmap_cameras_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 24 + 3 * sizeof(double), "cameras", &count));
-  for (int64_t i = 0; i < count; i++)
-    PAGS_TRY(take_camera(&c, model));
+  for (int64_t i = 0; i < count; i++) {
+    /* Take camera. */
+    pags_colmap_camera *camera = pags_colmap_add_camera(model);
+    if (!camera)
+      return pags_out_of_memory("%s", c.bytes->path);
+    int64_t kind_id;
+    uint64_t size[2];
+    double parameters[12];
+    int kind;
+    PAGS_TRY(take_u32(&c, &camera->id));
+    PAGS_TRY(take_u32(&c, &kind_id));
+    PAGS_TRY(pags_colmap_kind_by_id(c.bytes->path, kind_id, &kind));
+    PAGS_TRY(take(&c, size, sizeof size));
+    PAGS_TRY(take(&c, parameters, (size_t)pags_colmap_parameters(kind) * sizeof(double)));
+    if (size[0] > 65535 || size[1] > 65535)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: camera %lld: %llu x %llu pixels, expected 1..65535", c.bytes->path,
+                       (long long)camera->id, (unsigned long long)size[0], (unsigned long long)size[1]);
+    camera->lens.width = (int)size[0];
+    camera->lens.height = (int)size[1];
+    pags_colmap_set_lens(kind, parameters, &camera->lens);
+  }
   return pags_colmap_sort_cameras(model, bytes->path);
-}
-
-static pags_result take_image(cursor *c, pags_colmap *model) {
-  pags_colmap_image image;
-  PAGS_TRY(take_u32(c, &image.id));
-  PAGS_TRY(take(c, image.pose, sizeof image.pose));
-  PAGS_TRY(take_u32(c, &image.camera));
-  const uint8_t *name = c->bytes->data + c->at;
-  const uint8_t *stop = memchr(name, 0, c->bytes->size - c->at);
-  if (!stop)
-    return ends(c);
-  image.name = (const char *)name;
-  c->at += (size_t)(stop - name) + 1;
-  int64_t observations = 0;
-  const size_t observation = 2 * sizeof(double) + sizeof(uint64_t);
-  PAGS_TRY(take_count(c, observation, "observations", &observations));
-  c->at += (size_t)observations * observation;
-  return pags_colmap_add_image(model, c->bytes->path, &image);
 }
 
 pags_result pags_colmap_images_bin(pags_colmap *model, const pags_colmap_bytes *bytes) {
   cursor c = {.bytes = bytes};
   int64_t count = 0;
   PAGS_TRY(take_count(&c, 4 + 7 * sizeof(double) + 4 + 1 + 8, "images", &count));
-  for (int64_t i = 0; i < count; i++)
-    PAGS_TRY(take_image(&c, model));
+  for (int64_t i = 0; i < count; i++) {
+    /* Take image. */
+    pags_colmap_image image;
+    PAGS_TRY(take_u32(&c, &image.id));
+    PAGS_TRY(take(&c, image.pose, sizeof image.pose));
+    PAGS_TRY(take_u32(&c, &image.camera));
+    const uint8_t *name = c.bytes->data + c.at;
+    const uint8_t *stop = memchr(name, 0, c.bytes->size - c.at);
+    if (!stop)
+      return ends(&c);
+    image.name = (const char *)name;
+    c.at += (size_t)(stop - name) + 1;
+    int64_t observations = 0;
+    const size_t observation = 2 * sizeof(double) + sizeof(uint64_t);
+    PAGS_TRY(take_count(&c, observation, "observations", &observations));
+    c.at += (size_t)observations * observation;
+    PAGS_TRY(pags_colmap_add_image(model, c.bytes->path, &image));
+  }
   return PAGS_OK;
 }
 

@@ -120,54 +120,49 @@ static pags_result check_observations(lines *l) {
                          : expected(l, "a line of observations (x y point), or an empty one, after each image");
 }
 
-static pags_result take_image(lines *l, pags_colmap *model) {
-  pags_colmap_image image;
-  PAGS_TRY(take_integer(l, "an image's number", 0, LARGEST_ID, &image.id));
-  for (int i = 0; i < 7; i++)
-    PAGS_TRY(take_number(l, "a number of the image's pose", &image.pose[i]));
-  PAGS_TRY(take_integer(l, "the number of the image's camera", 0, LARGEST_ID, &image.camera));
-  char *end = l->field + strlen(l->field);
-  while (end > l->field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
-    *--end = '\0';
-  image.name = l->field; /* may have blanks in it */
-  char *where = pags_text_format("%s:%d", l->bytes->path, l->number);
-  pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l->bytes->path);
-  free(where);
-  PAGS_TRY(result);
-  return next_line(l) ? check_observations(l) : PAGS_OK;
-}
-
 pags_result pags_colmap_images_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
   lines l = begin(bytes);
-  while (next_record(&l))
-    PAGS_TRY(take_image(&l, model));
-  return PAGS_OK;
-}
-
-static pags_result take_point(lines *l, pags_parsed_points *points) {
-  int64_t id = 0, colour = 0, view = 0, observation;
-  double xyz[3], error;
-  uint8_t rgb[3];
-  PAGS_TRY(take_integer(l, "a point's number", 0, LARGEST_ID, &id));
-  for (int i = 0; i < 3; i++)
-    PAGS_TRY(take_number(l, "a coordinate", &xyz[i]));
-  for (int i = 0; i < 3; i++) {
-    PAGS_TRY(take_integer(l, "a colour, 0..255", 0, 255, &colour));
-    rgb[i] = (uint8_t)colour;
-  }
-  PAGS_TRY(take_number(l, "the point's error", &error));
-  PAGS_TRY(pags_parsed_add_point(points, id, xyz, rgb, l->bytes->path));
-  while (*l->field) {
-    PAGS_TRY(take_integer(l, "the number of an image", 0, LARGEST_ID, &view));
-    PAGS_TRY(take_integer(l, "the number of an observation", 0, LARGEST_ID, &observation));
-    PAGS_TRY(pags_parsed_observe(points, view, l->bytes->path));
+  while (next_record(&l)) {
+    /* Take image. */
+    pags_colmap_image image;
+    PAGS_TRY(take_integer(&l, "an image's number", 0, LARGEST_ID, &image.id));
+    for (int i = 0; i < 7; i++)
+      PAGS_TRY(take_number(&l, "a number of the image's pose", &image.pose[i]));
+    PAGS_TRY(take_integer(&l, "the number of the image's camera", 0, LARGEST_ID, &image.camera));
+    char *end = l.field + strlen(l.field);
+    while (end > l.field && (end[-1] == ' ' || end[-1] == '\t' || end[-1] == '\r'))
+      *--end = '\0';
+    image.name = l.field; /* may have blanks in it */
+    char *where = pags_text_format("%s:%d", l.bytes->path, l.number);
+    pags_result result = where ? pags_colmap_add_image(model, where, &image) : pags_out_of_memory("%s", l.bytes->path);
+    free(where);
+    PAGS_TRY(result);
+    PAGS_TRY(next_line(&l) ? check_observations(&l) : PAGS_OK);
   }
   return PAGS_OK;
 }
 
 pags_result pags_colmap_points_txt(pags_colmap *model, const pags_colmap_bytes *bytes) {
   lines l = begin(bytes);
-  while (next_record(&l))
-    PAGS_TRY(take_point(&l, &model->parsed->points));
+  while (next_record(&l)) {
+    /* Take point. */
+    int64_t id = 0, colour = 0, view = 0, observation;
+    double xyz[3], error;
+    uint8_t rgb[3];
+    PAGS_TRY(take_integer(&l, "a point's number", 0, LARGEST_ID, &id));
+    for (int i = 0; i < 3; i++)
+      PAGS_TRY(take_number(&l, "a coordinate", &xyz[i]));
+    for (int i = 0; i < 3; i++) {
+      PAGS_TRY(take_integer(&l, "a colour, 0..255", 0, 255, &colour));
+      rgb[i] = (uint8_t)colour;
+    }
+    PAGS_TRY(take_number(&l, "the point's error", &error));
+    PAGS_TRY(pags_parsed_add_point(&model->parsed->points, id, xyz, rgb, l.bytes->path));
+    while (*l.field) {
+      PAGS_TRY(take_integer(&l, "the number of an image", 0, LARGEST_ID, &view));
+      PAGS_TRY(take_integer(&l, "the number of an observation", 0, LARGEST_ID, &observation));
+      PAGS_TRY(pags_parsed_observe(&model->parsed->points, view, l.bytes->path));
+    }
+  }
   return PAGS_OK;
 }

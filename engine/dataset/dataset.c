@@ -117,20 +117,6 @@ static pags_result sort_views(pags_parsed_dataset *parsed) {
   return PAGS_OK;
 }
 
-static pags_result check_sizes(const pags_parsed_dataset *parsed) {
-  for (int64_t i = 0; i < parsed->count; i++) {
-    const pags_parsed_view *view = &parsed->views[i];
-    int width, height;
-    if (view->missing || view->sized)
-      continue;
-    PAGS_TRY(pags_image_size(view->image_path, &width, &height));
-    if (width != view->lens.width || height != view->lens.height)
-      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s has %d x %d pixels, expected %d x %d as its camera says", view->where,
-                       view->image_path, width, height, view->lens.width, view->lens.height);
-  }
-  return PAGS_OK;
-}
-
 static void swap_views(pags_parsed_view *a, pags_parsed_view *b) {
   pags_parsed_view keep = *a;
   *a = *b;
@@ -197,24 +183,6 @@ static void choose_part(const pags_dataset *dataset, int64_t index, int every, p
     view->test = driving->steps[pags_driving_step(driving, from->frame)].test || from->sensor == driving->holdout;
 }
 
-static pags_result make_view(pags_dataset *dataset, int64_t index, const pags_dataset_options *options) {
-  const pags_parsed_view *from = &dataset->parsed.views[index];
-  pags_view *view = &dataset->views[index];
-  view->name = pags_path_name(from->image_path);
-  view->image_path = from->image_path;
-  view->mask_path = from->mask_path;
-  choose_part(dataset, index, options->split_every, view);
-  PAGS_TRY(find_pinhole(dataset, index));
-  pags_camera camera = dataset->pinholes[index];
-  memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
-  camera.time = dataset->parsed.driving ? from->time : (double)NAN;
-  char *what = pags_text_format("%s (%s)", from->where, view->name);
-  pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
-  free(what);
-  view->camera = pags_camera_downscale(&camera, options->downscale);
-  return result;
-}
-
 static pags_result make_views(pags_dataset *dataset, const pags_dataset_options *options) {
   size_t count = (size_t)dataset->count;
   dataset->views = calloc(count, sizeof *dataset->views);
@@ -223,7 +191,23 @@ static pags_result make_views(pags_dataset *dataset, const pags_dataset_options 
     return pags_out_of_memory("%s", dataset->path);
   int64_t training = 0;
   for (int64_t i = 0; i < dataset->count; i++) {
-    PAGS_TRY(make_view(dataset, i, options));
+    /* Make view. */
+    const pags_parsed_view *from = &dataset->parsed.views[i];
+    pags_view *view = &dataset->views[i];
+    view->name = pags_path_name(from->image_path);
+    view->image_path = from->image_path;
+    view->mask_path = from->mask_path;
+    choose_part(dataset, i, options->split_every, view);
+    PAGS_TRY(find_pinhole(dataset, i));
+    pags_camera camera = dataset->pinholes[i];
+    memcpy(camera.world_from_camera, from->world_from_camera, sizeof camera.world_from_camera);
+    camera.time = dataset->parsed.driving ? from->time : (double)NAN;
+    char *what = pags_text_format("%s (%s)", from->where, view->name);
+    pags_result result = what ? pags_camera_check(&camera, what) : pags_out_of_memory("%s", from->where);
+    free(what);
+    view->camera = pags_camera_downscale(&camera, options->downscale);
+    PAGS_TRY(result);
+
     training += !dataset->views[i].test;
   }
   if (training == 0)
@@ -244,7 +228,19 @@ static pags_result open_into(pags_dataset *dataset, const char *path, const pags
   if (resolved.split_every == -1)
     resolved.split_every = 8; /* of static sets; the driving reader has its own */
   PAGS_TRY(sort_views(&dataset->parsed));
-  PAGS_TRY(check_sizes(&dataset->parsed));
+
+  /* Check sizes. */
+  for (int64_t i = 0; i < dataset->parsed.count; i++) {
+    const pags_parsed_view *view = &dataset->parsed.views[i];
+    int width, height;
+    if (view->missing || view->sized)
+      continue;
+    PAGS_TRY(pags_image_size(view->image_path, &width, &height));
+    if (width != view->lens.width || height != view->lens.height)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s: %s has %d x %d pixels, expected %d x %d as its camera says", view->where,
+                       view->image_path, width, height, view->lens.width, view->lens.height);
+  }
+
   PAGS_TRY(leave_out_missing(dataset, options->allow_missing));
   PAGS_TRY(make_views(dataset, &resolved));
 

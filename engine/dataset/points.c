@@ -56,30 +56,6 @@ static pags_result allocate(pags_dataset *dataset, int64_t count) {
   return dataset->xyz && dataset->rgb ? PAGS_OK : pags_out_of_memory("%s", dataset->path);
 }
 
-static pags_result take_model_points(pags_dataset *dataset) {
-  const pags_parsed_points *points = &dataset->parsed.points;
-  PAGS_TRY(allocate(dataset, points->count));
-  id_use *uses = list_uses(dataset);
-  if (!uses)
-    return pags_out_of_memory("%s", dataset->path);
-  int64_t kept = 0;
-  for (int64_t i = 0; i < points->count; i++) {
-    const pags_parsed_point *point = &points->items[i];
-    if (!is_used(points, point, uses, dataset->count))
-      continue;
-    for (int c = 0; c < 3; c++)
-      dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
-    memcpy(dataset->rgb + 3 * kept, point->rgb, 3);
-    kept++;
-  }
-  free(uses);
-  dataset->point_count = kept;
-  if (kept < points->count)
-    pags_log(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
-             dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
-  return PAGS_OK;
-}
-
 static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_options *options) {
   PAGS_TRY(allocate(dataset, options->random_points));
   const pags_camera **cameras = malloc((size_t)dataset->count * sizeof(const pags_camera *));
@@ -100,8 +76,29 @@ static pags_result make_random_points(pags_dataset *dataset, const pags_dataset_
 pags_result pags_dataset_make_points(pags_dataset *dataset, const pags_dataset_options *options) {
   if (dataset->parsed.driving && options->sfm)
     PAGS_TRY(pags_sfm_points_read(options->sfm, &dataset->parsed));
-  if (dataset->parsed.points.count > 0)
-    PAGS_TRY(take_model_points(dataset));
+  if (dataset->parsed.points.count > 0) {
+    /* Take model points. */
+    const pags_parsed_points *points = &dataset->parsed.points;
+    PAGS_TRY(allocate(dataset, points->count));
+    id_use *uses = list_uses(dataset);
+    if (!uses)
+      return pags_out_of_memory("%s", dataset->path);
+    int64_t kept = 0;
+    for (int64_t i = 0; i < points->count; i++) {
+      const pags_parsed_point *point = &points->items[i];
+      if (!is_used(points, point, uses, dataset->count))
+        continue;
+      for (int c = 0; c < 3; c++)
+        dataset->xyz[3 * kept + c] = (float)(point->xyz[c] - dataset->origin[c]);
+      memcpy(dataset->rgb + 3 * kept, point->rgb, 3);
+      kept++;
+    }
+    free(uses);
+    dataset->point_count = kept;
+    if (kept < points->count)
+      pags_log(PAGS_LOG_INFO, "%s: %lld of %lld points are left out: fewer than 2 training views see them",
+               dataset->parsed.source, (long long)(points->count - kept), (long long)points->count);
+  }
   if (dataset->point_count > 0)
     return PAGS_OK;
   return dataset->parsed.driving ? allocate(dataset, 0) : make_random_points(dataset, options);

@@ -73,8 +73,20 @@ static pags_result find_kind(const reader *r, const pags_json_value *frame, pags
                         model);
 }
 
-/* Focal lengths are given in pixels or as full angles of view. fl_y defaults to camera_angle_y's, then to fl_x. */
-static pags_result find_focal(const reader *r, const pags_json_value *frame, pags_lens *lens) {
+static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
+  static const char *const radial[] = {"k1", "k2", "k3", "k4"}, *const tangential[] = {"p1", "p2"};
+  pags_lens *lens = &view->lens;
+  PAGS_TRY(find_kind(r, frame, &lens->kind));
+  PAGS_TRY(find_side(r, frame, "w", &lens->width));
+  PAGS_TRY(find_side(r, frame, "h", &lens->height));
+  if (lens->width == 0 || lens->height == 0) {
+    if (view->missing)
+      return PAGS_OK;
+    PAGS_TRY(pags_image_size(view->image_path, &lens->width, &lens->height));
+    view->sized = true;
+  }
+
+  /* Focal lengths are given in pixels or as full angles of view. fl_y defaults to camera_angle_y's, then to fl_x. */
   bool given_x, given_y, angle_x, angle_y;
   double ax = 0, ay = 0;
   PAGS_TRY(find_number(r, frame, "fl_x", &lens->fx, &given_x));
@@ -95,41 +107,13 @@ static pags_result find_focal(const reader *r, const pags_json_value *frame, pag
     lens->fy = lens->fx;
   if (!given_x)
     lens->fx = lens->fy;
-  return PAGS_OK;
-}
 
-static pags_result find_lens(const reader *r, const pags_json_value *frame, pags_parsed_view *view) {
-  static const char *const radial[] = {"k1", "k2", "k3", "k4"}, *const tangential[] = {"p1", "p2"};
-  pags_lens *lens = &view->lens;
-  PAGS_TRY(find_kind(r, frame, &lens->kind));
-  PAGS_TRY(find_side(r, frame, "w", &lens->width));
-  PAGS_TRY(find_side(r, frame, "h", &lens->height));
-  if (lens->width == 0 || lens->height == 0) {
-    if (view->missing)
-      return PAGS_OK;
-    PAGS_TRY(pags_image_size(view->image_path, &lens->width, &lens->height));
-    view->sized = true;
-  }
-  PAGS_TRY(find_focal(r, frame, lens));
   PAGS_TRY(find_number_or(r, frame, "cx", 0.5 * lens->width, &lens->cx));
   PAGS_TRY(find_number_or(r, frame, "cy", 0.5 * lens->height, &lens->cy));
   for (int i = 0; i < 4; i++)
     PAGS_TRY(find_number_or(r, frame, radial[i], 0, &lens->k[i]));
   for (int i = 0; i < 2; i++)
     PAGS_TRY(find_number_or(r, frame, tangential[i], 0, &lens->p[i]));
-  return PAGS_OK;
-}
-
-static pags_result find_pose(const reader *r, const pags_json_value *frame, double m[12]) {
-  const pags_json_value *rows;
-  PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
-  double all[16];
-  if (rows->count == 3)
-    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
-  else
-    PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
-  for (int i = 0; i < 12; i++)
-    m[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
   return PAGS_OK;
 }
 
@@ -172,20 +156,6 @@ static pags_result find_mask(const reader *r, const pags_json_value *frame, pags
   return PAGS_OK;
 }
 
-static pags_result read_frame(const reader *r, const pags_json_value *frame) {
-  PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
-  pags_parsed_view *view = pags_parsed_add(r->parsed);
-  if (!view)
-    return pags_out_of_memory("%s", pags_json_path(r->json));
-  view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
-  if (!view->where)
-    return pags_out_of_memory("%s", pags_json_path(r->json));
-  PAGS_TRY(find_image(r, frame, view));
-  PAGS_TRY(find_mask(r, frame, view));
-  PAGS_TRY(find_pose(r, frame, view->world_from_camera));
-  return find_lens(r, frame, view);
-}
-
 static pags_result read_points(const reader *r) {
   const char *file;
   PAGS_TRY(pags_json_string_or(r->json, r->root, "ply_file_path", NULL, &file));
@@ -211,8 +181,31 @@ static pags_result read_all(reader *r, const char *path) {
   PAGS_TRY(pags_json_as_object(r->json, r->root, "a transforms file"));
   const pags_json_value *frames;
   PAGS_TRY(pags_json_array(r->json, r->root, "frames", &frames));
-  for (const pags_json_value *frame = frames->first; frame; frame = frame->next)
-    PAGS_TRY(read_frame(r, frame));
+  for (const pags_json_value *frame = frames->first; frame; frame = frame->next) {
+    /* Read frame. */
+    PAGS_TRY(pags_json_as_object(r->json, frame, "a frame"));
+    pags_parsed_view *view = pags_parsed_add(r->parsed);
+    if (!view)
+      return pags_out_of_memory("%s", pags_json_path(r->json));
+    view->where = pags_text_format("%s:%d", pags_json_path(r->json), frame->line);
+    if (!view->where)
+      return pags_out_of_memory("%s", pags_json_path(r->json));
+    PAGS_TRY(find_image(r, frame, view));
+    PAGS_TRY(find_mask(r, frame, view));
+
+    /* Find pose. */
+    const pags_json_value *rows;
+    PAGS_TRY(pags_json_array(r->json, frame, "transform_matrix", &rows));
+    double all[16];
+    if (rows->count == 3)
+      PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 12, all));
+    else
+      PAGS_TRY(pags_json_numbers(r->json, frame, "transform_matrix", 16, all));
+    for (int i = 0; i < 12; i++)
+      view->world_from_camera[i] = i % 4 == 1 || i % 4 == 2 ? -all[i] : all[i];
+
+    PAGS_TRY(find_lens(r, frame, view));
+  }
   return read_points(r);
 }
 

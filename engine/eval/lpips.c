@@ -61,17 +61,6 @@ static pags_result get_conv(const loader *l, const char *name, int outputs, int 
   return get(l, full, 1, shape, &conv->bias);
 }
 
-static pags_result get_fire(const loader *l, int index, int inputs, pags_fire *fire) {
-  char name[32];
-  const int s = squeeze_planes[index], e = expand_planes[index];
-  snprintf(name, sizeof name, "fire%d.squeeze", index + 2);
-  PAGS_TRY(get_conv(l, name, s, inputs, 1, &fire->squeeze));
-  snprintf(name, sizeof name, "fire%d.expand1x1", index + 2);
-  PAGS_TRY(get_conv(l, name, e, s, 1, &fire->expand1));
-  snprintf(name, sizeof name, "fire%d.expand3x3", index + 2);
-  return get_conv(l, name, e, s, 3, &fire->expand3);
-}
-
 static pags_result get_heads(const loader *l, pags_lpips *lpips) {
   static const int64_t planes[TAP_COUNT] = {64, 128, 256, 384, 384, 512, 512};
   const int64_t three = 3;
@@ -104,7 +93,16 @@ pags_result pags_lpips_load(const char *npz_path, pags_lpips **out) {
   PAGS_TRY(get_conv(&l, "conv1", 64, 3, 3, &lpips->first));
   int inputs = 64;
   for (int i = 0; i < FIRES; i++) {
-    PAGS_TRY(get_fire(&l, i, inputs, &lpips->fire[i]));
+    /* Get fire. */
+    char name[32];
+    const int s = squeeze_planes[i], e = expand_planes[i];
+    snprintf(name, sizeof name, "fire%d.squeeze", i + 2);
+    PAGS_TRY(get_conv(&l, name, s, inputs, 1, &lpips->fire[i].squeeze));
+    snprintf(name, sizeof name, "fire%d.expand1x1", i + 2);
+    PAGS_TRY(get_conv(&l, name, e, s, 1, &lpips->fire[i].expand1));
+    snprintf(name, sizeof name, "fire%d.expand3x3", i + 2);
+    PAGS_TRY(get_conv(&l, name, e, s, 3, &lpips->fire[i].expand3));
+
     inputs = 2 * expand_planes[i];
   }
   pags_result result = get_heads(&l, lpips);

@@ -436,21 +436,6 @@ static bool is_placed_by(const pags_composition *c, const group *g, int64_t obje
   return object < 0 ? g->object < 0 || !follows_edits(c, g, g->object) : follows_edits(c, g, object);
 }
 
-static pags_result check_placements(const pags_composition *c, const pags_placement *placements, int64_t count) {
-  for (int64_t i = 0; i < count; i++) {
-    double pose[12];
-    char what[64];
-    if (placements[i].object < -1 || placements[i].object >= c->scene.object_count)
-      return pags_fail(PAGS_ERROR_ARGUMENT,
-                       "placement %lld: expected one of the scene's %lld objects or -1, found %lld", (long long)i,
-                       (long long)c->scene.object_count, (long long)placements[i].object);
-    snprintf(what, sizeof what, "placement %lld", (long long)i);
-    memcpy(pose, placements[i].world_from_object, sizeof pose);
-    PAGS_TRY(pags_rigid_check(pose, what));
-  }
-  return PAGS_OK;
-}
-
 static pags_result reserve_placed(pags_composition *c, const pags_placement *placements, int64_t count) {
   int64_t needed = 0;
   for (int64_t i = 0; i < count; i++)
@@ -495,7 +480,20 @@ pags_result pags_compose_placed(pags_composition *composition, double time, cons
   double when = isnan(time) ? c->scene.time_begin : time;
   *parts = NULL;
   *part_count = 0;
-  PAGS_TRY(check_placements(c, placements, count));
+
+  /* Check placements. */
+  for (int64_t i = 0; i < count; i++) {
+    double pose[12];
+    char what[64];
+    if (placements[i].object < -1 || placements[i].object >= c->scene.object_count)
+      return pags_fail(PAGS_ERROR_ARGUMENT,
+                       "placement %lld: expected one of the scene's %lld objects or -1, found %lld", (long long)i,
+                       (long long)c->scene.object_count, (long long)placements[i].object);
+    snprintf(what, sizeof what, "placement %lld", (long long)i);
+    memcpy(pose, placements[i].world_from_object, sizeof pose);
+    PAGS_TRY(pags_rigid_check(pose, what));
+  }
+
   PAGS_TRY(reserve_placed(c, placements, count));
   for (int64_t i = 0; i < count; i++)
     for (int64_t k = 0; k < c->group_count; k++) {

@@ -63,36 +63,6 @@ static pags_projection make_projection(const pags_camera *camera, const pags_fra
   return v;
 }
 
-static pags_result prepare(pags_frame *frame, const pags_part *parts, int part_count, const pags_camera *camera,
-                           const pags_frame_options *options) {
-  frame->camera = *camera;
-  frame->options = *options;
-  frame->rendered = false;
-  frame->full = NULL;
-  frame->wanted = NULL;
-  frame->tile_limits = NULL;
-  frame->hard = NULL;
-  frame->looked_at = 0;
-  memset(&frame->stats, 0, sizeof frame->stats);
-  pags_arena_reset(frame->arena);
-  frame->part_count = part_count;
-  frame->parts = pags_frame_alloc(frame, part_count, sizeof *parts, "parts");
-  frame->projections = pags_frame_alloc(frame, part_count, sizeof *frame->projections, "parts");
-  if (!frame->parts || !frame->projections)
-    return PAGS_ERROR_MEMORY;
-  frame->ids_ascend = true;
-  for (int p = 0; p < part_count; p++) {
-    assert(!parts[p].packed || !options->keep_for_backward);
-    frame->parts[p] = parts[p];
-    frame->projections[p] = make_projection(camera, options, parts + p);
-    frame->stats.gaussians += parts[p].gaussians->count;
-    const bool follows = p == 0 || parts[p].first_id >= parts[p - 1].first_id + parts[p - 1].gaussians->count;
-    frame->ids_ascend &= !parts[p].id && follows;
-  }
-  pags_frame_prepare_sky(frame);
-  return prepare_planes(frame);
-}
-
 pags_result pags_frame_draw(pags_frame *frame, pags_touch_fn *touch, void *user) {
   const double t0 = pags_clock_ms();
   PAGS_TRY(pags_stage_touch(frame, touch, user));
@@ -128,7 +98,32 @@ pags_result pags_frame_render(pags_frame *frame, const pags_part *parts, int par
   assert(options->order == PAGS_ORDER_DEPTH || !options->keep_for_backward);
   assert(options->slab_size >= 0);
   assert(options->early_z != PAGS_EARLY_Z_BOUNDED || (options->early_z_eps > 0.0f && options->early_z_eps < 1.0f));
-  PAGS_TRY(prepare(frame, parts, part_count, camera, options));
+  frame->camera = *camera;
+  frame->options = *options;
+  frame->rendered = false;
+  frame->full = NULL;
+  frame->wanted = NULL;
+  frame->tile_limits = NULL;
+  frame->hard = NULL;
+  frame->looked_at = 0;
+  memset(&frame->stats, 0, sizeof frame->stats);
+  pags_arena_reset(frame->arena);
+  frame->part_count = part_count;
+  frame->parts = pags_frame_alloc(frame, part_count, sizeof *parts, "parts");
+  frame->projections = pags_frame_alloc(frame, part_count, sizeof *frame->projections, "parts");
+  if (!frame->parts || !frame->projections)
+    return PAGS_ERROR_MEMORY;
+  frame->ids_ascend = true;
+  for (int p = 0; p < part_count; p++) {
+    assert(!parts[p].packed || !options->keep_for_backward);
+    frame->parts[p] = parts[p];
+    frame->projections[p] = make_projection(camera, options, parts + p);
+    frame->stats.gaussians += parts[p].gaussians->count;
+    const bool follows = p == 0 || parts[p].first_id >= parts[p - 1].first_id + parts[p - 1].gaussians->count;
+    frame->ids_ascend &= !parts[p].id && follows;
+  }
+  pags_frame_prepare_sky(frame);
+  PAGS_TRY(prepare_planes(frame));
   if (options->keep_for_backward)
     frame->options.early_z = PAGS_EARLY_Z_OFF;
   const bool early_z = frame->options.early_z != PAGS_EARLY_Z_OFF;

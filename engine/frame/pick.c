@@ -159,29 +159,6 @@ static double meet(const picking *self, const float *planes, int64_t stride, int
   return !met ? 0 : alpha < most_alpha ? alpha : most_alpha;
 }
 
-static pags_result read_cluster(picking *self, const entry *at) {
-  const pags_part *part = &self->parts[at->part];
-  float unpacked[PAGS_PACKED_GEOMETRY_PLANES * PAGS_PACKED_ROWS];
-  int64_t first = at->cluster * part->clusters->size, end = first + part->clusters->size;
-  end = end < part->gaussians->count ? end : part->gaussians->count;
-  if (part->packed)
-    pags_packed_geometry(part->packed, at->cluster, unpacked);
-  for (int64_t row = first; row < end; row++) {
-    double t, factor = part->opacity_factor ? (double)part->opacity_factor[row] : 1;
-    double alpha = part->packed ? meet(self, unpacked, PAGS_PACKED_ROWS, row - first, factor, &t)
-                                : meet(self, part->gaussians->data, part->gaussians->stride, row, factor, &t);
-    if (alpha <= 0)
-      continue;
-    void *list = self->meetings;
-    pags_result result = reserve(&list, self->meeting_count, &self->meeting_capacity, sizeof *self->meetings);
-    self->meetings = list;
-    PAGS_TRY(result);
-    self->meetings[self->meeting_count++] =
-        (meeting){t, alpha, row, part->id ? part->id[row] : part->first_id + (int32_t)row, at->part};
-  }
-  return PAGS_OK;
-}
-
 static int compare_meetings(const void *left, const void *right) {
   const meeting *a = left, *b = right;
   if (a->t != b->t)
@@ -220,7 +197,27 @@ static pags_result walk(picking *self, const double origin[3], const double dire
     }
     if (self->entries[i].part != self->part)
       enter_part(self, self->entries[i].part, origin, direction);
-    PAGS_TRY(read_cluster(self, &self->entries[i]));
+
+    /* Read cluster. */
+    const pags_part *part = &self->parts[self->entries[i].part];
+    float unpacked[PAGS_PACKED_GEOMETRY_PLANES * PAGS_PACKED_ROWS];
+    int64_t first = self->entries[i].cluster * part->clusters->size, end = first + part->clusters->size;
+    end = end < part->gaussians->count ? end : part->gaussians->count;
+    if (part->packed)
+      pags_packed_geometry(part->packed, self->entries[i].cluster, unpacked);
+    for (int64_t row = first; row < end; row++) {
+      double t, factor = part->opacity_factor ? (double)part->opacity_factor[row] : 1;
+      double alpha = part->packed ? meet(self, unpacked, PAGS_PACKED_ROWS, row - first, factor, &t)
+                                  : meet(self, part->gaussians->data, part->gaussians->stride, row, factor, &t);
+      if (alpha <= 0)
+        continue;
+      void *list = self->meetings;
+      pags_result result = reserve(&list, self->meeting_count, &self->meeting_capacity, sizeof *self->meetings);
+      self->meetings = list;
+      PAGS_TRY(result);
+      self->meetings[self->meeting_count++] =
+          (meeting){t, alpha, row, part->id ? part->id[row] : part->first_id + (int32_t)row, self->entries[i].part};
+    }
   }
   *found = settle(self, HUGE_VAL, blocked);
   return PAGS_OK;

@@ -14,30 +14,6 @@ static float *sample_plane(pags_frame *f, const frame_samples *s) {
   return pags_frame_alloc(f, (int64_t)s->stride * (f->rows / SAMPLE_SIDE), sizeof(float), "samples");
 }
 
-static pags_result mark_tiles(pags_frame *f, const frame_samples *s) {
-  const int64_t tiles = (int64_t)f->tiles_x * f->tiles_y;
-  uint8_t *const wanted = pags_frame_alloc(f, tiles, 1, "tiles that are drawn in full");
-  if (!wanted)
-    return PAGS_ERROR_MEMORY;
-  memset(wanted, 0, (size_t)tiles);
-  for (int y = 0; y < s->height; y++)
-    for (int x = 0; x < s->width; x++)
-      if (s->critical[(int64_t)y * s->stride + x] >= SHOWS) {
-        /* The tiles around a sample, up to a sample away. */
-        const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < s->width ? x + 1 : x) / TILE_SAMPLES;
-        const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < s->height ? y + 1 : y) / TILE_SAMPLES;
-        for (int ty = y0; ty <= y1; ty++)
-          for (int tx = x0; tx <= x1; tx++)
-            wanted[(int64_t)ty * f->tiles_x + tx] = 1;
-      }
-  int64_t marked = 0;
-  for (int64_t i = 0; i < tiles; i++)
-    marked += wanted[i];
-  f->apart->full_tiles = (double)marked / (double)tiles;
-  f->wanted = wanted;
-  return PAGS_OK;
-}
-
 /* The two rows of samples between which a row of pixels lies, and the weight of the latter; beyond the outermost ones
  * as these. */
 typedef struct between {
@@ -141,7 +117,29 @@ pags_result pags_stage_variable_rate(pags_frame *frame) {
     return PAGS_ERROR_MEMORY;
 
   PAGS_TRY(pags_stage_sample(frame, &samples));
-  PAGS_TRY(mark_tiles(frame, &samples));
+
+  /* Mark tiles. */
+  const int64_t tiles = (int64_t)frame->tiles_x * frame->tiles_y;
+  uint8_t *const wanted = pags_frame_alloc(frame, tiles, 1, "tiles that are drawn in full");
+  if (!wanted)
+    return PAGS_ERROR_MEMORY;
+  memset(wanted, 0, (size_t)tiles);
+  for (int y = 0; y < samples.height; y++)
+    for (int x = 0; x < samples.width; x++)
+      if (samples.critical[(int64_t)y * samples.stride + x] >= SHOWS) {
+        /* The tiles around a sample, up to a sample away. */
+        const int x0 = x > 0 ? (x - 1) / TILE_SAMPLES : 0, x1 = (x + 1 < samples.width ? x + 1 : x) / TILE_SAMPLES;
+        const int y0 = y > 0 ? (y - 1) / TILE_SAMPLES : 0, y1 = (y + 1 < samples.height ? y + 1 : y) / TILE_SAMPLES;
+        for (int ty = y0; ty <= y1; ty++)
+          for (int tx = x0; tx <= x1; tx++)
+            wanted[(int64_t)ty * frame->tiles_x + tx] = 1;
+      }
+  int64_t marked = 0;
+  for (int64_t i = 0; i < tiles; i++)
+    marked += wanted[i];
+  frame->apart->full_tiles = (double)marked / (double)tiles;
+  frame->wanted = wanted;
+
   PAGS_TRY(pags_stage_raster(frame));
   enlarging e = {frame, &samples};
   return pags_frame_for(frame, (int64_t)frame->tiles_x * frame->tiles_y, 16, enlarge_tiles, &e);

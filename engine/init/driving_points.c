@@ -108,14 +108,6 @@ static pags_result take_object(const pags_lidar_points *points, int32_t owner, i
   return PAGS_OK;
 }
 
-static pags_result take_objects(const pags_dataset *dataset, const pags_lidar_points *points, int64_t measured,
-                                pags_start *out) {
-  for (int64_t i = 0; i < out->object_count; i++)
-    if (pags_dataset_object(dataset, i)->moving)
-      PAGS_TRY(take_object(points, (int32_t)i, measured, &out->objects[i]));
-  return PAGS_OK;
-}
-
 /* Background. */
 
 static int64_t background_count(const pags_lidar_points *points) {
@@ -236,7 +228,11 @@ static pags_result make_lidar(const pags_dataset *dataset, int lidar, pags_tasks
     measured++;
   w->far.farthest = farthest_times * radius;
   PAGS_TRY(pags_lidar_points_colorize(dataset, tasks, &w->points, measured, &w->far));
-  PAGS_TRY(take_objects(dataset, &w->points, measured, out));
+
+  /* Take objects. */
+  for (int64_t i = 0; i < out->object_count; i++)
+    if (pags_dataset_object(dataset, i)->moving)
+      PAGS_TRY(take_object(&w->points, (int32_t)i, measured, &out->objects[i]));
 
   /* Keep seen background. */
   int64_t kept = 0;

@@ -66,9 +66,24 @@ static int by_key(const void *a, const void *b) {
   return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix
- * Computations, 8.5). */
-static void diagonalise(double a[3][3], double v[3][3]) {
+static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
+  double mean[3], a[3][3], v[3][3];
+  pags_lidar_plane plane = {.key = run->key};
+
+  /* Moments of. */
+  memset(a, 0, 9 * sizeof(double));
+  for (int k = 0; k < 3; k++) {
+    mean[k] = 0;
+    for (int64_t i = 0; i < count; i++)
+      mean[k] += (double)points->rows[run[i].row].p[k] / (double)count;
+  }
+  for (int64_t i = 0; i < count; i++)
+    for (int k = 0; k < 9; k++)
+      a[k / 3][k % 3] += ((double)points->rows[run[i].row].p[k / 3] - mean[k / 3]) *
+                         ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
+
+  /* Jacobi's rotations: `a` becomes diagonal, columns of `v` the eigenvectors (Golub and Van Loan, Matrix
+   * Computations, 8.5). */
   for (int i = 0; i < 9; i++)
     v[i / 3][i % 3] = i / 3 == i % 3;
   for (int sweep = 0; sweep < 12; sweep++)
@@ -93,25 +108,7 @@ static void diagonalise(double a[3][3], double v[3][3]) {
           v[k][q] = s * x + c * y;
         }
       }
-}
 
-static pags_lidar_plane fit(const pags_lidar_points *points, const keyed *run, int64_t count, double side) {
-  double mean[3], a[3][3], v[3][3];
-  pags_lidar_plane plane = {.key = run->key};
-
-  /* Moments of. */
-  memset(a, 0, 9 * sizeof(double));
-  for (int k = 0; k < 3; k++) {
-    mean[k] = 0;
-    for (int64_t i = 0; i < count; i++)
-      mean[k] += (double)points->rows[run[i].row].p[k] / (double)count;
-  }
-  for (int64_t i = 0; i < count; i++)
-    for (int k = 0; k < 9; k++)
-      a[k / 3][k % 3] += ((double)points->rows[run[i].row].p[k / 3] - mean[k / 3]) *
-                         ((double)points->rows[run[i].row].p[k % 3] - mean[k % 3]) / (double)count;
-
-  diagonalise(a, v);
   int least = 0, most = 0;
   for (int k = 1; k < 3; k++) {
     least = a[k][k] < a[least][least] ? k : least;

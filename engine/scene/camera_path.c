@@ -11,7 +11,19 @@
 
 static const char axes_note[] = "OpenCV: x right, y down, z forward; pixel centres at i + 0.5";
 
-static pags_result read_pose(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
+pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
+  int64_t width, height;
+  PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
+  PAGS_TRY(pags_json_integer(json, object, "height", 1, 65535, &height));
+  camera->width = (int)width;
+  camera->height = (int)height;
+  PAGS_TRY(pags_json_number(json, object, "fx", &camera->fx));
+  PAGS_TRY(pags_json_number(json, object, "fy", &camera->fy));
+  PAGS_TRY(pags_json_number(json, object, "cx", &camera->cx));
+  PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
+  PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
+
+  /* Read pose. */
   double q[4], t[3], r[9], pose[12];
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_quaternion_wxyz", 4, q));
   PAGS_TRY(pags_json_numbers(json, object, "camera_from_world_translation", 3, t));
@@ -28,21 +40,7 @@ static pags_result read_pose(const pags_json *json, const pags_json_value *objec
     pose[4 * i + 3] = t[i];
   }
   pags_rigid_inverse(pose, camera->world_from_camera);
-  return PAGS_OK;
-}
 
-pags_result pags_camera_from_json(const pags_json *json, const pags_json_value *object, pags_camera *camera) {
-  int64_t width, height;
-  PAGS_TRY(pags_json_integer(json, object, "width", 1, 65535, &width));
-  PAGS_TRY(pags_json_integer(json, object, "height", 1, 65535, &height));
-  camera->width = (int)width;
-  camera->height = (int)height;
-  PAGS_TRY(pags_json_number(json, object, "fx", &camera->fx));
-  PAGS_TRY(pags_json_number(json, object, "fy", &camera->fy));
-  PAGS_TRY(pags_json_number(json, object, "cx", &camera->cx));
-  PAGS_TRY(pags_json_number(json, object, "cy", &camera->cy));
-  PAGS_TRY(pags_json_number_or(json, object, "time", (double)NAN, &camera->time));
-  PAGS_TRY(read_pose(json, object, camera));
   char what[900];
   snprintf(what, sizeof what, "%s:%d", pags_json_path(json), object->line);
   return pags_camera_check(camera, what);

@@ -97,30 +97,6 @@ static void unpack_rotation(uint32_t word, int64_t row, pags_gaussians *out) {
   pags_plane(out, PAGS_ROTATION + largest)[row] = (float)sqrt(fmax(0, 1 - sum));
 }
 
-static void unpack_chunk(const reader *r, int64_t chunk, pags_gaussians *out) {
-  double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
-  for (int i = 0; i < BOUNDS; i++)
-    if (r->bounds[i])
-      bounds[i] = pags_ply_value(r->table, r->chunk, r->bounds[i], chunk);
-  for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; row++) {
-    uint32_t words[4];
-    for (int i = 0; i < 4; i++)
-      words[i] = (uint32_t)pags_ply_value(r->table, r->vertex, r->words[i], row);
-    unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
-    unpack_rotation(words[1], row, out);
-    unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
-
-    /* Unpack colour. */
-    const double *lo = bounds + 12;
-    const double *hi = bounds + 15;
-    for (int k = 0; k < 3; k++) {
-      double colour = mix(lo[k], hi[k], unit(words[3], 24 - 8 * k, 8));
-      pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
-    }
-    pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)words[3]);
-  }
-}
-
 /* Bytes over -4 .. 4, channel-major as in INRIA's PLY. */
 static pags_result unpack_sh(const reader *r, pags_gaussians *out) {
   int rest = pags_sh_coefficients(out->sh_degree) - 1;
@@ -143,7 +119,29 @@ pags_result pags_compressed_ply_decode(const ply_table *table, pags_gaussians *o
   PAGS_TRY(bind(&r, table));
   PAGS_TRY(find_degree(&r, &degree));
   PAGS_TRY(pags_gaussians_create(out, r.vertex->count, degree));
-  for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++)
-    unpack_chunk(&r, chunk, out);
+  for (int64_t chunk = 0; chunk * CHUNK_ROWS < out->count; chunk++) {
+    /* Unpack chunk. */
+    double bounds[BOUNDS] = {[15] = 1, [16] = 1, [17] = 1};
+    for (int i = 0; i < BOUNDS; i++)
+      if (r.bounds[i])
+        bounds[i] = pags_ply_value(r.table, r.chunk, r.bounds[i], chunk);
+    for (int64_t row = chunk * CHUNK_ROWS; row < out->count && row < (chunk + 1) * CHUNK_ROWS; row++) {
+      uint32_t words[4];
+      for (int i = 0; i < 4; i++)
+        words[i] = (uint32_t)pags_ply_value(r.table, r.vertex, r.words[i], row);
+      unpack_vector(words[0], bounds, bounds + 3, PAGS_MEAN, row, out);
+      unpack_rotation(words[1], row, out);
+      unpack_vector(words[2], bounds + 6, bounds + 9, PAGS_SCALE, row, out);
+
+      /* Unpack colour. */
+      const double *lo = bounds + 12;
+      const double *hi = bounds + 15;
+      for (int k = 0; k < 3; k++) {
+        double colour = mix(lo[k], hi[k], unit(words[3], 24 - 8 * k, 8));
+        pags_plane(out, PAGS_SH + k)[row] = (float)((colour - 0.5) / PAGS_SH_C0);
+      }
+      pags_plane(out, PAGS_OPACITY)[row] = pags_logit_of_byte((uint8_t)words[3]);
+    }
+  }
   return r.sh ? unpack_sh(&r, out) : PAGS_OK;
 }

@@ -54,21 +54,6 @@ static pags_result check_rigid(const pags_json *json, const pags_json_value *val
   return PAGS_OK;
 }
 
-static pags_result read_knot(const pags_json *json, const pags_json_value *value, pags_knot *knot) {
-  int64_t frame;
-  bool trained;
-  PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
-  PAGS_TRY(pags_json_number(json, value, "time", &knot->time));
-  PAGS_TRY(pags_json_bool_or(json, value, "trained", false, &trained));
-  PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, knot->world_from_object));
-  PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), knot->world_from_object));
-  PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, knot->rotation));
-  PAGS_TRY(pags_json_numbers(json, value, "translation", 3, knot->translation));
-  knot->frame = (int32_t)frame;
-  knot->trained = trained;
-  return PAGS_OK;
-}
-
 static pags_result read_category(const pags_json *json, const pags_json_value *object, pags_category *category) {
   const char *name;
   PAGS_TRY(pags_json_string(json, object, "category", &name));
@@ -104,7 +89,20 @@ static pags_result read_record(const pags_json *json, const pags_json_value *obj
     return fail_memory(json);
   for (const pags_json_value *value = knots->first; value; value = value->next) {
     pags_knot *knot = &record->knots[record->knot_count++];
-    PAGS_TRY(read_knot(json, value, knot));
+
+    /* Read knot. */
+    int64_t frame;
+    bool trained;
+    PAGS_TRY(pags_json_integer(json, value, "frame", INT32_MIN, INT32_MAX, &frame));
+    PAGS_TRY(pags_json_number(json, value, "time", &knot->time));
+    PAGS_TRY(pags_json_bool_or(json, value, "trained", false, &trained));
+    PAGS_TRY(pags_json_numbers(json, value, "world_from_object", 12, knot->world_from_object));
+    PAGS_TRY(check_rigid(json, pags_json_member(value, "world_from_object"), knot->world_from_object));
+    PAGS_TRY(pags_json_numbers(json, value, "rotation", 3, knot->rotation));
+    PAGS_TRY(pags_json_numbers(json, value, "translation", 3, knot->translation));
+    knot->frame = (int32_t)frame;
+    knot->trained = trained;
+
     if (knot > record->knots && !(knot->time > knot[-1].time))
       return pags_json_fail(json, value, "expected a 'time' after the previous one's %.17g, found %.17g", knot[-1].time,
                             knot->time);

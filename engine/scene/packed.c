@@ -239,25 +239,6 @@ static pags_result put_bounds(pags_file_writer *file, const float *plane, int64_
   return PAGS_OK;
 }
 
-static pags_result put_all(pags_file_writer *file, const pags_packed *packed, int64_t clusters, int64_t count,
-                           int64_t copies, const double *offsets) {
-  uint8_t head[HEAD];
-  const places p = find_places(clusters * copies, packed->shape.sh_degree);
-  fill_head(packed, count, head);
-  PAGS_TRY(pags_file_writer_put(file, head, HEAD));
-  for (int k = 0; k < 6; k++)
-    PAGS_TRY(put_bounds(file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3,
-                        offsets));
-  PAGS_TRY(put_bounds(file, packed->clusters.sigma, clusters, copies, -1, NULL));
-  PAGS_TRY(put_zeros(file, p.geometry - p.bounds - (size_t)(clusters * copies) * BOUND_PLANES * sizeof(float)));
-  for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(file, packed->geometry, (size_t)clusters * PAGS_PACKED_GEOMETRY));
-  for (int64_t c = 0; c < copies; c++)
-    PAGS_TRY(pags_file_writer_put(file, packed->colour,
-                                  (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
-  return PAGS_OK;
-}
-
 pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_t copies, const double *offsets) {
   const int64_t whole = packed->shape.count / ROWS;
   const int64_t clusters = copies > 1 ? whole : packed->clusters.count;
@@ -267,7 +248,23 @@ pags_result pags_packed_save(const char *path, const pags_packed *packed, int64_
     return pags_fail(PAGS_ERROR_LIMIT, "%s: %lld Gaussians are more than the 2^31 - 64 of a packed file", path,
                      (long long)count);
   PAGS_TRY(pags_file_writer_begin(&file, path));
-  PAGS_TRY(put_all(&file, packed, clusters, count, copies, offsets));
+
+  /* Put all. */
+  uint8_t head[HEAD];
+  const places p = find_places(clusters * copies, packed->shape.sh_degree);
+  fill_head(packed, count, head);
+  PAGS_TRY(pags_file_writer_put(&file, head, HEAD));
+  for (int k = 0; k < 6; k++)
+    PAGS_TRY(put_bounds(&file, k < 3 ? packed->clusters.lo[k] : packed->clusters.hi[k - 3], clusters, copies, k % 3,
+                        offsets));
+  PAGS_TRY(put_bounds(&file, packed->clusters.sigma, clusters, copies, -1, NULL));
+  PAGS_TRY(put_zeros(&file, p.geometry - p.bounds - (size_t)(clusters * copies) * BOUND_PLANES * sizeof(float)));
+  for (int64_t c = 0; c < copies; c++)
+    PAGS_TRY(pags_file_writer_put(&file, packed->geometry, (size_t)clusters * PAGS_PACKED_GEOMETRY));
+  for (int64_t c = 0; c < copies; c++)
+    PAGS_TRY(pags_file_writer_put(&file, packed->colour,
+                                  (size_t)clusters * pags_packed_colour_bytes(packed->shape.sh_degree)));
+
   return pags_file_writer_commit(&file);
 }
 

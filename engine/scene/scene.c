@@ -67,19 +67,6 @@ static pags_result load_folder(const char *folder, pags_scene *scene) {
   return result;
 }
 
-/* A packed file knows where its scene stood. */
-static pags_result read_packed_head(const char *path, pags_scene *scene) {
-  pags_packed packed;
-  PAGS_TRY(pags_packed_open(path, &packed));
-  scene->up = (pags_up)packed.up;
-  for (int k = 0; k < 3; k++) {
-    scene->origin[k] = packed.origin[k];
-    scene->background[k] = packed.background[k];
-  }
-  pags_packed_destroy(&packed);
-  return PAGS_OK;
-}
-
 static pags_result load_bare(const char *path, pags_scene *scene) {
   scene->models = calloc(1, sizeof *scene->models);
   if (!scene->models)
@@ -91,8 +78,17 @@ static pags_result load_bare(const char *path, pags_scene *scene) {
   model->file = pags_text_copy("background.ply");
   if (!model->name || !model->file)
     return pags_out_of_memory("%s: a model", path);
-  if (pags_packed_is_file(path))
-    PAGS_TRY(read_packed_head(path, scene));
+  if (pags_packed_is_file(path)) {
+    /* A packed file knows where its scene stood. */
+    pags_packed packed;
+    PAGS_TRY(pags_packed_open(path, &packed));
+    scene->up = (pags_up)packed.up;
+    for (int k = 0; k < 3; k++) {
+      scene->origin[k] = packed.origin[k];
+      scene->background[k] = packed.background[k];
+    }
+    pags_packed_destroy(&packed);
+  }
   return pags_splat_load(path, &model->gaussians, NULL, &scene->antialiased);
 }
 

@@ -35,19 +35,6 @@ static pags_result read_up(const pags_json *json, const pags_json_value *root, p
                         "expected \"z\", \"-y\" or \"unknown\" for 'up', found \"%.40s\"", name);
 }
 
-static pags_result read_model(const pags_json *json, const pags_json_value *value, pags_model *model, int64_t *count) {
-  int64_t degree;
-  PAGS_TRY(pags_json_string_copy(json, value, "name", &model->name));
-  PAGS_TRY(pags_json_string_copy(json, value, "file", &model->file));
-  PAGS_TRY(pags_json_integer(json, value, "gaussians", 0, INT32_MAX, count));
-  PAGS_TRY(pags_json_integer(json, value, "sh_degree", 0, 3, &degree));
-  model->gaussians.sh_degree = (int)degree;
-  if (!pags_path_is_inside(model->file))
-    return pags_json_fail(json, pags_json_member(value, "file"),
-                          "expected a 'file' inside of the scene's folder, found \"%s\"", model->file);
-  return PAGS_OK;
-}
-
 static pags_result read_models(const pags_json *json, const pags_json_value *root, pags_scene *scene,
                                int64_t **counts) {
   const pags_json_value *models;
@@ -58,7 +45,17 @@ static pags_result read_models(const pags_json *json, const pags_json_value *roo
     return fail_memory(json);
   for (const pags_json_value *model = models->first; model; model = model->next) {
     int64_t i = scene->model_count++;
-    PAGS_TRY(read_model(json, model, &scene->models[i], &(*counts)[i]));
+
+    /* Read model. */
+    int64_t degree;
+    PAGS_TRY(pags_json_string_copy(json, model, "name", &scene->models[i].name));
+    PAGS_TRY(pags_json_string_copy(json, model, "file", &scene->models[i].file));
+    PAGS_TRY(pags_json_integer(json, model, "gaussians", 0, INT32_MAX, &(*counts)[i]));
+    PAGS_TRY(pags_json_integer(json, model, "sh_degree", 0, 3, &degree));
+    scene->models[i].gaussians.sh_degree = (int)degree;
+    if (!pags_path_is_inside(scene->models[i].file))
+      return pags_json_fail(json, pags_json_member(model, "file"),
+                            "expected a 'file' inside of the scene's folder, found \"%s\"", scene->models[i].file);
   }
 
   /* Check names. */
@@ -81,21 +78,6 @@ static pags_result read_three_or(const pags_json *json, const pags_json_value *o
   return value && value->type != PAGS_JSON_NULL ? pags_json_numbers(json, object, key, 3, out) : PAGS_OK;
 }
 
-static pags_result read_view(const pags_json *json, const pags_json_value *value, pags_scene_view *view) {
-  bool test;
-  int64_t sensor, frame;
-  PAGS_TRY(pags_json_string_copy(json, value, "name", &view->name));
-  PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
-  PAGS_TRY(pags_json_integer_or(json, value, "sensor", -1, INT32_MAX, -1, &sensor));
-  PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));
-  PAGS_TRY(read_three_or(json, value, "gain", 1, view->gain));
-  PAGS_TRY(read_three_or(json, value, "offset", 0, view->offset));
-  view->test = test;
-  view->sensor = (int)sensor;
-  view->frame = (int)frame;
-  return pags_camera_from_json(json, value, &view->camera);
-}
-
 /* The text of an object as the file has it; NULL where there is none. */
 static pags_result read_raw(const pags_json *json, const pags_json_value *root, const char *key, char **out) {
   const pags_json_value *value = pags_json_member(root, key);
@@ -111,17 +93,6 @@ static pags_result read_raw(const pags_json *json, const pags_json_value *root, 
   return PAGS_OK;
 }
 
-static pags_result read_origins(const pags_json *json, const pags_json_value *root, pags_scene *scene) {
-  const char *dataset;
-  PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
-  if (dataset && !(scene->dataset = pags_text_copy(dataset)))
-    return fail_memory(json);
-  PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
-  PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
-  PAGS_TRY(read_raw(json, root, "config", &scene->config));
-  return read_raw(json, root, "modelled", &scene->notes);
-}
-
 static pags_result read_sky(const pags_json *json, const pags_json_value *root, char **file) {
   const char *name;
   PAGS_TRY(pags_json_string_or(json, root, "sky", NULL, &name));
@@ -134,7 +105,13 @@ static pags_result read_sky(const pags_json *json, const pags_json_value *root, 
   return *file ? PAGS_OK : fail_memory(json);
 }
 
-static pags_result read_version(const pags_json *json, const pags_json_value *root) {
+static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scene_files *files) {
+  const pags_json_value *root = pags_json_root(json);
+  double time[2], background[3];
+  bool antialiased;
+  PAGS_TRY(pags_json_as_object(json, root, "a scene"));
+
+  /* Read version. */
   int64_t version;
   const char *units;
   PAGS_TRY(pags_json_integer(json, root, "version", 1, INT32_MAX, &version));
@@ -145,15 +122,7 @@ static pags_result read_version(const pags_json *json, const pags_json_value *ro
   if (strcmp(units, "metres") != 0)
     return pags_json_fail(json, pags_json_member(root, "units"), "expected \"metres\" for 'units', found \"%.40s\"",
                           units);
-  return PAGS_OK;
-}
 
-static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scene_files *files) {
-  const pags_json_value *root = pags_json_root(json);
-  double time[2], background[3];
-  bool antialiased;
-  PAGS_TRY(pags_json_as_object(json, root, "a scene"));
-  PAGS_TRY(read_version(json, root));
   PAGS_TRY(pags_json_numbers(json, root, "origin", 3, scene->origin));
   PAGS_TRY(read_up(json, root, &scene->up));
   PAGS_TRY(pags_json_numbers(json, root, "time", 2, time));
@@ -169,7 +138,17 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
     return pags_json_fail(json, pags_json_member(root, "fps"), "expected a number from 0 on for 'fps', found %g",
                           scene->fps);
   PAGS_TRY(pags_place_from_json(json, root, &scene->place));
-  PAGS_TRY(read_origins(json, root, scene));
+
+  /* Read origins. */
+  const char *dataset;
+  PAGS_TRY(pags_json_string_or(json, root, "dataset", NULL, &dataset));
+  if (dataset && !(scene->dataset = pags_text_copy(dataset)))
+    return fail_memory(json);
+  PAGS_TRY(pags_json_unsigned_or(json, root, "seed", 0, &scene->seed));
+  PAGS_TRY(pags_json_integer_or(json, root, "iterations", 0, INT64_MAX, 0, &scene->iterations));
+  PAGS_TRY(read_raw(json, root, "config", &scene->config));
+  PAGS_TRY(read_raw(json, root, "modelled", &scene->notes));
+
   PAGS_TRY(read_sky(json, root, &files->sky));
   PAGS_TRY(read_models(json, root, scene, &files->counts));
   PAGS_TRY(pags_scene_objects_from_json(json, root, scene));
@@ -180,8 +159,22 @@ static pags_result read_root(const pags_json *json, pags_scene *scene, pags_scen
   scene->views = calloc((size_t)views->count + 1, sizeof *scene->views);
   if (!scene->views)
     return fail_memory(json);
-  for (const pags_json_value *value = views->first; value; value = value->next)
-    PAGS_TRY(read_view(json, value, &scene->views[scene->view_count++]));
+  for (const pags_json_value *value = views->first; value; value = value->next) {
+    /* Read view. */
+    pags_scene_view *view = &scene->views[scene->view_count++];
+    bool test;
+    int64_t sensor, frame;
+    PAGS_TRY(pags_json_string_copy(json, value, "name", &view->name));
+    PAGS_TRY(pags_json_bool_or(json, value, "test", false, &test));
+    PAGS_TRY(pags_json_integer_or(json, value, "sensor", -1, INT32_MAX, -1, &sensor));
+    PAGS_TRY(pags_json_integer_or(json, value, "frame", -1, INT32_MAX, -1, &frame));
+    PAGS_TRY(read_three_or(json, value, "gain", 1, view->gain));
+    PAGS_TRY(read_three_or(json, value, "offset", 0, view->offset));
+    view->test = test;
+    view->sensor = (int)sensor;
+    view->frame = (int)frame;
+    PAGS_TRY(pags_camera_from_json(json, value, &view->camera));
+  }
   return PAGS_OK;
 }
 

@@ -123,26 +123,6 @@ static size_t make_header(int size, uint8_t out[2 * HEADER_ALIGNMENT]) {
   return total;
 }
 
-static pags_result put_texels(pags_file_writer *writer, const char *path, const pags_sky *sky) {
-  uint8_t block[2 * BLOCK];
-  size_t count = value_count(sky->size);
-  for (size_t first = 0; first < count; first += BLOCK) {
-    size_t n = count - first < BLOCK ? count - first : BLOCK;
-    for (size_t i = 0; i < n; i++) {
-      uint16_t half = pags_half_from_float(sky->texels[first + i]);
-      if ((half & 0x7C00) == 0x7C00) {
-        pags_file_writer_abort(writer);
-        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
-                         (first + i) / CHANNELS, (double)sky->texels[first + i]);
-      }
-      block[2 * i] = (uint8_t)half;
-      block[2 * i + 1] = (uint8_t)(half >> 8);
-    }
-    PAGS_TRY(pags_file_writer_put(writer, block, 2 * n));
-  }
-  return PAGS_OK;
-}
-
 uint64_t pags_sky_file_size(const pags_sky *sky) {
   uint8_t header[2 * HEADER_ALIGNMENT];
   return make_header(sky->size, header) + 2 * (uint64_t)18 * (uint64_t)sky->size * (uint64_t)sky->size;
@@ -155,7 +135,25 @@ pags_result pags_sky_save(const char *path, const pags_sky *sky) {
   pags_file_writer writer;
   PAGS_TRY(pags_file_writer_begin(&writer, path));
   PAGS_TRY(pags_file_writer_put(&writer, header, length));
-  PAGS_TRY(put_texels(&writer, path, sky));
+
+  /* Put texels. */
+  uint8_t block[2 * BLOCK];
+  size_t count = value_count(sky->size);
+  for (size_t first = 0; first < count; first += BLOCK) {
+    size_t n = count - first < BLOCK ? count - first : BLOCK;
+    for (size_t i = 0; i < n; i++) {
+      uint16_t half = pags_half_from_float(sky->texels[first + i]);
+      if ((half & 0x7C00) == 0x7C00) {
+        pags_file_writer_abort(&writer);
+        return pags_fail(PAGS_ERROR_ARGUMENT, "%s: the sky's texel %zu is %g, which float16 can't hold", path,
+                         (first + i) / CHANNELS, (double)sky->texels[first + i]);
+      }
+      block[2 * i] = (uint8_t)half;
+      block[2 * i + 1] = (uint8_t)(half >> 8);
+    }
+    PAGS_TRY(pags_file_writer_put(&writer, block, 2 * n));
+  }
+
   return pags_file_writer_commit(&writer);
 }
 

@@ -46,22 +46,6 @@ typedef struct writer {
   int64_t point_count;
 } writer;
 
-static pags_result check_options(const pags_street_options *o) {
-  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
-  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
-  PAGS_TRY(pags_synth_in_range("frames", o->frames, 2, 10000));
-  PAGS_TRY(pags_synth_in_range("fps", o->fps, 0.1, 1000.0));
-  PAGS_TRY(pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0,
-                               1000.0)); /* seconds: the street is built as long as driven */
-  PAGS_TRY(pags_synth_in_range("cameras", o->cameras, 1, CAMERAS));
-  PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
-  PAGS_TRY(pags_synth_in_range("objects", o->objects, 0, 64));
-  PAGS_TRY(pags_synth_in_range("lidar_points", (double)o->lidar_points, 0, 1000000));
-  PAGS_TRY(pags_synth_in_range("lidar_noise", o->lidar_noise, 0.0, 10.0));
-  PAGS_TRY(pags_synth_in_range("pose_noise", o->pose_noise, 0.0, 10.0));
-  return pags_synth_in_range("yaw_noise", o->yaw_noise, 0.0, 180.0);
-}
-
 static pags_result join(const writer *w, const char *relative, char **out) {
   *out = pags_path_join(w->folder, relative);
   return *out ? PAGS_OK : pags_out_of_memory("%s", w->folder);
@@ -304,26 +288,6 @@ static pags_result write_frame(writer *w, int frame) {
   return save_ego(w, time);
 }
 
-static pags_result write_mounts(const writer *w) {
-  for (int c = 0; c < w->street->options->cameras; c++) {
-    const pags_camera camera = pags_street_camera(w->street->options, 0.0, c, 0.0, 0.0);
-    double mount[12];
-    char relative[32], *path = NULL;
-    pags_street_mount(c, mount);
-    snprintf(relative, sizeof relative, "extrinsics/%d.txt", c);
-    PAGS_TRY(join(w, relative, &path));
-    pags_result result = pags_street_write_pose(path, mount);
-    free(path);
-    PAGS_TRY(result);
-    snprintf(relative, sizeof relative, "intrinsics/%d.txt", c);
-    PAGS_TRY(join(w, relative, &path));
-    result = pags_street_write_intrinsics(path, &camera);
-    free(path);
-    PAGS_TRY(result);
-  }
-  return PAGS_OK;
-}
-
 typedef pags_result text_fn(const pags_street *street, const char *path);
 
 static pags_result write_text(const writer *w, const char *relative, text_fn *write) {
@@ -343,7 +307,24 @@ static pags_result true_instances(const pags_street *street, const char *path) {
 }
 
 static pags_result write_texts(const writer *w) {
-  PAGS_TRY(write_mounts(w));
+  /* Write mounts. */
+  for (int c = 0; c < w->street->options->cameras; c++) {
+    const pags_camera camera = pags_street_camera(w->street->options, 0.0, c, 0.0, 0.0);
+    double mount[12];
+    char relative[32], *path = NULL;
+    pags_street_mount(c, mount);
+    snprintf(relative, sizeof relative, "extrinsics/%d.txt", c);
+    PAGS_TRY(join(w, relative, &path));
+    pags_result result = pags_street_write_pose(path, mount);
+    free(path);
+    PAGS_TRY(result);
+    snprintf(relative, sizeof relative, "intrinsics/%d.txt", c);
+    PAGS_TRY(join(w, relative, &path));
+    result = pags_street_write_intrinsics(path, &camera);
+    free(path);
+    PAGS_TRY(result);
+  }
+
   PAGS_TRY(write_text(w, "instances/instances_info.json", labelled_instances));
   PAGS_TRY(write_text(w, "instances/frame_instances.json", pags_street_write_frame_instances));
   PAGS_TRY(write_text(w, "truth/instances/instances_info.json", true_instances));
@@ -373,7 +354,21 @@ static pags_result write_texts(const writer *w) {
 }
 
 static pags_result write_all(writer *w, const pags_street_options *o, pags_progress_fn *progress, void *user) {
-  PAGS_TRY(check_options(o));
+  /* Check options. */
+  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("frames", o->frames, 2, 10000));
+  PAGS_TRY(pags_synth_in_range("fps", o->fps, 0.1, 1000.0));
+  PAGS_TRY(pags_synth_in_range("frames / fps", o->frames / o->fps, 0.0,
+                               1000.0)); /* seconds: the street is built as long as driven */
+  PAGS_TRY(pags_synth_in_range("cameras", o->cameras, 1, CAMERAS));
+  PAGS_TRY(pags_synth_in_range("samples", o->samples, 1, 1024));
+  PAGS_TRY(pags_synth_in_range("objects", o->objects, 0, 64));
+  PAGS_TRY(pags_synth_in_range("lidar_points", (double)o->lidar_points, 0, 1000000));
+  PAGS_TRY(pags_synth_in_range("lidar_noise", o->lidar_noise, 0.0, 10.0));
+  PAGS_TRY(pags_synth_in_range("pose_noise", o->pose_noise, 0.0, 10.0));
+  PAGS_TRY(pags_synth_in_range("yaw_noise", o->yaw_noise, 0.0, 180.0));
+
   PAGS_TRY(pags_street_build(o, w->street));
   pags_street_number(w->street);
   PAGS_TRY(pags_stage_create(w->street->meshes, w->street->mesh_count, w->street->placements,

@@ -210,34 +210,6 @@ static void choose_quantiles(const pags_size_table *table, const double draw[2],
       quantile(table->logit_opacity, share_below(a * draw[0] + b * draw[1] + sqrt(1.0 - a * a - b * b) * other[0]));
 }
 
-/* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the
- * face. */
-static void choose_size(const pags_surface *s, spot *out, uint64_t a, uint64_t row) {
-  const uint64_t seed = s->town->options->seed;
-  const facet *f = &out->face;
-  const pags_size_table *table = table_of(f->material->label);
-  double draw[2], other[2];
-  float ln_long, ln_middle;
-  pags_rng_normal2(seed, a + DRAW_SIZE, row, draw);
-  pags_rng_normal2(seed, a + DRAW_SHAPE, row, other);
-  choose_quantiles(table, draw, other, &ln_long, &ln_middle, &out->logit);
-  const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
-  const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
-  const float c = cosf(turn), d = sinf(turn);
-  for (int k = 0; k < 3; k++) {
-    const float u = swap ? f->side[k] : f->edge[k], v = swap ? -f->edge[k] : f->side[k];
-    out->axis[0][k] = c * u + d * v;
-    out->axis[1][k] = c * v - d * u;
-    out->axis[2][k] = f->normal[k];
-  }
-  const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* one stands for a few leaves */
-  const float most = logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
-              least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
-  out->ln_sigma[0] = fminf(ln_long, most);
-  out->ln_sigma[1] = fminf(ln_middle, least);
-  out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, share_below(other[1]));
-}
-
 /* A share of a side, kept 0.7 sigma away from its ends so that faces' borders stay sharp. */
 static float within(double share, float sigma, float side) {
   const float margin = fminf(0.5f, 0.7f * sigma / fmaxf(side, 1e-4f));
@@ -303,10 +275,41 @@ static void choose_eyes(const pags_surface *s, const float point[3], uint64_t a,
   }
 }
 
-/* Whether any of them sees the point; turns its normals to the first that does. */
-static bool is_seen(const pags_surface *s, spot *at, uint64_t a, uint64_t row) {
+static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot *out) {
+  const uint64_t a = attempt * DRAWS;
+  out->face = choose_facet(s, pags_rng_uniform(s->town->options->seed, a + DRAW_FACE, row));
+
+  /* Sizes from the table; on small faces the longer axis lies along the longer side and neither is wider than half the
+   * face. */
+  const uint64_t seed = s->town->options->seed;
+  const facet *f = &out->face;
+  const pags_size_table *table = table_of(f->material->label);
+  double draw[2], other[2];
+  float ln_long, ln_middle;
+  pags_rng_normal2(seed, a + DRAW_SIZE, row, draw);
+  pags_rng_normal2(seed, a + DRAW_SHAPE, row, other);
+  choose_quantiles(table, draw, other, &ln_long, &ln_middle, &out->logit);
+  const bool small = fminf(f->length, f->width) < 3.0f, swap = small && f->width > f->length;
+  const float turn = small ? 0.0f : 6.2831853f * (float)pags_rng_uniform(seed, a + DRAW_TURN, row);
+  const float c = cosf(turn), d = sinf(turn);
+  for (int k = 0; k < 3; k++) {
+    const float u = swap ? f->side[k] : f->edge[k], v = swap ? -f->edge[k] : f->side[k];
+    out->axis[0][k] = c * u + d * v;
+    out->axis[1][k] = c * v - d * u;
+    out->axis[2][k] = f->normal[k];
+  }
+  const float room = f->material->finish == PAGS_FINISH_LEAF ? 1.0f : 0.5f; /* one stands for a few leaves */
+  const float most = logf(fmaxf(room * fmaxf(f->length, f->width), 0.004f)),
+              least = logf(fmaxf(room * fminf(f->length, f->width), 0.004f));
+  out->ln_sigma[0] = fminf(ln_long, most);
+  out->ln_sigma[1] = fminf(ln_middle, least);
+  out->ln_sigma[2] = out->ln_sigma[1] + quantile(table->ln_short_by_middle, share_below(other[1]));
+
+  choose_point(s, out, a, row);
+
+  /* Whether any of them sees the point; turns its normals to the first that does. */
   float eyes[PAGS_PACKET][3];
-  pags_touch *touch = &at->touch;
+  pags_touch *touch = &out->touch;
   pags_rays rays = {.active = (1u << PAGS_PACKET) - 1u};
   choose_eyes(s, touch->point, a, row, eyes);
   for (int i = 0; i < PAGS_PACKET; i++)
@@ -328,14 +331,6 @@ static bool is_seen(const pags_surface *s, spot *at, uint64_t a, uint64_t row) {
     return true;
   }
   return false;
-}
-
-static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot *out) {
-  const uint64_t a = attempt * DRAWS;
-  out->face = choose_facet(s, pags_rng_uniform(s->town->options->seed, a + DRAW_FACE, row));
-  choose_size(s, out, a, row);
-  choose_point(s, out, a, row);
-  return is_seen(s, out, a, row);
 }
 
 double pags_surface_seen(const pags_surface *surface, int tries) {

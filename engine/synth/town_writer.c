@@ -22,15 +22,6 @@ pags_town_options pags_town_options_default(void) {
   return (pags_town_options){.gaussians = 2000000, .density = 1.0, .width = 960, .height = 540, .frames = 24};
 }
 
-static pags_result check_options(const pags_town_options *o) {
-  PAGS_TRY(pags_synth_in_range("gaussians", (double)o->gaussians, 1000, 2e8));
-  PAGS_TRY(pags_synth_in_range("density", o->density, 0.05, 20));
-  PAGS_TRY(pags_synth_in_range("gaussians times density", (double)o->gaussians * o->density, 1, 2e9));
-  PAGS_TRY(pags_synth_in_range("width", o->width, 16, 8192));
-  PAGS_TRY(pags_synth_in_range("height", o->height, 16, 8192));
-  return pags_synth_in_range("frames", o->frames, 1, 10000);
-}
-
 typedef struct town_maker {
   const pags_town_options *options;
   pags_street_options street_options;
@@ -46,37 +37,6 @@ static void raze(town_maker *m) {
   pags_stage_destroy(m->stage);
   pags_street_destroy(&m->town);
   m->stage = NULL;
-}
-
-static pags_result raise_town(town_maker *m) {
-  raze(m);
-  PAGS_TRY(pags_town_build(&m->street_options, &m->plan, &m->town));
-  PAGS_TRY(
-      pags_stage_create(m->town.meshes, m->town.mesh_count, m->town.placements, m->town.placement_count, &m->stage));
-  PAGS_TRY(pags_surface_create(&m->town, &m->plan, m->stage, &m->surface));
-  m->seen = pags_surface_seen(&m->surface, PROBES);
-  return PAGS_OK;
-}
-
-/* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the
- * middle street several blocks stand behind each other; blocks then as long as makes the surface right, found by
- * measuring towns of other lengths. */
-static pags_result plan_town(town_maker *m) {
-  const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 90.0;
-  const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street */
-  const int streets = (int)fmin(sqrt(metres / 9.0) + 0.5, metres / shortest);
-  m->plan.streets = streets < 2 ? 2 : streets;
-  const int columns = (int)(metres / m->plan.streets / 36.0 + 0.5);
-  m->plan.columns = columns < 2 ? 2 : columns;
-  m->plan.block = 30.0f;
-  for (int fit = 0; fit < FITS; fit++) {
-    PAGS_TRY(raise_town(m));
-    const double block = (double)m->plan.block * wanted / m->seen;
-    if (fabs(wanted / m->seen - 1.0) < 0.01 || fit + 1 == FITS)
-      break;
-    m->plan.block = (float)fmin(fmax(block, SHORTEST_BLOCK), 60.0);
-  }
-  return PAGS_OK;
 }
 
 /* The recording car drives along the middle street, from 4 m to 12 m before its end. */
@@ -97,36 +57,37 @@ static pags_camera camera_at(const town_maker *m, int frame, int camera) {
   return out;
 }
 
-static pags_result add_sky(const town_maker *m, pags_scene *scene) {
-  PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
-  float *texel = scene->sky.texels;
-  for (int face = 0; face < 6; face++)
-    for (int row = 0; row < SKY_SIZE; row++)
-      for (int column = 0; column < SKY_SIZE; column++, texel += 3) {
-        float direction[3];
-
-        /* Direction of a texel's centre; faces as in pags/sky.h. */
-        double s = 2 * (column + 0.5) / SKY_SIZE - 1;
-        double t = 2 * (row + 0.5) / SKY_SIZE - 1;
-        const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
-        const double length = sqrt(1.0 + s * s + t * t);
-        for (int k = 0; k < 3; k++)
-          direction[k] = (float)(ways[face][k] / length);
-
-        pags_sky_color(direction, m->options->seed, texel);
-        for (int c = 0; c < 3; c++)
-          texel[c] = pags_surface_srgb(texel[c]);
-      }
-  return PAGS_OK;
-}
-
 static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn *progress, void *user,
                               pags_scene *scene) {
   *scene = (pags_scene){.up = PAGS_UP_Z, .fps = 10, .seed = m->options->seed};
   scene->time_end = 0.1 * (m->options->frames - 1);
   m->street_options = pags_street_options_default();
   m->street_options.seed = m->options->seed;
-  PAGS_TRY(plan_town(m));
+
+  /* A street's metre has about 90 square metres that are seen, each by its density. Deeper than long, so that from the
+   * middle street several blocks stand behind each other; blocks then as long as makes the surface right, found by
+   * measuring towns of other lengths. */
+  const double wanted = (double)m->options->gaussians / PAGS_TRAINED_DENSITY, metres = wanted / 90.0;
+  const double shortest = 2.0 * SHORTEST_BLOCK + (double)PAGS_TOWN_LANE; /* of a street */
+  const int streets = (int)fmin(sqrt(metres / 9.0) + 0.5, metres / shortest);
+  m->plan.streets = streets < 2 ? 2 : streets;
+  const int columns = (int)(metres / m->plan.streets / 36.0 + 0.5);
+  m->plan.columns = columns < 2 ? 2 : columns;
+  m->plan.block = 30.0f;
+  for (int fit = 0; fit < FITS; fit++) {
+    /* Raise town. */
+    raze(m);
+    PAGS_TRY(pags_town_build(&m->street_options, &m->plan, &m->town));
+    PAGS_TRY(
+        pags_stage_create(m->town.meshes, m->town.mesh_count, m->town.placements, m->town.placement_count, &m->stage));
+    PAGS_TRY(pags_surface_create(&m->town, &m->plan, m->stage, &m->surface));
+    m->seen = pags_surface_seen(&m->surface, PROBES);
+
+    const double block = (double)m->plan.block * wanted / m->seen;
+    if (fabs(wanted / m->seen - 1.0) < 0.01 || fit + 1 == FITS)
+      break;
+    m->plan.block = (float)fmin(fmax(block, SHORTEST_BLOCK), 60.0);
+  }
 
   /* Add views. */
   scene->views = calloc((size_t)m->options->frames * CAMERAS, sizeof *scene->views);
@@ -146,7 +107,26 @@ static pags_result make_scene(town_maker *m, pags_tasks *tasks, pags_progress_fn
     scene->view_count++;
   }
 
-  PAGS_TRY(add_sky(m, scene));
+  /* Add sky. */
+  PAGS_TRY(pags_sky_create(&scene->sky, SKY_SIZE));
+  float *texel = scene->sky.texels;
+  for (int face = 0; face < 6; face++)
+    for (int row = 0; row < SKY_SIZE; row++)
+      for (int column = 0; column < SKY_SIZE; column++, texel += 3) {
+        float direction[3];
+
+        /* Direction of a texel's centre; faces as in pags/sky.h. */
+        double s = 2 * (column + 0.5) / SKY_SIZE - 1;
+        double t = 2 * (row + 0.5) / SKY_SIZE - 1;
+        const double ways[6][3] = {{1, -t, -s}, {-1, -t, s}, {s, 1, t}, {s, -1, -t}, {s, -t, 1}, {-s, -t, -1}};
+        const double length = sqrt(1.0 + s * s + t * t);
+        for (int k = 0; k < 3; k++)
+          direction[k] = (float)(ways[face][k] / length);
+
+        pags_sky_color(direction, m->options->seed, texel);
+        for (int c = 0; c < 3; c++)
+          texel[c] = pags_surface_srgb(texel[c]);
+      }
 
   /* Add background. */
   scene->models = calloc(1, sizeof *scene->models);
@@ -169,7 +149,15 @@ pags_result pags_synth_town(const char *folder, const pags_town_options *options
   town_maker maker = {.options = options};
   pags_scene scene = {0};
   bool empty = true;
-  PAGS_TRY(check_options(options));
+
+  /* Check options. */
+  PAGS_TRY(pags_synth_in_range("gaussians", (double)options->gaussians, 1000, 2e8));
+  PAGS_TRY(pags_synth_in_range("density", options->density, 0.05, 20));
+  PAGS_TRY(pags_synth_in_range("gaussians times density", (double)options->gaussians * options->density, 1, 2e9));
+  PAGS_TRY(pags_synth_in_range("width", options->width, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("height", options->height, 16, 8192));
+  PAGS_TRY(pags_synth_in_range("frames", options->frames, 1, 10000));
+
   PAGS_TRY(pags_make_dirs(folder));
   PAGS_TRY(pags_dir_is_empty(folder, &empty));
   if (!empty && !options->overwrite)

@@ -291,42 +291,6 @@ static int is_sound_model(const model_record *m, const pags_train_config *config
          (m->s_sem == 0 || m->s_sem == 1) && (m->squared == 0 || m->squared == 1);
 }
 
-static pags_result get_object_ids(section_reader *r, pags_gaussians *g, int64_t objects) {
-  const uint8_t *payload = NULL;
-  size_t bytes = (size_t)g->count * sizeof(int32_t);
-  PAGS_TRY(next_sized(r, "OBJI", bytes, &payload));
-  PAGS_TRY(pags_gaussians_add_object_id(g));
-  memcpy(g->object_id, payload, bytes);
-  for (int64_t i = 0; i < g->count; i++)
-    if (g->object_id[i] < -1 || g->object_id[i] >= objects)
-      return out_of_range(r, "OBJI");
-  return PAGS_OK;
-}
-
-/* In 0..1: what is written to PLYs, and weighs what is pruned. */
-static pags_result get_s_sem(section_reader *r, pags_gaussians *g) {
-  const uint8_t *payload = NULL;
-  size_t bytes = (size_t)g->count * sizeof(float);
-  PAGS_TRY(next_sized(r, "SSEM", bytes, &payload));
-  PAGS_TRY(pags_gaussians_add_s_sem(g));
-  if (g->count > 0)
-    memcpy(g->s_sem, payload, bytes);
-  for (int64_t i = 0; i < g->count; i++)
-    if (!(g->s_sem[i] >= 0.0f && g->s_sem[i] <= 1.0f))
-      return out_of_range(r, "SSEM");
-  return PAGS_OK;
-}
-
-static pags_result get_squared(section_reader *r, pags_train_model *m) {
-  const uint8_t *payload = NULL;
-  size_t bytes = (size_t)m->gaussians.count * sizeof(float);
-  if (!m->density.squared)
-    return out_of_range(r, "MODL");
-  PAGS_TRY(next_sized(r, "SQUA", bytes, &payload));
-  memcpy(m->density.squared, payload, bytes);
-  return PAGS_OK;
-}
-
 static pags_result get_model_rest(section_reader *r, const model_record *record, pags_train_state *s,
                                   pags_train_model *m) {
   if (record->fourier)
@@ -338,12 +302,38 @@ static pags_result get_model_rest(section_reader *r, const model_record *record,
   PAGS_TRY(get_planes(r, "MOM2", &m->adam.second));
   PAGS_TRY(get_pair(r, "STEP", m->adam.moment_step, m->adam.param_step, m->adam.cluster_count));
   PAGS_TRY(get_pair(r, "STAT", m->density.gradient, m->density.seen, m->gaussians.count));
-  if (record->object_ids)
-    PAGS_TRY(get_object_ids(r, &m->gaussians, s->tracks.count));
-  if (record->s_sem)
-    PAGS_TRY(get_s_sem(r, &m->gaussians));
-  if (record->squared)
-    PAGS_TRY(get_squared(r, m));
+  if (record->object_ids) {
+    /* Get object ids. */
+    const uint8_t *payload = NULL;
+    size_t bytes = (size_t)m->gaussians.count * sizeof(int32_t);
+    PAGS_TRY(next_sized(r, "OBJI", bytes, &payload));
+    PAGS_TRY(pags_gaussians_add_object_id(&m->gaussians));
+    memcpy(m->gaussians.object_id, payload, bytes);
+    for (int64_t i = 0; i < m->gaussians.count; i++)
+      if (m->gaussians.object_id[i] < -1 || m->gaussians.object_id[i] >= s->tracks.count)
+        return out_of_range(r, "OBJI");
+  }
+  if (record->s_sem) {
+    /* In 0..1: what is written to PLYs, and weighs what is pruned. */
+    const uint8_t *payload = NULL;
+    size_t bytes = (size_t)m->gaussians.count * sizeof(float);
+    PAGS_TRY(next_sized(r, "SSEM", bytes, &payload));
+    PAGS_TRY(pags_gaussians_add_s_sem(&m->gaussians));
+    if (m->gaussians.count > 0)
+      memcpy(m->gaussians.s_sem, payload, bytes);
+    for (int64_t i = 0; i < m->gaussians.count; i++)
+      if (!(m->gaussians.s_sem[i] >= 0.0f && m->gaussians.s_sem[i] <= 1.0f))
+        return out_of_range(r, "SSEM");
+  }
+  if (record->squared) {
+    /* Get squared. */
+    const uint8_t *payload = NULL;
+    size_t bytes = (size_t)m->gaussians.count * sizeof(float);
+    if (!m->density.squared)
+      return out_of_range(r, "MODL");
+    PAGS_TRY(next_sized(r, "SQUA", bytes, &payload));
+    memcpy(m->density.squared, payload, bytes);
+  }
 
   /* Steps that no run leaves would send replay over the ends of its tables. */
   for (int64_t c = 0; c < m->adam.cluster_count; c++) {

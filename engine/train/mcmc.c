@@ -109,29 +109,6 @@ static void draw_and_thin(pags_train_model *model, lottery *l, int purpose, int6
   }
 }
 
-static pags_result relocate(pags_train_model *model) {
-  lottery l;
-  PAGS_TRY(make_lottery(model, &l));
-  int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
-  pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
-  if (rows && l.dead_count < l.count) {
-    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
-    for (int64_t i = 0; i < l.dead_count; i++) {
-      /* Row `to` becomes row `from`, both with moments of zero. */
-      for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
-        float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
-        float *v = pags_plane(&model->adam.second, p);
-        x[l.dead[i]] = x[rows[i]];
-        m[l.dead[i]] = m[rows[i]] = 0.0f;
-        v[l.dead[i]] = v[rows[i]] = 0.0f;
-      }
-    }
-  }
-  free(rows);
-  free_lottery(&l);
-  return result;
-}
-
 static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
   int64_t count = model->gaussians.count, most = model->cap > 0 ? model->cap : 1000000;
   int64_t target = (int64_t)((1.0 + model->schedule.config.mcmc.mcmc_growth) * (double)count);
@@ -154,7 +131,28 @@ static pags_result grow(pags_train_model *model, pags_tasks *tasks) {
 }
 
 pags_result pags_mcmc_refine(pags_train_model *model, pags_tasks *tasks) {
-  PAGS_TRY(relocate(model));
+  /* Relocate. */
+  lottery l;
+  PAGS_TRY(make_lottery(model, &l));
+  int64_t *rows = malloc((size_t)(l.dead_count > 0 ? l.dead_count : 1) * sizeof *rows);
+  pags_result result = rows ? PAGS_OK : pags_out_of_memory("Gaussians");
+  if (rows && l.dead_count < l.count) {
+    draw_and_thin(model, &l, PAGS_DRAW_RELOCATE, rows, l.dead_count);
+    for (int64_t i = 0; i < l.dead_count; i++) {
+      /* Row `to` becomes row `from`, both with moments of zero. */
+      for (int p = 0; p < pags_plane_count(model->gaussians.sh_degree); p++) {
+        float *x = pags_plane(&model->gaussians, p), *m = pags_plane(&model->adam.first, p);
+        float *v = pags_plane(&model->adam.second, p);
+        x[l.dead[i]] = x[rows[i]];
+        m[l.dead[i]] = m[rows[i]] = 0.0f;
+        v[l.dead[i]] = v[rows[i]] = 0.0f;
+      }
+    }
+  }
+  free(rows);
+  free_lottery(&l);
+  PAGS_TRY(result);
+
   PAGS_TRY(grow(model, tasks));
   pags_model_clear_density(model);
   return pags_model_sort(model, tasks);

@@ -47,9 +47,12 @@ static int64_t choose_cap(const pags_trainer *t, const pags_train_config *config
   return most > 0 && most < fits ? most : fits;
 }
 
-/* From the data set's points, or, where those are random, from as many that matching finds. */
-static pags_result first_gaussians(pags_trainer *t, const pags_train_config *config, int64_t most, double extent,
-                                   pags_gaussians *g) {
+static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
+  pags_train_state *s = &t->state;
+  pags_gaussians g;
+
+  /* From the data set's points, or, where those are random, from as many that matching finds. */
+  int64_t most = s->cap > 0 ? s->cap : INT32_MAX - 64;
   int64_t points;
   const float *xyz;
   const uint8_t *rgb;
@@ -63,16 +66,11 @@ static pags_result first_gaussians(pags_trainer *t, const pags_train_config *con
     xyz = matched_xyz;
     rgb = matched_rgb;
   }
-  pags_result result = pags_init_gaussians(config, points, xyz, rgb, most, extent, t->tasks, g);
+  pags_result result = pags_init_gaussians(config, points, xyz, rgb, most, extent, t->tasks, &g);
   free(matched_xyz);
   free(matched_rgb);
-  return result;
-}
+  PAGS_TRY(result);
 
-static pags_result start_static(pags_trainer *t, const pags_train_config *config, double extent) {
-  pags_train_state *s = &t->state;
-  pags_gaussians g;
-  PAGS_TRY(first_gaussians(t, config, s->cap > 0 ? s->cap : INT32_MAX - 64, extent, &g));
   return pags_state_add_model(s, -1, extent, &g);
 }
 

@@ -113,19 +113,6 @@ static pags_result remove_scene(const pags_output *output) {
   return result;
 }
 
-static pags_result remove_earlier(const pags_output *output) {
-  pags_dir_list list;
-  PAGS_TRY(remove_scene(output));
-  PAGS_TRY(remove_file(output, "scene.json", true)); /* not left without its checkpoint, whenever this is ended */
-  PAGS_TRY(pags_dir_list_read(output->folder, &list));
-  pags_result result = PAGS_OK;
-  for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
-    if (is_ours(list.names[i]))
-      result = remove_file(output, list.names[i], true);
-  pags_dir_list_destroy(&list);
-  return result;
-}
-
 /* Bytes of the lines at the log's beginning that are whole and of steps up to `step`. */
 static size_t sound_part(const char *text, size_t size, int64_t step) {
   static const char *const begin = "{\"step\": ";
@@ -155,8 +142,19 @@ pags_result pags_output_open(pags_output *output, int resumed, int64_t step) {
   PAGS_TRY(pags_make_dirs(output->folder));
   if (resumed)
     PAGS_TRY(cut_log(output, step));
-  else
-    PAGS_TRY(remove_earlier(output));
+  else {
+    /* Remove earlier. */
+    pags_dir_list list;
+    PAGS_TRY(remove_scene(output));
+    PAGS_TRY(remove_file(output, "scene.json", true)); /* not left without its checkpoint, whenever this is ended */
+    PAGS_TRY(pags_dir_list_read(output->folder, &list));
+    pags_result result = PAGS_OK;
+    for (int64_t i = 0; i < list.count && result == PAGS_OK; i++)
+      if (is_ours(list.names[i]))
+        result = remove_file(output, list.names[i], true);
+    pags_dir_list_destroy(&list);
+    PAGS_TRY(result);
+  }
   PAGS_TRY(pags_file_writer_append(&output->lines, output->log));
   output->begun = true;
   return PAGS_OK;

@@ -197,32 +197,6 @@ static pags_result loop(pags_trainer *t, run_clock *clock, int *stopped) {
   return PAGS_OK;
 }
 
-static void fill_result(const pags_trainer *t, const run_clock *clock, pags_train_result *r) {
-  const pags_train_state *s = &t->state;
-  double now = pags_clock_ms(), steps = (double)(s->step - clock->first_step);
-  double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
-  r->finished = s->step >= s->stop;
-  r->iterations = s->step;
-  r->gaussians = pags_state_gaussian_count(s);
-  r->seconds = (now - clock->begin) / 1e3;
-  if (s->step > clock->tail_step)
-    r->iterations_per_second = 1e3 * (double)(s->step - clock->tail_step) / fmax(now - clock->tail, 1e-6);
-  struct rusage usage;
-  getrusage(RUSAGE_SELF, &usage);
-  r->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
-  r->loss = s->loss;
-  r->psnr = psnr_of(s->mse);
-  r->bad_rows = s->nonfinite.count;
-  if (s->nonfinite.count > 0)
-    pags_nonfinite_describe(&s->nonfinite, bad_row_name(t), r->first_bad_row);
-  r->heap_calls_steady = pags_frame_heap_calls(t->render.frame) - clock->tail_heap_calls;
-  r->ms_wait = t->ms.wait * per_step;
-  r->ms_forward = t->ms.forward * per_step;
-  r->ms_loss = t->ms.loss * per_step;
-  r->ms_backward = t->ms.backward * per_step;
-  r->ms_density = t->ms.density * per_step;
-}
-
 /* Checkpoint first: should the scene fail to be written, nothing trained is lost. */
 static pags_result write_end(pags_trainer *t, pags_train_result *r, const run_clock *clock) {
   pags_train_state *s = &t->state;
@@ -255,7 +229,32 @@ static pags_result run(pags_trainer *t, double begin, pags_train_result *r) {
   clock.window = clock.tail = pags_clock_ms();
   clock.window_step = clock.tail_step = clock.first_step = t->state.step;
   const pags_result code = loop(t, &clock, &stopped);
-  fill_result(t, &clock, r);
+
+  /* Fill result. */
+  const pags_train_state *s = &t->state;
+  double now = pags_clock_ms(), steps = (double)(s->step - clock.first_step);
+  double per_step = steps > 0.0 ? 1.0 / steps : 0.0;
+  r->finished = s->step >= s->stop;
+  r->iterations = s->step;
+  r->gaussians = pags_state_gaussian_count(s);
+  r->seconds = (now - clock.begin) / 1e3;
+  if (s->step > clock.tail_step)
+    r->iterations_per_second = 1e3 * (double)(s->step - clock.tail_step) / fmax(now - clock.tail, 1e-6);
+  struct rusage usage;
+  getrusage(RUSAGE_SELF, &usage);
+  r->peak_rss_bytes = (uint64_t)usage.ru_maxrss * 1024;
+  r->loss = s->loss;
+  r->psnr = psnr_of(s->mse);
+  r->bad_rows = s->nonfinite.count;
+  if (s->nonfinite.count > 0)
+    pags_nonfinite_describe(&s->nonfinite, bad_row_name(t), r->first_bad_row);
+  r->heap_calls_steady = pags_frame_heap_calls(t->render.frame) - clock.tail_heap_calls;
+  r->ms_wait = t->ms.wait * per_step;
+  r->ms_forward = t->ms.forward * per_step;
+  r->ms_loss = t->ms.loss * per_step;
+  r->ms_backward = t->ms.backward * per_step;
+  r->ms_density = t->ms.density * per_step;
+
   PAGS_TRY(code);
   if (t->options->estimate) {
     /* Write estimate. */

@@ -41,7 +41,22 @@ static void turn(const pags_scene *scene, const double from[12], const int order
   }
 }
 
-static pags_result put_extras(pags_gltf *gltf, int node, const pags_scene_view *view, double time_zero) {
+/* glTF's camera looks along -z, y up; ours along z, y down. */
+static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view,
+                            int camera, double time_zero) {
+  static const int order[3] = {0, 1, 2};
+  static const double sign[3] = {1, -1, -1};
+  double pose[12];
+  char name[96];
+  const char *file = pags_path_name(view->name);
+  int stem = (int)(strlen(file) - strlen(pags_path_extension(file)));
+  snprintf(name, sizeof name, "%.*s", stem < 90 ? stem : 90, file);
+  int node = pags_gltf_node(gltf, parent, name);
+  turn(scene, view->camera.world_from_camera, order, sign, pose);
+  pags_gltf_node_pose(gltf, node, pose);
+  pags_gltf_node_camera(gltf, node, camera);
+
+  /* Put extras. */
   const pags_camera *c = &view->camera;
   pags_json_writer w;
   pags_json_writer_init(&w, 0);
@@ -63,23 +78,6 @@ static pags_result put_extras(pags_gltf *gltf, int node, const pags_scene_view *
     pags_gltf_node_extras(gltf, node, w.data);
   pags_json_writer_destroy(&w);
   return result;
-}
-
-/* glTF's camera looks along -z, y up; ours along z, y down. */
-static pags_result add_view(pags_gltf *gltf, int parent, const pags_scene *scene, const pags_scene_view *view,
-                            int camera, double time_zero) {
-  static const int order[3] = {0, 1, 2};
-  static const double sign[3] = {1, -1, -1};
-  double pose[12];
-  char name[96];
-  const char *file = pags_path_name(view->name);
-  int stem = (int)(strlen(file) - strlen(pags_path_extension(file)));
-  snprintf(name, sizeof name, "%.*s", stem < 90 ? stem : 90, file);
-  int node = pags_gltf_node(gltf, parent, name);
-  turn(scene, view->camera.world_from_camera, order, sign, pose);
-  pags_gltf_node_pose(gltf, node, pose);
-  pags_gltf_node_camera(gltf, node, camera);
-  return put_extras(gltf, node, view, time_zero);
 }
 
 static int compare_times(const void *left, const void *right) {

@@ -374,22 +374,6 @@ static pags_result measure_chunks(exporter *self, const pags_background *b, pags
   return result;
 }
 
-static pags_result add_background(exporter *self) {
-  pags_background b;
-  PAGS_TRY(pags_background_make(&self->maker, tell_background, self, &b));
-  pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
-  pags_result result = facts ? PAGS_OK : pags_out_of_memory("%lld chunks", (long long)b.chunk_count);
-  if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
-    self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
-  if (result == PAGS_OK)
-    result = measure_chunks(self, &b, facts);
-  for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; i++)
-    result = add_chunk(self, &b, i, &facts[i]);
-  free(facts);
-  pags_background_destroy(&b);
-  return result;
-}
-
 static int tell_objects(void *user, double fraction, const char *what) {
   const exporter *self = user;
   return tell(self, self->maker.options->background ? 0.5 * fraction : fraction, what) == PAGS_OK;
@@ -418,8 +402,22 @@ static pags_result fill(exporter *self) {
     self->material = pags_gltf_material(self->gltf, "proxy", 0);
   if (scene->object_count)
     PAGS_TRY(add_objects(self));
-  if (self->maker.options->background)
-    PAGS_TRY(add_background(self));
+  if (self->maker.options->background) {
+    /* Add background. */
+    pags_background b;
+    PAGS_TRY(pags_background_make(&self->maker, tell_background, self, &b));
+    pags_proxy_facts *facts = calloc((size_t)b.chunk_count + 1, sizeof *facts);
+    pags_result result = facts ? PAGS_OK : pags_out_of_memory("%lld chunks", (long long)b.chunk_count);
+    if (b.chunk_count) /* a reader that knows one side only would show nothing from behind */
+      self->sheet = pags_gltf_material(self->gltf, "sheet", 1);
+    if (result == PAGS_OK)
+      result = measure_chunks(self, &b, facts);
+    for (int64_t i = 0; i < b.chunk_count && result == PAGS_OK; i++)
+      result = add_chunk(self, &b, i, &facts[i]);
+    free(facts);
+    pags_background_destroy(&b);
+    PAGS_TRY(result);
+  }
   if (self->maker.options->cameras)
     PAGS_TRY(pags_gltf_add_views(self->gltf, self->root, scene, self->time_zero));
   PAGS_TRY(put_asset(self));

@@ -125,17 +125,6 @@ static pags_result look(const pags_proxy_maker *w, const pags_part *part, pags_p
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_proxy_maker *w, const pags_gaussians *g, pags_progress_fn *tell, void *user,
-                              pags_background *out) {
-  pags_clusters clusters;
-  pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
-  PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));
-  pags_clusters_update(&clusters, g, 0, clusters.count);
-  pags_result result = look(w, &part, tell, user, out);
-  pags_clusters_destroy(&clusters);
-  return result;
-}
-
 /* Takes the mesh over. */
 static pags_result add_chunk(pags_background *b, const char *class_name, pags_proxy_mesh *mesh) {
   if (b->chunk_count == b->chunk_capacity) {
@@ -562,7 +551,16 @@ static pags_result make(const pags_proxy_maker *w, pags_progress_fn *tell, void 
     for (int64_t i = 0; i < g->count; i++)
       out->s_sem += (double)g->s_sem[i] / (double)g->count;
   }
-  PAGS_TRY(draw_views(w, g, tell, user, out));
+
+  /* Draw views. */
+  pags_clusters clusters;
+  pags_part part = {.gaussians = g, .clusters = &clusters, .world_from_model = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}};
+  PAGS_TRY(pags_clusters_create(&clusters, g->count, CLUSTER));
+  pags_clusters_update(&clusters, g, 0, clusters.count);
+  pags_result result = look(w, &part, tell, user, out);
+  pags_clusters_destroy(&clusters);
+  PAGS_TRY(result);
+
   if (!out->depth_views.count)
     return PAGS_OK;
   if (w->scene->up == PAGS_UP_Z)

@@ -120,18 +120,6 @@ static pags_result look(const pags_proxy_maker *w, int64_t object, const pags_pa
   return PAGS_OK;
 }
 
-static pags_result draw_views(const pags_proxy_maker *w, int64_t object, const double model_pose[12],
-                              const double reach[3], pags_object_shape *shape) {
-  pags_clusters clusters;
-  PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
-  pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
-  pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
-  memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
-  pags_result result = look(w, object, &part, reach, shape);
-  pags_clusters_destroy(&clusters);
-  return result;
-}
-
 /* Draws the object and fuses what is seen; weights stay 0 where nothing is. */
 static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags_object_shape *shape, pags_tsdf *grid) {
   static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
@@ -171,8 +159,17 @@ static pags_result look_and_fuse(const pags_proxy_maker *w, int64_t object, pags
   shape->s_sem = shape->gaussians.s_sem && shape->gaussians.count ? sum / (double)shape->gaussians.count : (double)NAN;
 
   reach_of(&o->record, reach);
-  if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS)
-    PAGS_TRY(draw_views(w, object, model_pose, reach, shape));
+  if (shape->gaussians.count >= PAGS_LEAST_GAUSSIANS) {
+    /* Draw views. */
+    pags_clusters clusters;
+    PAGS_TRY(pags_clusters_create(&clusters, shape->gaussians.count, CLUSTER));
+    pags_clusters_update(&clusters, &shape->gaussians, 0, clusters.count);
+    pags_part part = {.gaussians = &shape->gaussians, .clusters = &clusters};
+    memcpy(part.world_from_model, model_pose, sizeof part.world_from_model);
+    pags_result result = look(w, object, &part, reach, shape);
+    pags_clusters_destroy(&clusters);
+    PAGS_TRY(result);
+  }
 
   /* Count pixels. */
   int64_t count = 0;

@@ -60,36 +60,6 @@ static void swap_if(face_key *key, int a, int b) {
   key->odd ^= 1;
 }
 
-/* Takes out faces in pairs that cover each other with opposite sides. */
-static pags_result drop_flaps(pags_proxy_mesh *s) {
-  face_key *keys = malloc(((size_t)s->triangle_count + 1) * sizeof *keys);
-  if (!keys)
-    return pags_out_of_memory("%lld triangles", (long long)s->triangle_count);
-  for (int64_t i = 0; i < s->triangle_count; i++) {
-    keys[i] = (face_key){.triangle = i};
-    memcpy(keys[i].v, s->triangles + 3 * i, sizeof keys[i].v);
-    swap_if(&keys[i], 0, 1);
-    swap_if(&keys[i], 1, 2);
-    swap_if(&keys[i], 0, 1);
-  }
-  pags_sort(keys, s->triangle_count, sizeof *keys, compare_faces);
-  for (int64_t i = 0, end; i < s->triangle_count; i = end) {
-    int64_t even = 0;
-    for (end = i; end < s->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); end++)
-      even += !keys[end].odd;
-    int64_t odd = end - i - even, pairs = even < odd ? even : odd;
-    for (int64_t p = 0; p < pairs; p++) /* evens come first */
-      s->triangles[3 * keys[i + p].triangle] = s->triangles[3 * keys[end - 1 - p].triangle] = UINT32_MAX;
-  }
-  free(keys);
-  int64_t kept = 0;
-  for (int64_t i = 0; i < s->triangle_count; i++)
-    if (s->triangles[3 * i] != UINT32_MAX)
-      memmove(s->triangles + 3 * kept++, s->triangles + 3 * i, 3 * sizeof(uint32_t));
-  s->triangle_count = kept;
-  return PAGS_OK;
-}
-
 static void subtract(const float *a, const float *b, double out[3]) {
   for (int k = 0; k < 3; k++)
     out[k] = (double)a[k] - (double)b[k];
@@ -167,31 +137,6 @@ static pags_result renumber(pags_proxy_mesh *s, int64_t *parent) {
   return pags_proxy_mesh_check(s);
 }
 
-static pags_result cut_edges(pags_proxy_mesh *s) {
-  int64_t count = 3 * s->triangle_count;
-  half *halves = malloc(((size_t)count + 1) * sizeof *halves);
-  int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
-  pags_result result = halves && parent ? PAGS_OK : pags_out_of_memory("%lld edges", (long long)count);
-  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
-    uint32_t a = s->triangles[i], b = s->triangles[next_corner(i)];
-    parent[i] = i;
-    halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
-    halves[i].angle = angle_of(s, &halves[i]);
-  }
-  if (result == PAGS_OK) {
-    pags_sort(halves, count, sizeof *halves, compare_halves);
-    for (int64_t i = 0, end; i < count; i = end) {
-      for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; end++)
-        continue;
-      join_edge(halves + i, end - i, parent);
-    }
-    result = renumber(s, parent);
-  }
-  free(halves);
-  free(parent);
-  return result;
-}
-
 /* Puts a vertex into the middle of the edge that triangle `id / 3` leaves by its corner `id % 3`; the other half
  * becomes a new triangle. */
 static void split_face(pags_proxy_mesh *s, int64_t id, uint32_t middle) {
@@ -259,8 +204,58 @@ static pags_result part_edges(pags_proxy_mesh *s, int64_t *found) {
 pags_result pags_proxy_mesh_repair(pags_proxy_mesh *surface) {
   enum { PASSES = 4 };
   int64_t left = 1;
-  PAGS_TRY(drop_flaps(surface));
-  PAGS_TRY(cut_edges(surface));
+
+  /* Takes out faces in pairs that cover each other with opposite sides. */
+  face_key *keys = malloc(((size_t)surface->triangle_count + 1) * sizeof *keys);
+  if (!keys)
+    return pags_out_of_memory("%lld triangles", (long long)surface->triangle_count);
+  for (int64_t i = 0; i < surface->triangle_count; i++) {
+    keys[i] = (face_key){.triangle = i};
+    memcpy(keys[i].v, surface->triangles + 3 * i, sizeof keys[i].v);
+    swap_if(&keys[i], 0, 1);
+    swap_if(&keys[i], 1, 2);
+    swap_if(&keys[i], 0, 1);
+  }
+  pags_sort(keys, surface->triangle_count, sizeof *keys, compare_faces);
+  for (int64_t i = 0, end; i < surface->triangle_count; i = end) {
+    int64_t even = 0;
+    for (end = i; end < surface->triangle_count && !memcmp(keys[end].v, keys[i].v, sizeof keys[i].v); end++)
+      even += !keys[end].odd;
+    int64_t odd = end - i - even, pairs = even < odd ? even : odd;
+    for (int64_t p = 0; p < pairs; p++) /* evens come first */
+      surface->triangles[3 * keys[i + p].triangle] = surface->triangles[3 * keys[end - 1 - p].triangle] = UINT32_MAX;
+  }
+  free(keys);
+  int64_t kept = 0;
+  for (int64_t i = 0; i < surface->triangle_count; i++)
+    if (surface->triangles[3 * i] != UINT32_MAX)
+      memmove(surface->triangles + 3 * kept++, surface->triangles + 3 * i, 3 * sizeof(uint32_t));
+  surface->triangle_count = kept;
+
+  /* Cut edges. */
+  int64_t count = 3 * surface->triangle_count;
+  half *halves = malloc(((size_t)count + 1) * sizeof *halves);
+  int64_t *parent = malloc(((size_t)count + 1) * sizeof *parent);
+  pags_result result = halves && parent ? PAGS_OK : pags_out_of_memory("%lld edges", (long long)count);
+  for (int64_t i = 0; i < count && result == PAGS_OK; i++) {
+    uint32_t a = surface->triangles[i], b = surface->triangles[next_corner(i)];
+    parent[i] = i;
+    halves[i] = (half){.low = a < b ? a : b, .high = a < b ? b : a, .id = i, .backward = a > b};
+    halves[i].angle = angle_of(surface, &halves[i]);
+  }
+  if (result == PAGS_OK) {
+    pags_sort(halves, count, sizeof *halves, compare_halves);
+    for (int64_t i = 0, end; i < count; i = end) {
+      for (end = i; end < count && halves[end].low == halves[i].low && halves[end].high == halves[i].high; end++)
+        continue;
+      join_edge(halves + i, end - i, parent);
+    }
+    result = renumber(surface, parent);
+  }
+  free(halves);
+  free(parent);
+  PAGS_TRY(result);
+
   for (int pass = 0; pass < PASSES && left; pass++)
     PAGS_TRY(part_edges(surface, &left));
   return PAGS_OK;

@@ -208,21 +208,6 @@ static pags_result look_at(search *s, int count, int *proposed) {
   return PAGS_OK;
 }
 
-/* At full size, a small pixel wider on every side: the car's outline is mixed with what lies behind it. */
-static pags_result enlarge(search *s, const pags_lens *lens, pags_image *out) {
-  for (int i = 0; i < s->width * s->height; i++)
-    s->scratch[i] = s->still[i] == 3;
-  spread(s, s->scratch, false, s->still);
-  PAGS_TRY(pags_image_create(out, lens->width, lens->height, 1, PAGS_U8));
-  uint8_t *to = out->data;
-  for (int y = 0; y < lens->height; y++)
-    for (int x = 0; x < lens->width; x++) {
-      int i = (int)fmin(x / s->step, s->width - 1), j = (int)fmin(y / s->step, s->height - 1);
-      *to++ = s->still[j * s->width + i] ? 255 : 0;
-    }
-  return PAGS_OK;
-}
-
 static pags_result search_camera(search *s, pags_sensor *sensor) {
   pags_driving *driving = s->dataset->parsed.driving;
   const pags_lens *lens = &s->dataset->parsed.views[s->views[0]].lens;
@@ -232,7 +217,19 @@ static pags_result search_camera(search *s, pags_sensor *sensor) {
     PAGS_TRY(look_at(s, s->count, &proposed));
   if (proposed == 0)
     return PAGS_OK;
-  PAGS_TRY(enlarge(s, lens, &sensor->ego));
+
+  /* At full size, a small pixel wider on every side: the car's outline is mixed with what lies behind it. */
+  for (int i = 0; i < s->width * s->height; i++)
+    s->scratch[i] = s->still[i] == 3;
+  spread(s, s->scratch, false, s->still);
+  PAGS_TRY(pags_image_create(&sensor->ego, lens->width, lens->height, 1, PAGS_U8));
+  uint8_t *to = sensor->ego.data;
+  for (int y = 0; y < lens->height; y++)
+    for (int x = 0; x < lens->width; x++) {
+      int i = (int)fmin(x / s->step, s->width - 1), j = (int)fmin(y / s->step, s->height - 1);
+      *to++ = s->still[j * s->width + i] ? 255 : 0;
+    }
+
   return pags_driving_note(
       driving,
       "ego mask: camera %d sees what never changes in %.1f %% of its pixels, at the lower edge: left out "

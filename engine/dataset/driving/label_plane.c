@@ -47,22 +47,6 @@ static pags_result add_mask(const char *path, const pags_lens *lens, uint8_t bit
   return PAGS_OK;
 }
 
-static pags_result add_semantic(const pags_driving *driving, const pags_parsed_view *view, uint8_t *labels,
-                                uint8_t *mask) {
-  pags_image classes;
-  int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
-  PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
-  const uint8_t *from = classes.data;
-  for (size_t i = 0; i < area(&view->lens); i++) {
-    int bits = driving->critical.classes[from[i]];
-    labels[i] |= (uint8_t)(bits & wanted);
-    if (mask && bits & PAGS_LABEL_MOVING)
-      mask[i] = 0;
-  }
-  pags_image_destroy(&classes);
-  return PAGS_OK;
-}
-
 static pags_result make_mask(const pags_lens *lens, pags_image *mask) {
   if (mask->data)
     return PAGS_OK;
@@ -96,8 +80,20 @@ static pags_result load_files(const pags_driving *driving, const pags_parsed_vie
   uint8_t *left_out = without ? mask->data : NULL;
   if (view->sky_path)
     PAGS_TRY(add_mask(view->sky_path, &view->lens, PAGS_LABEL_SKY, labels, NULL));
-  if (view->semantic_path)
-    PAGS_TRY(add_semantic(driving, view, labels, left_out));
+  if (view->semantic_path) {
+    /* Add semantic. */
+    pags_image classes;
+    int wanted = PAGS_LABEL_CRITICAL | (view->sky_path ? 0 : PAGS_LABEL_SKY);
+    PAGS_TRY(load(view->semantic_path, &view->lens, &classes));
+    const uint8_t *from = classes.data;
+    for (size_t i = 0; i < area(&view->lens); i++) {
+      int bits = driving->critical.classes[from[i]];
+      labels[i] |= (uint8_t)(bits & wanted);
+      if (left_out && bits & PAGS_LABEL_MOVING)
+        left_out[i] = 0;
+    }
+    pags_image_destroy(&classes);
+  }
   uint8_t dynamic = PAGS_LABEL_MOVING | (driving->critical.all_dynamic ? PAGS_LABEL_CRITICAL : 0);
   if (view->dynamic_path)
     PAGS_TRY(add_mask(view->dynamic_path, &view->lens, dynamic, labels, left_out));

@@ -219,16 +219,6 @@ static pags_result read_sensor(const pags_driving *driving, pags_sensor *sensor)
 
 /* Views. */
 
-static pags_result find_masks(pags_driving *driving, pags_parsed_view *view) {
-  PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
-  PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
-  PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
-  driving->provides |=
-      (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
-      (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
-  return PAGS_OK;
-}
-
 /* `name` NULL: there is no such picture; it would have this extension. */
 static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, int frame, const char *name,
                             const char *extension, pags_parsed_dataset *parsed) {
@@ -249,7 +239,14 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
     return PAGS_OK;
   view->lens = sensor->lens;
   PAGS_TRY(pags_image_size(view->image_path, &view->lens.width, &view->lens.height));
-  PAGS_TRY(find_masks(driving, view));
+
+  /* Find masks. */
+  PAGS_TRY(pags_driving_find_mask(driving, "sky_masks", view, &view->sky_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "semantic", view, &view->semantic_path));
+  PAGS_TRY(pags_driving_find_mask(driving, "dynamic_masks/all", view, &view->dynamic_path));
+  driving->provides |=
+      (view->sky_path || (view->semantic_path && pags_labels_know_sky(driving)) ? PAGS_PROVIDES_SKY_MASKS : 0) |
+      (view->semantic_path ? PAGS_PROVIDES_SEMANTIC : 0) | (view->dynamic_path ? PAGS_PROVIDES_DYNAMIC_MASKS : 0);
 
   /* Read pose. */
   const char *root = driving->root;
@@ -265,22 +262,6 @@ static pags_result add_view(pags_driving *driving, const pags_sensor *sensor, in
     pags_rigid_multiply(view->world_from_camera, sensor->ego_from_camera, view->world_from_camera);
   free(path);
   return result;
-}
-
-/* Every camera at every time step, in that order. */
-static pags_result add_views(pags_driving *driving, const picture *pictures, int64_t count,
-                             pags_parsed_dataset *parsed) {
-  const char *extension = pags_path_extension(pictures[0].name);
-  int64_t at = 0;
-  for (int64_t i = 0; i < driving->step_count; i++)
-    for (int64_t j = 0; j < driving->sensor_count; j++) {
-      const pags_sensor *sensor = &driving->sensors[j];
-      int frame = driving->steps[i].frame;
-      bool found = at < count && pictures[at].frame == frame && pictures[at].camera == sensor->number;
-      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, parsed));
-      at += found;
-    }
-  return PAGS_OK;
 }
 
 static pags_result name_sensor(void *context, int number, const char *name) {
@@ -320,7 +301,19 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
   for (int64_t i = 0; i < driving->sensor_count; i++)
     PAGS_TRY(read_sensor(driving, &driving->sensors[i]));
-  PAGS_TRY(add_views(driving, pictures, count, parsed));
+
+  /* Every camera at every time step, in that order. */
+  const char *extension = pags_path_extension(pictures[0].name);
+  int64_t at = 0;
+  for (int64_t i = 0; i < driving->step_count; i++)
+    for (int64_t j = 0; j < driving->sensor_count; j++) {
+      const pags_sensor *sensor = &driving->sensors[j];
+      int frame = driving->steps[i].frame;
+      bool found = at < count && pictures[at].frame == frame && pictures[at].camera == sensor->number;
+      PAGS_TRY(add_view(driving, sensor, frame, found ? pictures[at].name : NULL, extension, parsed));
+      at += found;
+    }
+
   PAGS_TRY(pags_times_read(driving, parsed));
   PAGS_TRY(pags_tracks_read(driving));
   PAGS_TRY(pags_critical_choose(driving, options->critical, parsed));

@@ -12,24 +12,6 @@
 
 static const double usual_fps = 10;
 
-static pags_result read_steps(const pags_json *json, const pags_json_value *list, pags_driving *driving) {
-  int64_t frame = 0;
-  for (const pags_json_value *item = list->first; item; item = item->next, frame++) {
-    int64_t step = pags_driving_step(driving, frame);
-    if (step < 0)
-      continue;
-    PAGS_TRY(pags_json_as_number(json, item, "the time of a frame", &driving->steps[step].time));
-    if (step > 0 && !(driving->steps[step].time > driving->steps[step - 1].time))
-      return pags_json_fail(json, item, "frame %lld: expected a later time than frame %d's", (long long)frame,
-                            driving->steps[step - 1].frame);
-  }
-  int last = driving->steps[driving->step_count - 1].frame;
-  if (frame <= last)
-    return pags_json_fail(json, list, "'frames' has %lld times, expected one for each frame up to %d", (long long)frame,
-                          last);
-  return PAGS_OK;
-}
-
 static pags_result read_exposures(const pags_json *json, const pags_json_value *list, const pags_driving *driving,
                                   int64_t sensor, pags_parsed_dataset *parsed) {
   int64_t frame = 0;
@@ -47,7 +29,23 @@ static pags_result read_file(const pags_json *json, pags_driving *driving, pags_
   const pags_json_value *root = pags_json_root(json), *frames, *cameras;
   PAGS_TRY(pags_json_as_object(json, root, "the times of a data set"));
   PAGS_TRY(pags_json_array(json, root, "frames", &frames));
-  PAGS_TRY(read_steps(json, frames, driving));
+
+  /* Read steps. */
+  int64_t frame = 0;
+  for (const pags_json_value *item = frames->first; item; item = item->next, frame++) {
+    int64_t step = pags_driving_step(driving, frame);
+    if (step < 0)
+      continue;
+    PAGS_TRY(pags_json_as_number(json, item, "the time of a frame", &driving->steps[step].time));
+    if (step > 0 && !(driving->steps[step].time > driving->steps[step - 1].time))
+      return pags_json_fail(json, item, "frame %lld: expected a later time than frame %d's", (long long)frame,
+                            driving->steps[step - 1].frame);
+  }
+  int last = driving->steps[driving->step_count - 1].frame;
+  if (frame <= last)
+    return pags_json_fail(json, frames, "'frames' has %lld times, expected one for each frame up to %d",
+                          (long long)frame, last);
+
   if (!pags_json_member(root, "cameras"))
     return PAGS_OK;
   PAGS_TRY(pags_json_object(json, root, "cameras", &cameras));

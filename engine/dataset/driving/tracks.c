@@ -103,22 +103,6 @@ static pags_result begin_annotations(const reader *r, const pags_json_value *ins
   return PAGS_OK;
 }
 
-static pags_result take_knot(const reader *r, const annotation *at, int64_t step, pags_object *object) {
-  const pags_time_step *time = &r->driving->steps[step];
-  pags_knot *knot = &object->knots[object->knot_count];
-  double size[3] = {0};
-  *knot = (pags_knot){.frame = time->frame, .trained = !time->test, .time = time->time};
-  PAGS_TRY(take_pose(r, at->pose, knot->world_from_object));
-  PAGS_TRY(take_size(r, at->size, size));
-  /* The mean of the extents, so that a box of changing size has one; equal ones stay to the bit. */
-  for (int i = 0; i < 3; i++)
-    object->size[i] = object->knot_count == 0
-                          ? size[i]
-                          : object->size[i] + (size[i] - object->size[i]) / (double)(object->knot_count + 1);
-  object->knot_count++;
-  return PAGS_OK;
-}
-
 static int by_frame(const void *a, const void *b) {
   return ((const pags_knot *)a)->frame - ((const pags_knot *)b)->frame;
 }
@@ -136,8 +120,21 @@ static pags_result read_knots(const reader *r, const pags_json_value *instance, 
     if (frame != floor(frame) || frame < 0 || frame > 1e9)
       return pags_json_fail(r->info, at.frame, "expected a frame number, found %g", frame);
     int64_t step = pags_driving_step(r->driving, (int64_t)frame);
-    if (step >= 0 && (!r->present || r->present[number * r->driving->step_count + step]))
-      PAGS_TRY(take_knot(r, &at, step, object));
+    if (step >= 0 && (!r->present || r->present[number * r->driving->step_count + step])) {
+      /* Take knot. */
+      const pags_time_step *time = &r->driving->steps[step];
+      pags_knot *knot = &object->knots[object->knot_count];
+      double size[3] = {0};
+      *knot = (pags_knot){.frame = time->frame, .trained = !time->test, .time = time->time};
+      PAGS_TRY(take_pose(r, at.pose, knot->world_from_object));
+      PAGS_TRY(take_size(r, at.size, size));
+      /* The mean of the extents, so that a box of changing size has one; equal ones stay to the bit. */
+      for (int i = 0; i < 3; i++)
+        object->size[i] = object->knot_count == 0
+                              ? size[i]
+                              : object->size[i] + (size[i] - object->size[i]) / (double)(object->knot_count + 1);
+      object->knot_count++;
+    }
   }
   pags_sort(object->knots, object->knot_count, sizeof *object->knots, by_frame);
   for (int64_t i = 1; i < object->knot_count; i++)
@@ -217,7 +214,42 @@ static pags_result instance_number(const reader *r, const pags_json_value *insta
   return PAGS_OK;
 }
 
-static pags_result read_instances(const reader *r) {
+static pags_result read_files(reader *r, const char *info, const char *frames) {
+  PAGS_TRY(pags_json_parse_file(info, &r->info));
+  PAGS_TRY(pags_json_as_object(r->info, pags_json_root(r->info), "the instances"));
+  r->instances = pags_json_root(r->info)->count;
+  if (pags_file_exists(frames)) {
+    PAGS_TRY(pags_json_parse_file(frames, &r->frames));
+
+    /* Read presence. */
+    const pags_json_value *root = pags_json_root(r->frames);
+    PAGS_TRY(pags_json_as_object(r->frames, root, "the instances of frames"));
+    r->present = calloc((size_t)r->instances + 1, (size_t)r->driving->step_count);
+    if (!r->present)
+      return pags_out_of_memory("%s", pags_json_path(r->frames));
+    for (const pags_json_value *list = root->first; list; list = list->next) {
+      char *end;
+      long long frame = strtoll(list->key, &end, 10);
+      if (*end || end == list->key)
+        return pags_json_fail(r->frames, list, "expected the number of a frame, found '%s'", list->key);
+      int64_t step = pags_driving_step(r->driving, frame);
+      if (step >= 0) {
+        /* Mark frame. */
+        if (list->type != PAGS_JSON_ARRAY)
+          return pags_json_fail(r->frames, list, "expected an array with the instances of frame '%s'", list->key);
+        for (const pags_json_value *item = list->first; item; item = item->next) {
+          double number;
+          PAGS_TRY(pags_json_as_number(r->frames, item, "an instance", &number));
+          if (number != floor(number) || number < 0 || number >= (double)r->instances)
+            return pags_json_fail(r->frames, item, "expected an instance of instances_info.json (below %lld), found %g",
+                                  (long long)r->instances, number);
+          r->present[(int64_t)number * r->driving->step_count + step] = 1;
+        }
+      }
+    }
+  }
+
+  /* Read instances. */
   pags_driving *driving = r->driving;
   driving->objects = calloc((size_t)r->instances + 1, sizeof *driving->objects);
   if (!driving->objects)
@@ -236,50 +268,7 @@ static pags_result read_instances(const reader *r) {
       pags_object_destroy(&object);
     PAGS_TRY(result);
   }
-  return PAGS_OK;
-}
 
-static pags_result mark_frame(const reader *r, const pags_json_value *list, int64_t step) {
-  if (list->type != PAGS_JSON_ARRAY)
-    return pags_json_fail(r->frames, list, "expected an array with the instances of frame '%s'", list->key);
-  for (const pags_json_value *item = list->first; item; item = item->next) {
-    double number;
-    PAGS_TRY(pags_json_as_number(r->frames, item, "an instance", &number));
-    if (number != floor(number) || number < 0 || number >= (double)r->instances)
-      return pags_json_fail(r->frames, item, "expected an instance of instances_info.json (below %lld), found %g",
-                            (long long)r->instances, number);
-    r->present[(int64_t)number * r->driving->step_count + step] = 1;
-  }
-  return PAGS_OK;
-}
-
-static pags_result read_presence(reader *r) {
-  const pags_json_value *root = pags_json_root(r->frames);
-  PAGS_TRY(pags_json_as_object(r->frames, root, "the instances of frames"));
-  r->present = calloc((size_t)r->instances + 1, (size_t)r->driving->step_count);
-  if (!r->present)
-    return pags_out_of_memory("%s", pags_json_path(r->frames));
-  for (const pags_json_value *list = root->first; list; list = list->next) {
-    char *end;
-    long long frame = strtoll(list->key, &end, 10);
-    if (*end || end == list->key)
-      return pags_json_fail(r->frames, list, "expected the number of a frame, found '%s'", list->key);
-    int64_t step = pags_driving_step(r->driving, frame);
-    if (step >= 0)
-      PAGS_TRY(mark_frame(r, list, step));
-  }
-  return PAGS_OK;
-}
-
-static pags_result read_files(reader *r, const char *info, const char *frames) {
-  PAGS_TRY(pags_json_parse_file(info, &r->info));
-  PAGS_TRY(pags_json_as_object(r->info, pags_json_root(r->info), "the instances"));
-  r->instances = pags_json_root(r->info)->count;
-  if (pags_file_exists(frames)) {
-    PAGS_TRY(pags_json_parse_file(frames, &r->frames));
-    PAGS_TRY(read_presence(r));
-  }
-  PAGS_TRY(read_instances(r));
   r->driving->provides |= PAGS_PROVIDES_BOXES;
 
   /* Note objects. */
