@@ -79,13 +79,6 @@ typedef struct render_bench {
   pags_progress progress;
 } render_bench;
 
-static pags_result parse_modes(render_bench *self) {
-  pags_frame_options standard = pags_composition_options(self->composition);
-  standard.early_z = PAGS_EARLY_Z_OFF;
-  standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
-  return pags_bench_modes_parse(self->arguments->modes, &standard, &self->modes);
-}
-
 static bool parse_sizes(const char *list, render_bench *self) {
   char word[NAME], rest;
   while (list && self->size_count < MOST_SIZES && pags_bench_next_word(&list, word, sizeof word)) {
@@ -381,7 +374,13 @@ static pags_result run(render_bench *self) {
   if (a->plot)
     PAGS_TRY(pags_check_writable(a->plot));
   PAGS_TRY(load(self));
-  PAGS_TRY(parse_modes(self));
+
+  /* Parse modes. */
+  pags_frame_options standard = pags_composition_options(self->composition);
+  standard.early_z = PAGS_EARLY_Z_OFF;
+  standard.exp_degree = self->arguments->exp_degree ? 5 : 3;
+  PAGS_TRY(pags_bench_modes_parse(self->arguments->modes, &standard, &self->modes));
+
   pags_interrupt_install(a->session.tasks);
   self->progress = pags_progress_begin(a->session.people);
   pags_result result = PAGS_OK;

@@ -27,17 +27,6 @@ static const size_t count_at[] = {offsetof(pags_frame_stats, gaussians),    offs
                                   offsetof(pags_frame_stats, pairs_blended)};
 enum { COUNTS = sizeof count_at / sizeof count_at[0] };
 
-/* What the mode changes in the options. */
-static pags_result parse_mode(const char *text, pags_frame_options *options) {
-  if (!strcmp(text, "exp3"))
-    options->exp_degree = 3;
-  else if (!strncmp(text, "sh", 2) && text[2] >= '0' && text[2] <= '2' && !text[3])
-    options->sh_degree = text[2] - '0';
-  else if (pags_early_z_parse(text, options) != PAGS_OK)
-    return pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected " PAGS_BENCH_MODE_WORDS ", got '%s'", text);
-  return PAGS_OK;
-}
-
 void pags_bench_thin(pags_camera_path *path, int64_t most) {
   const int64_t count = path->count;
   if (most >= count)
@@ -67,7 +56,15 @@ pags_result pags_bench_modes_parse(const char *text, const pags_frame_options *s
          pags_bench_next_word(&list, out->names[out->count], PAGS_BENCH_MODE_NAME)) {
     pags_bench_mode *mode = &out->modes[out->count];
     *mode = (pags_bench_mode){out->names[out->count], *standard};
-    PAGS_TRY(parse_mode(mode->name, &mode->options));
+
+    /* What the mode changes in the options. */
+    if (!strcmp(mode->name, "exp3"))
+      mode->options.exp_degree = 3;
+    else if (!strncmp(mode->name, "sh", 2) && mode->name[2] >= '0' && mode->name[2] <= '2' && !mode->name[3])
+      mode->options.sh_degree = mode->name[2] - '0';
+    else if (pags_early_z_parse(mode->name, &mode->options) != PAGS_OK)
+      return pags_fail(PAGS_ERROR_ARGUMENT, "--modes: expected " PAGS_BENCH_MODE_WORDS ", got '%s'", mode->name);
+
     out->count++;
   }
   return *list || out->count == 0

@@ -32,31 +32,6 @@ static double cut(float v) {
   return v <= 0.0f ? 0.0 : v >= 1.0f ? 1.0 : (double)v;
 }
 
-/* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
- * picture. */
-static void compare(pags_deadline_report *d, const pags_picture *picture, const pags_picture *whole) {
-  for (int y = 0; y < whole->height; y++)
-    for (int x = 0; x < whole->width; x++) {
-      const int64_t at = (int64_t)y * whole->stride + x, id = whole->id[at];
-      const bool critical = id >= 0 && id < d->ids && d->priority[id] > 0.5f;
-      double sum = 0, largest = 0;
-      for (int k = 0; k < 3; k++) {
-        const double error = fabs(cut(picture->rgb[k][at]) - cut(whole->rgb[k][at]));
-        sum += error * error;
-        largest = fmax(largest, error);
-      }
-      d->squared += sum;
-      d->samples += 3;
-      d->largest = fmax(d->largest, largest);
-      if (critical) {
-        d->squared_critical += sum;
-        d->samples_critical += 3;
-        d->largest_critical = fmax(d->largest_critical, largest);
-      }
-    }
-  d->checked++;
-}
-
 pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *parts, int part_count,
                                       const pags_camera *camera, const pags_frame_options *options, pags_picture *out,
                                       pags_deadline_result *report) {
@@ -72,7 +47,30 @@ pags_result pags_deadline_report_draw(pags_deadline_report *d, const pags_part *
     return PAGS_OK;
   full.extra_channels = 1;
   PAGS_TRY(pags_frame_render(d->whole, parts, part_count, camera, &full, NULL, NULL, &whole));
-  compare(d, out, &whole);
+
+  /* Values cut to 0..1, as pictures show them. Critical: where a critical Gaussian has the largest weight in the full
+   * picture. */
+  for (int y = 0; y < whole.height; y++)
+    for (int x = 0; x < whole.width; x++) {
+      const int64_t at = (int64_t)y * whole.stride + x, id = whole.id[at];
+      const bool critical = id >= 0 && id < d->ids && d->priority[id] > 0.5f;
+      double sum = 0, largest = 0;
+      for (int k = 0; k < 3; k++) {
+        const double error = fabs(cut(out->rgb[k][at]) - cut(whole.rgb[k][at]));
+        sum += error * error;
+        largest = fmax(largest, error);
+      }
+      d->squared += sum;
+      d->samples += 3;
+      d->largest = fmax(d->largest, largest);
+      if (critical) {
+        d->squared_critical += sum;
+        d->samples_critical += 3;
+        d->largest_critical = fmax(d->largest_critical, largest);
+      }
+    }
+  d->checked++;
+
   return PAGS_OK;
 }
 

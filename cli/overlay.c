@@ -49,16 +49,6 @@ static const uint8_t parked_colour[3] = {110, 150, 150};
 
 /* Boxes. */
 
-static void compare_outlines(overlay *o, const pags_photo *photo) {
-  for (int y = 0; y < photo->height; y++)
-    for (int x = 0; x < photo->width; x++) {
-      bool box = o->outlines[(size_t)y * (size_t)photo->width + (size_t)x] != 0;
-      bool mask = (photo->labels[(size_t)y * (size_t)photo->stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
-      o->union_.of += box || mask;
-      o->union_.hits += box && mask;
-    }
-}
-
 /* LiDAR. */
 
 /* 2: in the box, 1: about it, 0: neither. */
@@ -172,8 +162,16 @@ static pags_result draw_view(overlay *o, int64_t index) {
         pags_outline_fill(corners, count, image.width, image.height, image.width, 1, o->outlines);
     }
 
-    if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS)
-      compare_outlines(o, &photo);
+    if (photo.labels && pags_dataset_provides(o->dataset) & PAGS_PROVIDES_DYNAMIC_MASKS) {
+      /* Compare outlines. */
+      for (int y = 0; y < photo.height; y++)
+        for (int x = 0; x < photo.width; x++) {
+          bool box = o->outlines[(size_t)y * (size_t)photo.width + (size_t)x] != 0;
+          bool mask = (photo.labels[(size_t)y * (size_t)photo.stride + (size_t)x] & PAGS_LABEL_MOVING) != 0;
+          o->union_.of += box || mask;
+          o->union_.hits += box && mask;
+        }
+    }
     o->pictures++;
 
     /* Save. */

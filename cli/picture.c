@@ -76,9 +76,7 @@ void pags_picture_writer_destroy(pags_picture_writer *writer) {
   memset(writer, 0, sizeof *writer);
 }
 
-static float clamp01(float v) {
-  return v > 0 ? (v < 1 ? v : 1) : 0;
-} /* NaN becomes 0 */
+/* NaN becomes 0 */
 
 /* Interleaves planes into an image, rounding to nearest. */
 static void fill(const float *const *planes, int stride, pags_image *image) {
@@ -88,7 +86,7 @@ static void fill(const float *const *planes, int stride, pags_image *image) {
       const float *row = planes[c] + (size_t)y * (size_t)stride;
       size_t at = (size_t)y * (size_t)image->width * (size_t)channels + (size_t)c;
       for (int x = 0; x < image->width; ++x, at += (size_t)channels) {
-        float v = clamp01(row[x]);
+        float v = row[x] > 0 ? (row[x] < 1 ? row[x] : 1) : 0;
         if (image->sample == PAGS_U8)
           ((uint8_t *)image->data)[at] = (uint8_t)(v * 255.0f + 0.5f);
         else if (image->sample == PAGS_U16)
@@ -182,10 +180,6 @@ static pags_result write_exr(const pags_picture *picture, const float *const *pl
   return pags_image_save_exr(path, picture->width, picture->height, count, names[channel], planes, picture->stride);
 }
 
-static bool is_png(const pags_picture_writer *writer, pags_channel channel) {
-  return channel == PAGS_CHANNEL_HEAT || (writer->format == PAGS_PICTURE_PNG && channel <= PAGS_CHANNEL_ALPHA);
-}
-
 pags_result pags_picture_write(const pags_picture_writer *writer, const pags_picture *picture,
                                const pags_camera *camera, pags_plane_scratch *scratch, const char *folder,
                                const char *name) {
@@ -196,7 +190,8 @@ pags_result pags_picture_write(const pags_picture_writer *writer, const pags_pic
     char file[320];
     if (!has(writer, channel))
       continue;
-    bool png = is_png(writer, channel), color = channel == PAGS_CHANNEL_COLOR;
+    bool png = channel == PAGS_CHANNEL_HEAT || (writer->format == PAGS_PICTURE_PNG && channel <= PAGS_CHANNEL_ALPHA),
+         color = channel == PAGS_CHANNEL_COLOR;
     snprintf(file, sizeof file, "%s%s%s%s", name, color ? "" : "_", color ? "" : channel_names[c],
              png ? ".png" : ".exr");
     char *path = pags_path_join(folder, file);

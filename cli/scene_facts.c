@@ -59,6 +59,18 @@ static bool scene_bounds(const pags_scene *scene, double lo[3], double hi[3]) {
   return lo[0] <= hi[0];
 }
 
+/* Of the scene's only file, or of one in its folder. */
+static pags_result file_bytes(const char *path, const char *file, bool folder, uint64_t *bytes) {
+  if (!folder)
+    return pags_file_size(path, bytes);
+  char *inside = pags_path_join(path, file);
+  if (!inside)
+    return pags_out_of_memory(NULL);
+  const pags_result result = pags_file_size(inside, bytes);
+  free(inside);
+  return result;
+}
+
 static pags_result put_models(pags_report *report, const char *path, const pags_scene *scene, uint64_t *total) {
   bool folder = pags_dir_exists(path);
   *total = 0;
@@ -68,16 +80,7 @@ static pags_result put_models(pags_report *report, const char *path, const pags_
     const pags_scene_object *owner = owner_of(scene, i);
     uint64_t bytes;
 
-    /* File bytes. */
-    if (!folder)
-      return pags_file_size(path, &bytes);
-    char *inside = pags_path_join(path, model->file);
-    if (!inside)
-      return pags_out_of_memory(NULL);
-    pags_result result = pags_file_size(inside, &bytes);
-    free(inside);
-    PAGS_TRY(result);
-
+    PAGS_TRY(file_bytes(path, model->file, folder, &bytes));
     *total += bytes;
     if (owner) {
       /* One line for people: there may be a hundred. */

@@ -103,17 +103,6 @@ static pags_result save_image(const char *folder, const char *name, const char *
   return pags_image_save_in(folder, file, image);
 }
 
-/* LPIPS knows no masks: where the mask is 0 the rendering takes the photograph's pixels, so that they add no distance
- * of their own. */
-static void copy_masked(pags_image *render, const pags_image *photo, const uint8_t *mask) {
-  float *to = render->data;
-  const float *from = photo->data;
-  size_t count = (size_t)render->width * (size_t)render->height;
-  for (size_t i = 0; i < count; i++)
-    if (!mask[i])
-      memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
-}
-
 static pags_result measure(const evaluation *self, pags_image *render, const pags_photograph *photo,
                            pags_view_score *score) {
   /* Measure regions. */
@@ -132,8 +121,16 @@ static pags_result measure(const evaluation *self, pags_image *render, const pag
     PAGS_TRY(save_image(self->arguments->images, score->name, "photo", &photo->image));
   }
   if (self->lpips) {
-    if (photo->mask)
-      copy_masked(render, &photo->image, photo->mask);
+    if (photo->mask) {
+      /* LPIPS knows no masks: where the mask is 0 the rendering takes the photograph's pixels, so that they add no
+       * distance of their own. */
+      float *to = render->data;
+      const float *from = photo->image.data;
+      size_t count = (size_t)render->width * (size_t)render->height;
+      for (size_t i = 0; i < count; i++)
+        if (!photo->mask[i])
+          memcpy(to + 3 * i, from + 3 * i, 3 * sizeof *to);
+    }
     PAGS_TRY(pags_lpips_distance(self->lpips, render, &photo->image, self->arguments->session.tasks, &score->lpips));
   }
   return PAGS_OK;
@@ -200,28 +197,6 @@ static bool chosen(const eval_arguments *arguments, int64_t number, int64_t coun
   if (arguments->views == 0 || arguments->views >= count)
     return true;
   return number == 0 || number * arguments->views / count != (number - 1) * arguments->views / count;
-}
-
-static pags_result compare_all(evaluation *self) {
-  pags_progress progress = pags_progress_begin(self->arguments->session.people);
-  pags_result result = PAGS_OK;
-  int64_t number = 0, count = 0;
-  for (int64_t i = 0; i < self->photographs.count; i++)
-    count += wanted(self->arguments, self->photographs.views[i].test);
-  pags_interrupt_install(self->arguments->session.tasks);
-  for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
-    if (pags_interrupted())
-      result = PAGS_CANCELLED;
-    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count))
-      result = compare_view(self, i);
-    if (pags_progress_due(&progress))
-      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->photographs.count);
-  }
-  pags_progress_end(&progress);
-  if (result != PAGS_OK && pags_interrupted())
-    return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)self->count,
-                     (long long)self->photographs.count);
-  return result;
 }
 
 static void put_split(pags_json_writer *writer, const evaluation *self, const char *key, int test) {
@@ -340,7 +315,28 @@ static pags_result open_all(evaluation *self, const char *scene_path) {
 static pags_result evaluate(evaluation *self, const char *scene_path) {
   const eval_arguments *arguments = self->arguments;
   PAGS_TRY(open_all(self, scene_path));
-  PAGS_TRY(compare_all(self));
+
+  /* Compare all. */
+  pags_progress progress = pags_progress_begin(self->arguments->session.people);
+  pags_result result = PAGS_OK;
+  int64_t number = 0, count = 0;
+  for (int64_t i = 0; i < self->photographs.count; i++)
+    count += wanted(self->arguments, self->photographs.views[i].test);
+  pags_interrupt_install(self->arguments->session.tasks);
+  for (int64_t i = 0; result == PAGS_OK && i < self->photographs.count; i++) {
+    if (pags_interrupted())
+      result = PAGS_CANCELLED;
+    else if (wanted(self->arguments, self->photographs.views[i].test) && chosen(self->arguments, number++, count))
+      result = compare_view(self, i);
+    if (pags_progress_due(&progress))
+      pags_progress_show(&progress, "view %lld of %lld", (long long)i + 1, (long long)self->photographs.count);
+  }
+  pags_progress_end(&progress);
+  if (result != PAGS_OK && pags_interrupted())
+    return pags_fail(PAGS_CANCELLED, "interrupted after %lld of %lld views", (long long)self->count,
+                     (long long)self->photographs.count);
+  PAGS_TRY(result);
+
   if (!self->count)
     return pags_fail(PAGS_ERROR_ARGUMENT, "%s: no %s views to compare", scene_path,
                      arguments->split == 2 ? "held-out" : "training");

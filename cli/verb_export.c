@@ -76,25 +76,6 @@ static const pags_verb verb = {
     .positionals = positionals,
     .options = options};
 
-static pags_result write_json(const export_arguments *arguments, const char *file, const pags_proxy_report *report,
-                              double seconds) {
-  pags_json_writer writer;
-  pags_json_writer_init(&writer, 2);
-  pags_json_begin_object(&writer, NULL);
-  pags_json_put_string(&writer, "file", file);
-  pags_json_put_number(&writer, "seconds", seconds);
-  pags_json_begin_array(&writer, "proxies");
-  for (int64_t i = 0; i < report->count; i++) {
-    pags_json_begin_object(&writer, NULL);
-    pags_json_put_string(&writer, "name", report->proxies[i].name);
-    pags_proxy_facts_put(&writer, &report->proxies[i]);
-    pags_json_end_object(&writer);
-  }
-  pags_json_end_array(&writer);
-  pags_json_end_object(&writer);
-  return pags_session_json(&arguments->session, &writer);
-}
-
 static pags_result export_proxies(export_arguments *arguments, const pags_scene *scene, const char *path) {
   pags_progress progress = pags_progress_begin(arguments->session.people);
   const double begun = pags_seconds();
@@ -128,7 +109,24 @@ static pags_result export_proxies(export_arguments *arguments, const pags_scene 
   double seconds = pags_seconds() - begun;
   pags_say(&arguments->session, "%s: %lld proxies, %lld triangles, %.1f s\n", path, (long long)report.count,
            (long long)triangles, seconds);
-  result = write_json(arguments, path, &report, seconds);
+
+  /* Write JSON. */
+  pags_json_writer writer;
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "file", path);
+  pags_json_put_number(&writer, "seconds", seconds);
+  pags_json_begin_array(&writer, "proxies");
+  for (int64_t i = 0; i < report.count; i++) {
+    pags_json_begin_object(&writer, NULL);
+    pags_json_put_string(&writer, "name", report.proxies[i].name);
+    pags_proxy_facts_put(&writer, &report.proxies[i]);
+    pags_json_end_object(&writer);
+  }
+  pags_json_end_array(&writer);
+  pags_json_end_object(&writer);
+  result = pags_session_json(&arguments->session, &writer);
+
   pags_proxy_report_destroy(&report);
   return result;
 }

@@ -24,11 +24,6 @@ static float decode_exactly(float v) {
   return v <= 0.04045f ? v / 12.92f : powf((v + 0.055f) / 1.055f, 2.4f);
 }
 
-static void decoder_init(decoder *d) {
-  for (int i = 0; i < TABLE + 2; i++)
-    d->table[i] = decode_exactly((float)i / TABLE);
-}
-
 static float decode(const decoder *d, float v) {
   if (!(v > 0)) /* NaN: 0 */
     return 0;
@@ -190,7 +185,8 @@ pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, c
     native_planes_free(out);
     return pags_out_of_memory("a picture of %dx%d", layout->width, layout->height);
   }
-  decoder_init(&f.decoder);
+  for (int i = 0; i < TABLE + 2; i++)
+    f.decoder.table[i] = decode_exactly((float)i / TABLE);
   if (pags_parallel_for(tasks, layout->height, ROWS, fill_rows, &f))
     return PAGS_OK;
   native_planes_free(out);

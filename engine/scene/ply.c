@@ -213,22 +213,6 @@ pags_result pags_ply_load(const char *path, pags_gaussians *out) {
   return result;
 }
 
-static pags_result write_header(pags_file_writer *writer, const pags_gaussians *g, int count, const column columns[]) {
-  char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
-  int length =
-      snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n", (long long)g->count);
-  for (int i = 0; i < count; i++)
-    length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
-  length += snprintf(text + length, sizeof text - (size_t)length, "%s%s", g->s_sem ? "property float s_sem\n" : "",
-                     g->object_id ? "property int object_id\n" : "");
-  for (int p = 0; p < FOURIER_PLANES && g->fourier; p++) {
-    name_fourier(p, name);
-    length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", name);
-  }
-  length += snprintf(text + length, sizeof text - (size_t)length, "end_header\n");
-  return pags_file_writer_put(writer, text, (size_t)length);
-}
-
 static void pack_floats(const float *values, int64_t rows, size_t stride, uint8_t *out) {
   for (int64_t row = 0; row < rows; ++row, out += stride)
     pags_store_f32(out, values ? values[row] : 0.0f);
@@ -248,8 +232,23 @@ pags_result pags_ply_save(const char *path, const pags_gaussians *gaussians) {
     return pags_out_of_memory("%s", path);
   pags_file_writer writer;
   pags_result result = pags_file_writer_begin(&writer, path);
-  if (result == PAGS_OK)
-    result = write_header(&writer, gaussians, count, columns);
+  if (result == PAGS_OK) {
+    /* Write header. */
+    char text[(MAX_COLUMNS + FOURIER_PLANES) * 32 + 256], name[NAME_SIZE];
+    int length = snprintf(text, sizeof text, "ply\nformat binary_little_endian 1.0\nelement vertex %lld\n",
+                          (long long)gaussians->count);
+    for (int i = 0; i < count; i++)
+      length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", columns[i].name);
+    length +=
+        snprintf(text + length, sizeof text - (size_t)length, "%s%s", gaussians->s_sem ? "property float s_sem\n" : "",
+                 gaussians->object_id ? "property int object_id\n" : "");
+    for (int p = 0; p < FOURIER_PLANES && gaussians->fourier; p++) {
+      name_fourier(p, name);
+      length += snprintf(text + length, sizeof text - (size_t)length, "property float %s\n", name);
+    }
+    length += snprintf(text + length, sizeof text - (size_t)length, "end_header\n");
+    result = pags_file_writer_put(&writer, text, (size_t)length);
+  }
   for (int64_t first = 0; first < gaussians->count && result == PAGS_OK; first += BLOCK_ROWS) {
     int64_t rows = gaussians->count - first < BLOCK_ROWS ? gaussians->count - first : BLOCK_ROWS;
 

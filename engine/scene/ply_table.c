@@ -47,29 +47,6 @@ static bool parse_type(const char *name, ply_type *type) {
   return false;
 }
 
-static pags_result parse_format(ply_table *t, int line, int words, char *word[]) {
-  if (words < 3 || strcmp(word[2], "1.0") != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a format of version 1.0", t->path, line);
-  t->ascii = strcmp(word[1], "ascii") == 0;
-  t->big_endian = strcmp(word[1], "binary_big_endian") == 0;
-  if (!t->ascii && !t->big_endian && strcmp(word[1], "binary_little_endian") != 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected ascii, binary_little_endian or binary_big_endian, found '%s'",
-                     t->path, line, word[1]);
-  return PAGS_OK;
-}
-
-static pags_result parse_element(ply_table *t, int line, int words, char *word[]) {
-  if (t->element_count == PLY_MAX_ELEMENTS)
-    return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d elements", t->path, line, PLY_MAX_ELEMENTS);
-  char *end = NULL;
-  errno = 0;
-  long long count = words == 3 ? strtoll(word[2], &end, 10) : -1;
-  if (words != 3 || *end || errno || count < 0)
-    return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'element', a name and a count of rows", t->path, line);
-  t->elements[t->element_count++] = (ply_element){.name = word[1], .count = count, .first_property = t->property_count};
-  return PAGS_OK;
-}
-
 static pags_result parse_property(ply_table *t, int line, int words, char *word[]) {
   ply_type type;
   if (t->element_count == 0)
@@ -108,10 +85,31 @@ static pags_result parse_line(ply_table *t, int line, char *text) {
   int words = split(text, word);
   if (words == 0 || strcmp(word[0], "comment") == 0 || strcmp(word[0], "obj_info") == 0)
     return PAGS_OK;
-  if (strcmp(word[0], "format") == 0)
-    return parse_format(t, line, words, word);
-  if (strcmp(word[0], "element") == 0)
-    return parse_element(t, line, words, word);
+  if (strcmp(word[0], "format") == 0) {
+    /* Parse format. */
+    if (words < 3 || strcmp(word[2], "1.0") != 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected a format of version 1.0", t->path, line);
+    t->ascii = strcmp(word[1], "ascii") == 0;
+    t->big_endian = strcmp(word[1], "binary_big_endian") == 0;
+    if (!t->ascii && !t->big_endian && strcmp(word[1], "binary_little_endian") != 0)
+      return pags_fail(PAGS_ERROR_FORMAT,
+                       "%s:%d: expected ascii, binary_little_endian or binary_big_endian, found '%s'", t->path, line,
+                       word[1]);
+    return PAGS_OK;
+  }
+  if (strcmp(word[0], "element") == 0) {
+    /* Parse element. */
+    if (t->element_count == PLY_MAX_ELEMENTS)
+      return pags_fail(PAGS_ERROR_LIMIT, "%s:%d: more than %d elements", t->path, line, PLY_MAX_ELEMENTS);
+    char *end = NULL;
+    errno = 0;
+    long long count = words == 3 ? strtoll(word[2], &end, 10) : -1;
+    if (words != 3 || *end || errno || count < 0)
+      return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected 'element', a name and a count of rows", t->path, line);
+    t->elements[t->element_count++] =
+        (ply_element){.name = word[1], .count = count, .first_property = t->property_count};
+    return PAGS_OK;
+  }
   if (strcmp(word[0], "property") == 0)
     return parse_property(t, line, words, word);
   return pags_fail(PAGS_ERROR_FORMAT, "%s:%d: expected format, element, property, comment or end_header, found '%.40s'",

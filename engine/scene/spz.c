@@ -97,29 +97,27 @@ static void unpack_first_three(const uint8_t *bytes, double xyzw[4]) {
   xyzw[3] = sqrt(fmax(0, 1 - sum));
 }
 
-/* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the bottom up:
- * nine of magnitude over 1/sqrt 2 and one of sign. */
-static void unpack_smallest_three(uint32_t word, double xyzw[4]) {
-  int largest = (int)(word >> 30);
-  double sum = 0;
-  for (int k = 3; k >= 0; k--) {
-    if (k == largest)
-      continue;
-    double magnitude = (word & 511) * (0.70710678118654752 / 511);
-    xyzw[k] = word & 512 ? -magnitude : magnitude;
-    sum += magnitude * magnitude;
-    word >>= 10;
-  }
-  xyzw[largest] = sqrt(fmax(0, 1 - sum));
-}
-
 static void decode_rotations(const spz_header *h, const uint8_t *bytes, pags_gaussians *out) {
   for (int64_t i = 0; i < out->count; i++) {
     double q[4];
     if (h->version == 2)
       unpack_first_three(bytes + 3 * i, q);
-    else
-      unpack_smallest_three(pags_load_u32(bytes + 4 * i), q);
+    else {
+      /* Versions 3 and 4: two bits say which is the largest; the others, from the last on, take ten bits from the
+       * bottom up: nine of magnitude over 1/sqrt 2 and one of sign. */
+      uint32_t word = pags_load_u32(bytes + 4 * i);
+      int largest = (int)(word >> 30);
+      double sum = 0;
+      for (int k = 3; k >= 0; k--) {
+        if (k == largest)
+          continue;
+        double magnitude = (word & 511) * (0.70710678118654752 / 511);
+        q[k] = word & 512 ? -magnitude : magnitude;
+        sum += magnitude * magnitude;
+        word >>= 10;
+      }
+      q[largest] = sqrt(fmax(0, 1 - sum));
+    }
     pags_plane(out, PAGS_ROTATION)[i] = (float)q[3];
     pags_plane(out, PAGS_ROTATION + 1)[i] = (float)q[0];
     pags_plane(out, PAGS_ROTATION + 2)[i] = (float)-q[1];

@@ -193,12 +193,11 @@ void pags_actors_add(pags_street *street) {
   set_going(street, &models);
 }
 
-static double travelled(const pags_actor *actor, double time) {
-  return actor->speed * time + actor->sway * (sin(actor->sway_rate * time + actor->phase) - sin(actor->phase));
-}
-
 void pags_actor_pose(const pags_actor *actor, double time, double pose[12]) {
-  const double c = cos(actor->heading), s = sin(actor->heading), way = actor->moving ? travelled(actor, time) : 0.0;
+  const double c = cos(actor->heading), s = sin(actor->heading),
+               way = actor->moving ? (actor->speed * time +
+                                      actor->sway * (sin(actor->sway_rate * time + actor->phase) - sin(actor->phase)))
+                                   : 0.0;
   const double out[12] = {c,   -s,  0.0, actor->start[0] + c * way, /* origin in the box's middle */
                           s,   c,   0.0, actor->start[1] + s * way,
                           0.0, 0.0, 1.0, actor->ground + 0.5 * (double)actor->size[2]};

@@ -253,28 +253,6 @@ static void choose_point(const pags_surface *s, spot *out, uint64_t a, uint64_t 
     memcpy(touch->normal, f->normal, sizeof touch->normal);
 }
 
-/* Places on the street: half of them on the nearest one, half in the nearest lane, all within 30 m. */
-static void choose_eyes(const pags_surface *s, const float point[3], uint64_t a, uint64_t row,
-                        float eyes[PAGS_PACKET][3]) {
-  const float pitch = pags_town_pitch(), length = pags_town_length(s->plan), cell = s->plan->block + PAGS_TOWN_LANE;
-  const float street = fminf(fmaxf(floorf(point[1] / pitch + 0.5f), 0.0f), (float)(s->plan->streets - 1));
-  const float lane = fminf(fmaxf(floorf(point[0] / cell), 0.0f), (float)(s->plan->columns - 2));
-  const float top = (float)(s->plan->streets - 1) * pitch;
-  for (int i = 0; i < PAGS_PACKET; i++) {
-    double at[2];
-    pags_rng_uniform2(s->town->options->seed, a + (uint64_t)(DRAW_EYES + i), row, at);
-    const float wide = (float)at[0], far = 60.0f * ((float)at[1] - 0.5f);
-    if (i % 2 == 0 || s->plan->streets < 2) {
-      eyes[i][0] = fminf(fmaxf(point[0] + far, 1.0f), length - 1.0f);
-      eyes[i][1] = street * pitch + PAGS_KERB_RIGHT + 1.0f + wide * (PAGS_KERB_LEFT - PAGS_KERB_RIGHT - 2.0f);
-    } else {
-      eyes[i][0] = pags_town_lane_x(s->plan, (int)lane) + 5.0f * (wide - 0.5f);
-      eyes[i][1] = fminf(fmaxf(point[1] + far, 0.0f), top);
-    }
-    eyes[i][2] = EYE_HEIGHT;
-  }
-}
-
 static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot *out) {
   const uint64_t a = attempt * DRAWS;
   out->face = choose_facet(s, pags_rng_uniform(s->town->options->seed, a + DRAW_FACE, row));
@@ -311,7 +289,26 @@ static bool try_spot(const pags_surface *s, uint64_t attempt, uint64_t row, spot
   float eyes[PAGS_PACKET][3];
   pags_touch *touch = &out->touch;
   pags_rays rays = {.active = (1u << PAGS_PACKET) - 1u};
-  choose_eyes(s, touch->point, a, row, eyes);
+
+  /* Places on the street: half of them on the nearest one, half in the nearest lane, all within 30 m. */
+  const float pitch = pags_town_pitch(), length = pags_town_length(s->plan), cell = s->plan->block + PAGS_TOWN_LANE;
+  const float street = fminf(fmaxf(floorf(touch->point[1] / pitch + 0.5f), 0.0f), (float)(s->plan->streets - 1));
+  const float lane = fminf(fmaxf(floorf(touch->point[0] / cell), 0.0f), (float)(s->plan->columns - 2));
+  const float top = (float)(s->plan->streets - 1) * pitch;
+  for (int i = 0; i < PAGS_PACKET; i++) {
+    double at[2];
+    pags_rng_uniform2(s->town->options->seed, a + (uint64_t)(DRAW_EYES + i), row, at);
+    const float wide = (float)at[0], far = 60.0f * ((float)at[1] - 0.5f);
+    if (i % 2 == 0 || s->plan->streets < 2) {
+      eyes[i][0] = fminf(fmaxf(touch->point[0] + far, 1.0f), length - 1.0f);
+      eyes[i][1] = street * pitch + PAGS_KERB_RIGHT + 1.0f + wide * (PAGS_KERB_LEFT - PAGS_KERB_RIGHT - 2.0f);
+    } else {
+      eyes[i][0] = pags_town_lane_x(s->plan, (int)lane) + 5.0f * (wide - 0.5f);
+      eyes[i][1] = fminf(fmaxf(touch->point[1] + far, 0.0f), top);
+    }
+    eyes[i][2] = EYE_HEIGHT;
+  }
+
   for (int i = 0; i < PAGS_PACKET; i++)
     for (int k = 0; k < 3; k++) { /* the point lies at distance 1 */
       rays.origin[i][k] = eyes[i][k];

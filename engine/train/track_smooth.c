@@ -240,26 +240,24 @@ static pags_result list_all(run_list *list, pags_track_poses *tracks) {
   return PAGS_OK;
 }
 
-static void smooth_all(run_list *list) {
-  scores s = {0};
-  for (int64_t i = 0; i < list->count; i++) {
-    fill_labels(&list->items[i]);
-    score_run(&list->items[i], &s);
-  }
-  const int best[KINDS] = {best_strength(&s, ROTATION), best_strength(&s, TRANSLATION)};
-  for (int64_t i = 0; i < list->count; i++)
-    smooth_run(&list->items[i], best);
-  if (list->count > 0)
-    pags_log(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
-             sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
-             sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
-}
-
 pags_result pags_tracks_smooth(pags_track_poses *tracks) {
   run_list list;
   pags_result result = list_all(&list, tracks);
-  if (result == PAGS_OK)
-    smooth_all(&list);
+  if (result == PAGS_OK) {
+    /* Smooth all. */
+    scores s = {0};
+    for (int64_t i = 0; i < list.count; i++) {
+      fill_labels(&list.items[i]);
+      score_run(&list.items[i], &s);
+    }
+    const int best[KINDS] = {best_strength(&s, ROTATION), best_strength(&s, TRANSLATION)};
+    for (int64_t i = 0; i < list.count; i++)
+      smooth_run(&list.items[i], best);
+    if (list.count > 0)
+      pags_log(PAGS_LOG_INFO, "labels of moving objects jitter by about %.3f m and %.2f degrees: smoothed",
+               sqrt(s.rest[best[TRANSLATION]][TRANSLATION] / s.freedom[best[TRANSLATION]]),
+               sqrt(s.rest[best[ROTATION]][ROTATION] / s.freedom[best[ROTATION]]) * 57.29577951308232);
+  }
   free(list.items);
   free(list.knots);
   free(list.label);

@@ -70,30 +70,6 @@ static int plane_of(const pags_part *part, int64_t row, double middle[3], double
   return 1;
 }
 
-/* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies in
- * front of the plane that they are in. */
-static void find_planes(const pags_picture *picture, const pags_part *part, pags_depth_view *depth_view) {
-  const double *m = depth_view->camera.world_from_camera;
-  for (int y = 0; y < picture->height; y++)
-    for (int x = 0; x < picture->width; x++) {
-      int64_t to = (int64_t)y * picture->width + x, row = picture->id[(int64_t)y * picture->stride + x];
-      double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
-      depth_view->plane[to] = 0;
-      if (!(depth_view->depth[to] > 0) || row < 0 || !plane_of(part, row, middle, normal, &reach))
-        continue;
-      pags_depth_view_point(depth_view, x, y, 1, along);
-      for (int k = 0; k < 3; k++) {
-        along[k] -= m[4 * k + 3];
-        above += normal[k] * (middle[k] - m[4 * k + 3]);
-        slant += normal[k] * along[k];
-      }
-      for (int k = 0; k < 3; k++)
-        off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
-      if (above / slant > 0 && off < reach * reach)
-        depth_view->plane[to] = (float)(above / slant);
-    }
-}
-
 static int jumps(const float *depth, int64_t at, int64_t other) {
   float a = depth[at], b = depth[other];
   return b > 0 && (a > b ? a - b : b - a) > jump * (a < b ? a : b);
@@ -176,8 +152,29 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
         depth_view->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture.rgb[c][from] / alpha : 0);
     }
 
-  if (planes)
-    find_planes(&picture, &parts[0], depth_view);
+  if (planes) {
+    /* Depth is a mean of middles, the nearer ones' before the farther ones': of wide flat Gaussians seen aslant it lies
+     * in front of the plane that they are in. */
+    const double *m = depth_view->camera.world_from_camera;
+    for (int y = 0; y < picture.height; y++)
+      for (int x = 0; x < picture.width; x++) {
+        int64_t to = (int64_t)y * picture.width + x, row = picture.id[(int64_t)y * picture.stride + x];
+        double middle[3], normal[3], along[3], reach, above = 0, slant = 0, off = 0;
+        depth_view->plane[to] = 0;
+        if (!(depth_view->depth[to] > 0) || row < 0 || !plane_of(&parts[0], row, middle, normal, &reach))
+          continue;
+        pags_depth_view_point(depth_view, x, y, 1, along);
+        for (int k = 0; k < 3; k++) {
+          along[k] -= m[4 * k + 3];
+          above += normal[k] * (middle[k] - m[4 * k + 3]);
+          slant += normal[k] * along[k];
+        }
+        for (int k = 0; k < 3; k++)
+          off += pow(m[4 * k + 3] + above / slant * along[k] - middle[k], 2);
+        if (above / slant > 0 && off < reach * reach)
+          depth_view->plane[to] = (float)(above / slant);
+      }
+  }
   drop_edges(depth_view, scratch);
   free(scratch);
 

@@ -355,23 +355,6 @@ static void stand_wheel(pags_tsdf *g, int y, int top, double lowest, double left
     }
 }
 
-/* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where
- * wheels end. */
-static void stand_wheels(pags_tsdf *g, const double size[3]) {
-  double ground = -0.5 * size[2], left, right;
-  int top = (int)ceil((wheels_from - 0.5 * size[2] - g->origin[2]) / g->step);
-  for (int y = 0; top > 0 && top < g->n[2] && y < g->n[1]; y++) {
-    int64_t row = ((int64_t)top * g->n[1] + y) * g->n[0];
-    int x = g->distance[row] < 0 ? next_change(g, row, 0, &left) : 0;
-    while (x >= 0 && (x = next_change(g, row, x, &left)) >= 0 && (x = next_change(g, row, x, &right)) >= 0)
-      if (right - left > shortest_wheel && right - left < longest_wheel &&
-          0.5 * fabs(left + right) > off_middle * size[0])
-        stand_wheel(g, y, top, ground - flat, left, right);
-  }
-  for (int64_t i = 0; i < (int64_t)g->n[0] * g->n[1] * g->n[2]; i++)
-    g->distance[i] = fmaxf(g->distance[i], (float)(ground - g->origin[2] - (double)(i / g->n[0] / g->n[1]) * g->step));
-}
-
 static void close_border(pags_tsdf *grid) {
   for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++) {
     int64_t x = i % grid->n[0], y = i / grid->n[0] % grid->n[1], z = i / grid->n[0] / grid->n[1];
@@ -397,8 +380,23 @@ pags_result pags_shape_prior_complete(pags_tsdf *grid, const double size[3], int
     fill_across(grid, size);
   close_border(grid);
   PAGS_TRY(smooth(grid));
-  if (vehicle)
-    stand_wheels(grid, size);
+  if (vehicle) {
+    /* The lowest Gaussians are the ground's or the shadow's, and tyres are as dark as that, so views don't show where
+     * wheels end. */
+    double ground = -0.5 * size[2], left, right;
+    int top = (int)ceil((wheels_from - 0.5 * size[2] - grid->origin[2]) / grid->step);
+    for (int y = 0; top > 0 && top < grid->n[2] && y < grid->n[1]; y++) {
+      int64_t row = ((int64_t)top * grid->n[1] + y) * grid->n[0];
+      int x = grid->distance[row] < 0 ? next_change(grid, row, 0, &left) : 0;
+      while (x >= 0 && (x = next_change(grid, row, x, &left)) >= 0 && (x = next_change(grid, row, x, &right)) >= 0)
+        if (right - left > shortest_wheel && right - left < longest_wheel &&
+            0.5 * fabs(left + right) > off_middle * size[0])
+          stand_wheel(grid, y, top, ground - flat, left, right);
+    }
+    for (int64_t i = 0; i < (int64_t)grid->n[0] * grid->n[1] * grid->n[2]; i++)
+      grid->distance[i] = fmaxf(grid->distance[i],
+                                (float)(ground - grid->origin[2] - (double)(i / grid->n[0] / grid->n[1]) * grid->step));
+  }
   if (cloud)
     PAGS_TRY(pags_lidar_fit_pull(cloud, grid, lidar_reach));
   close_border(grid);

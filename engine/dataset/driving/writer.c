@@ -81,23 +81,6 @@ bool pags_layout_is_finished(const pags_layout *layout) {
 
 /* ---- Begin ---- */
 
-/* What import.json says: everything that the files depend on. */
-static pags_result describe_work(const pags_layout_info *info, pags_json_writer *writer) {
-  pags_json_writer_init(writer, 2);
-  pags_json_begin_object(writer, NULL);
-  pags_json_put_string(writer, "kind", info->kind);
-  pags_json_put_string(writer, "source", info->source);
-  pags_json_put_integer(writer, "first_frame", info->first_frame);
-  pags_json_put_integer(writer, "frames", info->frame_count);
-  pags_json_begin_array(writer, "cameras");
-  for (int i = 0; i < info->camera_count; i++)
-    pags_json_put_integer(writer, NULL, info->cameras[i].number);
-  pags_json_end_array(writer);
-  pags_json_put_string(writer, "version", PAGS_VERSION_STRING);
-  pags_json_end_object(writer);
-  return pags_json_writer_finish(writer);
-}
-
 typedef enum work_state { WORK_NONE, WORK_SAME, WORK_OTHER } work_state;
 
 static pags_result compare_work(const char *marker, const pags_json_writer *writer, work_state *out) {
@@ -147,7 +130,22 @@ pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pag
   *layout = (pags_layout){.folder = pags_text_copy(folder), .info = info};
   if (!layout->folder)
     return pags_out_of_memory("%s", folder);
-  pags_result result = describe_work(info, &writer);
+
+  /* What import.json says: everything that the files depend on. */
+  pags_json_writer_init(&writer, 2);
+  pags_json_begin_object(&writer, NULL);
+  pags_json_put_string(&writer, "kind", info->kind);
+  pags_json_put_string(&writer, "source", info->source);
+  pags_json_put_integer(&writer, "first_frame", info->first_frame);
+  pags_json_put_integer(&writer, "frames", info->frame_count);
+  pags_json_begin_array(&writer, "cameras");
+  for (int i = 0; i < info->camera_count; i++)
+    pags_json_put_integer(&writer, NULL, info->cameras[i].number);
+  pags_json_end_array(&writer);
+  pags_json_put_string(&writer, "version", PAGS_VERSION_STRING);
+  pags_json_end_object(&writer);
+  pags_result result = pags_json_writer_finish(&writer);
+
   if (result == PAGS_OK)
     result = join(layout, "import.json", &marker);
   if (result == PAGS_OK)
