@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Normals from depth, priorities as colours. */
+/* What --channel writes besides colour: normals from differences of depth, priorities as colours. */
 #include "cli/channels.h"
 
 #include <math.h>

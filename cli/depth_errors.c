@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rendered depth beside LiDAR. */
+/* pags eval: rendered depth against the LiDAR depths of held-out sweeps. */
 #include "cli/depth_errors.h"
 
 #include <math.h>

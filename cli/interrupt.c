@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Signal handling of the program. */
+/* Ctrl-C and SIGTERM cancel the work under way, which then saves its state; a second Ctrl-C ends the program. */
 #include "cli/interrupt.h"
 
 #include <signal.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Words of the command line to edits of a composition. */
+/* --without, --only and --move: words of the command line to edits of objects. */
 #include "cli/object_edits.h"
 
 #include <stdlib.h>

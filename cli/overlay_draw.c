@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing onto pictures. */
+/* Lines, boxes and points onto pictures, for the overlay of pags info. */
 #include "cli/overlay_draw.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Matching a scene's views with a data set's. */
+/* The photographs that a scene's views are compared with: views are matched with those of the data set by name. */
 #include "cli/photographs.h"
 
 #include <math.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Conversion of planes to pictures and their files. */
+/* Rendered planes to PNG and EXR files, one a channel. */
 #include "cli/picture.h"
 
 #include "cli/channels.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Writing several pictures at once. */
+/* Writes several pictures at once, so that encoding doesn't hold up drawing. */
 #include "cli/picture_queue.h"
 
 #include <stdio.h>

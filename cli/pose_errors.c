@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Tracks beside the truth. */
+/* pags eval: trained and labelled tracks against a synthetic set's truth, in metres and degrees. */
 #include "cli/pose_errors.h"
 
 #include <math.h>

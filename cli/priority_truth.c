@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Whose a Gaussian truly is. */
+/* pags eval: priorities against a synthetic set's truth, which says whose surface each Gaussian lies on. */
 #include "cli/priority_truth.h"
 
 #include <math.h>

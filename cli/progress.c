@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The progress line. */
+/* The progress line of long work, with the time left; on a terminal it is written over itself. */
 #include "cli/progress.h"
 #include "cli/interrupt.h"
 

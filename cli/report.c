@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The two forms of each fact. */
+/* Says each fact in two forms: a line for people, a member of the JSON for programs. */
 #include "cli/report.h"
 
 #include <math.h>

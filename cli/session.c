@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Set-up and end of a verb. */
+/* What every verb begins and ends with: threads, quiet, where --json goes, exit codes. */
 #include "cli/session.h"
 
 #include "cli/interrupt.h"

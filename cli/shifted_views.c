@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures from shifted cameras beside the truth. */
+/* pags eval --shift: pictures from shifted cameras against a synthetic set's true ones. */
 #include "cli/shifted_views.h"
 
 #include "cli/camera_paths.h"

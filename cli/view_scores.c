@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scores of views and their means.
+/* PSNR, SSIM and LPIPS of views, by region, and their means.
  *
  * By region: the squared error over its pixels and all three channels, in decibels, averaged over the views that have
  * such pixels; SSIM is the mean of the whole picture's map over them. */

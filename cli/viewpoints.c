@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Lists of cameras to draw. */
+/* Which cameras pags render draws: of the data set, of a file, along a path. */
 #include "cli/viewpoints.h"
 
 #include "base/memory.h"

@@ -5,10 +5,11 @@
  *     m = b1 m + (1 - b1) g;   v = b2 v + (1 - b2) g^2;   p -= r c_k m / (sqrt v + e_k)
  *     c_k = sqrt(1 - b2^k) / (1 - b1^k),   e_k = eps sqrt(1 - b2^k)
  * which is the usual r (m / (1 - b1^k)) / (sqrt(v / (1 - b2^k)) + eps) with both sides of the quotient times sqrt(1 -
- * b2^k). After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is p -= r c_(s+j) q^j
- * u,   q = b1 / sqrt b2, up to a share (1 - b2^(j/2)) eps / sqrt v of the step: under 2e-6 while gradients exceed 1e5
- * eps = 1e-10. So m and v stay as they were at step s, and each owed step is p -= weight[j] u: rounding takes place
- * step by step, whenever the replay is done and in however many pieces. */
+ * b2^k). After a last gradient at step s, with u = m_s / (sqrt v_s + e_s), step s + j without one is
+ *     p -= r c_(s+j) q^j u,   q = b1 / sqrt b2,
+ * up to a share (1 - b2^(j/2)) eps / sqrt v of the step: under 2e-6 while gradients exceed 1e5 eps = 1e-10. So m and
+ * v stay as they were at step s, and each owed step is p -= weight[j] u: rounding takes place step by step, whenever
+ * the replay is done and in however many pieces. */
 
 /* u, 0 where both moments are 0. */
 static inline vf adam_direction(const float *m, const float *v, vf eps) {

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Priorities as colours. */
+/* Priorities as colours: from dark violet (0) over red to pale yellow (1). */
 #include <pags/compose.h>
 
 void pags_colormap_heat(float value, float rgb[3]) {

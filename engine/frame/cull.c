@@ -1,13 +1,14 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Which clusters can put anything into the picture.
  *
- * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane) and
- * sigma at most s, the per-Gaussian test of the projection kernel uses mx = fx x/z + cx       within fx [x]/[z] + cx
+ * Conservative by interval arithmetic: for means in the box [x] x [y] x [z] (camera space, z cut at the near plane)
+ * and sigma at most s, the per-Gaussian test of the projection kernel uses
+ *   mx = fx x/z + cx       within fx [x]/[z] + cx
  *   extent_x = sqrt(reach (J0 W Sigma W' J0' + low_pass)) <= sqrt(reach_max (s^2 (fx/z)^2 (1 + tx^2) + low_pass))
  * with reach_max = log2(255 o)/k for the largest opacity o (1, or the part's largest factor) and |tx| at most its
- * clamp; likewise for y. The row norm of J W is J's, W being a rotation. Boxes are padded for the rounding of the float
- * transform. So a cluster that fails holds no Gaussian that would pass, and who a Gaussian's cluster neighbours are
- * can't change the picture. */
+ * clamp; likewise for y. The row norm of J W is J's, W being a rotation. Boxes are padded for the rounding of the
+ * float transform. So a cluster that fails holds no Gaussian that would pass, and who a Gaussian's cluster neighbours
+ * are can't change the picture. */
 #include <math.h>
 #include <string.h>
 

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The paper's two passes: occluders write depth, then nothing is drawn behind it.
+/* Early-Z as the paper has it (Priority-Adaptive Gaussian Splatting, arXiv:2510.12282), to compare with: lossy, and not
+ * what PAGS uses by itself. Two passes: occluders write depth, then nothing is drawn behind it.
  *
  * Occluders are Gaussians with S_sem > 0.5 and opacity >= 0.7; they cover a pixel where their alpha is >= 1/2. (The
  * paper names neither number but the first.) The second pass tests clusters, then Gaussians, then (Gaussian, tile)

@@ -1,25 +1,28 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame is
- * its own depth pre-pass.
+/* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame
+ * is its own depth pre-pass.
  *
- * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When the
- * next cluster's bound is K, every Gaussian whose key is below K has been read, so that those among them that haven't
- * been drawn yet are a stretch of the frame's one order (key, id): they are sorted, binned and blended onto what is
- * there. The others wait. After each slab, tiles all of whose pixels have stopped are full.
+ * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When
+ * the next cluster's bound is K, every Gaussian whose key is below K has been read, so that those among them that
+ * haven't been drawn yet are a stretch of the frame's one order (key, id): they are sorted, binned and blended onto
+ * what is there. The others wait. After each slab, tiles all of whose pixels have stopped are full.
  *
  * Why the picture is that of PAGS_EARLY_Z_OFF to the bit:
- *   (a) stretch after stretch, each pixel runs the same kernel over the same list, its state kept as it is in between;
+ *   (a) stretch after stretch, each pixel runs the same kernel over the same list, its state kept as it is in
+ *     between;
  *   (b) a pixel stops by itself, whatever its neighbours or its place in a list;
  *   (c) transmittance never grows, rounding being monotone: a pixel that has stopped stays so whatever is left out
- * behind; (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the
- * keys as floats, and reaches hold every pixel that the rasteriser could find (cull.c, project.inl); (e) pixels beyond
- * the picture's edge count as full. The same holds of PAGS_EARLY_Z_BOUNDED beside a frame whose pixels stop at T <= eps
- * too: where the cuts between slabs lie, and so how many there are, changes no bit in either mode.
+ *     behind;
+ *   (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the keys
+ *     as floats, and reaches hold every pixel that the rasteriser could find (cull.c, project.inl);
+ *   (e) pixels beyond the picture's edge count as full.
+ * The same holds of PAGS_EARLY_Z_BOUNDED beside a frame whose pixels stop at T <= eps too: where the cuts between
+ * slabs lie, and so how many there are, changes no bit in either mode.
  *
- * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds sum(w_k
- * c_k) + T' s, w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k (c_k -
- * s)); colours are >= 0, so |c_k - s| <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps times the
- * largest of shaded colours, sky and background. Rounding adds, in OFF, at most 2^-24 of the sum per splat.
+ * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds
+ * sum(w_k c_k) + T' s, w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k
+ * (c_k - s)); colours are >= 0, so |c_k - s| <= max(c_k, s), and no channel is off by more than T max(c, s) <= eps
+ * times the largest of shaded colours, sky and background. Rounding adds, in OFF, at most 2^-24 of the sum per splat.
  * Transmittance: 0 <= T - T' <= eps. */
 #include <string.h>
 

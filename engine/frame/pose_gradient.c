@@ -2,10 +2,15 @@
 /* From the gradients of a part's Gaussians to that of the part's pose.
  *
  * world_from_model * exp(w, v), w and v small, draws what the old pose would draw of Gaussians moved in the model's
- * frame: mean'       = mean + w x mean + v quaternion' = (1, w/2) * q = q + 1/2 (-w . q_v,  q_w w + w x q_v) linear in
- * q, which need not be of unit length SH'         = SH + sum_a w_a G_a SH                                     G_a
- * antisymmetric, within each degree hence dL/dv   = g_mean dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x
- * g_v) + (g_SH . G_a SH)_a The constant term doesn't turn, so that it doesn't matter whose the part showed. */
+ * frame:
+ *   mean'       = mean + w x mean + v
+ *   quaternion' = (1, w/2) * q = q + 1/2 (-w . q_v,  q_w w + w x q_v)       linear in q, which need not be of unit
+ *     length
+ *   SH'         = SH + sum_a w_a G_a SH                                     G_a antisymmetric, within each degree
+ * hence
+ *   dL/dv   = g_mean
+ *   dL/dw   = mean x g_mean + 1/2 (q_w g_v - g_w q_v + q_v x g_v) + (g_SH . G_a SH)_a
+ * The constant term doesn't turn, so that it doesn't matter whose the part showed. */
 #include <pags/frame.h>
 
 enum { ROWS = 64 };

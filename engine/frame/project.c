@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs the projection and shading kernels over the clusters in view. */
+/* Projection of Gaussians to the screen (EWA splatting, Zwicker et al. 2001) and their colours from spherical
+ * harmonics. Runs the kernels (simd/project.inl and shade.inl, which have the maths) over the clusters in view. */
 #include <string.h>
 
 #include "frame/stages.h"

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Runs the blending kernel over the tiles, or over samples of them. */
+/* Blending, front to back (Kerbl et al. 2023): C += T alpha c, T *= 1 - alpha. Runs the kernel (simd/raster.inl, which
+ * has the maths) over the tiles, or over samples of them. */
 #include "frame/stages.h"
 
 enum { TILES_AT_A_TIME = 4 }; /* whose splats are fetched ahead; more would leave some workers without any at the end */

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What each Gaussian matters to a picture: tiles write partial sums to their own slots, each cluster adds up its own,
- * in the slots' order. */
+/* What each Gaussian matters to a picture, as Speedy-Splat has it (Hanson et al. 2025): tiles write partial sums to
+ * their own slots, each cluster adds up its own, in the slots' order. */
 #include <assert.h>
 
 #include "frame/stages.h"

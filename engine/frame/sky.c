@@ -1,15 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The sky behind a frame, and the gradient of its texels.
  *
- *   rgb += T sky(direction of the pixel's centre)        dL/dtexel += T weight dL/drgb over the pixels that see the
- * texel
+ *   rgb += T sky(direction of the pixel's centre)
+ *   dL/dtexel += T weight dL/drgb over the pixels that see the texel
  *
  * Every pixel of the picture takes part: blending stops before T falls below 1e-4, so that none has lost all of the
  * sky.
  *
  * On the way back the cube map is cut into at most 64 runs of texels. First each tile finds out which runs it sees,
- * then each run is one task that goes through its tiles in order and is received: a texel's terms are added in the same
- * order for any number of threads, and a run's gradient stays in the cache. */
+ * then each run is one task that goes through its tiles in order and is received: a texel's terms are added in the
+ * same order for any number of threads, and a run's gradient stays in the cache. */
 #include <math.h>
 #include <string.h>
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Sums and means of frames' statistics. */
+/* Sums and means of the statistics of several frames: milliseconds by stage, counts. */
 #include <pags/frame.h>
 
 enum { MOST = 32 };

@@ -12,8 +12,8 @@
  *    9 pedestrian, 16 what one carries,       11 person       23 sidewalk                         1 sidewalk
  *      pushes or drags: it moves along                        24 vegetation                       8 vegetation
  *   10 cyclist, 11 motorcyclist               12 rider        25 sky                              10 sky
- *    0 undefined, 1 the recording car, 12 bird, 13 animal, 14 cone, 26 ground (manhole covers; Cityscapes' ground has
- * no train id either), 27 dynamic, 28 static, others: 255 unknown */
+ *    0 undefined, 1 the recording car, 12 bird, 13 animal, 14 cone, 26 ground (manhole covers; Cityscapes'
+ *    ground has no train id either), 27 dynamic, 28 static, others: 255 unknown */
 #ifndef PAGS_IMPORT_WAYMO_SEMANTIC_H
 #define PAGS_IMPORT_WAYMO_SEMANTIC_H
 

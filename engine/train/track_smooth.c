@@ -1,12 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus an
- * error of its own at each time step. The smoothed track x minimises sum over knots |x_k - label_k|^2 + lambda * sum
- * over four neighbouring knots |third divided difference|^2 (Whittaker 1923), times in median spacings; constant
- * acceleration costs nothing. How much to smooth is read off the labels themselves: one lambda for all positions of a
- * data set and one for all rotations, those with the least score of generalised cross-validation (Craven and Wahba
- * 1979), N * sum |label - x|^2 / (N - trace)^2, trace being of the matrix that takes labels to x, sums over all tracks.
- * So labels without jitter stay as they are. Rotations are smoothed as rotation vectors relative to the first knot,
- * which is exact for rotations about one axis: the yaw of what stands on a road. Trained knots only. */
+/* The jitter of labels. What rides on wheels or walks has little jerk, so that a labelled track is the true one plus
+ * an error of its own at each time step. The smoothed track x minimises
+ *   sum over knots |x_k - label_k|^2 + lambda * sum over four neighbouring knots |third divided difference|^2
+ * (Whittaker 1923), times in median spacings; constant acceleration costs nothing. How much to
+ * smooth is read off the labels themselves: one lambda for all positions of a data set and one for all rotations, those
+ * with the least score of generalised cross-validation (Craven and Wahba 1979), N * sum |label - x|^2 / (N - trace)^2,
+ * trace being of the matrix that takes labels to x, sums over all tracks. So labels without jitter stay as they are.
+ * Rotations are smoothed as rotation vectors relative to the first knot, which is exact for rotations about one axis:
+ * the yaw of what stands on a road. Trained knots only. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

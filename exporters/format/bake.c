@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Many parts as one set of Gaussians, and the formats .splat and .spz. */
+/* Bakes the parts of a scene at one time into one set of Gaussians in the world: means and rotations by the part's
+ * rigid motion, harmonics by sh_rotate.c. Writes such a set as .splat and as SPZ. */
 #include "exporters/format/bake.h"
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects are placed where their frame is the world's, so that what is drawn there is in their frame. */
+/* The Gaussians of one object. It is placed where its frame is the world's, so that what is drawn there is in its
+ * frame. */
 #include "exporters/format/object_gaussians.h"
 
 #include <math.h>

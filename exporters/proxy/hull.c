@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Convex hulls by qhull. */
+/* Convex hulls by qhull (Barber, Dobkin and Huhdanpaa 1996). */
 #include <libqhull_r/qhull_ra.h>
 #include <math.h>
 #include <stdio.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Reading sweeps: what lies in labelled boxes and what doesn't. */
+/* Reads the training sweeps of LiDAR and parts their points: those in labelled boxes are the objects' (lidar_fit.c),
+ * the rest tells the heights of the ground. */
 #include <pags/dataset.h>
 
 #include "exporters/proxy/lidar.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Holding a surface to LiDAR's points, which are sparse, but not wrong in depth as far views are. */
+/* Pulls an object's surface to the LiDAR points on it, which are sparse, but not wrong in depth as far views are. */
 #include "exporters/proxy/lidar_fit.h"
 
 #include <math.h>

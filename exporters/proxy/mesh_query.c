@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The only file of the exporters that sees Embree, version 3 or 4. */
+/* Nearest points, distances and rays against a triangle mesh or points, by Embree's bounding volume hierarchies. The
+ * only file of the exporters that sees Embree, version 3 or 4. */
 #include "exporters/proxy/mesh_query.h"
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Proxies of objects at the level asked for. */
+/* The proxy of an object at the level asked for: a mesh (simplify.c, repair.c), a subdivided cage (cage.c), a convex
+ * hull (hull.c) or the labelled box. */
 #include "exporters/proxy/object_proxy.h"
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Objects are independent: each worker takes the next one and draws it with a frame of its own. */
+/* The proxies of all objects. Objects are independent: each worker takes the next one and draws it with a frame of its
+ * own. */
 #include "exporters/proxy/objects.h"
 
 #include <stdatomic.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing the whole scene for the depth of its training views. */
+/* Draws the whole scene for the depth of its training views: what the scene hides of an object says nothing of it. */
 #include "exporters/proxy/scene_depth.h"
 
 #include <math.h>

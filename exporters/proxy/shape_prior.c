@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Completing what no camera saw of an object. */
+/* Completes what no camera saw of an object by a shape prior: signed distances of other objects of its class and about
+ * its size, blended. */
 #include "exporters/proxy/shape_prior.h"
 
 #include <math.h>

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The only file that sees OpenSubdiv. No exception leaves it. */
+/* Catmull-Clark subdivision (1978) and stencils of its limit surface, by OpenSubdiv: the only file that sees it. No
+ * exception leaves it. */
 #include "exporters/proxy/subdiv.h"
 
 #include <cstdlib>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Fusion of depths into a signed distance. */
+/* Fuses depth views into a truncated signed distance field, a weighted mean per grid point (Curless and Levoy 1996). */
 #include "exporters/proxy/tsdf.h"
 
 #include <math.h>

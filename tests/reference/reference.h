@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The oracle: the forward and backward of pags/frame.h in plain double-precision C, written to be read.
  *
- * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a mistake
- * of the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
+ * It has no tiles, no threads, no tolerances and needs nothing of the engine but its public structs, so that a
+ * mistake of the engine can't be a mistake of the oracle. Its own gradient is held against finite differences in
  * tests/gradients/test_reference.c. Test code: running out of memory aborts.
  *
  * Definition (Zwicker et al. 2001; Kerbl et al. 2023; gsplat for the compensation and the off-centre clamp):
@@ -11,10 +11,12 @@
  *   J      = [fx/z 0 -fx u/z; 0 fy/z -fy v/z],  u = clamp(x/z), v = clamp(y/z) to the picture widened by 15 % of its
  *            size (0.3 tan of half the field of view) on every side; the mean itself is not clamped
  *   cov    = J W Sigma W' J' + low_pass I,  conic = cov^-1;  not drawn when det cov isn't positive and finite
- *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor; not
- * drawn below 1/255 colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame)) pixel  =
- * front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel stops before
- * T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the background */
+ *   o      = sigmoid(logit), antialiased: times sqrt(max(2.5e-5, det before / det after)), times the part's factor;
+ *     not drawn below 1/255
+ *   colour = max(0, 1/2 + SH(direction from the camera to the mean, in the part's frame))
+ *   pixel  = front to back: raw = o exp(-d' conic d / 2), alpha = min(0.99, raw), skipped when raw < 1/255; the pixel
+ *            stops before T (1 - alpha) < 1e-4; what T is left shows the sky towards the pixel's centre or the
+ *              background */
 #ifndef PAGS_TESTS_REFERENCE_H
 #define PAGS_TESTS_REFERENCE_H
 

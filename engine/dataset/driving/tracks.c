@@ -2,9 +2,11 @@
 /* instances/instances_info.json and frame_instances.json: labelled boxes over time.
  *
  *   instances_info:  {"0": {"id", "class_name", "frame_annotations": {"frame_idx": [t], "obj_to_world": [4x4],
- * "box_size": [3]}}} frame_instances: {"0": [instances present in frame 0], ...} box_size is along the box's own axes.
- * Our objects look along +x: a box whose front is +y is turned by -90 degrees about z, and its first two extents change
- * places. An annotation counts where frame_instances has it, too; without that file all do. */
+ *     "box_size": [3]}}}
+ *   frame_instances: {"0": [instances present in frame 0], ...}
+ * box_size is along the box's own axes. Our objects look along +x: a box whose front is +y is turned by -90 degrees
+ * about z, and its first two extents change places. An annotation counts where frame_instances has it, too; without
+ * that file all do. */
 #include "dataset/driving/reader.h"
 
 #include "base/file.h"

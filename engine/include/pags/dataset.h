@@ -20,7 +20,7 @@ typedef struct pags_dataset_options {
   const char *colmap; /* model folder to use in place of transforms.json; NULL: choose (transforms.json wins) */
   double downscale;   /* >= 1; 1 = full size */
   int split_every;    /* held out. Static: every Nth view in file-name order (index % N == 0); driving: all cameras of
-                         every time step    t > 0 with t % N == 0. 0: none; -1 (default): 8 for static sets, 4 for driving
+                         every time step t > 0 with t % N == 0. 0: none; -1 (default): 8 for static sets, 4 for driving
                          ones */
   int allow_missing;  /* 1: leave out views whose image is missing (reported by log), 0: an error */
   uint64_t seed;      /* of random points where the data set has none */

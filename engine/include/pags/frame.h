@@ -82,7 +82,7 @@ typedef struct pags_frame_options {
   pags_order order;     /* default DEPTH. PAPER is not for keep_for_backward */
   int64_t slab_size;    /* with early_z: Gaussians read between two looks at what is full; 0 (default): chosen by
                            what hid in the frame before, so that a view without occlusion is drawn at once, and so is the
-                           first    frame of up to eight million Gaussians. Changes no bit */
+                           first frame of up to eight million Gaussians. Changes no bit */
   float rest_cut;   /* px: Gaussians that aren't critical (S_sem <= 0.5) and whose opacity times area on the picture is
                        less are left   out; default 0 */
   int rest_sh_less; /* degrees of colour taken off clusters that hold nothing critical, 0..3; default 0 */

@@ -8,8 +8,8 @@
  *
  * attribute      stored as                                             largest error
  * mean           3 x 16 bits within the cluster's box                  1/131070 of the box's side
- * ln sigma       3 x 16 bits over -16..16                              2.5e-4: sigma to 0.025 %; beyond the range: its
- * end rotation       unit quaternion, smallest three, 15 bits each + 2     2.2e-5 each, 4e-5 the largest: 1e-4 radians
+ * ln sigma       3 x 16 bits over -16..16                              2.5e-4: sigma to 0.025 %; beyond it: its end
+ * rotation       unit quaternion, smallest three, 15 bits each + 2     2.2e-5 each, 4e-5 the largest: 1e-4 radians
  * opacity        16 bits of the logit over -16..16                     2.5e-4: opacity to 6.2e-5
  * colour, degree 0   3 x half                                          2^-12 relative
  * colour, others 8 bits by the largest in the cluster and plane        1/254 of that
