@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* --without, --only and --move: words of the command line to edits of objects. */
+/* --without, --move and --add: words of the command line to edits of objects. */
 #include "cli/object_edits.h"
 
 #include <stdlib.h>
