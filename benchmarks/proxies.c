@@ -206,7 +206,7 @@ static pags_result run(pags_proxy_bench *self) {
   free(pictures);
   if (self->pictures)
     pags_say(&self->session, "no truth/street.json: %s\n",
-             has_truth ? "the truth's pictures stand for it" : "the ground alone is measured, against the laser's");
+             has_truth ? "the truth's pictures stand for it" : "the ground alone is measured, against LiDAR's");
   PAGS_TRY(pags_street_build(&self->options, &self->street));
   pags_street_number(&self->street);
   PAGS_TRY(pags_stage_create(self->street.meshes, self->street.mesh_count, self->street.placements,

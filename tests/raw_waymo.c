@@ -156,7 +156,7 @@ static double inclination_of(const raw_laser *l, int row) {
   return l->inclinations ? l->inclinations[beam] : l->low + (l->high - l->low) * (beam + 0.5) / l->rows;
 }
 
-/* In the laser's own frame; column 0 is the one that looks to the back of the vehicle and a bit to its left. */
+/* In the LiDAR's own frame; column 0 is the one that looks to the back of the vehicle and a bit to its left. */
 static void pixel_direction(const raw_laser *l, int row, int column, double out[3]) {
   const double yaw = atan2(l->vehicle_from_laser[4], l->vehicle_from_laser[0]);
   const double azimuth = PI - 2 * PI * (column + 0.5) / l->columns - yaw, up = inclination_of(l, row);

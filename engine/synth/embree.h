@@ -5,12 +5,12 @@
 
 #include <pags/base.h>
 
+#include "base/memory.h"
+
 #if PAGS_EMBREE >= 4 /* major version, from CMake */
 #include <embree4/rtcore.h>
 #else
 #include <embree3/rtcore.h>
-
-#include "base/memory.h"
 #endif
 
 static inline pags_result pags_embree_failed(RTCDevice device) {

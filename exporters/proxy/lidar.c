@@ -140,7 +140,7 @@ pags_result pags_lidar_read(const pags_scene *scene, int held_out, pags_lidar *o
   pags_lidar_destroy(out);
   if (result == PAGS_ERROR_MEMORY)
     return result;
-  pags_log(PAGS_LOG_INFO, "proxies do without the laser: %s", pags_error_message());
+  pags_log(PAGS_LOG_INFO, "proxies do without LiDAR: %s", pags_error_message());
   return PAGS_OK;
 }
 

@@ -7,13 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/memory.h"
+#include "base/vec3.h"
+
 #if PAGS_EMBREE >= 4 /* major version, from CMake */
 #include <embree4/rtcore.h>
 #else
 #include <embree3/rtcore.h>
-
-#include "base/memory.h"
-#include "base/vec3.h"
 #endif
 
 struct pags_mesh_query {

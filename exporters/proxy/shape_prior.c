@@ -191,7 +191,7 @@ static pags_result weigh_by_cloud(const pags_shape_prior *priors, int64_t count,
   float *misfits = weights + count;
   fit *fits = calloc((size_t)cloud->count * (size_t)count + 1, sizeof *fits);
   if (!fits)
-    return pags_out_of_memory("%lld points of the laser", (long long)cloud->count);
+    return pags_out_of_memory("%lld points of LiDAR", (long long)cloud->count);
   for (int64_t i = 0; i < cloud->count * count; i++)
     if (like[i % count] > 0)
       fits[i] = fit_point(&priors[i % count], size, cloud->points + 3 * (i / count));

@@ -237,7 +237,7 @@ static void sky_is_guessed_from_the_laser(void **state) {
     float *row = rows + 5 * i;
     row[0] = (float)(range * cos(azimuth) + 1.5), row[1] = (float)(range * sin(azimuth) + 0.3);
     row[2] = (float)(1.6 + range * tan(wall ? elevation : -0.1));
-    if (!wall && i == 0) /* a mast far to the right shows how high the laser looks */
+    if (!wall && i == 0) /* a mast far to the right shows how high the LiDAR looks */
       row[2] = (float)(1.6 + range * tan(0.4));
   }
   tree_bytes(&s, "lidar/000.bin", rows, sizeof rows);

@@ -73,7 +73,7 @@ static void moving_things_have_their_own_points(void **state) {
     left += p[1] > 0.5f;
   }
   assert_true((double)red > 0.95 * (double)car->count);
-  assert_true(left > 50); /* the laser sees the right side only, the left is its mirror image */
+  assert_true(left > 50); /* the LiDAR sees the right side only, the left is its mirror image */
   assert_true(car->count - left > 50);
   assert_int_equal(start.objects[STUB_CRATE].count, 0);
   pags_start_destroy(&start);

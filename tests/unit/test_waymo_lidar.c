@@ -49,7 +49,7 @@ static float two_metres(void *user, const double origin[3], const double directi
   return which == 0 ? 2 : 0;
 }
 
-/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x, to the left first, wherever the laser's own
+/* Four columns look at 135, 45, -45 and -135 degrees from the vehicle's x, to the left first, wherever the LiDAR's own
  * x looks. Rows begin with the highest beam. */
 static void test_directions_by_hand(void **state) {
   (void)state;
@@ -104,7 +104,7 @@ static float see(void *user, const double origin[3], const double direction[3], 
   return (float)fmin(wall, down);
 }
 
-/* 15 m/s ahead and a turn of 0.3 rad/s over the tenth of a second that the laser turns, pitched and rolled. */
+/* 15 m/s ahead and a turn of 0.3 rad/s over the tenth of a second that the LiDAR turns, pitched and rolled. */
 static void drive(void *user, int column, float out[6]) {
   const world *w = user;
   const double t = 0.1 * ((double)column / w->columns - 0.5);

@@ -228,13 +228,13 @@ static void say_sources(int sources, phrase *out) {
 
 pags_result pags_critical_note(pags_driving *driving, const pags_parsed_dataset *parsed) {
   const tally t = count_views(driving, parsed);
-  bool laser = driving->provides & PAGS_PROVIDES_LIDAR;
+  bool lidar = driving->provides & PAGS_PROVIDES_LIDAR;
   PAGS_TRY(pags_driving_note(driving, "masks: of %lld views %lld have sky_masks, %lld semantic, %lld dynamic_masks",
                              (long long)t.views, (long long)t.sky, (long long)t.semantic, (long long)t.dynamic));
   PAGS_TRY(pags_driving_note(driving, "sky: %s",
                              t.sky > 0                                         ? "from sky_masks"
                              : t.semantic > 0 && pags_labels_know_sky(driving) ? "from semantic, class sky"
-                             : laser ? "guessed: above the horizon and above all that the laser met"
+                             : lidar ? "guessed: above the horizon and above all that LiDAR met"
                                      : "unknown (neither masks nor LiDAR)"));
 
   /* "from semantic and dynamic_masks in 200 of 240 views, boxes in 40" */

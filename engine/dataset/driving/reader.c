@@ -295,7 +295,7 @@ static pags_result read_parts(pags_driving *driving, const pags_dataset_options 
   const pags_rules *rules = &driving->rules;
   PAGS_TRY(pags_driving_note(driving, "kind %s: %s, camera axes %s, sweeps in the %s frame, boxes' front %s",
                              rules->kind, rules->per_frame ? "extrinsics per frame" : "constant extrinsics",
-                             rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "laser's" : "ego",
+                             rules->waymo_axes ? "Waymo's" : "OpenCV's", rules->lidar_frame ? "LiDAR's" : "ego",
                              rules->forward_y ? "+y" : "+x"));
 
   PAGS_TRY(choose_holdout(driving, options->holdout_camera));
