@@ -74,6 +74,7 @@ static const pags_verb roofline_verb =
                "The bare blending kernel's peak and the memory's read bandwidth, and what share of the "
                "peak rasterising this scene reaches, forward and backward, on each instruction set that "
                "runs here (PAGS_CPU: on that one).");
+#ifdef PAGS_WITH_REFERENCE
 static const pags_verb error_verb = {.name = "error",
                                      .usage = "SCENE [options]",
                                      .about =
@@ -86,6 +87,7 @@ static const pags_verb error_verb = {.name = "error",
                                          "slow: pictures are small by default.",
                                      .positionals = scene_positionals,
                                      .options = error_options};
+#endif
 static const pags_verb train_verb = {
     .name = "train",
     .usage = "DATASET -o SCENE [options]",
