@@ -57,7 +57,7 @@ typedef struct pags_bench_span {
 
 typedef struct pags_bench_mode_result {
   pags_bench_span ms[PAGS_BENCH_STAGES]; /* over all cameras and repetitions */
-  double speed_up; /* median over all of the first mode's whole frame by this one's, drawn one after the other */
+  double speed_up; /* median ratio of the first mode's frame time to this mode's, of frames drawn one after the other */
   pags_frame_stats counts; /* per frame, on average over the cameras; the times in it are not set */
   double bytes;            /* per frame, by the stages' data structures */
   double psnr;      /* dB against the first mode over all frames, values cut to 0..1; infinite where nothing differs */
@@ -79,8 +79,8 @@ void pags_bench_modes_free(pags_bench_mode_result *results, int mode_count);
 double pags_bench_layers(const pags_part *parts, int part_count, const pags_camera *camera,
                          const pags_frame_options *options);
 
-/* What a forward frame moves, as `pags-bench stages` counts it. `clusters`: that there are; `packed`: rows are read
- * packed. */
+/* Bytes that a forward frame reads and writes, as `pags-bench stages` counts them. `clusters`: the number of clusters
+ * in the scene; `packed`: 1 where rows are read in the packed form. */
 double pags_bench_forward_bytes(const pags_frame_stats *stats, int sh_degree, double clusters, double pixels,
                                 int packed);
 

@@ -21,9 +21,9 @@ pags_result pags_camera_path_ego(const pags_scene *scene, int64_t frames, pags_c
 /* Whether the scene's views know which sensor took them and when: a drive rather than a walk round something. */
 bool pags_scene_is_drive(const pags_scene *scene);
 
-/* The recorded way of the sensor with the lowest number, held-out views' places included, time running: `frames`
- * cameras evenly over its time; with 0, `fps` a second; with fps 0, too, those that were recorded. An error when there
- * are fewer than 2. */
+/* The path that the sensor with the lowest number was driven along, through training and held-out views, with time
+ * running: `frames` cameras evenly spaced in time; frames 0: `fps` cameras a second; both 0: the recorded cameras. An
+ * error where fewer than 2 cameras were recorded. */
 pags_result pags_camera_path_drive(const pags_scene *scene, int64_t frames, double fps, pags_camera_path *out);
 
 /* That sensor's number; -1: the scene is no drive. */

@@ -98,7 +98,7 @@ pags_result pags_picture_queue_finish(pags_picture_queue *queue) {
   queue->used = 0;
   pags_parallel_for(queue->tasks, used, 1, write_slots, queue);
   for (int i = 0; i < used; i++) {
-    if (!queue->slots[i].written) /* the loop was cancelled before it came to this one */
+    if (!queue->slots[i].written) /* the parallel loop was cancelled before it reached this slot */
       write_slots(queue, i, i + 1, 0);
     if (queue->slots[i].result != PAGS_OK)
       return pags_fail(queue->slots[i].result, "%s", queue->slots[i].message);

@@ -30,7 +30,7 @@ static void add_offset(pags_pose_error *sum, int labelled, const double p[3], do
   *(labelled ? &sum->label_degrees : &sum->degrees) += fabs(degrees);
 }
 
-/* Sums of what the offsets of a track are, and of what they are about their mean. */
+/* Adds the offsets of one track to the sums: as they are, and with the track's mean offset taken off. */
 static void add_track(const offset *offsets, int64_t count, int labelled, pags_pose_errors *out) {
   offset mean = {{0, 0, 0}, 0};
   for (int64_t i = 0; i < count; i++) {

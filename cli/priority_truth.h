@@ -15,8 +15,8 @@ typedef struct pags_priority_truth {
   int64_t seen, counted;   /* 0 seen: there is no truth */
   int64_t astray, between; /* of those left out: further than 5 cm from any surface; within 15 cm of both kinds */
   double left_out_weight;  /* share of the summed weights that those left out have */
-  int64_t critical, critical_high; /* owners that are critical; of these, priorities over 0.5 */
-  int64_t other, other_high;       /* the same of the others */
+  int64_t critical, critical_high; /* Gaussians on critical things; of these, those with a priority over 0.5 */
+  int64_t other, other_high;       /* the same of Gaussians on other things */
 } pags_priority_truth;
 
 /* Renders the training views once more. All zero where the data set has no truth/street.json, or the scene no

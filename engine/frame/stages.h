@@ -135,7 +135,8 @@ pags_result pags_stage_raster(pags_frame *frame);  /* -> planes */
 pags_result pags_stage_sample(pags_frame *frame, const frame_samples *samples); /* -> samples, of all tiles */
 pags_result pags_stage_variable_rate(pags_frame *frame); /* -> planes, in place of raster, as `apart` says */
 
-/* Nothing is full; what the last raster stage left. */
+/* Saturation of the picture's blocks: begin marks none as saturated; update reads which pixels the last raster stage
+ * has saturated. */
 pags_result pags_frame_saturation_begin(pags_frame *frame);
 void pags_frame_saturation_update(pags_frame *frame);
 /* Everything after culling, at once. */

@@ -21,7 +21,7 @@ typedef struct pags_lidar_point {
   int32_t kind;   /* PAGS_CANDIDATE_* */
   float merged;   /* how many measured points it is the mean of */
   float sum[4];   /* of weighted colours (0..255) and of their weights */
-  float views[2]; /* how many show it, and how many of these something critical there */
+  float views[2]; /* views that show the point; of these, views with a critical pixel there */
 } pags_lidar_point;
 
 typedef struct pags_lidar_points {

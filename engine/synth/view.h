@@ -10,7 +10,7 @@
 
 typedef struct pags_street_view {
   pags_camera camera;
-  uint8_t *rgb; /* 3 a pixel: the mean of samples all over it */
+  uint8_t *rgb; /* 3 bytes a pixel: the mean of samples spread over the pixel */
   /* Of the ray through the pixel's centre; NULL where only the picture is wanted. */
   float *depth;    /* camera z, 0 for the sky */
   uint8_t *labels; /* PAGS_CLASS_* */

@@ -10,7 +10,7 @@ extern "C" {
 /* Of a world whose x points east, y north, z up. */
 typedef struct pags_place {
   double latitude, longitude; /* of its zero: degrees, WGS84, north and east positive */
-  double altitude;            /* metres, as the recording's receiver counts them */
+  double altitude;            /* metres, in the height system of the recording's GNSS receiver */
   int known;                  /* 0: nothing is known of it */
 } pags_place;
 
