@@ -63,7 +63,7 @@ static pags_result find_any(const pags_scene *scene, const char *name, size_t le
         list->edits = grown;
         list->capacity = capacity;
       }
-      list->edits[list->count++] = *(&edit);
+      list->edits[list->count++] = edit;
     }
   }
   return PAGS_OK;

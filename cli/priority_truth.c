@@ -115,9 +115,9 @@ static pags_result judge_times(measuring *m, pags_priority_truth *out) {
       double critical = (double)m->critical[i], other = (double)m->other[i];
       int high = m->priority[id] > 0.5f;
       out->seen++;
-      *(&all) += m->weight[id];
+      all += m->weight[id];
       if (fmin(critical, other) > near_metres || fmax(critical, other) <= far_metres) {
-        *(&left_out) += m->weight[id];
+        left_out += m->weight[id];
         ++*(fmin(critical, other) > near_metres ? &out->astray : &out->between);
       } else if (critical < other) {
         out->critical++;

@@ -119,7 +119,7 @@ pags_result pags_lidar_points_merge(pags_lidar_points *points, pags_tasks *tasks
 
         /* Open addressing over indices of rows kept so far; `keys` are theirs. */
         uint64_t at = hash_of(&k) & mask;
-        while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof *(&k)) != 0)
+        while (table[at] >= 0 && memcmp(&keys[table[at]], &k, sizeof k) != 0)
           at = (at + 1) & mask;
         int64_t slot = (int64_t)at;
 

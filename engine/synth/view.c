@@ -145,7 +145,7 @@ static void add_surfaces(const draw_job *job, const pags_camera *camera, const p
       const float unit[3] = {rays->direction[i][0] / length, rays->direction[i][1] / length,
                              rays->direction[i][2] / length};
       const pags_footprint footprint = footprint_of(touch, unit, side);
-      *(&seen) = (surface){{0}, {0}};
+      seen = (surface){{0}, {0}};
       pags_material_color(material, &job->street->markings, touch, &footprint, job->seed, seen.reflectance);
       if (material->gloss > 0.0f)
         mirror(material, touch, unit, job->seed, &seen);

@@ -86,9 +86,9 @@ static pags_result add_background(const pags_train_state *state, description *d)
     for (int64_t i = 0; i < g->count; i++)
       if (pags_gaussians_row_degree(g, i) == degree)
         index[rows++] = i;
-    if (rows == 0 && (degree > 0 || *(&count) > 0))
+    if (rows == 0 && (degree > 0 || count > 0))
       continue;
-    pags_gaussians *part = &d->parts[(*(&count))++];
+    pags_gaussians *part = &d->parts[count++];
     result = pags_gaussians_create_like(part, rows, g);
     if (result == PAGS_OK)
       pags_gaussians_gather(g, index, rows, part);
