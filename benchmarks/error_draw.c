@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Approximations that the engine can do without: it draws the same pictures with and without them.
+/* Approximations that can be switched off: the same views are drawn with each and without it, and compared.
  *
- * Frames that are timed take turns; a gain is the median of ratios of frames drawn in the same turn. */
+ * Timed frames alternate, one with and one without; a gain is the median of the ratios of such pairs. */
 #include "benchmarks/error.h"
 
 #include <math.h>

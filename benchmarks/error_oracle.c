@@ -43,7 +43,7 @@ typedef struct oracle {
   const pags_bench_view *view;
   reference_part parts[PAGS_BENCH_ERROR_PARTS];
   pags_frame *frame;
-  float *gradient[PAGS_BENCH_ERROR_PARTS]; /* the engine's: plane p of row i at p * count + i */
+  float *gradient[PAGS_BENCH_ERROR_PARTS]; /* the engine's: parameter p of Gaussian i at p * count + i */
   error_sum picture, decided, limit[LIMITS], affine, group[GROUPS];
   double oracle_ms, engine_ms, oracle_back_ms, engine_back_ms; /* forward; forward and back */
   double limit_ms[LIMITS], limit_pairs[LIMITS], pairs, ray_ms;

@@ -10,10 +10,10 @@
 typedef struct pags_progress {
   FILE *stream; /* NULL: silent */
   bool terminal;
-  double shown_at; /* pags_seconds() of the last line */
-  int length;      /* characters of the line that stands on the terminal now */
-  double begun, from,
-      fraction; /* pags_progress_watch: when and at what fraction the part began, and where it is; 0: not begun */
+  double shown_at;    /* pags_seconds() of the last line */
+  int length;         /* characters of the line that stands on the terminal now */
+  double begun, from; /* pags_progress_watch: when this phase began (0: not yet), and at which fraction of the work */
+  double fraction;    /* of the work that is done */
 } pags_progress;
 
 #if defined(__GNUC__)
@@ -25,13 +25,13 @@ typedef struct pags_progress {
 pags_progress pags_progress_begin(FILE *stream);
 /* Whether it is time for another line: building one may cost something. */
 bool pags_progress_due(const pags_progress *progress);
-/* Replaces the line (terminal) or adds one. */
+/* The status line: written over itself on a terminal, a new line elsewhere. */
 void pags_progress_show(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* A line that stays, above the progress. */
+/* A line that stays, above the status line. */
 void pags_progress_say(pags_progress *progress, const char *format, ...) PAGS_CLI_PRINTF;
-/* A pags_progress_fn over a pags_progress: what, per cent and the time that is left; ends the work once it is
- * interrupted. What was done before the first call counts as done at once, and a fraction that falls begins another
- * part. */
+/* A pags_progress_fn over a pags_progress: what, per cent and the time that is left; returns 0, which ends the work,
+ * once it is interrupted. What was done before the first call counts as done at once, and a fraction that falls begins
+ * another part. */
 int pags_progress_watch(void *progress, double fraction, const char *what);
 /* Clears the line that stands on the terminal. */
 void pags_progress_end(pags_progress *progress);

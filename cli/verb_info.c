@@ -32,7 +32,8 @@ static const pags_option options[] = {
         "of scenes and splat files: bytes per Gaussian for storage, rendering (measured on one frame) and training"),
     PAGS_FLAG("objects", 0, AT(objects), "of scenes: list every object"),
     PAGS_TEXT("overlay", 0, AT(overlay), "FOLDER", NULL,
-              "of driving sets: draw boxes (fronts crossed; parked ones dim) and LiDAR (red near, blue far) onto the "
+              "of driving sets: draw boxes (a cross on the front, parked objects dim) and LiDAR (red near, blue far) "
+              "onto the "
               "photographs of "
               "at most 20 time steps, and say how well they agree"),
     PAGS_VALUE("downscale", 0, DOUBLE, AT(options.downscale), 1, 64, "F", "times", NULL, "of data sets: as for train"),

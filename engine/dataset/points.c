@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The points that training starts from: the model's own where it has some, else random ones. */
+/* The points that training starts from: those of the data set's reconstruction (COLMAP or SfM) where it has some, else
+ * random ones; driving sets without such points get none here, as they start from LiDAR. */
 #include "dataset/driving/reader.h"
 #include "dataset/internal.h"
 
@@ -10,7 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Which view of the data set a track's id means, and whether it trains: sorted ids to be searched. */
+/* Whether the view with this id (the ids that points list as their observers) is a training view; sorted by id. */
 typedef struct id_use {
   int64_t id;
   int training;
@@ -33,7 +34,8 @@ static id_use *list_uses(const pags_dataset *dataset) {
   return uses;
 }
 
-/* Two training views must see a point: with fewer it stands where a held-out view has put it. */
+/* A point counts if two training views see it. With fewer its position was triangulated with the help of held-out
+ * views, which training must know nothing of. */
 static int is_used(const pags_parsed_points *points, const pags_parsed_point *point, const id_use *uses,
                    int64_t views) {
   int seen = 0;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Frames within a time: the choice of what the rest gives up. */
+/* Frames within a time: a controller chooses how much quality what isn't critical (S_sem <= 0.5) gives up. */
 #include <assert.h>
 #include <math.h>
 #include <pags/deadline.h>
@@ -10,7 +10,8 @@
 
 #include "base/memory.h"
 
-/* Ordered by what they cost on trained streets. */
+/* eps, degrees of colour less, smallest opacity x area in px, sampled (pags/deadline.h); by falling cost, as measured
+ * on trained streets. */
 #define GREY (1.0f / 255.0f)
 static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
     {0.0f, 0, 0.0f, 0}, {GREY, 0, 0.0f, 0},     {GREY, 3, 0.25f, 0},    {GREY, 3, 1.0f, 0},
@@ -19,7 +20,7 @@ static const pags_deadline_step steps[PAGS_DEADLINE_STEPS] = {
 /* Guesses to begin with; what is measured replaces them. */
 static const double first_shares[PAGS_DEADLINE_STEPS] = {1.0, 0.9, 0.85, 0.8, 0.65, 0.6, 0.55, 0.5};
 
-#define MARGIN 1.12 /* frames of one path differ by so much from one to the next */
+#define MARGIN 1.12 /* consecutive frames along a camera path differ by so much */
 
 const pags_deadline_step *pags_deadline_steps(void) {
   return steps;
@@ -31,13 +32,13 @@ pags_deadline_controller pags_deadline_controller_begin(double target_ms) {
   return out;
 }
 
-/* Two frames one after the other at different steps tell the steps' ratio, the view having hardly changed. */
+/* Learns the ratio of two steps' costs from two consecutive frames drawn at these steps, whose views hardly differ. */
 static void learn(pags_deadline_controller *c, double ms) {
   const int k = c->step;
   if (c->last_step < 0 || c->last_step == k || !(c->last_ms > 0.0))
     return;
   const double told = c->share[c->last_step] * ms / c->last_ms;
-  if (k == 0) { /* the measure of all others: they are corrected */
+  if (k == 0) { /* step 0 is the unit of all shares, so the others are corrected; half of the way, on a log scale */
     const double by = fmin(fmax(c->share[c->last_step] / told, 0.5), 2.0);
     for (int j = 1; j < PAGS_DEADLINE_STEPS; j++)
       c->share[j] *= sqrt(by);

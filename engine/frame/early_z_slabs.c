@@ -1,10 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A frame drawn slab of depth by slab, front to back, so that what lies behind full pixels is never read: the frame
- * is its own depth pre-pass.
+/* A frame drawn slab of depth by slab, front to back, so that what lies behind saturated pixels is never read: the
+ * frame is its own depth pre-pass.
  *
  * Clusters are taken in the order of a lower bound of their members' keys, some thousand Gaussians at a time. When
  * the next cluster's bound is K, every Gaussian whose key is below K has been read, so that those among them that
- * haven't been drawn yet are a stretch of the frame's one order (key, id): they are sorted, binned and blended onto
+ * haven't been drawn yet are a contiguous run of the frame's order (key, id): they are sorted, binned and blended onto
  * what is there. The others wait. After each slab, tiles all of whose pixels have stopped are full.
  *
  * Why the picture is that of PAGS_EARLY_Z_OFF to the bit:
@@ -16,8 +16,8 @@
  *   (d) what is left out lies behind, and only full pixels' blocks are in its reach: K is a lower bound of the keys
  *     as floats, and reaches hold every pixel that the rasteriser could find (cull.c, project.inl);
  *   (e) pixels beyond the picture's edge count as full.
- * The same holds of PAGS_EARLY_Z_BOUNDED beside a frame whose pixels stop at T <= eps too: where the cuts between
- * slabs lie, and so how many there are, changes no bit in either mode.
+ * The same holds of PAGS_EARLY_Z_BOUNDED, compared with a frame without slabs whose pixels stop at T <= eps too: where
+ * the cuts between slabs lie, and so how many there are, changes no bit in either mode.
  *
  * Bounded: let a pixel stop with T <= eps where OFF goes on. Until then both have done the same. OFF then adds
  * sum(w_k c_k) + T' s, w_k >= 0 summing to T - T', s the sky's colour, where this adds T s. The difference is sum(w_k
@@ -38,7 +38,7 @@ typedef struct active_cluster {
   uint16_t waiting[MOST_GROUPS]; /* per group: members neither drawn nor hidden so far */
   uint16_t ready[MOST_GROUPS];   /* per group: members to be drawn now */
   int32_t ready_count, waiting_count, hidden_count, shaded_count;
-  int64_t place; /* of its first one in the list of what is drawn */
+  int64_t place; /* index of its first member in the frame's list of drawn Gaussians */
 } active_cluster;
 
 typedef struct slabs {
@@ -189,8 +189,8 @@ static void project_active(void *context, int64_t begin, int64_t end, int worker
   }
 }
 
-/* Colours and tiles of the groups that have a member to be drawn, once. Vectors make the others of a group cost
- * nothing. */
+/* Colours and tiles of the groups that have a member to be drawn, once. The other members of a group share its
+ * vector and cost nothing. */
 static void shade_groups(const slabs *s, active_cluster *a) {
   const pags_frame *const f = s->frame;
   const view_cluster *const c = f->clusters + a->view;
@@ -294,7 +294,8 @@ static int64_t slab_budget(const pags_frame *f) {
   return read > SLABS * (double)LEAST ? (int64_t)(read / SLABS) : LEAST;
 }
 
-/* Of what would have been shaded. Clusters that were never read are taken to be like the others. */
+/* The hidden share of the Gaussians that would have been shaded. Clusters that were never read count like the others.
+ */
 static double hidden_share(const pags_frame_stats *stats) {
   const double passed = (double)(stats->hidden + stats->shaded);
   if (stats->loaded == 0 || passed <= 0.0)

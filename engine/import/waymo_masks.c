@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pinholes for photographs with distortion (waymo_masks.h). */
+/* Pinhole cameras that cover what a distorted photograph shows: masks are drawn by the pinhole and looked up pixel by
+ * pixel of the photograph (waymo_masks.h). */
 #include "import/waymo_masks.h"
 
 #include <assert.h>
@@ -23,8 +24,8 @@ static void include_pixel(const pags_lens *lens, double u, double v, bounds *b) 
   b->y1 = fmax(b->y1, y);
 }
 
-/* What the photograph's border shows; twice the undistorted extent at most, since lenses stretch without bound at the
- * limit. */
+/* What the photograph's border shows; twice the undistorted extent at most, since the distortion polynomial stretches
+ * without bound at the end of its range. */
 static bounds seen_bounds(const pags_lens *lens) {
   const double w = lens->width, h = lens->height;
   bounds b = {INFINITY, -INFINITY, INFINITY, -INFINITY};

@@ -24,8 +24,8 @@ pags_result pags_waymo_unpack_matrix(const ProtobufCBinaryData *stream, int dept
                                      pags_waymo_matrix **out);
 void pags_waymo_free_matrix(pags_waymo_matrix *matrix); /* NULL is allowed */
 
-/* Upper three rows of a 4x4: finite, its rotation one within 1e-3, its last row 0 0 0 1. The digits stay as they are.
- */
+/* The upper three rows of a 4x4 rigid motion. Fails unless all numbers are finite, the rotation is orthonormal to
+ * within 1e-3 and the last row is 0 0 0 1. The numbers are copied, not orthonormalised. */
 pags_result pags_waymo_transform(const Pags__Waymo__Transform *transform, const char *where, const char *what,
                                  double out[12]);
 

@@ -50,7 +50,7 @@ static void add_car(pags_street *street, const pags_cast *models, pags_actor act
                     (float)actor.ground, (float)actor.heading, 1.0f);
 }
 
-/* Boxes reach around a whole stride. */
+/* The labelled box encloses the limbs through a whole stride. */
 void pags_actors_stand(pags_street *street, const pags_person_kind *kind, pags_actor actor) {
   const int parts = kind->bicycle >= 0 ? RIDER_PARTS : PERSON_PARTS;
   const int meshes[RIDER_PARTS] = {kind->body, kind->arm, kind->arm, kind->leg, kind->leg, kind->bicycle};
@@ -86,7 +86,8 @@ void pags_actors_park(pags_street *street, pags_dice *dice, const pags_cast *mod
     }
 }
 
-/* When number `index` of `count` is to be met, so that they come one after another `gap` seconds apart at least. */
+/* When the recording car meets number `index` of `count` actors of a role: at least `gap` seconds after the one before.
+ */
 static double meeting(const pags_street *street, int index, int count, double gap) {
   return 0.5 * street->duration + (index - 0.5 * (count - 1)) * fmax(street->duration / count, gap);
 }
@@ -160,7 +161,7 @@ static void ride(pags_street *street, const pags_cast *models, pags_dice *dice, 
                                  .phase = (double)pags_dice_between(dice, 0.0f, 6.0f)});
 }
 
-/* The roles come in turn, so that few objects are of all kinds. */
+/* The roles come in turn, so that even a few objects include every kind. */
 static void set_going(pags_street *street, const pags_cast *models) {
   enum { ROLES = 8 };
   pags_dice dice = {street->options->seed, STREAM_MOVING, 0};

@@ -64,7 +64,7 @@ static float line(const pags_touch *touch, const pags_footprint *print, float lo
   return pulse(touch->point[1], lo, hi, print->y);
 }
 
-/* Share of the paint of lane lines, parking bays and zebra crossings. */
+/* Share of the footprint that is painted: lane lines, parking bays, zebra crossings. */
 static float marking_share(const pags_markings *markings, const pags_touch *touch, const pags_footprint *print) {
   const float x = touch->point[0], phase = (x - markings->first_crossing) / markings->spacing;
   const float from_zebra = (phase - floorf(phase + 0.5f)) * markings->spacing, half = 0.5f * PAGS_ZEBRA;

@@ -90,7 +90,8 @@ static int by_gradient(const void *a, const void *b) {
   return x->row < y->row ? -1 : x->row > y->row;
 }
 
-/* Turns all but the `room` strongest clones and splits into keeps. */
+/* Where there is room for only `room` more Gaussians: keeps the clones and splits with the largest gradients and
+ * cancels the others. */
 static pags_result cut_growth(const pags_train_model *model, pags_edits *edits, int64_t room) {
   candidate *list = malloc((size_t)edits->wanted * sizeof *list);
   int64_t n = 0;

@@ -24,10 +24,11 @@ typedef struct pags_model_room {
   int64_t held_room;  /* floats; clusters = floats / (planes * cluster size) */
 } pags_model_room;
 
-/* What stands behind a part of the view. */
+/* The model that a part of the view was made from. */
 typedef struct pags_drawn_model {
   int64_t model;
-  int64_t knot; /* of its track at the view's time step; -1: the background, or a time step without a label */
+  int64_t knot; /* index of the pose in its track at the view's time step; -1: the background, or a time step without a
+                   label */
 } pags_drawn_model;
 
 /* What training draws with besides the state; the same from step to step. */
@@ -61,7 +62,8 @@ void pags_view_render_destroy(struct pags_trainer *trainer);
 void pags_view_render_compose(struct pags_trainer *trainer, int64_t view);
 /* The frame's options for a view at `step`. */
 pags_frame_options pags_view_render_options(const struct pags_trainer *trainer, int64_t step);
-/* Gives the composed parts the factors of opacity that pags_view_render_touch draws, where the step has dropout. */
+/* In steps with dropout: gives each part an array of opacity factors, one a Gaussian, which pags_view_render_touch
+ * fills at random (0 for a Gaussian that the step leaves out). */
 pags_result pags_view_render_reserve_factors(struct pags_trainer *trainer, int64_t step);
 /* Before a cluster is read: owed updates, colour now, dropout. `user` is a pags_render_context. */
 void pags_view_render_touch(void *user, int part, int64_t cluster, int worker);

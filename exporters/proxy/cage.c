@@ -3,8 +3,8 @@
  *
  * Each round, every sample of the limit surface is drawn to the nearest point of the mesh, and the nearest sample to
  * every vertex of the mesh to that vertex (so that what sticks out is not lost). The control points that do this best
- * are found by linear least squares over the limit stencils, with a price on the second differences of the cage that
- * falls from round to round. */
+ * are found by linear least squares over the limit stencils, with a penalty on the cage's bending (the difference of
+ * a point from the mean of its neighbours) whose weight falls from round to round. */
 #include "exporters/proxy/cage.h"
 
 #include <math.h>
@@ -17,9 +17,9 @@
 
 enum { ROUNDS = 14, SIDE = 5, MOST_PULLS = 3000 };
 
-/* Price of all pulls at the mesh's vertices beside that of all at samples: what sticks out, a wheel, has few of the
- * first and none of the second, which find something nearer. */
-static const double vertex_price = 8;
+/* Weight of all pulls from the mesh's vertices, relative to that of all pulls from samples of the limit surface. It is
+ * large for the sake of what sticks out, such as a wheel: few vertices lie there, and samples find nearer points. */
+static const double vertex_weight = 8;
 
 typedef struct cage {
   int n[3]; /* quads along x, y, z */
@@ -208,7 +208,7 @@ static pags_result round_of(fit *f, int round) {
     const double target[3] = {(double)v[0], (double)v[1], (double)v[2]};
     uint32_t sample;
     pags_mesh_query_distance(cloud, target, &sample);
-    pull(f, sample, target, vertex_price * share);
+    pull(f, sample, target, vertex_weight * share);
   }
   double samples_each = (double)f->stencils.count / (double)n;
   add_smoothness(f, samples_each * 2 * pow(0.003, (double)round / (ROUNDS - 1)));

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Drawing Gaussians by the training cameras for their depth.
+/* Draws Gaussians from the training cameras for their depth.
  *
- * Mean depth sum(w z) / sum(w) lies between front and back where a pixel sees both. Such pixels are told by the depth
- * of their neighbours, which jumps there, and say nothing. */
+ * Where a pixel sees a front and a back surface, the mean depth sum(w z) / sum(w) lies between them. Such pixels are
+ * recognised by a jump to the depth of a neighbour and count as unknown. */
 #include "exporters/proxy/depth_view.h"
 
 #include <math.h>
@@ -84,7 +84,7 @@ static void drop_edges(pags_depth_view *depth_view, float *scratch) {
       int64_t at = (int64_t)y * w + x;
       if (scratch[at] > 0 && ((x > 0 && jumps(scratch, at, at - 1)) || (x + 1 < w && jumps(scratch, at, at + 1)) ||
                               (y > 0 && jumps(scratch, at, at - w)) || (y + 1 < h && jumps(scratch, at, at + w))))
-        depth_view->depth[at] = PAGS_SIGHT_UNKNOWN;
+        depth_view->depth[at] = PAGS_DEPTH_VIEW_UNKNOWN;
     }
 }
 
@@ -97,7 +97,7 @@ void pags_depth_view_bound(pags_depth_view *depth_view) {
   }
   for (int y = 0; y < h; y++)
     for (int x = 0; x < w; x++) {
-      int64_t at = (int64_t)(y / PAGS_SIGHT_CELL) * depth_view->cells_x + x / PAGS_SIGHT_CELL;
+      int64_t at = (int64_t)(y / PAGS_DEPTH_VIEW_CELL) * depth_view->cells_x + x / PAGS_DEPTH_VIEW_CELL;
       float depth = depth_view->depth[(int64_t)y * w + x];
       depth = fabsf(depth);
       depth_view->lo[at] = depth < depth_view->lo[at] ? depth : depth_view->lo[at];
@@ -146,8 +146,8 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
       float alpha = 1.0f - picture.transmittance[from];
       depth_view->cover[to] = byte_of(alpha);
       depth_view->depth[to] = depth_view->cover[to] > SOLID && picture.depth[from] > 0 ? picture.depth[from]
-                              : depth_view->cover[to] < CLEAR                          ? PAGS_SIGHT_FREE
-                                                                                       : PAGS_SIGHT_UNKNOWN;
+                              : depth_view->cover[to] < CLEAR                          ? PAGS_DEPTH_VIEW_FREE
+                                                                                       : PAGS_DEPTH_VIEW_UNKNOWN;
       for (int c = 0; c < 3; c++)
         depth_view->rgb[3 * to + c] = byte_of(alpha > 0.01f ? picture.rgb[c][from] / alpha : 0);
     }
@@ -180,8 +180,8 @@ pags_result pags_depth_views_add(pags_depth_views *depth_views, pags_frame *fram
 
   /* Make cells. */
   int w = depth_view->camera.width, h = depth_view->camera.height;
-  depth_view->cells_x = (w + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
-  depth_view->cells_y = (h + PAGS_SIGHT_CELL - 1) / PAGS_SIGHT_CELL;
+  depth_view->cells_x = (w + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
+  depth_view->cells_y = (h + PAGS_DEPTH_VIEW_CELL - 1) / PAGS_DEPTH_VIEW_CELL;
   int64_t count = (int64_t)depth_view->cells_x * depth_view->cells_y;
   depth_view->lo = malloc(2 * (size_t)count * sizeof *depth_view->lo);
   if (!depth_view->lo)
@@ -255,21 +255,23 @@ pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_vi
   *z = p[2];
   double near = p[2] - radius;
   if (near < 0.1)
-    return PAGS_SIGHT_MIXED;
+    return PAGS_DEPTH_VIEW_MIXED;
   /* A point of the ball is off in u by at most f r (1 + |x / z|) / (z - r). */
   double u = c->fx * p[0] / p[2] + c->cx, v = c->fy * p[1] / p[2] + c->cy;
   double du = c->fx * radius * (1 + fabs(p[0] / p[2])) / near, dv = c->fy * radius * (1 + fabs(p[1] / p[2])) / near;
   if (!(u - du >= 0 && v - dv >= 0 && u + du < c->width && v + dv < c->height))
-    return PAGS_SIGHT_MIXED;
-  int x0 = (int)(u - du) / PAGS_SIGHT_CELL, x1 = (int)(u + du) / PAGS_SIGHT_CELL;
-  int y0 = (int)(v - dv) / PAGS_SIGHT_CELL, y1 = (int)(v + dv) / PAGS_SIGHT_CELL;
+    return PAGS_DEPTH_VIEW_MIXED;
+  int x0 = (int)(u - du) / PAGS_DEPTH_VIEW_CELL, x1 = (int)(u + du) / PAGS_DEPTH_VIEW_CELL;
+  int y0 = (int)(v - dv) / PAGS_DEPTH_VIEW_CELL, y1 = (int)(v + dv) / PAGS_DEPTH_VIEW_CELL;
   double lo = HUGE_VAL, hi = 0;
   for (int y = y0; y <= y1; y++)
     for (int x = x0; x <= x1; x++) {
       lo = fmin(lo, (double)depth_view->lo[(int64_t)y * depth_view->cells_x + x]);
       hi = fmax(hi, (double)depth_view->hi[(int64_t)y * depth_view->cells_x + x]);
     }
-  return lo >= p[2] + radius + margin ? PAGS_SIGHT_CLEAR : hi < near - margin ? PAGS_SIGHT_HIDDEN : PAGS_SIGHT_MIXED;
+  return lo >= p[2] + radius + margin ? PAGS_DEPTH_VIEW_CLEAR
+         : hi < near - margin         ? PAGS_DEPTH_VIEW_HIDDEN
+                                      : PAGS_DEPTH_VIEW_MIXED;
 }
 
 int pags_depth_view_project(const pags_depth_view *depth_view, const double point[3], int *x, int *y, double *z) {

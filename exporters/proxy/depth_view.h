@@ -11,11 +11,14 @@ extern "C" {
 #endif
 
 /* Depth codes of pixels without a surface. */
-#define PAGS_SIGHT_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
-#define PAGS_SIGHT_FREE \
+#define PAGS_DEPTH_VIEW_UNKNOWN 0.0f /* half covered, or at an edge of depth: says nothing */
+#define PAGS_DEPTH_VIEW_FREE \
   (-1e30f) /* nothing there: the ray is free all along. Any negative depth: free as far as that, unknown beyond */
 
-enum { PAGS_SIGHT_CELL = 8, PAGS_SIGHT_WIDEST = 480 }; /* pixels: of a cell's side, of a view of the background */
+enum {
+  PAGS_DEPTH_VIEW_CELL = 8,
+  PAGS_DEPTH_VIEW_WIDEST = 480
+}; /* pixels: of a cell's side, of a view of the background */
 
 typedef struct pags_depth_view {
   double blur;        /* pixels by which drawing widens each Gaussian: the low-pass's sigma */
@@ -28,7 +31,7 @@ typedef struct pags_depth_view {
   uint8_t *cover;       /* alpha, 0..255 */
   uint8_t *labels;      /* what its users make of them, one a pixel; NULL: none */
   uint8_t *rgb;         /* 3 a pixel, display-referred sRGB without what is behind the Gaussians */
-  int cells_x, cells_y; /* of PAGS_SIGHT_CELL pixels a side */
+  int cells_x, cells_y; /* of PAGS_DEPTH_VIEW_CELL pixels a side */
   float *lo, *hi;       /* of a cell's depths: free pixels count as far as they are, unknown ones as 0 */
 } pags_depth_view;
 
@@ -56,9 +59,9 @@ int pags_camera_crop(const pags_camera *camera, const double lo[3], const double
 int pags_depth_view_may_see(const pags_depth_view *depth_view, const double middle[3], double radius, double range);
 
 typedef enum pags_depth_view_verdict {
-  PAGS_SIGHT_MIXED, /* look at its points */
-  PAGS_SIGHT_CLEAR, /* all of it lies before everything seen by at least the margin */
-  PAGS_SIGHT_HIDDEN /* all of it lies behind it by more than that, or where nothing is known */
+  PAGS_DEPTH_VIEW_MIXED, /* look at its points */
+  PAGS_DEPTH_VIEW_CLEAR, /* all of it lies before everything seen by at least the margin */
+  PAGS_DEPTH_VIEW_HIDDEN /* all of it lies behind it by more than that, or where nothing is known */
 } pags_depth_view_verdict;
 /* Of a ball that may be seen: how it lies to what is seen where it is in the picture. `z` receives its middle's. */
 pags_depth_view_verdict pags_depth_view_classify(const pags_depth_view *depth_view, const double middle[3],

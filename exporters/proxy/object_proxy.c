@@ -27,7 +27,7 @@ pags_result pags_proxy_maker_open(const pags_scene *scene, const pags_proxy_opti
   }
   pags_result result = pags_frame_create(tasks, &out->frame);
   if (result == PAGS_OK)
-    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_SIGHT_WIDEST, &out->scene_depth);
+    result = pags_scene_depth_draw(scene, out->frame, &out->drawing, PAGS_DEPTH_VIEW_WIDEST, &out->scene_depth);
   if (result == PAGS_OK)
     result = pags_lidar_read(scene, 0, &out->lidar);
   if (result != PAGS_OK)

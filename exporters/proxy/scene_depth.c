@@ -158,7 +158,7 @@ void pags_depth_view_hide(pags_depth_view *depth_view, const pags_scene_depth_vi
         continue;
       /* Depths are a blend's: what is a little behind may be the same surface. */
       int hidden = *depth > 0 && (double)*depth > 1.02 * farthest + 0.25;
-      if ((hidden || *depth < 0) && nearest < (double)-PAGS_SIGHT_FREE)
+      if ((hidden || *depth < 0) && nearest < (double)-PAGS_DEPTH_VIEW_FREE)
         *depth = (float)-nearest;
     }
   pags_depth_view_bound(depth_view);

@@ -101,11 +101,11 @@ static int64_t choose_views(const fusion *self, const double middle[3], double r
     if (!pags_depth_view_may_see(depth_view, middle, radius, self->range))
       continue;
     pags_depth_view_verdict verdict = pags_depth_view_classify(depth_view, middle, radius, self->truncation, &z);
-    if (verdict == PAGS_SIGHT_CLEAR && self->carve && z + radius <= self->range) {
+    if (verdict == PAGS_DEPTH_VIEW_CLEAR && self->carve && z + radius <= self->range) {
       double w = weigh(depth_view, self->grid->step, z);
       sure->sum += w * self->truncation;
       sure->weight += w;
-    } else if (verdict != PAGS_SIGHT_HIDDEN) {
+    } else if (verdict != PAGS_DEPTH_VIEW_HIDDEN) {
       seen[count++] = i;
     }
   }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The files of drivestudio's processed layout, each written once. */
+/* The files of drivestudio's processed layout. A file that exists is never written again, so that an import that was
+ * stopped can go on. */
 #include "dataset/driving/writer.h"
 
 #include <assert.h>
@@ -16,7 +17,8 @@
 
 static const char *const folders[] = {"images",        "ego_pose",  "extrinsics", "intrinsics", "lidar",
                                       "dynamic_masks", "sky_masks", "semantic",   "panoptic",   "instances"};
-static const char *const files[] = {"dataset.json", "timestamps.json", "import.json"}; /* dataset.json goes first */
+static const char *const files[] = {"dataset.json", "timestamps.json",
+                                    "import.json"}; /* dataset.json, the mark of a finished set, is removed first */
 enum { FOLDERS = sizeof folders / sizeof folders[0], FILES = sizeof files / sizeof files[0] };
 
 pags_layout_exposure pags_layout_exposure_unknown(void) {
@@ -164,7 +166,7 @@ void pags_layout_destroy(pags_layout *layout) {
 
 /* ---- Files of a frame ---- */
 
-pags_result pags_layout_make_room(const char *path) {
+pags_result pags_layout_make_folder(const char *path) {
   char *parent = pags_path_folder(path);
   const pags_result result = parent ? pags_make_dirs(parent) : pags_out_of_memory("%s", path);
   free(parent);
@@ -172,7 +174,7 @@ pags_result pags_layout_make_room(const char *path) {
 }
 
 static pags_result write_file(const char *path, const void *bytes, size_t size) {
-  PAGS_TRY(pags_layout_make_room(path));
+  PAGS_TRY(pags_layout_make_folder(path));
   return pags_file_write(path, bytes, size);
 }
 

@@ -54,7 +54,7 @@ typedef struct pags_layout_info {
   int camera_count;    /* <= PAGS_LAYOUT_CAMERAS */
   const pags_layout_camera *cameras;
   bool extrinsics_per_frame;        /* TTT_C.txt instead of C.txt */
-  bool extrinsics_from_world;       /* per frame: camera-to-world instead of camera-to-ego */
+  bool extrinsics_from_world;       /* with extrinsics_per_frame: they are camera-to-world, not camera-to-ego */
   const char *const *lidar_columns; /* "x", "y", "z", "reflectance", NULL; NULL: there is no LiDAR */
 } pags_layout_info;
 
@@ -85,8 +85,8 @@ void pags_layout_track_destroy(pags_layout_track *track);
 pags_result pags_layout_begin(pags_layout *layout, const char *folder, const pags_layout_info *info, bool overwrite);
 void pags_layout_destroy(pags_layout *layout); /* frees; a zeroed one is allowed */
 
-/* Makes the folder that a file of this path lies in; folders appear with their first file. */
-pags_result pags_layout_make_room(const char *path);
+/* Makes the folder that a file of this path lies in, so that folders appear with their first file. */
+pags_result pags_layout_make_folder(const char *path);
 
 /* Whether `folder`/TTT_C.extension is there: what costs much to make need not be made. camera -1: TTT.extension;
  * frame -1: C.extension. extension NULL: any of .png .jpg .jpeg. `camera` is the number in file names here and
@@ -110,7 +110,8 @@ pags_result pags_layout_put_ego_pose(const pags_layout *layout, int64_t frame, c
 pags_result pags_layout_put_extrinsics(const pags_layout *layout, int64_t frame, int camera, const double m[12]);
 /* lidar/TTT.bin: rows of as many floats as info names columns. */
 pags_result pags_layout_put_lidar(const pags_layout *layout, int64_t frame, int64_t rows, const float *values);
-/* `folder`/TTT_C.png, 8-bit grey; "sky_masks": 255 = sky; "semantic": Cityscapes train ids, 255 = unknown. */
+/* `folder`/TTT_C.png (TTT the frame, C the camera), 8-bit grey; "sky_masks": 255 = sky; "semantic": Cityscapes train
+ * ids, 255 = unknown. */
 pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, int64_t frame, int camera, int width,
                                  int height, const uint8_t *pixels);
 /* dynamic_masks/{all,vehicle,human}/TTT_C.png: 255 in the outlines of the boxes of objects that move, whether hidden

@@ -14,7 +14,7 @@
 /* The path of a file of the layout, whose folder is made. */
 static pags_result make_path(const pags_layout *layout, const char *name, char **out) {
   *out = pags_path_join(layout->folder, name);
-  return *out ? pags_layout_make_room(*out) : pags_out_of_memory("%s", layout->folder);
+  return *out ? pags_layout_make_folder(*out) : pags_out_of_memory("%s", layout->folder);
 }
 
 static pags_result save(pags_json_writer *writer, const char *path) {

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The layout's masks: those that a source brings, and those drawn from boxes. */
+/* The mask pictures of a driving set: those that a recording has, and those drawn from the outlines of labelled boxes.
+ */
 #include <pags/dataset.h>
 #include <pags/image.h>
 #include <stdio.h>
@@ -21,7 +22,7 @@ pags_result pags_layout_put_mask(const pags_layout *layout, const char *folder, 
   snprintf(name, sizeof name, "%s/%03lld_%d.png", folder, (long long)frame, camera);
   char *path = pags_path_join(layout->folder, name);
   pags_image image = {0};
-  pags_result result = path ? pags_layout_make_room(path) : pags_out_of_memory("%s", layout->folder);
+  pags_result result = path ? pags_layout_make_folder(path) : pags_out_of_memory("%s", layout->folder);
   if (result == PAGS_OK)
     result = pags_image_create(&image, width, height, 1, PAGS_U8);
   if (result == PAGS_OK) {

@@ -67,7 +67,7 @@ enum {
 enum {
   PAGS_PROVIDES_BOXES = 1,
   PAGS_PROVIDES_LIDAR = 2,
-  PAGS_PROVIDES_SKY_MASKS = 4, /* files, or semantic labels with a class sky */
+  PAGS_PROVIDES_SKY_MASKS = 4, /* files in sky_masks/, or semantic labels that have a class sky */
   PAGS_PROVIDES_SEMANTIC = 8,
   PAGS_PROVIDES_DYNAMIC_MASKS = 16,
   PAGS_PROVIDES_SFM = 32

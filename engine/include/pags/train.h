@@ -284,7 +284,8 @@ typedef struct pags_train_options {
   int64_t preview_every;    /* steps per preview PNG; 0: none. Default 1000 */
   int resume;    /* 1: go on from the folder's checkpoint, or start where there is neither that nor a scene */
   int overwrite; /* 1: a non-empty folder is trained into afresh */
-  double time_limit_seconds; /* > 0: iterations are set once, from the speed measured early, to fit. Not reproducible */
+  double time_limit_seconds; /* seconds; > 0: the number of steps is chosen once, from the speed measured early, so that
+                                the run takes this long; not reproducible. 0: no limit */
   int64_t bad_rows_most;     /* more updates left out (bad_rows of the result) are PAGS_ERROR_LIMIT; default 1000 */
   int estimate;              /* 1: run 50 steps, fill the estimates of the result, write nothing */
   const volatile int *cancel; /* polled once a step; non-zero stops, with checkpoint and scene written. May be NULL */
