@@ -85,7 +85,7 @@ def python_side():
             entry.scene,
             camera,
             placements=gather.placements(state, entry, now),
-            **gather.wishes(scene.pags, state, entry, False),
+            **gather.job_arguments(scene.pags, state, entry, False),
         )
 
     put("objects", len(state.indices))

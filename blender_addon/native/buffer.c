@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Memory of the engine's as Python sees it: no copy, read-only. */
+/* Buffer: a read-only view of the engine's memory for Python, without a copy. */
 #include "blender_addon/native/native.h"
 
 #include <stdlib.h>
@@ -7,7 +7,7 @@
 enum { MAX_DIMENSIONS = 3 };
 
 typedef struct native_buffer {
-  PyObject_HEAD PyObject *owner; /* NULL: `data` is ours */
+  PyObject_HEAD PyObject *owner; /* object that keeps `data` alive; NULL: the buffer frees `data` */
   void *data;
   char format[2];
   int dimensions;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Job: a picture on its way. */
+/* Job: the Python object of one submitted render; it can be asked, waited for, cancelled and taken. */
 #include "blender_addon/native/job.h"
 
 #include <math.h>
@@ -15,7 +15,7 @@ pags_result native_job_compose(native_scene *scene, const native_job *job, const
   return PAGS_OK;
 }
 
-/* With the lock held. */
+/* Call with the renderer's lock held. */
 static void unqueue(native_renderer *r, native_job *job) {
   native_job *before = NULL;
   for (native_job *at = r->first; at && at != job; at = at->next)
@@ -45,7 +45,7 @@ static void cancel(native_job *job) {
   pthread_mutex_unlock(&r->lock);
 }
 
-/* seconds < 0: until it is done. */
+/* Waits at most so many seconds; < 0: until the job is done. */
 static bool wait_for(native_job *job, double seconds) {
   native_renderer *r = (native_renderer *)job->renderer;
   struct timespec until;

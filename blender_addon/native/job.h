@@ -1,9 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renderers, jobs and what a job is asked for, as the files that read, queue and draw them share them.
+/* Renderers, jobs and the arguments of a job: shared by the files that read, queue and render them.
  *
- * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what is shared is guarded by the
- * renderer's lock. A Job object holds its Scene and Renderer, and its end cancels and waits, so that nothing is freed
- * under a running frame. */
+ * A job belongs to the thread of its renderer from submit until its state is JOB_DONE; what both threads use is guarded
+ * by the renderer's lock. A Job object holds references to its Scene and Renderer; its destructor cancels and waits, so
+ * that nothing is freed under a running frame. */
 #ifndef PAGS_NATIVE_JOB_H
 #define PAGS_NATIVE_JOB_H
 
@@ -41,29 +41,30 @@ struct native_job {
   char message[1024];
 };
 
-/* Everything that submit, render and pick take after scene and camera; -1 and 0 stand for "as the scene asks for". */
-typedef struct native_wishes {
+/* The arguments of submit, render and pick after scene and camera; antialiased -1 and near_plane 0: as the scene says.
+ */
+typedef struct native_job_arguments {
   PyObject *outputs, *placements, *window, *object_values, *background, *exposure;
   const char *mode, *early_z;
   int linear, flip, transparent, antialiased, sh_degree, exp_degree;
   double cut, near_plane, depth_empty, depth_scale;
-} native_wishes;
+} native_job_arguments;
 
-#define WISH_NAMES                                                                                                   \
+#define JOB_ARGUMENT_NAMES                                                                                           \
   "outputs", "placements", "window", "object_values", "background", "exposure", "mode", "early_z", "linear", "flip", \
       "transparent", "antialiased", "sh_degree", "exp_degree", "cut", "near_plane", "depth_empty", "depth_scale"
-#define WISH_FORMAT "OOOOOOsspppiiidddd"
-#define WISH_TARGETS(w)                                                                                          \
+#define JOB_ARGUMENT_FORMAT "OOOOOOsspppiiidddd"
+#define JOB_ARGUMENT_TARGETS(w)                                                                                  \
   &(w).outputs, &(w).placements, &(w).window, &(w).object_values, &(w).background, &(w).exposure, &(w).mode,     \
       &(w).early_z, &(w).linear, &(w).flip, &(w).transparent, &(w).antialiased, &(w).sh_degree, &(w).exp_degree, \
       &(w).cut, &(w).near_plane, &(w).depth_empty, &(w).depth_scale
 
-native_wishes native_default_wishes(void);
-/* A job of what is wanted, of no renderer yet. Raises and returns NULL. */
-PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w);
+native_job_arguments native_default_job_arguments(void);
+/* A new job with these arguments, not yet queued. On failure raises and returns NULL. */
+PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w);
 void native_job_enqueue(native_renderer *renderer, native_job *job);
-/* The parts that it draws, valid until the scene's composition is asked again; with the scene's lock held. */
+/* The parts that a job draws; valid until the scene is composed again. Call with the scene's lock held. */
 pags_result native_job_compose(native_scene *scene, const native_job *job, const pags_part **parts, int *count);
-/* Waits; a new Picture, or raises. */
+/* Waits for the job. Returns a new Picture, or raises the job's error. */
 PyObject *native_job_take(const native_state *state, native_job *job);
 #endif

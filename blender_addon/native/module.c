@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The module `pags`: what the add-on and plain Python see of the engine. */
+/* The Python module `pags`: its functions, types and exceptions, for the add-on and for plain Python. */
 #include "blender_addon/native/native.h"
 
 #include <pags/tasks.h>
@@ -122,7 +122,7 @@ static struct PyModuleDef module_definition = {
     .m_traverse = module_traverse,
     .m_clear = module_clear};
 
-/* The macro says what is to be visible. */
+/* PyMODINIT_FUNC makes the function visible outside the library. */
 PyMODINIT_FUNC PyInit_pags(void);
 PyMODINIT_FUNC PyInit_pags(void) {
   return PyModuleDef_Init(&module_definition);

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the parts of the Python module share. The module is limited-API Python (abi3) over the public C API; rows of
- * packed Gaussians are read by scene/packed_rows.h.
+/* Declarations shared by the files of the Python module. The module is limited-API Python (abi3) over the public C API;
+ * rows of packed Gaussians are read by scene/packed_rows.h.
  *
  * Scenes, renderers, jobs and pictures are Python objects that own what they stand for. Whatever may take time runs
  * with the interpreter lock released; the engine's threads never touch Python. */
@@ -23,7 +23,7 @@ typedef struct native_state {
 /* The state of the module that defined the object's type. */
 native_state *native_state_of(PyObject *self);
 
-/* Raises the engine's last message of this thread; returns NULL. */
+/* Raises an exception with this thread's last error message of the engine; returns NULL. */
 PyObject *native_raise(const native_state *state, pags_result code);
 PyObject *native_raise_text(const native_state *state, pags_result code, const char *text);
 
@@ -32,7 +32,7 @@ PyObject *native_raise_text(const native_state *state, pags_result code, const c
 /* A read-only block of memory with a shape, seen through the buffer protocol; `owner` keeps the memory alive. */
 PyObject *native_buffer_new(const native_state *state, PyObject *owner, const void *data, char format, int dimensions,
                             const Py_ssize_t *shape);
-/* The same of memory that the buffer frees. Takes `data` over, on failure as well. */
+/* A buffer that owns `data` and frees it, on failure as well. */
 PyObject *native_buffer_own(const native_state *state, void *data, char format, int dimensions,
                             const Py_ssize_t *shape);
 extern PyType_Spec native_buffer_spec;
@@ -41,16 +41,16 @@ extern PyType_Spec native_buffer_spec;
 
 typedef struct native_scene {
   PyObject_HEAD pags_composition *composition;
-  pthread_mutex_t lock; /* of the composition and of what is below */
+  pthread_mutex_t lock; /* guards the composition and the tables below */
   bool has_lock;
-  int32_t *object_of; /* by id; filled when first asked for */
+  int32_t *object_of; /* these tables by Gaussian id are filled at first use */
   float *priority_of;
   float *size_of; /* largest sigma, metres */
 } native_scene;
 
 extern PyType_Spec native_scene_spec;
 PyObject *native_scene_load(PyObject *module, PyObject *arguments);
-/* With the scene's lock held, any thread: fills the table. */
+/* Each fills its table. Call with the scene's lock held, from any thread. */
 pags_result native_scene_need_objects(native_scene *scene);
 pags_result native_scene_need_priorities(native_scene *scene);
 pags_result native_scene_need_sizes(native_scene *scene);
@@ -77,7 +77,7 @@ enum {
   OUTPUT_KINDS = 6
 };
 
-/* How planes are to be handed over. */
+/* The layout of the planes that a job returns. */
 typedef struct native_layout {
   int x, y, width, height; /* window of the picture, row 0 at the top */
   unsigned outputs;
@@ -85,9 +85,9 @@ typedef struct native_layout {
   bool linear;       /* colours decoded from sRGB to linear light */
   bool flip;         /* bottom row first, as Blender has it */
   bool transparent;  /* alpha as drawn, colours premultiplied; else alpha is 1 */
-  float depth_empty; /* depth where nothing was blended */
+  float depth_empty; /* depth of pixels without a surface */
   float depth_scale;
-  const float *object_values; /* by object; NULL: its number + 1; elsewhere 0 */
+  const float *object_values; /* value of the object plane by object; NULL: index + 1; background: 0 */
 } native_layout;
 
 typedef struct native_planes {
@@ -95,17 +95,18 @@ typedef struct native_planes {
   float *rgba, *depth, *object, *priority, *heat; /* rgba and heat: 4 floats a pixel; NULL where not asked for */
   int32_t *id;
   pags_frame_stats stats;
-  double ms;      /* from the job's begin to its end */
-  double ms_fill; /* of it, what filling these planes took */
+  double ms;      /* of the whole job */
+  double ms_fill; /* of these, the time to fill the planes */
 } native_planes;
 
-/* Which outputs need depth and id of the frame. */
+/* Whether the layout's outputs need the frame's depth and id planes. */
 bool native_layout_needs_extras(const native_layout *layout);
-/* Fills `out` on the renderer's threads; the scene's tables must be there. PAGS_ERROR_MEMORY or PAGS_CANCELLED. */
+/* Fills `out` on the renderer's threads; the scene's tables must have been filled. PAGS_ERROR_MEMORY or PAGS_CANCELLED.
+ */
 pags_result native_planes_fill(pags_tasks *tasks, const pags_picture *picture, const native_scene *scene,
                                const native_layout *layout, native_planes *out);
 void native_planes_free(native_planes *planes);
-/* Takes the planes over. */
+/* A new Picture that owns the planes. */
 PyObject *native_picture_new(const native_state *state, native_planes *planes);
 extern PyType_Spec native_picture_spec;
 

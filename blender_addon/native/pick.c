@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Picking: which Gaussian is met through a pixel, and what it belongs to. */
+/* Picking: the Gaussian seen through a pixel, and the object that it belongs to. */
 #include "blender_addon/native/job.h"
 
 #include <pags/pick.h>
@@ -9,7 +9,7 @@ typedef struct found {
   float priority;
 } found;
 
-/* With the scene's lock held. */
+/* Picks through a pixel and looks up the priority. Call with the scene's lock held. */
 static pags_result pick_locked(native_scene *scene, const native_job *job, int x, int y, found *out) {
   pags_pick_options options = pags_pick_options_default();
   const pags_part *parts;
@@ -17,12 +17,13 @@ static pags_result pick_locked(native_scene *scene, const native_job *job, int x
   int count;
   options.nearest = (double)job->options.near_plane;
 
-  /* Ray through. */
+  /* The ray through the pixel, in world coordinates. */
   const double *m = job->camera.world_from_camera;
   double across = (x + 0.5 - job->camera.cx) / job->camera.fx, down = (y + 0.5 - job->camera.cy) / job->camera.fy;
   for (int k = 0; k < 3; k++) {
     origin[k] = m[4 * k + 3];
-    direction[k] = m[4 * k] * across + m[4 * k + 1] * down + m[4 * k + 2]; /* z of 1: the ray's length is depth */
+    direction[k] = m[4 * k] * across + m[4 * k + 1] * down +
+                   m[4 * k + 2]; /* camera z is 1: a distance along this vector is a depth */
   }
 
   PAGS_TRY(native_scene_need_priorities(scene));
@@ -51,7 +52,7 @@ static PyObject *describe(const found *f) {
 PyObject *native_pick(PyObject *module, PyObject *arguments, PyObject *keywords) {
   static char *names[] = {"scene", "camera", "x", "y", "placements", NULL};
   const native_state *state = PyModule_GetState(module);
-  native_wishes w = native_default_wishes();
+  native_job_arguments w = native_default_job_arguments();
   PyObject *scene, *camera;
   found f = {.picked = {.part = -1}};
   pags_result result;

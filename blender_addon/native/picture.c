@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Pictures as a host wants them: interleaved, in linear light if asked, its own row order. One pass over the engine's
- * planes, on the engine's threads; Python sees the result without a copy. */
+/* Converts the engine's planes to the host's layout: interleaved channels, linear light or sRGB, either row order. One
+ * pass on the engine's threads; Python sees the result without a copy. */
 #include "blender_addon/native/native.h"
 
 #include <math.h>
@@ -12,7 +12,7 @@
 
 #include "base/memory.h"
 
-/* sRGB to linear light for [0, 1] by a table between whose entries a line runs: its error is under h^2 / 8 times the
+/* sRGB to linear light for [0, 1] by linear interpolation in a table of spacing h: the error is under h^2 / 8 times the
  * largest second derivative above the knee, 2e-8. */
 enum { TABLE = 4096, ROWS = 8 };
 
@@ -47,7 +47,7 @@ bool native_layout_needs_extras(const native_layout *layout) {
   return (layout->outputs & ~(unsigned)OUTPUT_RGBA) != 0 || (rgba && layout->mode != MODE_RGB);
 }
 
-/* A length on a logarithmic scale from `least` (0) to `most` (1). */
+/* Maps a length to [0, 1] on a logarithmic scale: `least` to 0, `most` to 1. */
 static float on_scale(float length, float least, float most) {
   return length > 0 ? logf(length / least) / logf(most / least) : 0;
 }
@@ -57,7 +57,7 @@ static bool is_critical(const native_scene *scene, int32_t id) {
   return object >= 0 && pags_composition_scene(scene->composition)->objects[object].critical;
 }
 
-/* Display-referred colour of a mode other than RGB, for what is seen there. */
+/* Display-referred colour of one pixel in a mode other than RGB, from its depth and Gaussian. */
 static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
   const pags_picture *p = f->picture;
   float grey = 0.299f * p->rgb[0][at] + 0.587f * p->rgb[1][at] + 0.114f * p->rgb[2][at];
@@ -76,7 +76,7 @@ static void mode_color(const fill *f, int64_t at, int32_t id, float rgb[3]) {
 static void put_rgba(const fill *f, int64_t at, float alpha, const float rgb[3], float *out) {
   float cover = f->layout->transparent ? alpha : 1;
   for (int c = 0; c < 3; c++) {
-    /* Premultiplied as it is; light is decoded of the colour itself. */
+    /* Colours are premultiplied by alpha: divide by alpha before sRGB is decoded, multiply again after. */
     float own = f->layout->transparent && cover > 0 ? rgb[c] / cover : rgb[c];
     float light = f->layout->linear ? decode(&f->decoder, own) : own;
     out[c] = f->layout->transparent ? light * cover : light;
@@ -100,9 +100,9 @@ static void fill_row(const fill *f, int y) {
   const native_planes *o = f->out;
   int64_t from = (int64_t)(l->y + y) * f->picture->stride + l->x;
   int64_t to = (int64_t)(l->flip ? l->height - 1 - y : y) * l->width;
-  /* What Rendered viewports ask for: opaque colours alone, without the questions of the other rows. */
+  /* Fast path of the Rendered viewport: only opaque colours, no other output, no mode. */
   if (l->outputs == OUTPUT_RGBA && l->mode == MODE_RGB && !l->transparent && l->linear) {
-    /* Fill plain row. */
+    /* Colours of the row, alpha 1. */
     float *out = o->rgba + 4 * to;
     const decoder *d = &f->decoder;
     const float *const r = f->picture->rgb[0] + from, *const g = f->picture->rgb[1] + from,
@@ -119,7 +119,7 @@ static void fill_row(const fill *f, int y) {
   for (int x = 0; x < l->width; ++x, ++from, ++to) {
     int32_t id = f->picture->id ? f->picture->id[from] : -1;
     if (o->rgba) {
-      /* Put color. */
+      /* The pixel's colour and alpha. */
       float *out = o->rgba + 4 * to;
       const pags_picture *p = f->picture;
       float alpha = 1 - p->transmittance[from], rgb[3] = {p->rgb[0][from], p->rgb[1][from], p->rgb[2][from]};

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Renderer: a thread that draws what is submitted, one after another, on a pool of its own. */
+/* Renderer: a thread with a thread pool of its own that renders submitted jobs in order. */
 #include "blender_addon/native/job.h"
 
 #include <string.h>
@@ -19,7 +19,7 @@ static pags_result draw_locked(pags_frame *frame, pags_tasks *tasks, native_scen
   pags_picture picture;
   double begin = now_ms();
 
-  /* Need tables. */
+  /* Fill the scene's tables that the outputs of this job read. */
   bool rgba = job->layout.outputs & OUTPUT_RGBA;
   if ((job->layout.outputs & OUTPUT_OBJECT) || (rgba && job->layout.mode == MODE_CRITICAL))
     PAGS_TRY(native_scene_need_objects(scene));
@@ -164,11 +164,11 @@ void native_job_enqueue(native_renderer *self, native_job *job) {
 }
 
 static PyObject *renderer_submit(PyObject *object, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"scene", "camera", WISH_NAMES, NULL};
+  static char *names[] = {"scene", "camera", JOB_ARGUMENT_NAMES, NULL};
   PyObject *scene, *camera;
-  native_wishes w = native_default_wishes();
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$" WISH_FORMAT ":submit", names, &scene, &camera,
-                                   WISH_TARGETS(w)))
+  native_job_arguments w = native_default_job_arguments();
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$" JOB_ARGUMENT_FORMAT ":submit", names, &scene, &camera,
+                                   JOB_ARGUMENT_TARGETS(w)))
     return NULL;
   PyObject *job = native_job_new(native_state_of(object), scene, camera, &w);
   if (job)
@@ -181,18 +181,18 @@ static PyObject *renderer_threads(PyObject *object, void *closure) {
   return PyLong_FromLong(pags_tasks_workers(((native_renderer *)object)->tasks));
 }
 
-/* ---- At once ---- */
+/* ---- Rendering without a renderer ---- */
 
 PyObject *native_render(PyObject *module, PyObject *arguments, PyObject *keywords) {
-  static char *names[] = {"scene", "camera", "threads", WISH_NAMES, NULL};
+  static char *names[] = {"scene", "camera", "threads", JOB_ARGUMENT_NAMES, NULL};
   PyObject *scene, *camera;
   int threads = 0;
-  native_wishes w = native_default_wishes();
-  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$i" WISH_FORMAT ":render", names, &scene, &camera, &threads,
-                                   WISH_TARGETS(w)))
+  native_job_arguments w = native_default_job_arguments();
+  if (!PyArg_ParseTupleAndKeywords(arguments, keywords, "OO|$i" JOB_ARGUMENT_FORMAT ":render", names, &scene, &camera,
+                                   &threads, JOB_ARGUMENT_TARGETS(w)))
     return NULL;
 
-  /* Render once. */
+  /* A renderer for this call alone draws the job. */
   const native_state *state = PyModule_GetState(module);
   PyObject *renderer = create_renderer(state->renderer, threads), *picture = NULL;
   PyObject *job = renderer ? native_job_new(state, scene, camera, &w) : NULL;

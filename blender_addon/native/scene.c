@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Scene: a composition with its lock, what it holds told to Python, and a light sample of its Gaussians. */
+/* Scene: a composition with its lock, its contents as Python values, and a sample of its Gaussians as points. */
 #include "blender_addon/native/native.h"
 
 #include <math.h>
@@ -9,7 +9,7 @@
 #include "base/memory.h"
 #include "scene/packed_rows.h"
 
-enum { ROWS = PAGS_PACKED_ROWS }; /* are read at a time: what a packed cluster holds */
+enum { ROWS = PAGS_PACKED_ROWS }; /* rows read at a time: the size of a packed cluster */
 
 static const double identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
 
@@ -81,13 +81,13 @@ pags_result native_scene_need_priorities(native_scene *scene) {
   if (table)
     return PAGS_OK;
   PAGS_TRY(allocate(scene, &table));
-  pags_composition_priorities(scene->composition, table); /* zeros where nothing is known */
+  pags_composition_priorities(scene->composition, table); /* zeros for models without priorities */
   scene->priority_of = table;
   return PAGS_OK;
 }
 
-/* Geometry of up to ROWS rows from row ROWS * block on, planes `*stride` floats apart. Packed parts have no planes:
- * their rows are unpacked into `unpacked`, which has room for PAGS_SH planes of ROWS floats. */
+/* Geometry of up to ROWS Gaussians from row ROWS * block on, as planes of distance `*stride` floats. The rows of packed
+ * parts are unpacked into `unpacked`, which has room for PAGS_SH planes of ROWS floats. */
 static const float *read_geometry(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
   *stride = part->packed ? ROWS : part->gaussians->stride;
   if (!part->packed)
@@ -111,13 +111,13 @@ static void fill_sizes(const pags_part *part, float *size_of) {
   }
 }
 
-/* All parts of an object (-1: of none), in its own frame. */
+/* The parts of an object (-1: of the background), in the frame of the object. */
 static pags_result parts_of(native_scene *scene, int64_t object, const pags_part **parts, int *count) {
   pags_placement placement = {.object = object};
   const double *origin = pags_composition_scene(scene->composition)->origin;
   memcpy(placement.world_from_object, identity, sizeof identity);
   for (int k = 0; k < 3 && object >= 0; k++)
-    placement.world_from_object[4 * k + 3] = origin[k]; /* parts are relative to it */
+    placement.world_from_object[4 * k + 3] = origin[k]; /* cancels the composition's shift to the origin */
   return pags_compose_placed(scene->composition, (double)NAN, &placement, 1, parts, count);
 }
 
@@ -185,7 +185,7 @@ static PyObject *object_dict(native_scene *self, int64_t index) {
   PyObject *dict = PyDict_New();
   int64_t gaussians;
 
-  /* Gaussians that a placement of the object draws. */
+  /* The number of Gaussians that one placement of the object draws. */
   const pags_part *parts;
   int count;
   int64_t sum = 0;
@@ -255,7 +255,7 @@ static PyObject *scene_views(PyObject *self, void *closure) {
   return list;
 }
 
-/* Raises and returns -2 where it is none. */
+/* Reads an object index (-1: background). Raises and returns -2 where it is not valid. */
 static int64_t read_object(PyObject *self, long long object, int64_t least) {
   if (object >= least && object < scene_of(self)->object_count)
     return object;
@@ -308,14 +308,14 @@ static PyObject *scene_track(PyObject *self, PyObject *arguments) {
   return native_buffer_own(native_state_of(self), rows, 'd', 2, shape);
 }
 
-/* ---- A light sample ---- */
+/* ---- A sample as points ---- */
 
 static float logistic(float x) {
   return 1 / (1 + expf(-x));
 }
 
-/* Constant colour terms of the rows that read_geometry gave, planes `*stride` floats apart: those of the scene's begin
- * where the colour changes. `unpacked` has room for 3 planes of ROWS floats. */
+/* SH coefficients of degree 0 of the rows that read_geometry gave, as planes of distance `*stride` floats; where colour
+ * changes over time, those of the scene's begin. `unpacked` has room for 3 planes of ROWS floats. */
 static const float *read_colours(const pags_part *part, int64_t block, float *unpacked, int64_t *stride) {
   *stride = part->packed ? ROWS : part->gaussians->stride;
   if (!part->packed)
@@ -333,12 +333,12 @@ static void put_color(const float *dc, int64_t stride, float *color) {
   color[3] = 1;
 }
 
-/* Counts of Gaussians that can be seen: all, those passed so far, those taken, and the most that may be taken. */
+/* Counts of visible Gaussians (opacity of 0.2 or more): all, passed so far, taken, and the limit of those taken. */
 typedef struct sampling {
   int64_t visible, seen, taken, most;
 } sampling;
 
-/* One pass over a part: without `points` it counts what can be seen, with them it takes every n-th of that. */
+/* One pass over a part: counts its visible Gaussians or, with `points`, takes every n-th of them. */
 static void sample_part(const pags_part *part, sampling *s, float *points, float *colors) {
   float geometry[PAGS_SH * ROWS], colour[3 * ROWS];
   const int64_t count = part->gaussians->count;
@@ -355,7 +355,7 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
       if ((s->visible <= s->most || (s->seen * s->most) / s->visible >= s->taken) && s->taken < s->most) {
         dc = dc ? dc : read_colours(part, first / ROWS, colour, &colour_stride);
 
-        /* Put point. */
+        /* Its mean and colour. */
         const float *mean = planes + PAGS_MEAN * stride + i;
         float *point = points + 3 * s->taken;
         const double *m = part->world_from_model;
@@ -371,8 +371,8 @@ static void sample_part(const pags_part *part, sampling *s, float *points, float
   }
 }
 
-/* Of each part, which lies along a Morton curve, every n-th Gaussian that can be seen (opacity of 0.2 or more): even
- * over the surface. */
+/* Samples every n-th visible Gaussian (opacity of 0.2 or more) of each part. Gaussians are in Morton order, so that the
+ * sample covers the surface evenly. */
 static Py_ssize_t sample(const pags_part *parts, int part_count, int64_t most, float *points, float *colors) {
   sampling s = {.most = most};
   for (int p = 0; p < part_count; p++)

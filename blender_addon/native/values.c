@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Numbers and cameras to and from Python. */
+/* Converts numbers and cameras from and to Python. */
 #include "blender_addon/native/native.h"
 
 #include <math.h>

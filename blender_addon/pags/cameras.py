@@ -14,7 +14,7 @@ from . import curves, lens, native
 
 
 def root_of(context):
-    """The PAGS scene that is meant: of the active object, else of the camera, else the first."""
+    """The root of the PAGS scene to work on: the active object's, else the scene camera's, else the first one."""
     for candidate in (context.active_object, context.scene.camera):
         if candidate is not None and candidate.pags.kind != "NONE":
             return candidate if candidate.pags.kind == "ROOT" else candidate.pags.root
@@ -22,7 +22,8 @@ def root_of(context):
 
 
 class OnScene:
-    """What operators on the PAGS scene share: `work` does it and returns what to tell, or raises one of `errors`, which is reported."""
+    """Base of the operators on a PAGS scene. A subclass defines `work`, which returns the message to report; exceptions of the kinds `errors`
+    are reported as errors."""
 
     errors = (native.SceneError, OSError)
 
@@ -42,7 +43,7 @@ class OnScene:
 
 
 class Frame:
-    """The scene's time and world against Blender's."""
+    """Converts between the scene's seconds and world axes and Blender's frames and world axes."""
 
     def __init__(self, context, root):
         self.root, self.context = root, context
@@ -57,13 +58,13 @@ class Frame:
         return self.info["time_begin"] + (frame - self.root.pags.frame_start) / self.root.pags.fps
 
     def local(self, view):
-        """Pose of a view's camera below the root, Blender's axes."""
+        """4x4 pose of a view's camera relative to the root, in Blender's camera axes (x right, y up, looking along -z)."""
         pose = lens.view_matrix4(view)
         pose[:3, 3] -= self.origin
         return pose @ lens.FLIP
 
     def view_of(self, camera, frame, width, height, render):
-        """What the engine is to be asked for to see what a Blender camera sees."""
+        """The engine's camera (a dictionary) that sees what a Blender camera sees."""
         values, pose = lens.of_camera(
             camera.data, camera.matrix_world, width, height, render.pixel_aspect_x, render.pixel_aspect_y
         )
@@ -151,7 +152,7 @@ class PAGS_OT_camera_here(bpy.types.Operator):
     def execute(self, context):
         region = context.region_data
         data = bpy.data.cameras.new("view")
-        data.lens = context.space_data.lens / 2  # a view shows what a 72 mm sensor would
+        data.lens = context.space_data.lens / 2  # a 3D view's lens is given for a sensor of 72 mm, a camera's for 36 mm
         data.clip_end = 10000
         camera = bpy.data.objects.new("view", data)
         context.scene.collection.objects.link(camera)
@@ -233,7 +234,7 @@ class PAGS_OT_ego_path(OnScene, bpy.types.Operator):
 
 
 def record_of(view):
-    """A camera file's keys."""
+    """The record of a view as camera and path files hold it."""
     pose = np.linalg.inv(lens.view_matrix4(view))
     out = {k: view[k] for k in ("width", "height", "fx", "fy", "cx", "cy")}
     out["camera_from_world_quaternion_wxyz"] = list(quaternion(pose[:3, :3]))
@@ -243,7 +244,7 @@ def record_of(view):
 
 
 def quaternion(r):
-    """w x y z in double; mathutils has floats."""
+    """Quaternion w x y z of a 3x3 rotation in double precision (mathutils has only floats)."""
     w = np.sqrt(max(0.0, 1 + r[0, 0] + r[1, 1] + r[2, 2])) / 2
     x = np.sqrt(max(0.0, 1 + r[0, 0] - r[1, 1] - r[2, 2])) / 2
     y = np.sqrt(max(0.0, 1 - r[0, 0] + r[1, 1] - r[2, 2])) / 2
@@ -251,7 +252,7 @@ def quaternion(r):
     q = np.array(
         [w, np.copysign(x, r[2, 1] - r[1, 2]), np.copysign(y, r[0, 2] - r[2, 0]), np.copysign(z, r[1, 0] - r[0, 1])]
     )
-    if w < 1e-4:  # half a turn: signs from the products
+    if w < 1e-4:  # a rotation by 180 degrees: signs from the off-diagonal products
         k = int(np.argmax(q[1:] ** 2))
         for j in range(3):
             if j != k:
@@ -288,7 +289,7 @@ class PAGS_OT_write_path(OnScene, bpy.types.Operator, ExportHelper):
         if scene.camera is None:
             raise native.SceneError("there is no camera in the scene")
         frames = self.frames(context, Frame(context, root))
-        if os.path.exists(self.filepath) and not os.stat(self.filepath).st_mode & 0o222:  # root could write it all the same
+        if os.path.exists(self.filepath) and not os.stat(self.filepath).st_mode & 0o222:  # refused even for root, which could write it
             raise native.SceneError(f"{self.filepath}: can't write: it is read-only")
         with open(self.filepath, "w") as file:
             json.dump(
@@ -351,7 +352,7 @@ class PAGS_OT_read_path(OnScene, bpy.types.Operator, ImportHelper):
             lenses.append({k: float(record[k]) for k in ("width", "height", "fx", "fy", "cx", "cy")})
             timed = self.timing == "TIMES" and "time" in record
             frames.append(frame.frame_of(float(record["time"])) if timed else context.scene.frame_start + i)
-        if len(set(frames)) < len(frames):  # one time, many places
+        if len(set(frames)) < len(frames):  # several poses at one time: give each a frame of its own
             frames = [context.scene.frame_start + i for i in range(len(frames))]
         self.make(context, frame.root, np.array(poses), lenses, frames)
 

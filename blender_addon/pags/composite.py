@@ -9,11 +9,11 @@ from bpy.props import EnumProperty, FloatProperty
 from . import cameras, curves, native
 
 SECOND = "PAGS behind"
-SLACK = 0.15  # of the distance: at 1.6 m above the road a quarter of a metre in height
+SLACK = 0.15  # share of the distance by which a mesh may lie behind the splats; 1.6 m above the road it is 0.25 m in height
 
 
 def second_scene(scene, root):
-    """A scene with the PAGS collection and the same camera and timeline, drawn by PAGS."""
+    """A second Blender scene that links the PAGS collection, the camera and the timeline, and renders with PAGS."""
     second = bpy.data.scenes.get(SECOND) or bpy.data.scenes.new(SECOND)
     collections = [c for c in bpy.data.collections if root.name in c.objects]
     for collection in collections:
@@ -46,14 +46,14 @@ def copy_settings(scene, second):
 
 
 def eyes_of(entry):
-    """Where the recording's cameras were, relative to the scene's origin."""
+    """Positions (n, 3) of the recording's cameras relative to the scene's origin, metres."""
     poses = np.array([v["world_from_camera"] for v in entry.scene.views]).reshape(-1, 3, 4)
     return poses[:, :, 3] - np.array(entry.info["origin"])
 
 
 def road_height(entry):
-    """Of the ground below the drive, relative to the scene's origin: the level at which most of the background near and below the cameras
-    lies. (A low percentile lies under the road: ten centimetres at nine metres are half a metre along the ray.)"""
+    """Height of the road below the drive, relative to the scene's origin, metres: the mode of the heights of background Gaussians near and
+    below the cameras. (A low percentile would lie under the road: 0.1 m in height at 9 m distance is 0.5 m along the ray.)"""
     points, eyes = np.array(entry.scene.points(-1, 200000)[0]).reshape(-1, 3), eyes_of(entry)
     if not len(eyes) or not len(points):
         return 0.0
@@ -86,7 +86,7 @@ def shadow_plane(scene, root, entry):
 
 
 def use_catchers(scene, root, entry):
-    """Proxies where there are any, else a plane for the road; in a collection of the first scene alone."""
+    """Puts the meshes that catch shadows (proxies where there are any, else a plane for the road) into a collection of the first scene; returns them."""
     proxies = [o for o in scene.objects if o.get("pags_proxy") and o.type == "MESH"]
     collection = bpy.data.collections.get("PAGS shadow catchers") or bpy.data.collections.new("PAGS shadow catchers")
     if collection.name not in scene.collection.children:
@@ -102,7 +102,7 @@ def use_catchers(scene, root, entry):
 
 
 def follow_visibility(scene, proxy):
-    """An object's proxy is there when the object is: it would hide meshes and catch shadows where nothing is drawn."""
+    """Gives an object's proxy the visibility keyframes of its object, so that it catches no shadow where the object isn't drawn."""
     part = next((o for o in scene.objects if o.pags.kind == "OBJECT" and o.parent == proxy.parent), None)
     if proxy.parent is None or proxy.parent.pags.kind != "TRACK" or part is None:
         return
@@ -116,14 +116,14 @@ def follow_visibility(scene, proxy):
 
 
 def hide_splats(scene, root):
-    """The first scene's view layer leaves the points out: they are the second's business."""
+    """Hides the splats' preview points from the renders of the first scene: the second scene renders the splats."""
     for part in scene.objects:
         if part.pags.kind in {"BACKGROUND", "OBJECT"} and part.pags.root == root and len(part.users_collection) > 0:
             part.visible_camera = part.visible_shadow = part.visible_diffuse = part.visible_glossy = False
 
 
 def node_tree(scene):
-    """Of the compositor, emptied; and the node that takes its result."""
+    """The compositor's node tree, emptied, and its output node."""
     if hasattr(scene, "compositing_node_group"):  # 5.x
         tree = bpy.data.node_groups.new("PAGS composite", "CompositorNodeTree")
         scene.compositing_node_group = tree
@@ -177,8 +177,8 @@ def multiply(tree, share, picture, by):
 
 
 def build_nodes(scene, second, tolerance):
-    """The street, darkened by the shadows that fall on the catchers, and over it the CG wherever it is no more than `tolerance` metres behind
-    the street's surface. A catcher may lie further behind, by SLACK of the distance: what is seen at grazing angles and off by
+    """Builds the compositor's nodes: the street, darkened by the shadows on the catchers, and over it the meshes wherever they are no more than
+    `tolerance` metres behind the street's surface. A catcher may lie further behind, by SLACK of the distance: what is seen at grazing angles and off by
     centimetres in height is off by metres along the ray. Anything that stands well before the catcher takes no shadow from it."""
     tree, out = node_tree(scene)
     front, behind = tree.nodes.new("CompositorNodeRLayers"), tree.nodes.new("CompositorNodeRLayers")

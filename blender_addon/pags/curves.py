@@ -7,7 +7,7 @@ from mathutils import Matrix
 
 
 def fcurve_owner(block):
-    """Whatever makes fcurves for the ID's own action, which is made where missing."""
+    """The object whose `new` makes fcurves for the ID's own action; the action is created where missing."""
     data = block.animation_data or block.animation_data_create()
     if data.action is None:
         data.action = bpy.data.actions.new(block.name)
@@ -25,7 +25,7 @@ def fcurve_owner(block):
 
 
 def set_curve(block, path, index, frames, values, interpolation="LINEAR"):
-    """One channel's keyframes, in place of those it has."""
+    """Replaces the keyframes of one channel."""
     owner = fcurve_owner(block)
     old = owner.find(path, index=index)
     if old:
@@ -42,7 +42,7 @@ def set_curve(block, path, index, frames, values, interpolation="LINEAR"):
 
 
 def quaternions(rotations):
-    """(n, 4) w x y z of (n, 3, 3), each on the side of the one before."""
+    """Quaternions (n, 4) w x y z of rotations (n, 3, 3), with signs chosen so that neighbours interpolate along the shorter arc."""
     out = np.array([list(Matrix(r.tolist()).to_quaternion()) for r in rotations])
     for i in range(1, len(out)):
         if out[i] @ out[i - 1] < 0:
@@ -65,6 +65,6 @@ def set_track(block, frames, poses):
 
 
 def set_visibility(block, begin, end):
-    """Shown from frame `begin` to before `end` alone, in the viewport and in renders."""
+    """Keyframes that show a block in the viewport and in renders only from frame `begin` until before `end`."""
     for path in ("hide_viewport", "hide_render"):
         set_curve(block, path, 0, [begin - 1, begin, end], [1, 0, 1], "CONSTANT")

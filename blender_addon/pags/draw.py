@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pictures onto the screen: textures without a copy in Python, and the shaders that show them."""
+"""Draws pictures on the screen: GPU textures made without a copy in Python, and the shaders that show them."""
 
 import bpy
 import gpu
@@ -14,8 +14,8 @@ void main() {
 }
 """
 
-# Meets the depth buffer where the camera saw the surface. `lens` holds P22 and P23 of the view's projection and whether it is a
-# perspective; a picture taken from afar for an orthographic view has its depths shifted.
+# Writes the depth buffer from the picture's depths, so that meshes and splats hide each other. `lens` holds the elements P22 and P23 of the
+# view's projection matrix and whether it is a perspective; for an orthographic view, rendered from far behind, the distance back is subtracted.
 DEPTH = """
 float encode(vec3 linear) {
   return 0.0;
@@ -79,7 +79,7 @@ def clear():
 
 
 def regions():
-    """The main region of every 3D view that is open, with its area."""
+    """Pairs (area, main region) of all open 3D views."""
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":

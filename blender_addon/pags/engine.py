@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Render engine "PAGS": F12 through jobs of the engine, the Rendered viewport through viewport.View."""
+"""Render engine "PAGS": F12 renders submit jobs to the C module; the Rendered viewport uses viewport.View."""
 
 import bpy
 import numpy as np
@@ -7,11 +7,11 @@ import numpy as np
 from . import gather, lens, native
 from .native import SceneError
 
-EMPTY_DEPTH = 1e10  # as Cycles has it
+EMPTY_DEPTH = 1e10  # depth of pixels without a surface, as Cycles writes it
 
 
 def border_window(render, width, height):
-    """(x, y, width, height) with row 0 at the top, or None; Blender's border is counted from the bottom."""
+    """Render border as (x, y, width, height) in pixels with row 0 at the top, or None; Blender counts its border from the bottom."""
     if not render.use_border:
         return None
     x0, x1 = int(render.border_min_x * width), int(render.border_max_x * width)
@@ -20,7 +20,7 @@ def border_window(render, width, height):
 
 
 def fill_pass(render_pass, buffer):
-    """Whole passes at once: 3.4 wants a row per pixel, later versions a flat array."""
+    """Fills a whole render pass with one call: Blender 3.4 takes an array (pixels, channels), later versions a flat one."""
     flat = np.asarray(buffer).reshape(-1)
     try:
         render_pass.rect.foreach_set(flat)
@@ -73,7 +73,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
         self.error_set(text)
 
     def draw_into(self, depsgraph, result, width, height, window):
-        """False when the user broke off."""
+        """Waits for the job with progress; False when the user cancelled."""
         scene = depsgraph.scene
         state, count = gather.gather(depsgraph)
         if state is None:
@@ -112,7 +112,7 @@ class PagsRenderEngine(bpy.types.RenderEngine):
             object_values=gather.object_values(state, entry),
             transparent=render.film_transparent,
             depth_empty=EMPTY_DEPTH,
-            **gather.wishes(scene.pags, state, entry, True),
+            **gather.job_arguments(scene.pags, state, entry, True),
             **gather.exposure(scene.pags, entry, camera, time),
         )
 
@@ -152,7 +152,7 @@ def layer_of(result):
 
 
 def compatible_panels():
-    """Panels of Blender's own that make sense for this engine."""
+    """Blender's own panels that make sense for this engine."""
     left_out = {"VIEWLAYER_PT_filter", "VIEWLAYER_PT_layer_passes"}
     for panel in bpy.types.Panel.__subclasses__():
         engines = getattr(panel, "COMPAT_ENGINES", None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Exports through the `pags` program, with what was edited in Blender: objects moved, deleted or hidden,
+"""Exports through the `pags` program, with the edits made in Blender: objects moved, deleted or hidden,
 tracks changed.
 
 The program knows nothing of Blender. What it is given is a scene folder: scene.json with the tracks as the
@@ -21,14 +21,14 @@ from .properties import preferences
 
 
 def program(context):
-    """Path of the program, or None."""
+    """Path of the `pags` program, or None."""
     chosen = preferences(context)
     path = bpy.path.abspath(chosen.program) if chosen and chosen.program else os.environ.get("PAGS_PROGRAM", "")
     return path if path and os.access(path, os.X_OK) else shutil.which("pags") if not path else None
 
 
 def run_program(context, *arguments):
-    """Runs it to its end; its last word is the error."""
+    """Runs the `pags` program and waits; raises SceneError with its last line of output when it fails."""
     command = program(context)
     if command is None:
         raise native.SceneError("the pags program isn't there: install it, or name it in the add-on's preferences")
@@ -38,7 +38,7 @@ def run_program(context, *arguments):
 
 
 def parts_by_index(context, root):
-    """The Blender object of each of the scene's objects that is still there and is rendered."""
+    """Blender objects of the scene's objects by index, without those that were deleted."""
     out = {}
     for part in context.scene.objects:
         if part.pags.kind == "OBJECT" and part.pags.root == root and part.pags.index not in out:
@@ -53,7 +53,7 @@ def pose_now(root_inverse, part, origin):
 
 
 class Edited:
-    """The scene as Blender has it now, as a folder."""
+    """Writes the scene with its edits in Blender as a scene folder."""
 
     def __init__(self, context, root):
         self.context, self.root = context, root
@@ -69,7 +69,7 @@ class Edited:
         self.moved, self.gone = [], []
 
     def collect(self):
-        """New knots of the objects that were moved. The timeline is played through once."""
+        """Finds the objects that were moved and their new track poses, by stepping through the timeline once."""
         parts, scene, before = (
             parts_by_index(self.context, self.root),
             self.context.scene,
@@ -124,8 +124,8 @@ class Edited:
                     self.moved.append((index, None, None))
 
     def write(self, folder):
-        """The models that stay are links, or copies where links can't be made; a parked object's Gaussians lie in the background and are moved or
-        cut out there. Replaces no file; where it fails, what it made is removed again."""
+        """Unchanged models become links to the old files, or copies where links can't be made. The Gaussians of a parked object are part of the
+        background: they are moved or cut out in a new file. Replaces no file; on failure, removes what it made."""
         gone_models = {self.scene["objects"][i]["model"] for i in self.gone if self.scene["objects"][i].get("model")}
         rewrite = {i: None for i in self.gone if not self.entry.objects[i]["tracked"]}
         rewrite.update({i: (pose, wanted) for i, pose, wanted in self.moved if pose is not None and i not in self.gone})
@@ -164,8 +164,8 @@ def animated(block, path):
 
 
 def rewrite_background(source, rewrite, origin):
-    """Rows and bytes of a PLY of ours without the Gaussians of some objects (None) and with others' carried from pose to pose. Spherical harmonics turn with them to
-    the first degree; higher degrees stay as they are."""
+    """Row count and bytes of a PLY written by PAGS, without the Gaussians of the objects that map to None and with those of others moved
+    from the old pose to the new. Spherical harmonics are rotated up to the first degree; higher degrees stay as they are."""
     with open(source, "rb") as file:
         header = b""
         while not header.endswith(b"end_header\n"):
@@ -201,7 +201,7 @@ def carry(rows, mine, new, old, origin):
     old_q = np.stack([rows[f"rot_{k}"][mine] for k in range(4)], axis=1).astype(np.float64)
     for k, values in enumerate(product(q, old_q)):
         rows[f"rot_{k}"][mine] = values
-    turn_first_degree(rows, mine, motion[:3, :3])
+    rotate_first_degree(rows, mine, motion[:3, :3])
 
 
 def product(q, p):
@@ -215,8 +215,8 @@ def product(q, p):
     )
 
 
-def turn_first_degree(rows, mine, turn):
-    """Coefficients 1 to 3 are -y, z, -x times a constant: the vector (x, y, z) that they stand for turns."""
+def rotate_first_degree(rows, mine, turn):
+    """Rotates the first degree of the spherical harmonics: coefficients 1 to 3 are a vector (-y, z, -x) times a constant."""
     rest = [name for name in rows.dtype.names if name.startswith("f_rest_")]
     if not rest:
         return
@@ -262,7 +262,7 @@ class PAGS_OT_export(cameras.OnScene, bpy.types.Operator, ExportHelper):
         return f"wrote {self.filepath}"
 
     def form(self):
-        """What the file name's ending leaves open."""
+        """The arguments of `pags export` for .glb and .gltf, which hold either splats or proxies; none for other extensions."""
         if not self.filepath.endswith((".glb", ".gltf")):
             return []
         return ["--splats"] if self.content == "splats" else ["--proxy", self.content]

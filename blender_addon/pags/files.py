@@ -11,7 +11,7 @@ from .native import SceneError
 
 
 def check_free(path):
-    """Raises where there is something already, a link that leads nowhere included."""
+    """Raises SceneError when the path exists, also as a broken link."""
     if os.path.lexists(path):
         raise SceneError(f"{path}: is there already and is not replaced; choose a folder without it")
 
@@ -26,7 +26,7 @@ def link_or_copy(source, target):
         os.symlink(source, target)
         if os.path.exists(target) and os.path.samefile(source, target):
             return
-        os.remove(target)  # file systems that keep links as files of their own
+        os.remove(target)  # the file system has stored the link as an ordinary file
     except (OSError, NotImplementedError):
         pass
     check_free(target)
@@ -34,7 +34,7 @@ def link_or_copy(source, target):
 
 
 def complete(target, write, problem):
-    """Has `write` make a file under another name beside `target`, and gives it that name when it is whole."""
+    """Calls `write` with a temporary name beside `target` and renames the file to `target` once it is complete."""
     part = f"{target}.{secrets.token_hex(4)}.part"
     try:
         write(part)
@@ -44,7 +44,7 @@ def complete(target, write, problem):
         raise SceneError(f"{target}: {problem}: {getattr(error, 'strerror', None) or error}") from error
     finally:
         with contextlib.suppress(OSError):
-            os.remove(part)  # where it wasn't renamed
+            os.remove(part)  # left by a failed write
 
 
 def write_bytes(path, data):
@@ -53,7 +53,7 @@ def write_bytes(path, data):
 
 
 class NewFiles:
-    """What is made for one folder. Where not all of it can be, what was made goes again: `with NewFiles(folder) as new`."""
+    """Context manager (`with NewFiles(folder) as new`) for the files of one new folder: if any of them fails, all are removed again."""
 
     def __init__(self, folder):
         self.folder, self.made = folder, []
@@ -66,11 +66,11 @@ class NewFiles:
             try:
                 os.rmdir(path) if os.path.isdir(path) and not os.path.islink(path) else os.remove(path)
             except OSError:
-                pass  # a folder that somebody else has put something into
+                pass  # not empty: another program has put a file there
         return False
 
     def path(self, name):
-        """Of a file of this name to be, in folders that are made where they are missing."""
+        """Path for a new file of this name; missing folders are created."""
         path = os.path.join(self.folder, name)
         check_free(path)
         missing, folder = [], os.path.dirname(path)

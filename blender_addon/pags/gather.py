@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From Blender's state to what the engine is to draw: which parts of which scene, where, at what time."""
+"""Collects from Blender's state what the engine has to draw: the parts of a scene, their poses, the time and the render settings."""
 
 import numpy as np
 
@@ -7,12 +7,12 @@ from . import lens, native
 
 IDENTITY = [1.0, 0, 0, 0, 0, 1.0, 0, 0, 0, 0, 1.0, 0]
 NOWHERE = [np.nan] * 12
-# A part that is no further than this from where the scene has it is drawn exactly there: Blender's matrices are floats.
+# A part whose pose differs from its track by no more than this is drawn exactly at the track's pose: Blender's matrices have float precision.
 SNAP_METRES, SNAP_ROTATION = 2e-3, 3e-4
 
 
 class Gathered:
-    """Everything of one scene that a picture depends on but camera and time."""
+    """State of one PAGS scene on which a picture depends, difference from camera and time."""
 
     def __init__(self, root):
         self.root_name, self.path = root.name, native.absolute_path(root)
@@ -20,7 +20,7 @@ class Gathered:
         self.root_from_world = np.linalg.inv(self.world_from_root)
         self.scale = lens.rigid(self.world_from_root)[1]
         self.frame_start, self.fps = root.pags.frame_start, root.pags.fps
-        self.indices, self.poses = [], []  # of the parts; root_from_object, 4x4
+        self.indices, self.poses = [], []  # of each part: object index (-1: background) and root_from_object, 4x4
         self.pass_index = {}
         self.scaled = False
 
@@ -30,7 +30,7 @@ class Gathered:
         self.pass_index[index] = pass_index
 
     def finish(self):
-        """All parts at once: thousands of small arrays would cost more than the rest of a redraw."""
+        """Stacks the poses of all parts into one array: thousands of small arrays would cost more than the rest of a redraw."""
         order = np.argsort(self.indices, kind="stable")
         self.indices = np.array(self.indices)[order]
         poses = self.root_from_world @ np.array(self.poses, dtype=np.float64).reshape(-1, 4, 4)[order]
@@ -54,12 +54,12 @@ class Gathered:
 
 
 def roots(depsgraph):
-    """Objects of the scene's that are roots of a PAGS scene."""
+    """The objects of a Blender scene that are roots of PAGS scenes."""
     return [o for o in depsgraph.scene.objects if o.pags.kind == "ROOT"]
 
 
 def gather(depsgraph):
-    """What the first PAGS scene that is drawn needs, or None; and how many scenes there are."""
+    """The state of the first visible PAGS scene by name, or None, and the number of visible PAGS scenes."""
     found = {}
     for instance in depsgraph.object_instances:
         drawn = instance.object
@@ -80,31 +80,31 @@ def gather(depsgraph):
 
 
 def time_of(state, entry, frame):
-    """Seconds of the scene's clock at a frame of the timeline, which may be a fraction."""
+    """The scene's time in seconds at a (fractional) frame of the timeline."""
     return entry.info["time_begin"] + (frame - state.frame_start) / state.fps
 
 
 def placements(state, entry, time, critical_only=False):
-    """(index, world_from_object) of all parts. One that is where the scene has it is drawn exactly there."""
-    known = state.indices < len(entry.objects)  # others are of another version of the scene file
+    """Pairs (index, world_from_object) of all parts; a part that was not moved gets the exact pose of its track."""
+    known = state.indices < len(entry.objects)  # higher indices come from another version of the scene file
     if critical_only:
-        critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last: the background, -1
+        critical = np.array([*(bool(o["critical"]) for o in entry.objects), False])  # the last entry is the background, index -1
         known &= critical[np.where(known, state.indices, -1)]
     indices, poses = state.indices[known], state.poses[known, :3]
     mine, origin = indices[:, None] >= 0, np.array(entry.info["origin"])
     found = [entry.scene.pose(int(i), time) if i >= 0 else IDENTITY for i in indices]
     exact = np.array([NOWHERE if pose is None else pose for pose in found]).reshape(-1, 3, 4)
-    apart = np.abs(exact - poses)
-    apart[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
-    same = (apart[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (apart[:, :, 3] < SNAP_METRES).all(axis=1)
-    moved = poses.copy()  # relative to the origin, about which the background turns, too
+    difference = np.abs(exact - poses)
+    difference[:, :, 3] = np.abs(exact[:, :, 3] - np.where(mine, origin, 0) - poses[:, :, 3])
+    same = (difference[:, :, :3] < SNAP_ROTATION).all(axis=(1, 2)) & (difference[:, :, 3] < SNAP_METRES).all(axis=1)
+    moved = poses.copy()  # relative to the scene's origin, the pivot of the background's rotation as well
     moved[:, :, 3] += np.where(mine, origin, origin - poses[:, :, :3] @ origin)
     rows = np.where(same[:, None, None], exact, moved).reshape(-1, 12).tolist()
     return list(zip(indices.tolist(), rows))
 
 
 def camera_for(state, entry, lens_values, world_from_camera, time):
-    """The engine's camera for a camera in Blender's world."""
+    """The engine's camera (a dictionary) of a camera pose in Blender's world."""
     pose, _ = lens.rigid(state.root_from_world @ world_from_camera)
     pose[:3, 3] += np.array(entry.info["origin"])
     out = {key: lens_values[key] for key in ("width", "height", "fx", "fy", "cx", "cy")}
@@ -114,12 +114,12 @@ def camera_for(state, entry, lens_values, world_from_camera, time):
 
 
 def object_values(state, entry):
-    """What the object-index pass holds for each object: Blender's own pass index where the object is there."""
+    """Values of the object-index pass by object: Blender's pass index, or 0 where the object was deleted."""
     return [float(state.pass_index.get(i, 0)) for i in range(len(entry.objects))]
 
 
-def wishes(settings, state, entry, final):
-    """Keywords of Renderer.submit that the scene's settings ask for."""
+def job_arguments(settings, state, entry, final):
+    """Keyword arguments of Renderer.submit from the scene's settings."""
     out = {"linear": True, "flip": True, "mode": settings.mode, "sh_degree": settings.sh_degree}
     out["exp_degree"] = 5 if final or settings.exact else 3
     if settings.antialiased != "SCENE":
@@ -130,7 +130,7 @@ def wishes(settings, state, entry, final):
 
 
 def exposure(settings, entry, camera, time):
-    """Keywords for what a camera of the recording (a Blender object or None) does to colours."""
+    """Keyword argument with the exposure of a recorded camera (a Blender object or None) at a time."""
     if not settings.exposure or camera is None or camera.type != "CAMERA" or camera.data.pags.sensor < 0:
         return {}
     return {"exposure": entry.scene.exposure(camera.data.pags.sensor, time)}

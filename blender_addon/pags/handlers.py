@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has to be noticed: files opened and saved, anything moved."""
+"""Handlers of Blender events: a file was opened or saved, an object moved."""
 
 import os
 
@@ -11,7 +11,7 @@ from . import draw, native, overlay, photographs, viewport
 
 @persistent
 def after_load(*_):
-    """Another file: nothing of the last one's stays."""
+    """After another .blend was opened: drops all scenes, renderers and pictures of the last one."""
     for view in list(viewport.views):
         view.drop()
     overlay.forget()
@@ -23,7 +23,7 @@ def after_load(*_):
 
 @persistent
 def before_save(*_):
-    """Paths are kept relative to a .blend that has a place already."""
+    """Before saving: makes scene paths relative to the .blend where it has a path already."""
     if not bpy.data.filepath:
         return
     for root in bpy.data.objects:
@@ -31,7 +31,7 @@ def before_save(*_):
             try:
                 root.pags.path = bpy.path.relpath(root.pags.path)
             except ValueError:
-                pass  # another drive
+                pass  # on another drive of Windows, where no relative path exists
 
 
 @persistent

@@ -18,11 +18,11 @@ FROM_MINUS_Y = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 
 
 
 class Import:
-    """One scene on its way into a .blend."""
+    """Imports one scene: creates its collection, root, parts, tracks and cameras."""
 
     def __init__(self, context, path, options, budget, replaces_camera):
-        """options: the operator, whose properties say what is wanted; budget: points of the preview; replaces_camera: a recorded camera becomes the
-        scene's even where there is one."""
+        """options: the import operator, with its properties; points: size limit of the preview; replaces_camera: a recorded camera becomes the
+        scene's camera even where there is one."""
         self.context, self.path, self.options, self.budget = context, path, options, budget
         self.replaces_camera = replaces_camera
         self.entry = native.load(path)
@@ -42,7 +42,7 @@ class Import:
         self.root.pags.frame_start, self.root.pags.fps = self.first, self.fps
         self.root["pags_gaussians"] = self.info["gaussians"]
         if self.info["up"] == "-y":
-            self.root.matrix_world = Matrix(FROM_MINUS_Y.tolist())  # a list of lists would be read by columns
+            self.root.matrix_world = Matrix(FROM_MINUS_Y.tolist())  # assigned directly, a list of lists would be read by columns
         share = self.budget / max(1, self.info["gaussians"])
         background = self.info["gaussians"] - sum(o["gaussians"] for o in self.objects)
         if background > 0:
@@ -84,7 +84,7 @@ class Import:
         part = self.link(bpy.data.objects.new(name, mesh), kind, parent)
         part.pags.index = index
         part.pass_index = index + 1
-        part.display_type = "BOUNDS"  # loose vertices would be drawn as black dots over everything
+        part.display_type = "BOUNDS"  # Blender would draw the vertices of a mesh without faces as black dots over the splats
         return part
 
     def add_object(self, index, record, budget):
@@ -107,7 +107,7 @@ class Import:
         self.limit(part, index, rows[:, 0])
 
     def limit(self, part, index, times):
-        """Hides a part before and after its track, which holds half a step beyond its ends."""
+        """Hides a part before and after its track; a track is valid half a time step beyond its first and last pose."""
         step = float(np.median(np.diff(times))) / 2 if len(times) > 1 else 0.0
         begin, end = float(times[0]) - step, float(times[-1]) + step
         if begin > self.info["time_begin"] + 1e-6 or end < self.info["time_end"] - 1e-6:
@@ -137,7 +137,7 @@ class Import:
         return pose @ lens.FLIP
 
     def add_ego(self, group):
-        """An Empty that drives as the first sensor does, upright: x forward, z up."""
+        """Adds the ego vehicle, an Empty with the positions of the first sensor, kept upright: x forward, z up."""
         group = sorted(group, key=lambda v: v["time"])
         poses = np.array([self.ego_pose(self.local_pose(view)) for view in group])
         ego = self.add_empty("ego", "EGO", self.root, 1.5)
@@ -156,7 +156,7 @@ class Import:
         return out
 
     def ego_at(self, time):
-        """Of the ego as its keyframes have it: lines between them, in which other sensors' poses are given."""
+        """4x4 pose of the ego at a time, interpolated between its keyframes as Blender does it; other sensors' poses are relative to it."""
         at = int(np.searchsorted(self.ego_times, time))
         if at < len(self.ego_times) and abs(self.ego_times[at] - time) < 1e-6:
             return self.ego_poses[at]
@@ -176,7 +176,7 @@ class Import:
         data = bpy.data.cameras.new(name)
         lens.set_blender_lens(data, view)
         data.display_size, data.clip_start, data.clip_end = 0.5, 0.05, 10000
-        data.show_passepartout = False  # the street goes on beyond the photograph, and a veil over it takes a twentieth of a redraw
+        data.show_passepartout = False  # a darkened surround would hide the street and cost 5 % of a redraw
         camera = self.link(bpy.data.objects.new(name, data), "CAMERA", parent)
         camera["pags_view"], camera["pags_test"] = view["name"], view["test"]
         return camera
@@ -190,7 +190,7 @@ class Import:
             self.notes += photographs.show(camera, self.entry, self.root)
 
     def animate_lens(self, camera, group):
-        """A lens that changes along the drive gets keyframes of its own."""
+        """Adds keyframes of focal length and principal point where they change along the drive."""
         values = np.array([[v["fx"], v["fy"], v["cx"], v["cy"]] for v in group])
         if np.ptp(values, axis=0).max() < 1e-6:
             return
@@ -208,7 +208,7 @@ class Import:
 
 
 def blend_is_empty(scene):
-    """Nothing but what Blender starts with: then the scene's own settings may be taken."""
+    """Whether the Blender scene holds only the start-up objects, so that the import may set its frame rate, range and size."""
     return all(o.name in {"Cube", "Light", "Camera"} and not o.animation_data for o in scene.objects)
 
 
@@ -218,7 +218,7 @@ def adopt_rate(scene, fps):
 
 
 def adopt_settings(scene, work, frame):
-    """What of the scene's own settings goes into Blender's, as the user chose; `frame`: the timeline's range and the picture's size."""
+    """Applies the recording's settings to the Blender scene as the options say; `frame`: also the timeline's range and the picture's size."""
     info, views = work.info, work.scene.views
     span = info["time_end"] - info["time_begin"]
     if work.options.use_standard:
@@ -232,15 +232,15 @@ def adopt_settings(scene, work, frame):
 
 
 def clear_views():
-    """A line from every object to the scene's origin shows nothing but lines, and a street has a ground of its own: Blender's floor lies over it
-    and, where there is no graphics card, takes a sixth of a redraw."""
+    """Turns off relationship lines and Blender's floor in all 3D views: the lines hide the street, the floor lies over the road and, without a
+    graphics card, costs a sixth of a redraw."""
     for area in (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D"):
         overlay = area.spaces.active.overlay
         overlay.show_relationship_lines = False
         overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = False
 
 
-EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches filters with whole paths: "scene.json" as one matches nothing
+EXTENSIONS = (".json", ".ply", ".spz", ".splat", ".pagsz")  # Blender matches a filter with the whole path: "scene.json" as a filter would match nothing
 OPTIONS = ("cameras", "photographs", "proxies", "use_rate", "use_standard", "use_engine", "relative")
 
 
@@ -314,7 +314,7 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
 
     def bring_in(self, context, path):
         scene = context.scene
-        fps = native.load(path).info["fps"]  # fails before anything is changed
+        fps = native.load(path).info["fps"]  # an unreadable scene fails here, before anything is changed
         empty = blend_is_empty(scene)
         rate = fps > 0 and (self.use_rate == "YES" or (self.use_rate == "AUTO" and empty))
         if rate:
@@ -324,7 +324,10 @@ class PAGS_OT_import(bpy.types.Operator, ImportHelper):
         root = work.run()
         adopt_settings(scene, work, empty or self.use_rate == "YES")
         if self.proxies:
-            proxies.make(context, root)
+            try:
+                proxies.make(context, root)
+            except (native.SceneError, OSError, RuntimeError) as error:
+                work.notes.append(f"the scene is imported without proxies: {error}")
         if self.use_engine:
             scene.render.engine = "PAGS"
         if empty:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Looking into a scene: what is under the mouse; how a picture compares with the photograph."""
+"""Inspects a scene: picks the object under the mouse and compares a rendered picture with its photograph."""
 
 import bpy
 import numpy as np
@@ -52,7 +52,7 @@ class PAGS_OT_pick(bpy.types.Operator):
 
 
 def pick(context, values, pose, x, y):
-    """What a camera of Blender's world sees at a pixel (row 0 at the top): the C module's dictionary with "record", or None."""
+    """What a Blender camera sees at a pixel (row 0 at the top): the C module's pick result with "record", the object, added, or None."""
     depsgraph = context.evaluated_depsgraph_get()
     state, _ = gather.gather(depsgraph)
     if state is None:
@@ -105,14 +105,14 @@ def psnr(a, b):
 
 
 def exposed(picture, view):
-    """As the photograph's own exposure shows it: photograph = gain * picture + offset."""
+    """Applies the photograph's exposure to a picture: photograph = gain * picture + offset."""
     return np.clip(
         picture * np.array(view["gain"], dtype=np.float32) + np.array(view["offset"], dtype=np.float32), 0, 1
     )
 
 
 def draw_view(entry, view, threads):
-    """What the scene looks like from one of its views, untouched by Blender's edits: (height, width, 3) display-referred."""
+    """Renders one of the scene's views without Blender's edits: (height, width, 3), display-referred sRGB."""
     picture = native.renderer("final", threads).submit(entry.scene, view).take()
     return np.asarray(picture.rgba)[..., :3].copy()
 

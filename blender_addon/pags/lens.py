@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's cameras and the engine's: x right, y down, z forward; focal lengths and principal point in pixels,
-corners at 0 and width."""
+"""Converts Blender's cameras to the engine's: x right, y down, z forward; focal lengths and principal point in pixels,
+image corners at 0 and width."""
 
 import numpy as np
 
-FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # Blender's cameras look along -z, y up
-# An orthographic view is drawn from so far back, in heights of what it shows, that its perspective can't be told.
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # from Blender's camera axes (y up, looking along -z) to the engine's
+# An orthographic view is rendered by a perspective camera this far back, in heights of the view, where the perspective is invisible.
 ORTHO_DISTANCE = 400.0
 
 
@@ -14,7 +14,7 @@ def matrix(m):
 
 
 def rigid(m):
-    """(the matrix without its scale, the scale's mean)"""
+    """Splits a 4x4 matrix into (matrix without scale, mean scale)."""
     lengths = np.linalg.norm(m[:3, :3], axis=0)
     lengths[lengths == 0] = 1
     out = m.copy()
@@ -27,11 +27,11 @@ def pose12(m):
 
 
 class LensError(Exception):
-    """A camera that the engine can't draw with."""
+    """Raised for a camera that the engine can't render (a panorama)."""
 
 
 def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
-    """fx, fy, cx, cy of a Blender camera (data) in a picture of so many pixels."""
+    """fx, fy, cx, cy in pixels of a Blender camera (data) for a picture of this size."""
     if camera.type == "PANO":
         raise LensError("PAGS draws perspective and orthographic cameras; the active one is panoramic")
     wide, tall = width * aspect_x, height * aspect_y
@@ -50,7 +50,7 @@ def intrinsics(camera, width, height, aspect_x=1.0, aspect_y=1.0):
 
 
 def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1.0):
-    """(intrinsics, world_from_camera 4x4 in OpenCV's axes, scale for depths that depend on no distance)"""
+    """Of a Blender camera object: (intrinsics, world_from_camera 4x4 in OpenCV's axes)."""
     lens = intrinsics(camera, width, height, aspect_x, aspect_y)
     pose, _ = rigid(matrix(world_from_camera))
     pose = pose @ FLIP
@@ -60,7 +60,7 @@ def of_camera(camera, world_from_camera, width, height, aspect_x=1.0, aspect_y=1
 
 
 def of_view(window_matrix, view_matrix, width, height):
-    """The same of a 3D view: by its projection, so that zoom, offsets and lens of the view need no thought."""
+    """The same of a 3D view, from its projection matrix, which includes the view's zoom, offset and lens."""
     p = matrix(window_matrix)
     lens = {"width": width, "height": height, "fx": p[0, 0] * width / 2, "fy": p[1, 1] * height / 2}
     pose, _ = rigid(np.linalg.inv(matrix(view_matrix)))
@@ -73,7 +73,7 @@ def of_view(window_matrix, view_matrix, width, height):
 
 
 def from_afar(lens, pose):
-    """fx, fy in pixels a metre become a long lens far behind."""
+    """Turns an orthographic camera (fx, fy in pixels per metre) into a perspective camera with a long lens far behind."""
     distance = ORTHO_DISTANCE * max(lens["height"] / lens["fy"], 10.0)
     out = dict(lens, fx=lens["fx"] * distance, fy=lens["fy"] * distance, ortho=distance)
     pose = pose.copy()
@@ -82,7 +82,7 @@ def from_afar(lens, pose):
 
 
 def set_blender_lens(camera, view):
-    """Gives a Blender camera (data) the lens of a view of the scene (a dictionary of the C module's)."""
+    """Sets a Blender camera (data) to the lens of a view of the scene (a dictionary from the C module)."""
     width, height = view["width"], view["height"]
     camera.type = "PERSP"
     camera.sensor_fit = "HORIZONTAL"
@@ -98,13 +98,13 @@ def set_blender_lens(camera, view):
 
 
 def view_matrix4(view):
-    """world_from_camera of a view as 4x4, OpenCV's axes, absolute."""
+    """world_from_camera of a view as 4x4, in OpenCV's axes and the scene's world coordinates."""
     out = np.eye(4)
     out[:3] = np.array(view["world_from_camera"], dtype=np.float64).reshape(3, 4)
     return out
 
 
 def picture_size(render):
-    """Width and height of what is rendered, pixels."""
+    """Width and height of the render in pixels, with Blender's percentage applied."""
     share = render.resolution_percentage / 100
     return max(1, int(render.resolution_x * share)), max(1, int(render.resolution_y * share))

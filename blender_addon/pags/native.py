@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The only importer of the C module. Keeps the scenes that are loaded, by path, and the renderers that draw them."""
+"""The only file that imports the C module. Caches loaded scenes by path, and renderers."""
 
 import os
 import threading
@@ -20,11 +20,11 @@ except ImportError as error:
 
 
 class SceneError(Exception):
-    """What is to be shown to the user."""
+    """An error with a message for the user."""
 
 
 class Entry:
-    """A path's scene: being loaded, loaded, or failed."""
+    """A cached scene of one path: loading, loaded or failed."""
 
     def __init__(self, path):
         self.path, self.stamp = path, stamp_of(path)
@@ -51,7 +51,7 @@ _renderers = {}
 
 
 def stamp_of(path):
-    """Changes when the scene on disk does."""
+    """A stamp of the scene on disk, which changes when the scene does."""
     inner = os.path.join(path, "scene.json") if os.path.isdir(path) else path
     try:
         status = os.stat(inner)
@@ -61,12 +61,12 @@ def stamp_of(path):
 
 
 def entry(path, wait):
-    """The entry of an absolute path; loads where needed. wait=False: returns at once, perhaps while it is loading."""
+    """The entry of an absolute path; loads the scene where needed. wait=False: returns at once, possibly while loading."""
     if not module:
         raise SceneError(problem)
     known = _entries.get(path)
     if known and not known.loading and known.error and known.stamp != stamp_of(path):
-        known = None  # what was missing or broken has changed
+        known = None  # it failed to load, but the files have changed since
     if not known:
         known = _entries[path] = Entry(path)
     if wait:
@@ -77,12 +77,12 @@ def entry(path, wait):
 
 
 def load(path):
-    """Entry of a loaded scene; SceneError says what is wrong."""
+    """The entry of a loaded scene; raises SceneError where it can't be loaded."""
     return entry(path, True)
 
 
 def forget(path=None):
-    """Reads it anew when next asked for; without a path all."""
+    """Drops a scene from the cache, so that it is read again when needed; without a path all scenes."""
     if path is None:
         _entries.clear()
     else:
@@ -90,7 +90,7 @@ def forget(path=None):
 
 
 def renderer(kind, threads):
-    """A renderer for `kind` of use with so many threads (0: all); made anew when the number changes."""
+    """The renderer of a kind of use ("view", ...) with this many threads (0: all); created again when the number changes."""
     known = _renderers.get(kind)
     if not known or known[0] != threads:
         known = _renderers[kind] = (threads, module.Renderer(threads=threads))
@@ -103,7 +103,7 @@ def close():
 
 
 def absolute_path(root):
-    """Of a root's scene. Falls back to a neighbour of the .blend of the same name, for .blends that were moved with it."""
+    """Absolute path of a root's scene. Where it is missing, a file or folder of the same name beside the .blend is taken (both were moved)."""
     path = os.path.normpath(bpy.path.abspath(root.pags.path))
     if not os.path.exists(path) and bpy.data.filepath:
         beside = os.path.join(os.path.dirname(bpy.data.filepath), os.path.basename(path))

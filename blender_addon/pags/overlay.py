@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""In Solid and Material shading, and under other engines: the splats among the meshes by depth; where they aren't drawn,
-light points."""
+"""The overlay of Solid and Material shading and of other render engines: splats composited with the meshes by depth, or, where
+splats aren't drawn, a light preview of points."""
 
 import bpy
 import gpu
@@ -30,7 +30,7 @@ def forget():
 
 
 def draws_splats(context):
-    """Whether this view's splats are the overlay's to draw, not a render engine's or nobody's."""
+    """Whether the overlay draws this view's splats (rather than a render engine, or nothing does)."""
     shading = context.space_data.shading.type
     if not context.scene.pags.overlay or shading == "WIREFRAME":
         return False
@@ -65,10 +65,10 @@ def draw_splats(context):
     depsgraph = context.evaluated_depsgraph_get()
     if view.version != _version:
         view.update(depsgraph)
-        view.watch.gathered = (0.0, 0.0)  # is in this redraw's own time
+        view.watch.gathered = (0.0, 0.0)  # already counted in the time of this redraw
         view.version = _version
-    wanted = view.want(context, depsgraph, width, height, ("rgba", "depth"), True)
-    upload = view.advance(wanted)
+    requested = view.request(context, depsgraph, width, height, ("rgba", "depth"), True)
+    upload = view.advance(requested)
     middle = pace.clock()
     if view.shown is not None and view.shown.depth is not None and view.state is not None:
         put(context, view.shown)
@@ -147,7 +147,7 @@ def draw_points(context):
 
 
 def on_draw_text():
-    """Statistics of the overlay's pictures, as render engines have theirs."""
+    """Shows the statistics of the overlay's pictures as text in the view."""
     context = bpy.context
     if context.region_data is None or not draws_splats(context) or not context.space_data.overlay.show_text:
         return
@@ -161,10 +161,10 @@ def on_draw_text():
     try:
         blf.size(0, size)
     except TypeError:
-        blf.size(0, size, 72)  # up to 3.x
+        blf.size(0, size, 72)  # up to Blender 3.x the call takes dots per inch
     blf.color(0, 1, 1, 1, 0.9)
     text = "PAGS | " + view.statistics(context.scene.pags)
-    # At the right, before the sidebar: Blender has its own words at the top, and at the left what adjusts the last operation.
+    # At the right, beside the sidebar: Blender's own text is at the top, its panel of the last operation at the lower left.
     sidebar = next((r.width for r in context.area.regions if r.type == "UI" and r.width > 1), 0)
     left = context.region.width - sidebar - blf.dimensions(0, text)[0] - 20 * scale
     blf.position(0, max(left, 20 * scale), 20 * scale, 0)

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How fast a view's pictures come: what a picture may cost so that it keeps the deadline, and stopwatches for tests and benchmarks."""
+"""Chooses the resolution and SH degree of a view's pictures so that they keep the deadline; stopwatches for tests and benchmarks."""
 
 import time
 
-# What the picture's sides are divided by, and under which opacity times area, in pixels of that picture, Gaussians that aren't critical
-# are left out: as pags render --budget-ms does it.
+# By divisor of the picture's width and height: the contribution (opacity times projected area, pixels) below which Gaussians that are not
+# critical are culled, as in pags render --budget-ms.
 CUTS = {1.0: 0.0, 1.5: 0.25, 2.0: 0.25, 3.0: 0.5, 4.0: 0.75, 6.0: 1.0, 8.0: 1.0}
 
 
 class Budget:
-    """How long pictures take, from those that were drawn: what goes by pixels and what doesn't, by SH degree or without."""
+    """Predicts the time of a picture from those drawn before: a fixed part and a part in proportion to the pixels."""
 
     def __init__(self):
         self.fixed, self.pixels, self.known = 0.0, 0.0, False
@@ -24,7 +24,7 @@ class Budget:
         self.known = True
 
     def choose(self, width, height, deadline):
-        """The finest scale that keeps the deadline, and whether any does; before anything is known a coarse one."""
+        """The smallest divisor of the picture's sides that keeps the deadline, and whether any does; a coarse one before the first picture."""
         if not self.known:
             return 4.0, True
         for scale in CUTS:
@@ -34,19 +34,19 @@ class Budget:
 
 
 class Pace:
-    """The share of the deadline that a picture may take, so that ten come in a second: without a graphics card Blender's own drawing takes
-    the same processors, and a picture that keeps the deadline comes late all the same."""
+    """Adapts the share of the deadline that a picture may take, so that ten pictures a second appear: without a graphics card Blender's own
+    drawing takes the same processors, and a picture that keeps its deadline still appears late."""
 
-    PERIOD = 0.095  # seconds; a little less than a tenth
-    PAUSE = 0.5  # a longer one lies between two movements
+    PERIOD = 0.095  # target time between pictures, seconds: slightly below 0.1
+    PAUSE = 0.5  # seconds; a longer gap separates two movements and is not counted
     LEAST = 0.25
-    COARSEST = 4.0  # scale; coarser ones are hardly sooner there
+    COARSEST = 4.0  # largest divisor: coarser pictures are hardly faster
 
     def __init__(self):
         self.share, self.last = 1.0, -1e9
 
     def came(self, now):
-        """A picture has come while something moves."""
+        """Records that a picture appeared at a time during a movement."""
         period, self.last = now - self.last, now
         if self.PERIOD < period < self.PAUSE:
             self.share = max(self.LEAST, 0.93 * self.share)
@@ -55,27 +55,26 @@ class Pace:
 
 
 def clock():
-    """Milliseconds of the wall's clock and of this thread's processor time: on few processors the former counts other threads', too."""
+    """(wall-clock ms, processor ms of this thread): on few processors the wall clock includes the work of other threads."""
     return 1e3 * time.perf_counter(), 1e3 * time.thread_time()
 
 
 class Stopwatch:
-    """Milliseconds by part of the redraws, and what pictures came, for the tests and benchmarks. `work` is the processor's time of the parts
-    together."""
+    """Records milliseconds by part of each redraw, and the pictures shown, for tests and benchmarks. `work` is the processor time of all parts."""
 
     MOST = 2000
 
     def __init__(self):
         self.python, self.upload, self.draw, self.work, self.redraws = [], [], [], [], []
-        self.gathered = (0.0, 0.0)  # since the last redraw
-        self.pictures = []  # (time, scale, SH degree, statistics of the C module)
+        self.gathered = (0.0, 0.0)  # time spent in gather since the last redraw
+        self.pictures = []  # tuples (time, divisor, SH degree, statistics of the C module)
 
     def gather(self, begin):
-        """What was done since `begin` belongs to the next redraw."""
+        """Adds the time since `begin` to the next redraw."""
         self.gathered = tuple(all_ + end - start for all_, start, end in zip(self.gathered, begin, clock()))
 
     def add(self, begin, middle, upload):
-        """A redraw from `begin` to now; from `middle` on the picture was handed over."""
+        """Records a redraw from `begin` to now, with the picture drawn from `middle` on."""
         end = clock()
         for values, value in (
             (self.python, middle[0] - begin[0] - upload + self.gathered[0]),

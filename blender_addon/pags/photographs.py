@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The recording's photographs: found, freed of lens distortion, behind what their camera sees, frame for frame."""
+"""The recording's photographs: finds them, undistorts them, and shows them as a camera's background, frame by frame."""
 
 import hashlib
 import os
@@ -11,7 +11,7 @@ from . import files, native
 
 
 def path_of(entry, name):
-    """Of a view's photograph, or None where the data set isn't there."""
+    """Path of a view's photograph, or None where it isn't found."""
     dataset = entry.info.get("dataset")
     if not dataset:
         return None
@@ -36,7 +36,7 @@ def lens_file(entry, sensor):
 
 
 def read(path):
-    """(height, width, 3) display-referred sRGB, row 0 at the top."""
+    """Reads a picture: (height, width, 3), display-referred sRGB, row 0 at the top."""
     image = bpy.data.images.load(path, check_existing=False)
     try:
         image.colorspace_settings.name = "Non-Color"
@@ -51,7 +51,7 @@ def read(path):
 
 
 def sample(picture, x, y):
-    """Bilinear; x, y in pixels with corners at 0; held at the border."""
+    """Samples a picture bilinearly at x, y (pixels, corner at 0), clamped at the border."""
     height, width = picture.shape[:2]
     x, y = np.clip(x - 0.5, 0, width - 1), np.clip(y - 0.5, 0, height - 1)
     x0, y0 = np.minimum(x.astype(int), width - 2), np.minimum(y.astype(int), height - 2)
@@ -88,7 +88,7 @@ def load(entry, view):
 
 
 def save(picture, path):
-    """8-bit PNG, row 0 at the top."""
+    """Writes a picture (row 0 at the top) as an 8-bit PNG."""
     height, width = picture.shape[:2]
     image = bpy.data.images.new("pags photograph", width, height, alpha=False)
     try:
@@ -104,7 +104,7 @@ def save(picture, path):
 
 
 def cache_folder(entry, sensor, fps):
-    """Where numbered copies or links are kept: below the user's own data, as extensions must."""
+    """Folder of the numbered copies or links: below the user's data folder, where extensions have to write."""
     key = hashlib.sha1(f"{entry.path} {entry.stamp} {sensor} {fps:.6f}".encode()).hexdigest()[:12]
     inner = os.path.join("photographs", key)
     if hasattr(bpy.utils, "extension_path_user") and __package__.startswith("bl_ext."):
@@ -113,8 +113,8 @@ def cache_folder(entry, sensor, fps):
 
 
 def prepare(entry, sensor, folder, fps):
-    """A file for every frame of the timeline, the photograph nearest in time: 00001.*, ... Each is a link to the photograph, or a copy of it where
-    links can't be made. Returns how many, and their extension."""
+    """Makes a file 00001.*, ... for every frame of the timeline, a link to (or, where links can't be made, a copy of) the photograph nearest in
+    time, undistorted where the lens has distortion. Returns the count and the extension."""
     views = sorted((v for v in entry.scene.views if v["sensor"] == sensor and "time" in v), key=lambda v: v["time"])
     times = np.array([v["time"] for v in views])
     paths = [path_of(entry, v["name"]) for v in views]
@@ -130,7 +130,7 @@ def prepare(entry, sensor, folder, fps):
         target = os.path.join(folder, f"{number + 1:05d}{extension}")
         if os.path.exists(target) and os.path.getmtime(target) >= os.path.getmtime(paths[nearest]):
             continue
-        if os.path.lexists(target):  # a link to where the photographs were, or made of an older one
+        if os.path.lexists(target):  # a broken link, or a copy of an older photograph
             os.remove(target)
         if distortion and nearest not in made:
             picture = as_view(read(paths[nearest]), views[nearest], distortion)
@@ -142,7 +142,7 @@ def prepare(entry, sensor, folder, fps):
 
 
 def show(camera, entry, root):
-    """Puts them behind what the sensor's camera sees. Returns what is to be told."""
+    """Shows a sensor's photographs as its camera's background, in place of those shown before. Returns a list of messages for the user."""
     sensor = camera.data.pags.sensor
     try:
         folder = cache_folder(entry, sensor, root.pags.fps)
@@ -152,7 +152,9 @@ def show(camera, entry, root):
         return [f"{camera.name}: {error}"]
     image.source = "SEQUENCE" if count > 1 else "FILE"
     camera.data.show_background_images = True
-    background = camera.data.background_images.new()
+    image["pags_photographs"] = True
+    shown = (b for b in camera.data.background_images if b.image is not None and "pags_photographs" in b.image)
+    background = next(shown, None) or camera.data.background_images.new()
     background.image, background.alpha, background.display_depth = image, 1.0, "BACK"
     background.frame_method = "STRETCH"
     user = background.image_user
@@ -161,18 +163,18 @@ def show(camera, entry, root):
     return []
 
 
-_compared = None  # the photograph and the engine's picture of it
+_compared = None  # (photograph, the engine's picture of the same view)
 
 
 def compare(context, photograph, picture):
-    """Shows both, parted where the scene's wipe says."""
+    """Shows the photograph and the engine's picture side by side, split at the scene's wipe setting."""
     global _compared
     _compared = (photograph, picture)
     wipe(context, context.scene.pags.wipe)
 
 
 def wipe(context, share):
-    """The photograph to the left of the edge, the engine's picture to its right, as an image of Blender's."""
+    """Updates the comparison image: the photograph left of the edge (a share of the width), the engine's picture right of it."""
     if _compared is None:
         return
     photograph, picture = _compared

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the add-on stores in .blend files, and its preferences."""
+"""The properties that the add-on stores in .blend files, and its preferences."""
 
 import bpy
 from bpy.props import (
@@ -32,7 +32,7 @@ MODES = [
 
 
 def draw_again(settings, context):
-    """A script's change is seen at once, as one in the panels is."""
+    """Redraws the views after a change of a property, by a script as well."""
     for _, region in draw.regions():
         region.tag_redraw()
 
@@ -45,7 +45,7 @@ class PagsObject(bpy.types.PropertyGroup):
     kind: EnumProperty(name="Part", description="What it stands for", items=KINDS, default="NONE")
     index: IntProperty(name="Number", description="Of the object in the scene file", default=-1)
     root: PointerProperty(name="Scene", description="The Empty that the scene hangs from", type=bpy.types.Object)
-    # Of roots:
+    # On roots only:
     path: StringProperty(name="Path", description="Scene folder or splat file", subtype="FILE_PATH")
     frame_start: FloatProperty(name="First frame", description="Frame at which the scene begins", default=1)
     fps: FloatProperty(
@@ -168,7 +168,7 @@ class PagsPreferences(bpy.types.AddonPreferences):
 
 
 def preferences(context):
-    """None where the add-on isn't enabled as such (a script that registers it by hand)."""
+    """The add-on's preferences, or None where a script registered the add-on by hand."""
     addon = context.preferences.addons.get(__package__)
     return addon.preferences if addon else None
 

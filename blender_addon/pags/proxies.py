@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The exporter's proxies as hidden meshes: objects' on their tracks, ground and background below the scene."""
+"""Imports proxy meshes as hidden objects: proxies of objects on their tracks, ground and background below the root."""
 
 import os
 import re
@@ -12,13 +12,13 @@ from mathutils import Matrix
 
 from . import cameras, exporter, native
 
-# Blender's importer turns every mesh from glTF's y up: (x, y, z) becomes (x, -z, y). The file's meshes are in the recording's own
-# axes (the node "scene" turns them as a whole), which this gives back.
+# Blender's importer converts every mesh from glTF's y up: (x, y, z) becomes (x, -z, y). The vertices in the file are in the recording's axes
+# (the node "scene" rotates them all); this matrix restores those axes.
 OWN_AXES = Matrix(((1, 0, 0, 0), (0, 0, 1, 0), (0, -1, 0, 0), (0, 0, 0, 1)))
 
 
 def make(context, root, level="mesh"):
-    """Has the program make them, which takes a while. Returns the meshes."""
+    """Runs `pags export` and imports its proxies (takes a while). Returns the meshes."""
     with tempfile.TemporaryDirectory(prefix="pags-proxies-") as folder:
         path = os.path.join(folder, "proxies.glb")
         exporter.run_program(context, "export", native.absolute_path(root), path, "--proxy", level)
@@ -27,7 +27,7 @@ def make(context, root, level="mesh"):
 
 def bring_in(context, root, path):
     if "bool" not in vars(np):
-        np.bool = bool  # Blender 3.4's importer of glTF asks for it; numpy dropped it
+        np.bool = bool  # Blender 3.4's glTF importer uses np.bool, which newer numpy lacks
     if not hasattr(bpy.types, "IMPORT_SCENE_OT_gltf"):
         raise native.SceneError("Blender's glTF importer isn't enabled (Preferences > Add-ons)")
     if not os.path.exists(path):
@@ -53,7 +53,7 @@ def bring_in(context, root, path):
 
 
 def collection_for(root):
-    """Below the scene's own, made when first asked for."""
+    """The collection of proxies below the scene's collection; created where missing."""
     own = root.users_collection[0]
     name = f"{own.name} proxies"
     known = next((c for c in own.children if c.name == name), None)
@@ -64,7 +64,7 @@ def collection_for(root):
 
 
 def place_of(context, root, mesh):
-    """(parent, matrix below it): an object's proxy on the object's track, the rest below the scene."""
+    """(parent, matrix relative to it) of a mesh: an object's proxy on the object's track, others below the root."""
     matrix, node = Matrix(), mesh
     while node is not None:
         track = track_of(context, root, node)
@@ -78,7 +78,7 @@ def place_of(context, root, mesh):
 
 
 def track_of(context, root, node):
-    """Of the object that a node of the file stands for: `car_0007`, which has extras of objects alone."""
+    """The track of the object that a glTF node represents, or None. Such a node is named like `car_0007` and has the extra `moving`."""
     number = re.search(r"_(\d{4,})(\.\d{3})?$", node.name)
     if number is None or "moving" not in node:
         return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels: the sidebar of the 3D view, the engine's settings, passes, and what an object of the scene is."""
+"""Panels: the 3D view's sidebar, the render engine's settings and passes, and the properties of a scene's object."""
 
 import bpy
 from bl_operators.presets import AddPresetBase

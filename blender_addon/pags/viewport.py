@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A 3D view's picture: coarse while something moves, sharp when all is still, never waited for.
+"""The picture of a 3D view: coarse while something moves, full resolution when nothing does; drawing never waits for it.
 
-Each view asks for what it wants (a key and the job's arguments) whenever it is drawn. At most one job of a view is under
-way. Where what is wanted has changed, the next job is one that keeps the deadline; when nothing has changed for a
-moment, a sharp one, which is broken off as soon as something changes again. A timer looks for finished jobs and has the views drawn."""
+Each view makes a request (a key and the job's arguments) whenever it is drawn. At most one job of a view runs at a time.
+After a change of the request, the next job is a coarse one that keeps the deadline; after a pause without change, one at
+full resolution, which is cancelled when the request changes. A timer looks for finished jobs and redraws their views."""
 
 import time
 import weakref
@@ -14,14 +14,14 @@ import gpu
 from . import draw, gather, lens, native, pace
 from .native import SceneError
 
-STILL = 0.12  # seconds without change before the sharp picture is drawn
+STILL = 0.12  # seconds without change before the picture at full resolution is rendered
 TICK = 0.008
 
 views = weakref.WeakSet()
 
 
 class Shown:
-    """A picture on the GPU and what it shows."""
+    """A picture on the GPU with the request that it answers."""
 
     def __init__(self, key, scale, picture, values):
         self.key, self.scale, self.values, self.degree = key, scale, values, 3
@@ -39,7 +39,7 @@ class View:
     def __init__(self):
         self.state, self.count = None, 0
         self.job = self.job_key = self.job_scale = self.job_values = self.job_degree = None
-        self.wanted, self.changed_at, self.wanted_degree = None, 0.0, 3
+        self.requested, self.changed_at, self.requested_degree = None, 0.0, 3
         self.shown = None
         self.budget, self.pace = pace.Budget(), pace.Pace()
         self.error = ""
@@ -48,15 +48,15 @@ class View:
         views.add(self)
         start_timer()
 
-    # ---- What is wanted ----
+    # ---- Requests and jobs ----
 
     def update(self, depsgraph):
         begin = pace.clock()
         self.state, self.count = gather.gather(depsgraph)
         self.watch.gather(begin)
 
-    def want(self, context, depsgraph, width, height, outputs, transparent):
-        """Key and the arguments of a job at full size, or None where there is nothing to draw."""
+    def request(self, context, depsgraph, width, height, outputs, transparent):
+        """A request: key and arguments of a job at full resolution, or None where there is nothing to draw."""
         if self.state is None:
             self.error = "no PAGS scene is visible: File > Import > PAGS scene"
             return None
@@ -70,17 +70,17 @@ class View:
         values, pose = lens.of_view(region.window_matrix, region.view_matrix, width, height)
         now = gather.time_of(self.state, entry, depsgraph.scene.frame_current_final)
         camera = gather.camera_for(self.state, entry, values, pose, now)
-        wishes = gather.wishes(settings, self.state, entry, False)
-        wishes.update(outputs=outputs, transparent=transparent)
+        job_arguments = gather.job_arguments(settings, self.state, entry, False)
+        job_arguments.update(outputs=outputs, transparent=transparent)
         if region.view_perspective == "CAMERA":
-            wishes.update(gather.exposure(settings, entry, depsgraph.scene.camera, now))
+            job_arguments.update(gather.exposure(settings, entry, depsgraph.scene.camera, now))
         key = (tuple(camera["world_from_camera"]), camera["fx"], camera["cx"], camera["cy"], now, width, height)
-        key += (self.state.key(), settings.hide_noncritical, tuple(sorted(wishes.items())))
+        key += (self.state.key(), settings.hide_noncritical, tuple(sorted(job_arguments.items())))
         self.error = ""
-        return key, entry, camera, values, wishes, settings
+        return key, entry, camera, values, job_arguments, settings
 
-    def submit(self, wanted, scale, degree):
-        key, entry, camera, values, wishes, settings = wanted
+    def submit(self, requested, scale, degree):
+        key, entry, camera, values, job_arguments, settings = requested
         small = dict(camera)
         small["width"], small["height"] = (
             max(1, round(camera["width"] / scale)),
@@ -89,32 +89,32 @@ class View:
         across, down = small["width"] / camera["width"], small["height"] / camera["height"]
         small["fx"], small["cx"] = camera["fx"] * across, camera["cx"] * across
         small["fy"], small["cy"] = camera["fy"] * down, camera["cy"] * down
-        wishes = dict(wishes, sh_degree=min(degree, wishes["sh_degree"]), cut=pace.CUTS[scale])
+        job_arguments = dict(job_arguments, sh_degree=min(degree, job_arguments["sh_degree"]), cut=pace.CUTS[scale])
         placements = gather.placements(self.state, entry, camera["time"], settings.hide_noncritical)
-        self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **wishes)
+        self.job = native.renderer("view", settings.threads).submit(entry.scene, small, placements=placements, **job_arguments)
         self.job_key, self.job_scale, self.job_values, self.job_degree = key, scale, values, degree
 
-    def advance(self, wanted):
-        """Takes what is ready and orders what is next; returns milliseconds of upload."""
+    def advance(self, requested):
+        """Takes a finished picture and submits the next job; returns the milliseconds of the upload to the GPU."""
         upload = self.collect()
-        if wanted is None:
+        if requested is None:
             return upload
-        key, settings, now = wanted[0], wanted[5], time.monotonic()
-        self.wanted_degree = settings.sh_degree
-        if key != self.wanted:
-            self.wanted, self.changed_at = key, now
+        key, settings, now = requested[0], requested[5], time.monotonic()
+        self.requested_degree = settings.sh_degree
+        if key != self.requested:
+            self.requested, self.changed_at = key, now
         if self.job is not None:
             if self.job_key != key and self.job_scale <= 1.0 and now - self.changed_at < STILL:
                 self.job.cancel()
             return upload
         if self.shown is None or self.shown.key != key:
-            size = wanted[2]["width"], wanted[2]["height"]
+            size = requested[2]["width"], requested[2]["height"]
             scale, kept = self.budget.choose(*size, settings.deadline)
             hurried, _ = self.budget.choose(*size, settings.deadline * self.pace.share)
             scale = max(scale, min(hurried, self.pace.COARSEST))
-            self.submit(wanted, scale, settings.sh_degree if kept else 0)
+            self.submit(requested, scale, settings.sh_degree if kept else 0)
         elif self.shown.unsharp and now - self.changed_at >= STILL:
-            self.submit(wanted, 1.0, settings.sh_degree)
+            self.submit(requested, 1.0, settings.sh_degree)
         return upload
 
     def collect(self):
@@ -130,7 +130,7 @@ class View:
             return 0.0
         self.shown = Shown(self.job_key, self.job_scale, picture, self.job_values)
         self.shown.degree = self.job_degree
-        self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.wanted_degree
+        self.shown.unsharp = self.job_scale > 1.0 or self.job_degree < self.requested_degree
         self.budget.learn(self.shown.stats, picture.width, picture.height)
         self.watch.add_picture(self.shown)
         if self.shown.unsharp:
@@ -138,11 +138,11 @@ class View:
         return self.shown.ms_upload
 
     def restless(self):
-        """Whether the timer has to look after this view."""
+        """Whether the timer has to watch this view: it loads, renders, or shows a picture that is not final."""
         if self.loading or self.job is not None:
             return True
         return (
-            self.shown is not None and self.wanted is not None and (self.shown.key != self.wanted or self.shown.unsharp)
+            self.shown is not None and self.requested is not None and (self.shown.key != self.requested or self.shown.unsharp)
         )
 
     # ---- Statistics ----
@@ -152,7 +152,7 @@ class View:
         return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 and times[-1] > times[0] else 0.0
 
     def statistics(self, settings):
-        """While something moves, what was dropped alone: without a graphics card sixty letters take Blender a tenth of a redraw."""
+        """The text shown over the view. During movement only what was reduced: without a graphics card sixty letters take 10 % of a redraw."""
         if self.error:
             return self.error
         if self.shown is None:
@@ -167,7 +167,7 @@ class View:
         return text
 
     def dropped(self, settings):
-        """For the deadline."""
+        """How the picture was reduced to keep the deadline: size and SH degree."""
         less_colour = f", SH degree {self.shown.degree}" if self.shown.degree < settings.sh_degree else ""
         return f"1/{self.shown.scale:g} size{less_colour}"
 
@@ -186,8 +186,8 @@ class View:
         begin = pace.clock()
         width, height = context.region.width, context.region.height
         try:
-            wanted = self.want(context, depsgraph, width, height, ("rgba",), False)
-            upload = self.advance(wanted)
+            requested = self.request(context, depsgraph, width, height, ("rgba",), False)
+            upload = self.advance(requested)
         except (SceneError, RuntimeError, ValueError) as error:
             self.error, upload = str(error), 0.0
         engine.update_stats("", self.statistics(depsgraph.scene.pags))
@@ -215,7 +215,7 @@ class View:
 
 
 def tick():
-    """Has views drawn whose picture is ready, or whose next one is due."""
+    """Redraws the views whose picture is ready or whose next job is due."""
     busy = [view for view in views if view.restless()]
     now = time.monotonic()
     due = any(

@@ -20,8 +20,8 @@ def skip(reason):
 def window_size(test):
     """What the script asks for by a line `WINDOW = "800x560"`; all is drawn in software."""
     with open(os.path.join(HERE, test)) as file:
-        wish = re.search(r'^WINDOW = "(\d+)x(\d+)"', file.read(), re.MULTILINE)
-    return list(wish.groups()) if wish else ["800", "560"]
+        size = re.search(r'^WINDOW = "(\d+)x(\d+)"', file.read(), re.MULTILINE)
+    return list(size.groups()) if size else ["800", "560"]
 
 
 def environment(folder):

@@ -217,6 +217,15 @@ class Import(BlenderCase):
             self.assertAlmostEqual(middle.y, y, delta=0.05)
         self.raises(["none.glb"], bpy.ops.pags.import_proxies, filepath=self.path("none.glb"))
 
+    def test_scene_stays_where_proxies_fail(self):
+        """A program that fails, and an importer that does, leave the scene with a warning and no proxies."""
+        native, proxies = (sys.modules[f"{addon.__name__}.{name}"] for name in ("native", "proxies"))
+        for error in (native.SceneError("pags export failed"), RuntimeError("Error: not a glTF file")):
+            with mock.patch.object(proxies, "make", side_effect=error):
+                root = self.bring_in(proxies=True)
+            self.assertEqual(root.pags.kind, "ROOT")
+            self.assertFalse([o for o in self.scene.objects if o.get("pags_proxy")])
+
 
 class Final(BlenderCase):
     def test_same_as_the_program(self):
@@ -753,6 +762,7 @@ class Inspecting(BlenderCase):
                     os.utime(self.path("set", "images", "002_0.png"), (4e9, 4e9))
                     bpy.ops.pags.photographs()
                     self.assertEqual(fixtures.read(path(5)), photographs["001_0.png"])
+                self.assertEqual(len(self.scene.camera.data.background_images), 1)  # however often they were shown
 
     def test_links_to_photographs_that_were_moved(self):
         self.photographed()

@@ -399,34 +399,34 @@ class EveryKind(Case):
     def test_drawing(self):
         """Every mode and output, alone and with others; what bare files show is what the PLY shows."""
         outputs = ("rgba", "depth", "object", "id", "priority", "heat")
-        wishes = [{"mode": m} for m in ("rgb", "priority", "critical", "depth", "size")]
-        wishes += [{"outputs": (o,)} for o in outputs] + [{"outputs": outputs, "mode": "size"}]
-        wishes += [{"early_z": e} for e in ("off", "lossless", "bounded=0.01")]
-        wishes += [{"transparent": True}, {"linear": True, "flip": True}, {"cut": 2}, {"sh_degree": 0}, {"exp_degree": 3}, {"antialiased": 1}]
-        wishes += [{"placements": []}, {"placements": [(-1, IDENTITY)] * 2}, {"exposure": [2, 2, 2, 0, 0, 0]}, {"background": [1, 0, 0]}]
-        wishes += [{"window": (3, 4, 50, 40), "outputs": outputs}, {"near_plane": 10.5}]
+        cases = [{"mode": m} for m in ("rgb", "priority", "critical", "depth", "size")]
+        cases += [{"outputs": (o,)} for o in outputs] + [{"outputs": outputs, "mode": "size"}]
+        cases += [{"early_z": e} for e in ("off", "lossless", "bounded=0.01")]
+        cases += [{"transparent": True}, {"linear": True, "flip": True}, {"cut": 2}, {"sh_degree": 0}, {"exp_degree": 3}, {"antialiased": 1}]
+        cases += [{"placements": []}, {"placements": [(-1, IDENTITY)] * 2}, {"exposure": [2, 2, 2, 0, 0, 0]}, {"background": [1, 0, 0]}]
+        cases += [{"window": (3, 4, 50, 40), "outputs": outputs}, {"near_plane": 10.5}]
         for name in self.kinds:
             scene, view = self.loaded(name), self.camera_for(name)
             renderer = pags.Renderer(threads=2)
             reference, lens = self.loaded("splats.ply"), self.camera_for("splats.ply")
-            for wish in wishes:
-                job = renderer.submit(scene, view, **wish)
+            for arguments in cases:
+                job = renderer.submit(scene, view, **arguments)
                 job.wait()
                 self.assertTrue(job.done())
                 picture = job.take()
                 planes = [getattr(picture, o) for o in outputs]
-                self.assertEqual([p is not None for p in planes], [o in wish.get("outputs", ("rgba",)) for o in outputs], name)
+                self.assertEqual([p is not None for p in planes], [o in arguments.get("outputs", ("rgba",)) for o in outputs], name)
                 background = scene.info["gaussians"] - len(scene.objects)  # one Gaussian each
-                drawn = background * len(wish["placements"]) if "placements" in wish else scene.info["gaussians"]
-                self.assertEqual(picture.stats["gaussians"], drawn, f"{name} {wish}")
-                if name not in ("splats.spz", "splats.splat", "splats.pagsz") or "rgba" not in wish.get("outputs", ("rgba",)):
+                drawn = background * len(arguments["placements"]) if "placements" in arguments else scene.info["gaussians"]
+                self.assertEqual(picture.stats["gaussians"], drawn, f"{name} {arguments}")
+                if name not in ("splats.spz", "splats.splat", "splats.pagsz") or "rgba" not in arguments.get("outputs", ("rgba",)):
                     continue
-                if name == "splats.splat" and wish.get("sh_degree") != 0:
+                if name == "splats.splat" and arguments.get("sh_degree") != 0:
                     continue  # has no first degree
-                mine, wanted = floats(picture.rgba), floats(pags.render(reference, lens, **wish).rgba)
+                mine, wanted = floats(picture.rgba), floats(pags.render(reference, lens, **arguments).rgba)
                 self.assertEqual(len(mine), len(wanted))
                 off = sum(abs(a - b) for a, b in zip(mine, wanted)) / len(mine)
-                self.assertLess(off, 0.01, f"{name} {wish}")
+                self.assertLess(off, 0.01, f"{name} {arguments}")
             with self.assertRaises(pags.Error):
                 pags.render(scene, view, placements=[(7, IDENTITY)])
             jobs = [renderer.submit(scene, {**view, "width": 3000, "height": 3000}), renderer.submit(scene, view)]

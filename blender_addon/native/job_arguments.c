@@ -1,11 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a job is asked for: from Python's arguments to the camera, options and layout of a job. */
+/* Converts Python's arguments of submit, render and pick to the camera, frame options and layout of a job. */
 #include "blender_addon/native/job.h"
 
 #include <stdlib.h>
 #include <string.h>
 
-enum { MOST_CUT = 1000 }; /* pixels; already leaves out all but walls */
+enum { MOST_CUT = 1000 }; /* pixels; culls nearly everything already */
 
 static unsigned output_named(const char *name) {
   static const char *const names[OUTPUT_KINDS] = {"rgba", "depth", "object", "id", "priority", "heat"};
@@ -42,7 +42,7 @@ static bool read_mode(const char *name, native_mode *mode) {
   return false;
 }
 
-/* A list of (object, 12 numbers). */
+/* Reads placements: a list of (object index, 12 numbers world_from_object, row-major 3 x 4). */
 static bool read_placements(PyObject *value, native_job *job) {
   Py_ssize_t count = PySequence_Size(value);
   if (count < 0)
@@ -104,7 +104,7 @@ static bool read_object_values(PyObject *value, native_job *job) {
   return good;
 }
 
-static bool read_options(const native_wishes *w, const native_scene *scene, native_job *job) {
+static bool read_options(const native_job_arguments *w, const native_scene *scene, native_job *job) {
   pags_frame_options *o = &job->options;
   double background[3];
   *o = pags_composition_options(scene->composition);
@@ -133,7 +133,7 @@ static bool read_options(const native_wishes *w, const native_scene *scene, nati
     memset(o->background, 0, sizeof o->background);
   }
   if (w->exposure != Py_None) {
-    double values[6]; /* gain, offset */
+    double values[6]; /* gain r g b, offset r g b */
     if (!native_read_numbers(w->exposure, "exposure: gain and offset", 6, values))
       return false;
     pags_frame_options_expose(o, values, values + 3);
@@ -148,7 +148,7 @@ static bool read_options(const native_wishes *w, const native_scene *scene, nati
   return true;
 }
 
-static bool read_wishes(const native_wishes *w, native_job *job) {
+static bool read_arguments(const native_job_arguments *w, native_job *job) {
   native_layout *l = &job->layout;
   if (!read_mode(w->mode, &l->mode))
     return false;
@@ -171,7 +171,7 @@ static bool check_scene(const native_state *state, PyObject *scene) {
   return false;
 }
 
-PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_wishes *w) {
+PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *camera, const native_job_arguments *w) {
   if (!check_scene(state, scene))
     return NULL;
   allocfunc alloc = (allocfunc)(size_t)PyType_GetSlot(state->job, Py_tp_alloc);
@@ -185,24 +185,24 @@ PyObject *native_job_new(const native_state *state, PyObject *scene, PyObject *c
     pags_result result = pags_camera_check(&job->camera, "camera");
     if (result != PAGS_OK)
       native_raise(state, result);
-    else if (read_wishes(w, job))
+    else if (read_arguments(w, job))
       return (PyObject *)job;
   }
   Py_DECREF(job);
   return NULL;
 }
 
-native_wishes native_default_wishes(void) {
-  return (native_wishes){.outputs = Py_None,
-                         .placements = Py_None,
-                         .window = Py_None,
-                         .object_values = Py_None,
-                         .background = Py_None,
-                         .exposure = Py_None,
-                         .mode = "rgb",
-                         .early_z = "lossless",
-                         .antialiased = -1,
-                         .sh_degree = 3,
-                         .exp_degree = 5,
-                         .depth_scale = 1};
+native_job_arguments native_default_job_arguments(void) {
+  return (native_job_arguments){.outputs = Py_None,
+                                .placements = Py_None,
+                                .window = Py_None,
+                                .object_values = Py_None,
+                                .background = Py_None,
+                                .exposure = Py_None,
+                                .mode = "rgb",
+                                .early_z = "lossless",
+                                .antialiased = -1,
+                                .sh_degree = 3,
+                                .exp_degree = 5,
+                                .depth_scale = 1};
 }
